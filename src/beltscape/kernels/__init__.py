@@ -1,6 +1,6 @@
-"""The hot loops: families of kernels with one signature each, and back ends that carry them out.
+"""The inner loops: families of kernels with one signature each, and back ends that implement them.
 
-A kernel's signature, documentation, checks and result stand in its family's module (`plane_sweep`, `propagation`, …).
+A kernel's signature, documentation, checks and result stand in its family's module (`sweep.plane_sweep`, …).
 It fills a record of checked inputs and calls a back end: `native` (C++, in native/) or `reference` (NumPy). `load`
 returns all families with one back end.
 """

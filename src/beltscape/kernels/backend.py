@@ -1,4 +1,4 @@
-"""Back ends: what carries out the kernels behind their checked signatures."""
+"""Back ends: implementations of the kernels behind their checked signatures."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from beltscape.kernels.arrays import float32
 from beltscape.kernels.backend import KernelFamily
 
 EDGE = 1e-9
-"""Barycentric weight by which a node may lie outside a triangle: a node on a shared side belongs to both."""
+"""Barycentric weight by which a node may lie outside a triangle, so that a node on a shared side lies in both."""
 
 
 class RasterisedHeights(NamedTuple):
@@ -39,7 +39,7 @@ class RasterisationInput(NamedTuple):
 
 
 class HeightRasterisationKernels(KernelFamily):
-    """Heights of a depth map's surface, seen from straight above."""
+    """Kernel of a depth map's heights over a grid."""
 
     def rasterise_heights(
         self,
@@ -54,24 +54,23 @@ class HeightRasterisationKernels(KernelFamily):
     ) -> RasterisedHeights:
         """Return the top surface of a depth map at the nodes of a grid; it runs on one thread.
 
-        Neighbouring pixels of one surface are joined to triangles. A side joins two pixels whose depths differ by no
-        more than ``step``, as float32; of a square's two diagonals the one from top right to bottom left is drawn
-        where it joins, else the other, and a triangle is there where its three sides join. Over a node that lies
-        within a triangle, to `EDGE`, both values are interpolated, the variance as the height. Of several triangles
-        the highest counts, of equally high ones that with the largest variance: so what is vertical has no area, and
-        what hangs over is solid.
+        Neighbouring pixels of one surface form triangles. A side connects two pixels whose depths differ by no more
+        than ``step``, as float32. Of a square's two diagonals, the one from top right to bottom left is taken where
+        it connects, else the other; a triangle exists where its three sides connect. At a node within a triangle, to
+        `EDGE`, height and variance are interpolated linearly. Of several triangles the highest counts, and of equally
+        high ones that with the largest variance. Vertical surfaces have no area, and overhangs are solid.
 
         Parameters
         ----------
         depth, sigma
             (H, W) and its standard deviation.
         use
-            (H, W) bool: which pixels take part, as far as their places, heights and variances are finite.
+            (H, W) bool: the pixels to use, where their positions, heights and variances are finite.
         grid_from_pixel
             (3, 4) a matrix A and a column b: pixel (u, v) of depth d lies at
             (column, row, height) = d A (u, v, 1) + b.
         step
-            At least 0, in the units of the depth.
+            The largest difference of depth along a side, at least 0, in the units of the depth.
         shape
             (Ny, Nx) of the grid; nodes lie at whole columns and rows.
 

@@ -1,4 +1,4 @@
-"""Ray march over a grid: the first cell of a kind along lines."""
+"""Ray march over a grid: the first measured cell along lines."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from beltscape.kernels.backend import KernelFamily
 
 
 class FirstHits(NamedTuple):
-    """The ends of D lines from each of H cells."""
+    """Where D lines from each of H cells end."""
 
     cell: NDArray[np.int64]
     """(D, H) flat index of the cell, -1 where there is none."""
     steps: NDArray[np.float64]
-    """(D, H) to it, inf where there is none."""
+    """(D, H) number of steps to it, inf where there is none."""
 
 
 class RayMarchInput(NamedTuple):
@@ -38,7 +38,7 @@ class RayMarchInput(NamedTuple):
 
 
 class RayMarchKernels(KernelFamily):
-    """Lines over a grid."""
+    """Kernels of lines over a grid."""
 
     def first_hits(
         self,
@@ -52,8 +52,8 @@ class RayMarchKernels(KernelFamily):
     ) -> FirstHits:
         """Return the first measured cell along lines from given cells.
 
-        From cell (r, c) the k-th step leads to (r + rint(k down), c + rint(k across)), rint to the nearest whole
-        number, of two to the even one; the first is k = 1.
+        From cell (r, c) the k-th step leads to (r + rint(k down), c + rint(k across)), from k = 1 on; rint rounds to
+        the nearest whole number, and halves to the even one.
 
         Parameters
         ----------
@@ -62,9 +62,9 @@ class RayMarchKernels(KernelFamily):
         cells
             (H,) rows and columns, within the grid.
         down, across
-            (D, H) rows and columns a step, or (D, 1) the same from all cells; -1 to 1.
+            (D, H) rows and columns per step, or (D, 1) the same from all cells; -1 to 1.
         most
-            Steps, at least 0.
+            The largest number of steps, at least 0.
 
         Returns
         -------
@@ -72,8 +72,8 @@ class RayMarchKernels(KernelFamily):
 
         References
         ----------
-        J. C. Hart, Sphere tracing, The Visual Computer 12, 527–545, 1996, doi:10.1007/s003710050084: a step may be
-        as long as the nearest measured cell is far.
+        J. C. Hart, Sphere tracing, The Visual Computer 12, 527–545, 1996, doi:10.1007/s003710050084 (a
+        step may be as long as the distance to the nearest measured cell).
         """
         measured = np.ascontiguousarray(measured, dtype=bool)
         if measured.ndim != 2 or not measured.size:

@@ -1,4 +1,4 @@
-"""Triangulation: points from the pixels in which several cameras see them."""
+"""Triangulation: points from their pixels in several cameras."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class TriangulationInput(NamedTuple):
 
 
 class TriangulationKernels(KernelFamily):
-    """Points from rays."""
+    """Kernel of points from rays."""
 
     def triangulate(
         self, projections: NDArray[np.float64], pixels: NDArray[np.float64], *, threads: int = 0

@@ -1,4 +1,4 @@
-"""Visibility: which part of the core's surface an auxiliary sees."""
+"""Visibility: the part of the core's surface that an auxiliary sees."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class VisibleInput(NamedTuple):
 
 
 class VisibilityKernels(KernelFamily):
-    """Inverse-depth buffers of the auxiliaries, and what they hide."""
+    """Kernels of inverse-depth buffers and of occlusion."""
 
     def inverse_depth_buffers(
         self,
@@ -60,7 +60,7 @@ class VisibilityKernels(KernelFamily):
 
         Returns
         -------
-        n times (height, width) float32 inverse depth *seen from the auxiliary*, in units of s; 0 where nothing is.
+        n times (height, width) float32 inverse depth *seen from the auxiliary*, in units of s; 0 where there is none.
         """
         given = BuffersInput(float32("s", s, ("H", "W")), float32("views", views, (len(sizes), 21)))
         buffers = [np.zeros((height, width), np.float32) for width, height in image_sizes(sizes)]
@@ -75,7 +75,7 @@ class VisibilityKernels(KernelFamily):
         *,
         threads: int = 0,
     ) -> NDArray[np.uint8]:
-        """Return which of the core's pixels an auxiliary sees.
+        """Return the mask of the core's pixels that an auxiliary sees.
 
         Parameters
         ----------

@@ -27,7 +27,7 @@ class GatherInput(NamedTuple):
 
 
 class GatheringKernels(KernelFamily):
-    """Planes at offsets from given pixels."""
+    """Kernels that read planes at offsets from given pixels."""
 
     def gather(
         self,
@@ -38,7 +38,7 @@ class GatheringKernels(KernelFamily):
         *,
         threads: int = 0,
     ) -> NDArray[np.floating]:
-        """Return the planes' values at (u + du, v + dv), or at the nearest pixel of their edge beyond it.
+        """Return the planes' values at (u + du, v + dv), or at the nearest pixel of their edge.
 
         Parameters
         ----------

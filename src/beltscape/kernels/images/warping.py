@@ -30,13 +30,12 @@ class WarpInput(NamedTuple):
 
 
 class WarpingKernels(KernelFamily):
-    """Cubic splines of images, and their values where the core's pixels are seen."""
+    """Kernels of cubic splines of images, and of their values where the core's pixels are seen."""
 
     def spline_coefficients(self, image: NDArray[np.floating], *, threads: int = 0) -> NDArray[np.floating]:
         """Return the coefficients of the cubic B-spline that passes through an image.
 
-        Beyond its edges the image goes on mirrored about the centres of its outermost pixels (SciPy's
-        ``mirror``).
+        Beyond its edges the image is mirrored about the centres of its outermost pixels (SciPy's ``mirror``).
 
         Parameters
         ----------

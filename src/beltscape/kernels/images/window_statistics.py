@@ -12,21 +12,21 @@ from beltscape.kernels.arrays import CellIndices, cell_indices
 from beltscape.kernels.backend import KernelFamily
 
 BAND_ROWS = 128
-"""Rows whose cells share a table of running sums: it stays small, and so does what rounding adds up to."""
+"""Rows whose cells share a table of running sums, so that the table and its rounding errors stay small."""
 TERMS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 """Powers of x and y in a quadratic."""
 FEWEST = 12
-"""Cells that its six coefficients need."""
+"""The least number of cells for a quadratic's six coefficients."""
 MOST_LEVERAGE = 30.0
-"""Variance of the value, times the number of cells, of one cell's; from here on it is extrapolated too far."""
+"""Limit of the leverage; a value with more is extrapolated too far."""
 RIDGE = 1e-6
-"""Share of the cells that keeps cells all on a line from carrying one, above what is lost by rounding."""
+"""Ridge as a share of the cells, larger than rounding errors: cells on one line determine no quadratic."""
 LEAST_SHARE = 1e-3
-"""A window of which less is measured has no mean."""
+"""A window with a smaller share of measured cells has no mean."""
 SLOPE_SIDE = 7
-"""Cells across the window in which a plane is fitted."""
+"""Side of the window in which a plane is fitted, cells."""
 LEAST_SPREAD = 1e-3
-"""Cells closer to a line than this (1 - correlation² of their positions) carry no plane."""
+"""Cells closer to a line than this (1 - correlation² of their positions) determine no plane."""
 
 
 class Quadratics(NamedTuple):
@@ -35,9 +35,9 @@ class Quadratics(NamedTuple):
     value: NDArray[np.float64]
     """(K, H) at the cell itself."""
     miss: NDArray[np.float64]
-    """(K, H) root mean square by which the measured cells of the window miss it: 0 on a smooth surface."""
+    """(K, H) root mean square residual of the window's measured cells: 0 on a quadratic surface."""
     leverage: NDArray[np.float64]
-    """(K, H) variance of the value in units of one cell's over their number: 1 for a mean, much if extrapolated."""
+    """(K, H) variance of the value times the number of cells, over one cell's: 1 for a mean, more beyond."""
 
 
 class WindowMeans(NamedTuple):
@@ -70,7 +70,7 @@ class FieldInput(NamedTuple):
 
 
 class WindowStatisticsKernels(KernelFamily):
-    """Sums, fits and minima in windows of odd ``sides`` about ``cells`` of a ``field`` (Ny, Nx), NaN: not measured.
+    """Kernels of windows with odd ``sides`` about ``cells`` of a ``field`` (Ny, Nx), in which NaN is not measured.
 
     Running sums: F. C. Crow, Summed-area tables for texture mapping, SIGGRAPH 1984, doi:10.1145/800031.808600.
     """
@@ -78,9 +78,9 @@ class WindowStatisticsKernels(KernelFamily):
     def quadratics(
         self, field: NDArray[np.float64], cells: CellIndices, sides: tuple[int, ...], *, threads: int = 0
     ) -> Quadratics:
-        """Fit quadratics to the measured cells of each window by normal equations; there are none outside the field.
+        """Fit quadratics to the measured cells of each window by normal equations; nothing lies outside the field.
 
-        Fields should lie about 0: their squares are summed.
+        Fields should have a mean near 0, because their squares are summed.
         """
         given = _checked_windows(field, cells, sides)
         out = np.empty((3, len(sides), len(given.rows)))
@@ -106,7 +106,7 @@ class WindowStatisticsKernels(KernelFamily):
     def plane_slopes(self, field: NDArray[np.float64], *, threads: int = 0) -> NDArray[np.float64]:
         """Return (2, Ny, Nx) slopes in x and y, per cell, of the plane through the measured cells about each.
 
-        The window is of `SLOPE_SIDE`; 0 where fewer than its side were measured, or all on a line.
+        The window's side is `SLOPE_SIDE`. Slopes are 0 where fewer cells than that are measured, or all on a line.
         """
         given = FieldInput(_checked_field(field))
         (slopes,) = self._run("plane_slopes", given, (np.empty((2, *given.field.shape)),), threads)

@@ -1,4 +1,4 @@
-"""Local fit: a plane around every pixel, over a window as large as the data allow."""
+"""Local fit: a plane around every pixel, over the largest window that agrees with the smaller ones."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from beltscape.kernels.backend import KernelFamily
 RADII = ((3, 1.5), (5, 2.5), (8, 4.0))
 """Windows of a local fit: (radius px, Gaussian sigma px)."""
 MOST_DISAGREEMENT = 25.0
-"""Of two windows: beyond that, one of them does not describe the surface."""
+"""Upper bound of the disagreement of two windows; at it, one of them does not describe the surface."""
 FIT_WINDOWS = 4
-"""How many windows a fit may choose from."""
+"""The largest number of windows that a fit chooses from."""
 TOLERANCES = (1e-3, 1e3)
-"""Of s, px: its eighth power must fit single precision."""
+"""Bounds of the tolerance in px: its eighth power must fit single precision."""
 LEAST_TAP = 0.01
-"""Of the central one."""
+"""The least tap of a window, as a share of the central one."""
 
 
 class LocalFit(NamedTuple):
@@ -37,10 +37,10 @@ class LocalFit(NamedTuple):
     variance: NDArray[np.floating]
     """(H, W) float32, px², of s; infinite where the windows weigh nothing: nothing changes there."""
     disagreement: NDArray[np.floating]
-    """(H, W) float32: how far the largest window's value lies off that of the next smaller one, squared, over that
-    one's variance, at most `MOST_DISAGREEMENT`: about half of one where the surface is plane; 0 with one window."""
+    """(H, W) float32, squared difference of the values of the two largest windows over the smaller one's variance, at
+    most `MOST_DISAGREEMENT`: about 0.5 where the surface is plane; 0 with one window."""
     scale: NDArray[np.uint8]
-    """(H, W), which of the radii was taken."""
+    """(H, W), the index of the radius that was taken."""
 
 
 class FitWindow(NamedTuple):
@@ -50,26 +50,37 @@ class FitWindow(NamedTuple):
     taps: list[float]
     """radius + 1 by distance along an axis, px; 1 at the centre."""
     reach: list[int]
-    """By a row's distance from the centre: how many taps it has to each side; -1 where not even a centre."""
+    """By a row's distance from the centre: the number of its taps to each side; -1 where it has no tap at all."""
 
 
 class LocalFitInput(NamedTuple):
-    """Checked input of `local_fit`; the first five are (H, W)."""
+    """Checked input of `local_fit`."""
 
     information: NDArray[np.float32]
+    """(H, W) from `normal_equations`, 1/px²; where it or the pull is not finite, both count as 0."""
     pull: NDArray[np.float32]
+    """(H, W) from `normal_equations`, 1/px."""
     s: NDArray[np.float32]
+    """(H, W) inverse depth; a pixel where it is not finite has no weight."""
     slope_u: NDArray[np.float32]
+    """(H, W) of s per px to the right, of the planes so far; NaN counts as 0."""
     slope_v: NDArray[np.float32]
+    """(H, W) of s per px downwards; NaN counts as 0."""
     windows: list[FitWindow]
+    """One to four, from (radius px, Gaussian sigma px) with ascending radii of 1 to 15 px."""
     tolerance: float
+    """Of s in px, 0.001 to 1000."""
     confidence_width: float
+    """Half the interval's width in standard deviations."""
     prior_information: float
+    """1/px², the weight of every pixel's present s."""
     flatten: float
+    """0 to 1: the share of e that the plane is fitted to, besides pull / information. With 0 the surface keeps its
+    own shape, and moves only by what its neighbours' pulls have in common."""
 
 
 class LocalFitKernels(KernelFamily):
-    """Planes by weighted least squares."""
+    """Kernel of planes by weighted least squares."""
 
     def local_fit(
         self,
@@ -88,40 +99,18 @@ class LocalFitKernels(KernelFamily):
     ) -> LocalFit:
         """Fit a plane around each pixel p to s + pull / information of its neighbours q.
 
-        q weighs exp(-|q - p|² / 2σ²) (1 - (e / tolerance)²)₊² (information + prior_information), with
-        e = s_q - s_p - slope · (q - p) how far it lies off the plane so far: across a step nothing is smoothed.
-        The prior does not add to the pull, so that a pixel without information is drawn only to its neighbours'
-        s. Taps of the Gaussian below 0.01 are left out. The slopes are held to the earlier
-        ones by a ridge of 0.1 px² times the window's weight, which matters only where the window is narrow.
+        `LocalFitInput` describes the arguments. q has the weight
+        exp(-|q - p|² / 2σ²) (1 - (e / tolerance)²)₊² (information + prior_information), where
+        e = s_q - s_p - slope · (q - p) is its distance from the plane so far: nothing is smoothed across a step. The
+        prior does not add to the pull, so that a pixel without information is drawn only to its neighbours' s. Taps
+        of the Gaussian below 0.01 are left out. A ridge of 0.1 px² times the window's weight draws the slopes to the
+        earlier ones, which matters only where the window is narrow.
 
         The variance is that of the weighted mean, each q having 1 / (information + prior_information), and that of
-        the plane's tilt from the weights' centre to p.
+        the plane's tilt from the weights' centre to p. The first window is taken, and each larger one as long as the
+        confidence intervals (value ± confidence_width √variance) of all windows so far have a value in common.
 
-        Of the windows, the first is taken, and each larger one as long as the confidence intervals
-        (value ± confidence_width √variance) of all so far have a value in common.
-
-        With information 1, pull 0, prior 0 and one radius it finds the slopes of a map.
-
-        Parameters
-        ----------
-        information, pull
-            (H, W) from `normal_equations`, 1/px² and 1/px; where one is not finite,
-            both count as 0.
-        s
-            (H, W) inverse depth; a pixel where it is not finite counts for none.
-        slope_u, slope_v
-            (H, W) of s per px, of the planes so far; NaN counts as 0.
-        radii
-            One to four (radius px, Gaussian sigma px), ascending radii of 1 to 15 px.
-        tolerance
-            Of s in px, 0.001 to 1000.
-        confidence_width
-            Half the interval's width in standard deviations.
-        prior_information
-            1/px², the weight of every pixel's present s.
-        flatten
-            0 to 1, which share of e the plane is fitted to, besides pull / information. With 0 the surface keeps
-            its own shape, and moves only by what its neighbours' pulls have in common.
+        With information 1, pull 0, prior 0 and one radius the fit gives the slopes of a map.
 
         References
         ----------

@@ -1,4 +1,4 @@
-"""Normal equations of a surface: the change of inverse depth that all views together ask for."""
+"""Normal equations of a surface: the change of inverse depth that reduces the residuals of all views."""
 
 from __future__ import annotations
 
@@ -22,36 +22,36 @@ class NormalEquations(NamedTuple):
     pull: NDArray[np.floating]
     """(H, W) float32, 1/px: the change that this pixel alone would take is pull / information."""
     used: NDArray[np.uint8]
-    """(H, W): how many views see the pixel and pass the gate."""
+    """(H, W): how many views see the pixel with a misfit below the gate."""
 
 
 class NormalEquationsInput(NamedTuple):
     """Checked input of `normal_equations`."""
 
     s: NDArray[np.float32]
-    """(H, W) inverse depth; NaN where there is none."""
+    """(H, W) inverse depth on the core's undistorted grid; NaN where there is none."""
     core: NDArray[np.float32]
-    """(H, W) grey levels; NaN where there are none."""
+    """(H, W) grey levels of the core, undistorted; NaN where there are none."""
     coefficients: list[NDArray[np.float32]]
-    """n of (h, w)."""
+    """n of (h, w), of the auxiliaries' images from `spline_coefficients`, on the core's scale of levels."""
     views: NDArray[np.float32]
-    """(n, 21), rows as native/view.hpp lays them out."""
+    """(n, 21) packed projections of the core's pixels into the auxiliaries, as native/view.hpp lays them out."""
     window: int
-    """Radius of the normalisation's window, px."""
+    """Radius of the normalisation's window in px, 1 to 15: the window has (2 window + 1)² pixels."""
     residual_window: int
-    """Radius of the window in which a view's misfit is averaged, px; 0 for the pixel alone."""
+    """Radius of the window in which a view's misfit is averaged, 0 to 15 px; 0 for the pixel alone."""
     floor: float
-    """Grey levels², added to a window's variance."""
+    """Grey levels², added to a window's variance so that textureless windows are not amplified."""
     noise_variance: float
-    """Of an image, grey levels²."""
+    """Grey levels², of a pixel's noise in one image."""
     model_variance: float
-    """Of normalised grey levels."""
+    """Square of what normalised levels differ by without noise."""
     gate: float
-    """Of the root mean square residual, in standard deviations."""
+    """Misfit q at which a view counts half; above it the view is not among the used ones."""
 
 
 class NormalEquationsKernels(KernelFamily):
-    """Least squares of one unknown per pixel."""
+    """Kernel of least squares with one unknown per pixel."""
 
     def normal_equations(
         self,
@@ -68,44 +68,17 @@ class NormalEquationsKernels(KernelFamily):
         residual_window: int = 2,
         threads: int = 0,
     ) -> NormalEquations:
-        """Return all views' Gauss-Newton equations for a change of s in each pixel.
+        """Return all views' Gauss-Newton equations for a change of s in each pixel; all 0 where s or the core is NaN.
 
-        The core I and a view's warp J are normalised in a window, n = (value - mean) / √(variance + floor), so
-        that gain and offset between cameras do not matter. With r = n_I - n_J, a view adds w (dn_J/ds)² to the
-        information and w (dn_J/ds) r to the pull; w = 1 / (var(r) (1 + (q / gate)²)) with q the mean of
-        r² / var(r) about the pixel is Cauchy's weight, and
-        var(r) = noise_variance (1 / (variance_I + floor) + 1 / (variance_J + floor)) + model_variance. In the
-        derivative of n_J the window's mean and variance stand still.
+        `NormalEquationsInput` describes the arguments. The core I and a view's warp J are normalised in a window,
+        n = (value - mean) / √(variance + floor), so that gain and offset between cameras do not matter. With
+        r = n_I - n_J, a view adds w (dn_J/ds)² to the information and w (dn_J/ds) r to the pull. The derivative of
+        n_J holds the window's mean and variance constant. Cauchy's weight is w = 1 / (var(r) (1 + (q / gate)²)),
+        where q is the mean of r² / var(r) about the pixel and
+        var(r) = noise_variance (1 / (variance_I + floor) + 1 / (variance_J + floor)) + model_variance.
 
         Where a view does not see the surface, J is the core and the view adds nothing. Windows leave out pixels
-        where the core is NaN and go on beyond the image as its outermost pixels.
-
-        Parameters
-        ----------
-        s
-            (H, W) inverse depth on the core's undistorted grid; NaN where there is none.
-        core
-            (H, W) grey levels of the core, undistorted; NaN where there are none.
-        coefficients
-            n times (h, w) of the auxiliaries' images, from `spline_coefficients`, on the core's scale of levels.
-        views
-            (n, 21) how the auxiliaries see the core's pixels, rows as native/view.hpp lays them out.
-        window
-            Radius of the normalisation's window in px, 1 to 15: it is (2 window + 1)² pixels.
-        floor
-            Grey levels², added to the variance, which keeps textureless windows from being amplified.
-        noise_variance
-            Grey levels², of a pixel's noise in one image.
-        model_variance
-            What normalised levels differ by without noise, squared.
-        gate
-            Misfit q at which a view counts half; beyond it the view is not among the used ones.
-        residual_window
-            Radius in px of the window of q, 0 to 15.
-
-        Returns
-        -------
-        Information, pull and the number of used views; all 0 where s or the core is NaN.
+        where the core is NaN; beyond the image they repeat its outermost pixels.
 
         References
         ----------

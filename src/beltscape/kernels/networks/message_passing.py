@@ -27,7 +27,7 @@ class MessagePassingInput(NamedTuple):
 
 
 class MessagePassingKernels(KernelFamily):
-    """A round of messages between pixels."""
+    """Kernel of a round of messages between pixels."""
 
     def pass_messages(
         self,

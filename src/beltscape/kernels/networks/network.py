@@ -26,7 +26,7 @@ class NetworkInput(NamedTuple):
 
 
 class NetworkKernels(KernelFamily):
-    """A multilayer perceptron at every pixel."""
+    """Kernel of a multilayer perceptron at every pixel."""
 
     def evaluate_network(
         self,

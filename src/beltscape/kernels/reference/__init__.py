@@ -35,7 +35,7 @@ _KERNELS: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
 
 
 class ReferenceBackend:
-    """Every kernel, one obvious step after another, on one thread."""
+    """Every kernel in NumPy on one thread."""
 
     name = "reference"
 

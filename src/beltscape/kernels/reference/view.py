@@ -1,4 +1,4 @@
-"""How an auxiliary camera sees the core's pixels by their nearness: native/view.hpp in float64."""
+"""Projection of the core's pixels with their inverse depth into an auxiliary: native/view.hpp in float64."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ Array = NDArray[np.float64]
 
 
 def project(view: NDArray[np.floating], u: Array, v: Array, s: Array) -> tuple[Array, Array, Array]:
-    """Pixel (u, v) of the auxiliary and nearness to it, for core pixels (u, v) at nearness s; shapes broadcast.
+    """Return the auxiliary's pixel (u, v) and the inverse depth from it, of core pixels (u, v) at inverse depth s.
 
-    ``view`` is (21,): direction (9, row by row), shift (3), focal u, v, centre u, v, k1, k2, p1, p2, k3. The
-    point lies at direction @ (u, v, 1) + shift · s in the auxiliary's frame, up to scale. NaN where that is not
-    before the auxiliary.
+    Shapes broadcast. ``view`` is (21,): direction (9, row by row), shift (3), focal u, v, centre u, v, k1, k2, p1,
+    p2, k3. The point lies at direction @ (u, v, 1) + shift · s in the auxiliary's frame, up to scale. The results are
+    NaN where it does not lie in front of the auxiliary.
     """
     view = np.asarray(view, np.float64)
     direction, shift = view[:9].reshape(3, 3), view[9:12]

@@ -13,7 +13,7 @@ from beltscape.kernels.arrays import flags, float32, pixel_indices, sampled_imag
 from beltscape.kernels.backend import KernelFamily
 
 CANDIDATES = 9
-"""A pixel's own surface, then one from each of eight directions."""
+"""Number of a pixel's candidates: its own surface, then one from each of eight directions."""
 MOST_REACH = 1000
 
 
@@ -33,15 +33,16 @@ class Candidates(NamedTuple):
 
 
 class PhotoConsistency(NamedTuple):
-    """Squared differences of levels over their variance: of the pixel, and the mean of it and the four beside it.
+    """Squared differences of levels over their variance.
 
-    ``least``, ``second``, ``mean`` and ``most`` of the views that see it: 50 where none does, and at most that.
+    ``point`` is at the pixel, ``cross`` the mean of the pixel and the four beside it. ``least``, ``second``, ``mean``
+    and ``most`` are taken over the views that see the point; they are at most 50, and 50 where no view sees it.
     """
 
     point_least: NDArray[np.floating]
     """(C, N) float32, as all of these."""
     point_second: NDArray[np.floating]
-    """The least where one view sees it."""
+    """The least where only one view sees it."""
     point_mean: NDArray[np.floating]
     point_most: NDArray[np.floating]
     cross_least: NDArray[np.floating]
@@ -49,7 +50,7 @@ class PhotoConsistency(NamedTuple):
     cross_mean: NDArray[np.floating]
     cross_most: NDArray[np.floating]
     views: NDArray[np.floating]
-    """How many views see it."""
+    """Number of views that see the point."""
 
 
 class CandidatesInput(NamedTuple):
@@ -60,25 +61,38 @@ class CandidatesInput(NamedTuple):
     reliable: NDArray[np.uint8]
     """(H, W)"""
     u: NDArray[np.float32]
+    """(N,) columns."""
     v: NDArray[np.float32]
+    """(N,) rows."""
     reach: int
+    """Steps, along a row, a column or a diagonal."""
     separation: float
+    """Units of s."""
 
 
 class PhotoConsistencyInput(NamedTuple):
     """Checked input of `photo_consistency`."""
 
     u: NDArray[np.float32]
+    """(N,) columns, within the grid."""
     v: NDArray[np.float32]
+    """(N,) rows, within the grid."""
     planes: list[NDArray[np.float32]]
-    """s, slope_u, slope_v, each (C, N)."""
+    """s, slope_u, slope_v, each (C, N); no view sees a plane where s is NaN."""
     core: NDArray[np.float32]
+    """(H, W) grey levels."""
     variance: NDArray[np.float32]
+    """(H, W), of the difference of a core's level from an auxiliary's, levels²."""
     images: list[NDArray[np.float32]]
+    """n of (h, w), as in `propagate`."""
     views: NDArray[np.float32]
+    """(n, 21), as in `propagate`."""
     buffers: list[NDArray[np.float32]]
+    """n of (h, w), as in `propagate`."""
     gains: list[NDArray[np.float32]]
+    """n of (H, W): an auxiliary's levels times this are the core's."""
     tolerance: float
+    """Units of s: how much nearer than the plane something in a buffer must lie to hide it."""
 
 
 class CandidateKernels(KernelFamily):
@@ -99,9 +113,9 @@ class CandidateKernels(KernelFamily):
     ) -> Candidates:
         """Return the surfaces that N pixels (u, v) may have.
 
-        In each of eight directions (in rows: upper left, above, upper right, left, …) the first reliable pixel
-        with a finite s within ``reach`` steps gives its plane, its slopes within ±1.5; slopes that are not
-        finite count as 0. A step along a diagonal is one pixel across and one down.
+        Each of eight directions (upper left, above, upper right, left, …) gives the plane of its first reliable pixel
+        with a finite s within ``reach`` steps, with slopes limited to ±1.5. Slopes that are not finite count as 0. A
+        step along a diagonal is one pixel across and one down.
 
         Parameters
         ----------
@@ -142,25 +156,11 @@ class CandidateKernels(KernelFamily):
         tolerance: float,
         threads: int = 0,
     ) -> PhotoConsistency:
-        """Return how well the auxiliaries' levels agree with the core's on small planes at N pixels, C for each.
+        """Return how well the auxiliaries' levels agree with the core's on C small planes at each of N pixels.
 
-        A level differs from the core's by (I - gain · J)² / variance, with the gain of the pixel and J sampled
-        bilinearly where the auxiliary sees the plane; the core's edge stands for what lies beyond it.
-
-        Parameters
-        ----------
-        u, v
-            (N,) columns and rows, within the grid.
-        s, slope_u, slope_v
-            (C, N); NaN is seen by no view.
-        core, variance
-            (H, W) levels, and the variance of their difference from an auxiliary's, levels².
-        images, views, buffers
-            As in `propagate`.
-        gains
-            n of (H, W).
-        tolerance
-            How much nearer than the plane something in a buffer must lie to hide it, units of s.
+        `PhotoConsistencyInput` describes the arguments. The difference of a level from the core's is
+        (I - gain · J)² / variance, with the gain of the pixel and J sampled bilinearly where the auxiliary sees the
+        plane. Beyond the core's edge its outermost pixels are repeated.
         """
         core = float32("core", core, ("H", "W"))
         columns, rows = pixel_indices(u, v, core.shape)

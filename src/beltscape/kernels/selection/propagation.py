@@ -1,4 +1,4 @@
-"""Propagation: near depth steps, pixels take over their neighbours' surface."""
+"""Propagation: near depth steps, a pixel may take over the surface of a neighbour."""
 
 from __future__ import annotations
 
@@ -36,36 +36,45 @@ class PropagationCosts(NamedTuple):
     """The numbers that the choice depends on."""
 
     separation: float
+    """Units of s: of candidates closer than this, a pixel keeps only the cheapest."""
     floor: float
+    """A variance in grey levels² below which texture counts as noise; positive."""
     unseen_cost: float
+    """The dissimilarity where no view sees the pixel, 0 … 1."""
     tolerance: float
+    """Units of s: how much nearer than the pixel something in a buffer must lie to hide it."""
     small_jump: float
+    """The cost of a step per unit of s that the slopes do not explain."""
     large_jump: float
+    """The largest cost of a step, at most 100."""
 
 
 class PropagationInput(NamedTuple):
     """Checked input of `propagate`."""
 
     surface: list[NDArray[np.float32]]
-    """s, slope_u, slope_v, each (H, W); s is NaN where there is no surface."""
+    """s, slope_u, slope_v, each (H, W): inverse depth on the core's undistorted grid and its slopes per px. A pixel
+    where s is NaN has no candidate of its own and passes on none; slopes that are not finite count as 0."""
     core: NDArray[np.float32]
-    """(H, W) grey levels."""
+    """(H, W) grey levels, undistorted."""
     images: list[NDArray[np.float32]]
-    """n of (h, w) grey levels, each at least 2 × 2."""
+    """n of (h, w) grey levels, as the auxiliaries took them, each at least 2 × 2."""
     views: NDArray[np.float32]
-    """(n, 21), see `beltscape.kernels.reference.view.project`."""
+    """(n, 21) packed projections of the core's pixels into the auxiliaries, as native/view.hpp lays them out."""
     buffers: list[NDArray[np.float32]]
-    """n of (h, w)."""
+    """n of (h, w) from `inverse_depth_buffers`, of this or an earlier s."""
     offsets: NDArray[np.int32]
-    """(m, 2) dx, dy."""
+    """(m, 2) dx, dy; at most 254."""
     candidates: int
+    """How many candidates a pixel keeps, 1 to 8."""
     costs: PropagationCosts
     active: NDArray[np.uint8] | None
-    """(H, W), or None where all pixels are active."""
+    """(H, W); where it is 0, a pixel keeps its own surface. The work is in proportion to the 16-pixel blocks with an
+    active pixel. None where all pixels are active."""
 
 
 class PropagationKernels(KernelFamily):
-    """A surface whose pixels may change sides at a depth step."""
+    """Kernels that choose between the surfaces on either side of a depth step."""
 
     def propagate(
         self,
@@ -90,45 +99,19 @@ class PropagationKernels(KernelFamily):
     ) -> Propagated:
         """Return every pixel's best candidate: its own s, or that of a neighbour continued along its slopes.
 
-        A pixel p has s itself as a candidate, and from every offset s_q + slope_q · (p - q), at most 3 from s_q,
-        of q = p - offset (the nearest pixel of the grid to that). A view's dissimilarity over 3 × 3 pixels is
-        that of `sweep`, each pixel of the window with its own candidate of the same offset. Those views count in
-        which p is seen inside the image with nothing more than ``tolerance`` before it: their mean, from three
-        on without the worst; ``unseen_cost`` where none does.
+        `PropagationInput` and `PropagationCosts` describe the arguments. From every offset a pixel p has the
+        candidate s_q + slope_q · (p - q), at most 3 from s_q, of q = p - offset (or the grid's nearest pixel to it).
+        A view's dissimilarity over 3 × 3 pixels is that of `sweep`; each pixel of the window has its own candidate of
+        the same offset. The cost is the mean over the views that see p inside the image without an occluder, from
+        three views on without the largest one.
 
-        Each pixel keeps the cheapest: a candidate nearer than ``separation`` to one that is kept takes its place
-        if it is cheaper, any other that of the dearest if it is cheaper. Of these a semi-global choice on eight
-        paths takes the one with the least sum of cost + mean of what the paths bring, where the step from
-        candidate b of one pixel to candidate a of the next costs
+        A candidate replaces a kept one that is closer than ``separation``, or else the most expensive one, if it is
+        cheaper. A semi-global selection on eight paths then takes the candidate with the least sum of its cost and
+        the mean cost of the paths. A step from candidate b of one pixel to candidate a of the next costs
 
             min(small_jump · |s_a - s_b - clamp((slope_a + slope_b) / 2 · step, -1, 1)|, large_jump).
 
         The grid is cut into bands of 128 rows; paths begin 12 rows outside of them.
-
-        Parameters
-        ----------
-        s, slope_u, slope_v
-            (H, W) inverse depth on the core's undistorted grid and its slopes per px. A pixel where s is NaN has no
-            candidate of its own and passes on none; slopes that are not finite count as 0.
-        core
-            (H, W) grey levels, undistorted.
-        images
-            n of (h, w) grey levels, as the auxiliaries took them.
-        views
-            (n, 21) how each sees the core's pixels, rows as native/view.hpp lays them out.
-        buffers
-            n of (h, w) from `inverse_depth_buffers`, of this or an earlier s.
-        offsets
-            (m, 2) integers dx, dy; at most 254.
-        candidates
-            How many a pixel keeps, 1 to 8.
-        separation, tolerance
-            In units of s.
-        floor
-            A variance in grey levels² below which texture counts as noise; positive.
-        active
-            (H, W) uint8 or bool; where it is 0 (or False) a pixel keeps its own. The work is in proportion to the
-            16-pixel blocks with an active pixel. Left out, all are.
 
         References
         ----------

@@ -9,7 +9,7 @@ HALO_ROWS = 16
 
 
 class Band(NamedTuple):
-    """Rows first … last-1 are worked on, keep_first … keep_last-1 are kept."""
+    """Rows first … last - 1 of which keep_first … keep_last - 1 are kept."""
 
     first: int
     keep_first: int
@@ -18,7 +18,7 @@ class Band(NamedTuple):
 
 
 def bands(height: int) -> list[Band]:
-    """Bands whose kept rows cover ``height`` rows once."""
+    """Return bands whose kept rows cover ``height`` rows once."""
     return [
         Band(max(0, y - HALO_ROWS), y, end, min(height, end + HALO_ROWS))
         for y in range(0, height, BAND_ROWS)

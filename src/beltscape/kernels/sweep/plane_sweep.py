@@ -16,11 +16,11 @@ from beltscape.kernels.sweep.bands import BAND_ROWS, HALO_ROWS
 WORST = 120
 """The cost of a dissimilarity of 1; costs above it count as this."""
 LEAST_PLANES, MOST_PLANES = 4, 4096
-"""From 4 on every plane has one that is not its neighbour."""
+"""With at least 4 planes, every plane has one that is not its neighbour."""
 LARGEST_JUMP = 8000
-"""Eight paths of at most this and a cost fit 16 bits."""
+"""Sums over eight paths, each of at most this and a cost, fit 16 bits."""
 SLAB_BYTES = 1 << 26
-"""How many bytes of costs `sweep_and_aggregate` holds at once: 64 MB."""
+"""Bytes of costs that `sweep_and_aggregate` holds at once: 64 MB."""
 
 
 class SweepInput(NamedTuple):
@@ -70,7 +70,7 @@ class SweepAndAggregateInput(NamedTuple):
 
 
 class PlaneSweepKernels(KernelFamily):
-    """The plane of every core pixel, by all auxiliaries at once."""
+    """Kernels that choose the plane of every core pixel with all auxiliaries at once."""
 
     def sweep(
         self,
@@ -132,14 +132,14 @@ class PlaneSweepKernels(KernelFamily):
         cost
             (rows, W, D) of at most 120 (more counts as 120), 4 ≤ D ≤ 4096.
         small_jump, large_jump
-            Price of a step of one plane, and of more: 0 ≤ small ≤ large ≤ 8000. Up to small + large = 135
-            and large = 127 it works in bytes instead of 16 bits.
+            Cost of a step of one plane, and of more: 0 ≤ small ≤ large ≤ 8000. Up to small + large = 135 and
+            large = 127 the kernel computes in bytes instead of 16 bits.
 
         Returns
         -------
-        (rows, W) plane of the least sum (the first of equals), to a part of a plane by the symmetric V
-        through it and its neighbours; (rows, W) margin, 0 … : how far the least sum of the planes that are not its
-        neighbours lies above, as a mean dissimilarity of a path.
+        (rows, W) plane of the least sum (the first of equals), interpolated by the symmetric V through it and its
+        neighbours; (rows, W) margin, 0 …: the difference of the least sum of all planes but it and its neighbours, as
+        a mean dissimilarity of a path.
 
         References
         ----------
@@ -167,8 +167,8 @@ class PlaneSweepKernels(KernelFamily):
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Return the plane of every pixel by `sweep` and `aggregate`, in bands of rows that overlap.
 
-        The result is that of both over each of `beltscape.kernels.sweep.bands.bands`, of which the middle is kept. The
-        kernel holds up to 64 MB of costs and, for each thread, twice as many bytes as a band of 64 rows has costs.
+        The result is that of both over each of `beltscape.kernels.sweep.bands.bands`, of which the middle is kept.
+        The kernel holds up to 64 MB of costs and, for each thread, two bytes for each cost of a band of 64 rows.
 
         Returns
         -------
@@ -234,5 +234,5 @@ def _checked_costs(cost: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _slab_rows(given: SweepInput) -> int:
-    """Return as many rows of whole bands as keep the costs within SLAB_BYTES; the result does not depend on it."""
+    """Return the number of rows, in whole bands, whose costs fit SLAB_BYTES; the result does not depend on it."""
     return BAND_ROWS * max(1, SLAB_BYTES // (BAND_ROWS * given.core.shape[1] * given.planes))

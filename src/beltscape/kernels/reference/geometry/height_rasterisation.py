@@ -1,4 +1,4 @@
-"""A depth map as a mesh of triangles, seen from straight above: the reference of `rasterise_heights`."""
+"""Orthographic projection of a depth map's triangles: the reference of `rasterise_heights`."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def rasterise_heights(
 
 
 def _points(depth: NDArray[np.float32], matrix: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
-    """Column, row and height of every pixel, each (H, W)."""
+    """Yield column, row and height of every pixel, each (H, W)."""
     v, u = np.indices(depth.shape, dtype=np.float64)
     for across, down, ahead, shift in matrix:
         yield (across * u + (down * v + ahead)) * depth + shift
 
 
 def _triangles(depth: NDArray[np.float32], use: NDArray[np.bool_], step: np.float32) -> NDArray[np.int64]:
-    """(M, 3) flat pixel indices."""
+    """Return (M, 3) flat pixel indices of the triangles' corners."""
     index = np.arange(use.size).reshape(use.shape)
 
     def joined(one: tuple[slice, slice], two: tuple[slice, slice]) -> NDArray[np.bool_]:
@@ -53,7 +53,10 @@ def _triangles(depth: NDArray[np.float32], use: NDArray[np.bool_], step: np.floa
 def _uppermost(
     points: NDArray[np.float64], corners: NDArray[np.int64], shape: tuple[int, ...]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Of triangles ``corners`` (M, 3) of ``points`` (N, 4): column, row, height, variance."""
+    """Return the highest height and its variance over each node, of triangles ``corners`` (M, 3).
+
+    ``points`` (N, 4) are column, row, height and variance.
+    """
     height, variance = np.full(shape, -np.inf), np.full(shape, -np.inf)
     hits = list(_hits(points, corners, shape))
     for node, here, _ in hits:
@@ -69,7 +72,7 @@ def _uppermost(
 def _hits(
     points: NDArray[np.float64], corners: NDArray[np.int64], shape: tuple[int, ...]
 ) -> Iterator[tuple[tuple[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float64], NDArray[np.float64]]]:
-    """Nodes within triangles: (row, column), height and variance; each triangle's n-th node is in the n-th lot."""
+    """Yield nodes within triangles: (row, column), height and variance; item n has each triangle's n-th node."""
     x, y = points[:, 0][corners], points[:, 1][corners]
     left, right = np.maximum(np.ceil(x.min(axis=1)), 0), np.minimum(np.floor(x.max(axis=1)), shape[1] - 1)
     top, bottom = np.maximum(np.ceil(y.min(axis=1)), 0), np.minimum(np.floor(y.max(axis=1)), shape[0] - 1)

@@ -1,4 +1,4 @@
-"""Lines over a grid, step by step: the reference of `first_hits`."""
+"""Ray march step by step: the reference of `first_hits`."""
 
 from __future__ import annotations
 

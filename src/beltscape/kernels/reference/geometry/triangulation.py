@@ -19,7 +19,7 @@ def triangulate(given: TriangulationInput) -> tuple[NDArray[np.float64]]:
 
 
 def _triangulate_point(projections: NDArray[np.float64], pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """One point (3,) from projections (n, 3, 4) and pixels (n, 2): Eq. 3 solved by least squares."""
+    """Return one point (3,) from projections (n, 3, 4) and pixels (n, 2): Eq. 3 solved by least squares."""
     seen = np.isfinite(pixels).all(axis=1)
     if seen.sum() < 2:
         return np.full(3, np.nan)

@@ -1,4 +1,4 @@
-"""Values about pixels: the reference of `gather`."""
+"""Values at offsets from pixels: the reference of `gather`."""
 
 from __future__ import annotations
 

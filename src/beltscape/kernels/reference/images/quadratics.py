@@ -1,4 +1,4 @@
-"""The reference of `quadratics`."""
+"""Quadratics in windows: the reference of `quadratics`."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def quadratics(given: WindowsInput) -> list[NDArray[np.float64]]:
 def _weighted(
     field: NDArray[Any], x: NDArray[np.int64], y: NDArray[np.int64], powers: tuple[tuple[int, int], ...]
 ) -> NDArray[Any]:
-    """(len(powers), Ny, Nx) a field (Ny, Nx) times powers of x (Nx,) and y (Ny,)."""
+    """Return (len(powers), Ny, Nx) a field (Ny, Nx) times powers of x (Nx,) and y (Ny,)."""
     along = {i: field * x**i for i in {power[0] for power in powers}}
     return np.stack([along[i] * y[:, None] ** j if j else along[i] for i, j in powers])
 
@@ -50,7 +50,7 @@ def _solved(
     at_y: NDArray[np.int64],
     half: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """(3, K, n) value, miss and leverage from the windows' sums of powers (P, K, n)."""
+    """Return (3, K, n) value, miss and leverage from the windows' sums of powers (P, K, n)."""
     powers_x, powers_y = (_powers(-at) for at in (at_x, at_y))
     mass = {(i, j): _moved(masses, _POWERS, (i, j), powers_x, powers_y) / half ** (i + j) for i, j in _POWERS}
     right = np.stack([_moved(heights, TERMS, (i, j), powers_x, powers_y) / half ** (i + j) for i, j in TERMS])
@@ -69,7 +69,7 @@ def _solved(
 def _cholesky_solved(
     matrix: NDArray[np.float64], rights: tuple[NDArray[np.float64], ...]
 ) -> list[NDArray[np.float64]]:
-    """Solve many small positive definite systems (k, k, n) at once, for right sides (k, n): fast as n is long."""
+    """Solve n small positive definite systems (k, k, n) at once for right sides (k, n)."""
     size = len(matrix)
     lower = np.zeros_like(matrix)
     for j in range(size):
@@ -99,7 +99,10 @@ def _moved(
     powers_x: list[NDArray[np.int64]],
     powers_y: list[NDArray[np.int64]],
 ) -> NDArray[Any]:
-    """(K, n) sum of a power about the place itself, by the binomial theorem; powers of minus its place (n,)."""
+    """Return (K, n) sums of a power about the cells themselves by the binomial theorem.
+
+    ``powers_x`` and ``powers_y`` are powers of the negated cell indices (n,).
+    """
     i, j = power
     total = sums[powers.index(power)]
     for a in range(i + 1):

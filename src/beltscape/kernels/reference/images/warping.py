@@ -11,7 +11,7 @@ from beltscape.kernels.reference.view import project
 Array = NDArray[np.float64]
 
 STEP = 1e-3
-"""Of s, for the slope by central differences; the projection is smooth over far more than that."""
+"""Step of s for slopes by central differences; the projection is smooth over a much larger range."""
 
 
 def spline_coefficients(given: SplineInput) -> tuple[Array]:
@@ -22,7 +22,7 @@ def spline_coefficients(given: SplineInput) -> tuple[Array]:
 
 
 def _values(n: int) -> Array:
-    """(n, n) what turns the coefficients of n mirrored pixels into their values: 1/6, 4/6, 1/6 of neighbours."""
+    """Return (n, n) the matrix from the coefficients of n mirrored pixels to their values: 1/6, 4/6, 1/6."""
     if n == 1:
         return np.eye(1)
     matrix = (np.eye(n, k=-1) + 4 * np.eye(n) + np.eye(n, k=1)) / 6
@@ -43,7 +43,7 @@ def warp(given: WarpInput) -> tuple[Array, Array]:
 
 
 def sample(coefficients: Array, u: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Value and slopes along u and v of the spline (h, w) at pixels (u, v); NaN where its 4 × 4 leave the image."""
+    """Return the spline's value and slopes along u and v at (u, v); NaN where its 4 × 4 (of h, w) leave the image."""
     height, width = coefficients.shape
     inside = (u >= 1) & (u < width - 2) & (v >= 1) & (v < height - 2)
     u, v = np.where(inside, u, 1.0), np.where(inside, v, 1.0)
@@ -58,12 +58,12 @@ def sample(coefficients: Array, u: Array, v: Array) -> tuple[Array, Array, Array
 
 
 def bump(x: Array) -> Array:
-    """The cubic B-spline β³ (Unser et al. 1993)."""
+    """Return the cubic B-spline β³ (Unser et al. 1993)."""
     x = np.abs(x)
     return np.where(x < 1, 2 / 3 - x * x * (2 - x) / 2, np.maximum(2 - x, 0) ** 3 / 6)
 
 
 def bump_slope(x: Array) -> Array:
-    """Derivative of β³."""
+    """Return the derivative of β³."""
     a = np.abs(x)
     return np.sign(x) * np.where(a < 1, a * (1.5 * a - 2), -(np.maximum(2 - a, 0) ** 2) / 2)

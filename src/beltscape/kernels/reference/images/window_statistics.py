@@ -1,4 +1,4 @@
-"""The references of `window_means`, `window_minima` and `plane_slopes`."""
+"""Statistics of windows: the reference of `window_means`, `window_minima` and `plane_slopes`."""
 
 from __future__ import annotations
 

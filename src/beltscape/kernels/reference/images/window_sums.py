@@ -1,4 +1,4 @@
-"""Sums over square windows about places, by tables of running sums: a window costs four look-ups, whatever its size.
+"""Sums over square windows about cells by summed-area tables: a window of any size costs four look-ups.
 
 F. C. Crow, Summed-area tables for texture mapping, SIGGRAPH 1984, doi:10.1145/800031.808600.
 """
@@ -16,7 +16,7 @@ from beltscape.kernels.images.window_statistics import BAND_ROWS
 
 
 def bands(cells: CellIndices, reach: int, rows: int) -> Iterator[tuple[NDArray[np.intp], slice]]:
-    """Places, by number, that lie in the same band of a field's ``rows``, and the rows up to ``reach`` about them."""
+    """Yield the indices of cells in one band of a field's ``rows``, and the rows up to ``reach`` about them."""
     if not len(cells[0]):
         return
     for first in range(int(cells[0].min()), int(cells[0].max()) + 1, BAND_ROWS):
@@ -27,10 +27,10 @@ def bands(cells: CellIndices, reach: int, rows: int) -> Iterator[tuple[NDArray[n
 
 
 class WindowSums:
-    """Tables of running sums of F fields. Whole numbers may overflow: what windows sum to is exact all the same."""
+    """Summed-area tables of F fields. Whole numbers may overflow: sums of windows are exact nevertheless."""
 
     def __init__(self, fields: NDArray[np.int64] | NDArray[np.float64]) -> None:
-        """``fields`` (F, Ny, Nx), int64 or float64."""
+        """Sum up ``fields`` (F, Ny, Nx), int64 or float64."""
         count, rows, columns = fields.shape
         self._shape = (rows, columns)
         table = np.zeros((count, rows + 1, columns + 1), fields.dtype)
@@ -40,7 +40,7 @@ class WindowSums:
         self._table = table.reshape(count, -1)
 
     def at(self, cells: CellIndices, side: int) -> NDArray[Any]:
-        """(F, H) sums over windows of odd ``side`` cells about H cells; nothing lies outside the fields."""
+        """Return (F, H) sums over windows of odd ``side`` cells about H cells; nothing lies outside the fields."""
         rows, columns = self._shape
         half = side // 2
         top, bottom = np.maximum(cells[0] - half, 0), np.minimum(cells[0] + half + 1, rows)

@@ -13,12 +13,12 @@ from beltscape.kernels.least_squares.local_fit import MOST_DISAGREEMENT, FitWind
 Array = NDArray[np.float64]
 
 SLOPE_RIDGE = 0.1
-"""px²: what holds slopes to the earlier ones, per weight of the window."""
+"""px²: ridge that draws slopes to the earlier ones, per weight of the window."""
 NO_WEIGHT = 1e-12
-"""A window that weighs no more says nothing."""
+"""A window without more weight is left out."""
 LEAST_VARIANCE = 1e-12
 LARGEST_STEP = 1.0
-"""Of s, px."""
+"""The largest change of s, px."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ def local_fit(given: LocalFitInput) -> tuple[NDArray[Any], ...]:
 
 
 def _largest_consistent(planes: list[_Plane], width: float) -> tuple[_Plane, NDArray[np.int64]]:
-    """Per pixel the last plane up to which all confidence intervals have a value in common, and its number."""
+    """Return per pixel the last plane up to which all confidence intervals have a value in common, and its number."""
     halves = [width * np.sqrt(plane.variance) for plane in planes]
     low = np.maximum.accumulate([plane.change - half for plane, half in zip(planes, halves, strict=True)])
     high = np.minimum.accumulate([plane.change + half for plane, half in zip(planes, halves, strict=True)])
@@ -53,7 +53,7 @@ def _largest_consistent(planes: list[_Plane], width: float) -> tuple[_Plane, NDA
 
 
 def _disagreement(planes: list[_Plane]) -> Array:
-    """(H, W) of the two largest windows."""
+    """Return (H, W) the disagreement of the two largest windows."""
     if len(planes) == 1:
         return np.zeros_like(planes[0].change)
     smaller, larger = planes[-2:]
@@ -62,7 +62,7 @@ def _disagreement(planes: list[_Plane]) -> Array:
 
 
 def _fitted(given: LocalFitInput, window: FitWindow) -> _Plane:
-    """The weighted least squares of one window, all its taps at once."""
+    """Return the weighted least squares of one window, with all its taps at once."""
     information, pull, s, slope_u, slope_v = (np.asarray(field, np.float64) for field in given[:5])
     there, known = np.isfinite(s), np.isfinite(information) & np.isfinite(pull)
     information, pull = np.where(known, information, 0), np.where(known, pull, 0)
@@ -84,7 +84,7 @@ def _fitted(given: LocalFitInput, window: FitWindow) -> _Plane:
 
 
 def _neighbours(field: NDArray, offsets: list[tuple[int, int]]) -> NDArray:
-    """(taps, H, W): the field at every offset (v, u) from each pixel; 0 beyond the image."""
+    """Return (taps, H, W) the field at every offset (v, u) from each pixel; 0 beyond the image."""
     margin = max(max(abs(v), abs(u)) for v, u in offsets)
     padded, (height, width) = np.pad(field, margin), field.shape
     return np.stack(
@@ -95,7 +95,7 @@ def _neighbours(field: NDArray, offsets: list[tuple[int, int]]) -> NDArray:
 def _solved(
     weight: Array, pulled: Array, square: Array, u: Array, v: Array, slope_u: Array, slope_v: Array
 ) -> _Plane:
-    """Minimum of Σ weight (target - change - slope · (u, v))² + SLOPE_RIDGE Σ weight |slope - earlier slope|².
+    """Minimise Σ weight (target - change - slope · (u, v))² + SLOPE_RIDGE Σ weight |slope - earlier slope|².
 
     ``pulled`` is weight · target, ``square`` weight² / information. The variance is that of the weighted mean,
     the neighbours having 1 / information, and that of the plane's tilt from their centre of mass to the pixel.

@@ -32,7 +32,7 @@ def normal_equations(
 def _compared(
     given: NormalEquationsInput, core: Array, view: Array, slope: Array
 ) -> tuple[Array, Array, Array, Array]:
-    """Weight, dn/ds, residual and misfit q (each (H, W)) of a view's warp against the core."""
+    """Return weight, dn/ds, residual and misfit q (each (H, W)) of a view's warp against the core."""
     core_normal, core_scale = _normalised(core, given.window, given.floor)
     view_normal, view_scale = _normalised(view, given.window, given.floor)
     residual = core_normal - view_normal
@@ -42,14 +42,14 @@ def _compared(
 
 
 def _normalised(image: Array, radius: int, floor: float) -> tuple[Array, Array]:
-    """(value - mean) scale, and the scale 1 / √(variance + floor)."""
+    """Return (value - mean) scale, and the scale 1 / √(variance + floor)."""
     mean = _box_mean(image, radius)
     scale = 1 / np.sqrt(np.maximum(_box_mean(image**2, radius) - mean**2, 0) + floor)
     return (image - mean) * scale, scale
 
 
 def _box_mean(image: Array, radius: int) -> Array:
-    """Mean of the (2 radius + 1)² pixels about each that are not NaN; 0 where there are none."""
+    """Return the mean of the (2 radius + 1)² pixels about each that are not NaN; 0 where there are none."""
     padded = np.pad(image, radius, mode="edge")
     windows = sliding_window_view(padded, (2 * radius + 1, 2 * radius + 1))
     there = np.isfinite(windows)

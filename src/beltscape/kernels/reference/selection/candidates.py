@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.reference.selection.propagation import bilinear, clear, finite_or_zero
+from beltscape.kernels.reference.sampling import bilinear
+from beltscape.kernels.reference.selection.propagation import clear, finite_or_zero
 from beltscape.kernels.reference.view import project
 from beltscape.kernels.selection.candidates import CANDIDATES, CandidatesInput, PhotoConsistencyInput
 

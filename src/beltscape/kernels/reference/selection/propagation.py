@@ -1,10 +1,11 @@
-"""Candidates handed on by neighbours, and which of them pixels keep: the reference of `propagate`."""
+"""Propagation of candidates between neighbours: the reference of `propagate`."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.kernels.reference.sampling import bilinear, centred_windows, is_inside
 from beltscape.kernels.reference.selection.semi_global import NO_CANDIDATE, Kept, choose
 from beltscape.kernels.reference.view import project
 from beltscape.kernels.selection.propagation import PropagationInput
@@ -31,7 +32,7 @@ def propagate(given: PropagationInput) -> tuple[NDArray[np.floating], ...]:
 
 
 def _kept(given: PropagationInput) -> Kept:
-    """The candidates (H, W, K) that the pixels keep."""
+    """Return the candidates (H, W, K) that the pixels keep."""
     s, slope_u, slope_v = given.surface
     shape = (*s.shape, given.candidates)
     kept = Kept(
@@ -50,12 +51,12 @@ def _kept(given: PropagationInput) -> Kept:
 
 
 def finite_or_zero(a: NDArray[np.floating]) -> Array:
-    """The values as float64, 0 for those that are not finite."""
+    """Return the values as float64, 0 for those that are not finite."""
     return np.where(np.isfinite(a), a, 0).astype(np.float64)
 
 
 def shifted_candidate(given: PropagationInput, dx: int, dy: int) -> tuple[Array, Array, Array]:
-    """(H, W) each: the candidate of an offset and its slopes."""
+    """Return the candidate of an offset and its slopes, (H, W) each."""
     s, slope_u, slope_v = given.surface
     height, width = s.shape
     y, x = np.indices(s.shape)
@@ -66,13 +67,13 @@ def shifted_candidate(given: PropagationInput, dx: int, dy: int) -> tuple[Array,
 
 
 def dissimilarity(given: PropagationInput, s: Array) -> Array:
-    """(H, W) of the surface s, over the views in which each pixel is seen."""
+    """Return (H, W) dissimilarity of the surface s over the views that see each pixel."""
     y, x = np.indices(s.shape)
-    core = _centred_windows(given.core.astype(np.float64))
+    core = centred_windows(given.core.astype(np.float64))
     each, seen = [], []
     for image, view, buffer in zip(given.images, given.views, given.buffers, strict=True):
         u, v, inverse_depth = project(view, x, y, s)
-        aux = _centred_windows(bilinear(image.astype(np.float64), u, v))
+        aux = centred_windows(bilinear(image.astype(np.float64), u, v))
         energy = (core**2).sum(axis=0) + (aux**2).sum(axis=0) + 18 * given.costs.floor
         c = ((core - aux) ** 2).sum(axis=0) / energy
         each.append(np.where(np.isnan(c), 1, np.minimum(c, 1)))
@@ -81,7 +82,7 @@ def dissimilarity(given: PropagationInput, s: Array) -> Array:
 
 
 def _agreement(each: Array, seen: NDArray[np.bool_], unseen_cost: float) -> Array:
-    """(H, W) of the (n, H, W) dissimilarities those that are seen: their mean, without the worst of three or more."""
+    """Return (H, W) the mean of the visible views' dissimilarities (n, H, W), without the worst of three or more."""
     views, counted = seen.sum(axis=0), np.where(seen, each, 0)
     total, worst = counted.sum(axis=0), counted.max(axis=0)
     mean = np.where(views > 2, (total - worst) / np.maximum(views - 1, 1), total / np.maximum(views, 1))
@@ -89,40 +90,16 @@ def _agreement(each: Array, seen: NDArray[np.bool_], unseen_cost: float) -> Arra
 
 
 def clear(buffer: NDArray[np.floating], u: Array, v: Array, reach: Array) -> NDArray[np.bool_]:
-    """(H, W): inside the image, and nothing in the buffer (h, w) before ``reach`` at the nearest pixel."""
-    inside = _inside(buffer.shape, u, v)
+    """Return (H, W) where (u, v) is in the image and the buffer (h, w) at the nearest pixel is at most ``reach``."""
+    inside = is_inside(buffer.shape, u, v)
     x, y = (np.floor(np.where(inside, a, 0) + 0.5).astype(int) for a in (u, v))
     return inside & (buffer[y, x] <= np.where(inside, reach, 0))
-
-
-def _inside(shape: tuple[int, ...], u: Array, v: Array) -> NDArray[np.bool_]:
-    """Whether the 2 × 2 footprint of (u, v) is within an image (h, w)."""
-    return (u >= 0) & (u < shape[1] - 1) & (v >= 0) & (v < shape[0] - 1)
-
-
-def _centred_windows(image: Array) -> Array:
-    """(9, H, W): the 3 × 3 neighbours of every pixel without their mean, the border repeated."""
-    height, width = image.shape
-    padded = np.pad(image, 1, mode="edge")
-    windows = np.stack([padded[y : y + height, x : x + width] for y in range(3) for x in range(3)])
-    return windows - windows.mean(axis=0)
-
-
-def bilinear(image: Array, u: Array, v: Array) -> Array:
-    """The image (h, w) at (u, v); NaN where the 2 × 2 footprint is not inside."""
-    inside = _inside(image.shape, u, v)
-    u, v = np.where(inside, u, 0), np.where(inside, v, 0)
-    x, y = u.astype(int), v.astype(int)
-    u, v = u - x, v - y
-    above = (1 - u) * image[y, x] + u * image[y, x + 1]
-    below = (1 - u) * image[y + 1, x] + u * image[y + 1, x + 1]
-    return np.where(inside, (1 - v) * above + v * below, np.nan)
 
 
 def _keep(
     kept: Kept, candidate: tuple[Array, Array, Array, Array], separation: float, allowed: NDArray[np.bool_]
 ) -> None:
-    """Puts a candidate (s, slope_u, slope_v, cost), (H, W) each, in its place where it is cheaper."""
+    """Insert a candidate (s, slope_u, slope_v, cost), (H, W) each, where it is cheaper than the one it replaces."""
     s, cost = candidate[0], candidate[3]
     near = np.abs(kept.s - s[..., None]) < separation
     place = np.where(near.any(axis=2), near.argmax(axis=2), kept.cost.argmax(axis=2))

@@ -1,4 +1,4 @@
-"""The semi-global choice among the candidates that neighbours keep."""
+"""Semi-global selection among the candidates that the pixels keep."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from beltscape.kernels.selection.propagation import Propagated
 Array = NDArray[np.float64]
 
 NO_CANDIDATE = 1e6
-"""The nearness of a place that is free."""
+"""The inverse depth of an empty place."""
 
 STEEPEST_STEP = 1.0
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))
@@ -27,11 +27,11 @@ class Kept(NamedTuple):
     cost: Array
 
     def rows(self, first: int, end: int) -> Kept:
-        """Those of rows first … end - 1."""
+        """Return the candidates of rows first … end - 1."""
         return Kept(*(field[first:end] for field in self))
 
     def at(self, y: int, x: slice) -> Kept:
-        """Those of a row's pixels, (n, K) each."""
+        """Return the candidates of a row's pixels, (n, K) each."""
         return Kept(*(field[y, x] for field in self))
 
 
@@ -40,7 +40,7 @@ APART = 1.5
 
 
 def choose(kept: Kept, small_jump: float, large_jump: float) -> Propagated:
-    """The candidates with the least cost + mean of what eight paths bring."""
+    """Return the candidates with the least sum of cost and mean cost of the eight paths."""
     paths = [_path(kept, dx, dy, small_jump, large_jump) for dx, dy in DIRECTIONS]
     totals = kept.cost + np.mean(paths, axis=0)
     best = totals.argmin(axis=2)[..., None]
@@ -53,7 +53,7 @@ def choose(kept: Kept, small_jump: float, large_jump: float) -> Propagated:
 
 
 def _path(kept: Kept, dx: int, dy: int, small_jump: float, large_jump: float) -> Array:
-    """(H, W, K) what a path in one direction brings to each candidate."""
+    """Return (H, W, K) the cost of each candidate on the paths of one direction."""
     if dy == 0:  # the same along columns
         turned = Kept(*(field.swapaxes(0, 1) for field in (kept.s, kept.slope_v, kept.slope_u, kept.cost)))
         return _path(turned, 0, dx, small_jump, large_jump).swapaxes(0, 1)
@@ -71,7 +71,7 @@ def _path(kept: Kept, dx: int, dy: int, small_jump: float, large_jump: float) ->
 
 
 def _jump(before: Kept, here: Kept, dx: int, dy: int, small_jump: float) -> Array:
-    """(n, K, K): from each candidate (last axis) of the pixels before to each of those here."""
+    """Return (n, K, K) costs of the step from each candidate of the pixels before (last axis) to each one here."""
     slope_u = (here.slope_u[:, :, None] + before.slope_u[:, None]) / 2
     slope_v = (here.slope_v[:, :, None] + before.slope_v[:, None]) / 2
     expected = np.clip(slope_u * dx + slope_v * dy, -STEEPEST_STEP, STEEPEST_STEP)

@@ -20,7 +20,7 @@ def aggregate(given: AggregateInput) -> tuple[NDArray[np.float32], NDArray[np.fl
 
 
 def _path(cost: Array, dy: int, dx: int, small_jump: int, large_jump: int) -> Array:
-    """Costs (rows, W, D) along paths that come from (y + dy, x + dx)."""
+    """Return the costs (rows, W, D) along paths that come from (y + dy, x + dx)."""
     rows, width, _ = cost.shape
     path = cost.copy()
     for y in range(rows) if dy <= 0 else range(rows - 1, -1, -1):
@@ -36,7 +36,7 @@ def _path(cost: Array, dy: int, dx: int, small_jump: int, large_jump: int) -> Ar
 
 
 def _decide(sums: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Planes and margins (rows, W) from sums (rows, W, D)."""
+    """Return planes and margins (rows, W) from sums (rows, W, D)."""
     planes = np.arange(sums.shape[2])
     best = sums.argmin(axis=2)
     at = best[..., None]

@@ -1,4 +1,4 @@
-"""A speckle pattern with markers, as a camera sees it on a plane: drawn, so that every centre is known."""
+"""Images of a speckle pattern with markers on a plane, drawn with known centres."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ DOT_STEP_PX = 9.6
 
 @cache
 def place_dots() -> np.ndarray:
-    """(N, 2) as dense as 25,000 on the pattern, a jittered grid, none on a marker."""
+    """Return (N, 2) dots on a jittered grid, as dense as 25,000 on the pattern, none on a marker."""
     rng = np.random.default_rng(5)
     x, y = np.meshgrid(np.arange(5, PATTERN_PX[0], DOT_STEP_PX), np.arange(5, PATTERN_PX[1], DOT_STEP_PX))
-    places = np.stack([x.ravel(), y.ravel()], axis=1) + rng.uniform(-1.3, 1.3, (x.size, 2))
-    away = np.linalg.norm(places[:, None] - MARKERS.reshape(-1, 2), axis=-1).min(axis=1)
-    return places[away > MARKER_RADIUS_PX + 4]
+    positions = np.stack([x.ravel(), y.ravel()], axis=1) + rng.uniform(-1.3, 1.3, (x.size, 2))
+    distance = np.linalg.norm(positions[:, None] - MARKERS.reshape(-1, 2), axis=-1).min(axis=1)
+    return positions[distance > MARKER_RADIUS_PX + 4]
 
 
 def project_points(points: np.ndarray, image_from_pattern: np.ndarray) -> np.ndarray:
-    """(..., 2) pixels of points on the pattern."""
+    """Return the (..., 2) pixels of points on the pattern."""
     mapped = points @ image_from_pattern[:, :2].T + image_from_pattern[:, 2]
     return mapped[..., :2] / mapped[..., 2:]
 
@@ -44,9 +44,9 @@ def render_pattern(
     speckle: bool = True,
     seed: int = 0,
 ) -> np.ndarray:
-    """(H, W, 3) uint8 RGB; ``hidden`` (4, 4) bool leaves markers out, ``cast`` multiplies the channels."""
+    """Return (H, W, 3) uint8 RGB; ``hidden`` (4, 4) bool leaves markers out, ``cast`` multiplies the channels."""
     width, height = size_px
-    light = np.zeros((2 * height, 2 * width, 3), np.float32)  # drawn twice as fine, then averaged
+    light = np.zeros((2 * height, 2 * width, 3), np.float32)  # drawn at twice the resolution, then averaged
 
     def draw(points: np.ndarray, radius: float, color: tuple[float, float, float]) -> None:
         around = np.linspace(0, 2 * np.pi, 25)[:-1]
@@ -68,7 +68,7 @@ def render_pattern(
 
 
 def make_view(size_px: tuple[int, int] = (816, 680), turn_deg: float = 0.0, slant: float = 0.0) -> np.ndarray:
-    """(3, 3) image_from_pattern: the pattern centred, turned, and ``slant`` larger to the left than to the right."""
+    """Return the (3, 3) image_from_pattern: centred, turned, and by ``slant`` larger on the left than the right."""
     cos, sin = np.cos(np.deg2rad(turn_deg)), np.sin(np.deg2rad(turn_deg))
     center = np.array([[1, 0, -PATTERN_PX[0] / 2], [0, 1, -PATTERN_PX[1] / 2], [0, 0, 1.0]])
     scale = 0.9 * size_px[0] / PATTERN_PX[0] / (abs(cos) + 0.625 * abs(sin))
@@ -78,5 +78,5 @@ def make_view(size_px: tuple[int, int] = (816, 680), turn_deg: float = 0.0, slan
 
 
 def compute_luminance(rgb: np.ndarray) -> np.ndarray:
-    """(H, W) uint8: what a monochrome camera sees of it."""
+    """Return the (H, W) uint8 image of a monochrome camera."""
     return np.rint(rgb @ np.array([0.45, 0.45, 0.1])).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""A small ray-cast belt with exact truth: cameras over a speckled trough with a box and a cylinder."""
+"""Ray-cast frames of a speckled trough with a box and a cylinder, with exact depth."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from beltscape.core.rig import Rig
 SIZE_PX = (400, 320)
 BOX = (np.array([-90.0, -50.0, 0.0]), np.array([-10.0, 30.0, 60.0]))
 CYLINDER = (70.0, 10.0, 10.0, 90.0)
-"""x, y, radius, height, mm: the slender thing a depth range must not cut off."""
+"""x, y, radius, height, mm: a slender object that the depth range must contain."""
 
 
 def make_camera(name: str, size_px: tuple[int, int] = SIZE_PX) -> Camera:
@@ -31,11 +31,11 @@ def make_camera(name: str, size_px: tuple[int, int] = SIZE_PX) -> Camera:
 
 
 def look_at(center_mm: NDArray[np.float64], target_mm: NDArray[np.float64]) -> Pose:
-    """cam_from_world of a camera at a place, looking at a point; its u axis is nearest to world x."""
+    """Return cam_from_world of a camera that looks at a point; its u axis is closest to world x."""
     z = (target_mm - center_mm) / np.linalg.norm(target_mm - center_mm)
     x = np.array([1.0, 0.0, 0.0]) - z[0] * z
     x /= np.linalg.norm(x)
-    rotation = np.stack([x, np.cross(z, x), z])
+    rotation = np.stack([x, np.cross(z, x), z]).astype(np.float64)
     return Pose(rotation, -rotation @ center_mm)
 
 
@@ -46,7 +46,7 @@ def make_world_rig(
     parallel: bool = False,
     angles_deg=(0, 90, 180, 270),
 ) -> tuple[Rig, Pose]:
-    """A rig with auxiliaries about the core at these angles, and core_from_world."""
+    """Return a rig with auxiliaries around the core at these angles, and core_from_world."""
     core = look_at(np.array([1.0, -2.0, height_mm]), np.array([4.0, 1.0, 0.0]))
     poses = {"cam0": Pose.identity()}
     for i, angle in enumerate(np.deg2rad(angles_deg), start=1):
@@ -63,7 +63,7 @@ def make_world_rig(
 def cast_rays(
     cam: Camera, cam_from_world: Pose, pixels: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """World points (H, W, 3) each distorted pixel sees, and their depth (H, W) in the camera, mm.
+    """Return the world points (H, W, 3) that each distorted pixel sees, and their depth (H, W), mm.
 
     With ``pixels`` None rays go through the distorted pixels; otherwise they are undistorted rays (H, W, 2).
     """
@@ -82,7 +82,7 @@ def _hit_trough(origin, rays):
     rise = np.tan(np.deg2rad(20.0))
     flat = -origin[2] / rays[..., 2]
     hits = [flat]
-    for side in (-1, 1):  # z = rise·(side·x − 150): a half-space each; the first one entered is the surface
+    for side in (-1, 1):  # half-spaces z = rise·(side·x − 150); the surface is the first one entered
         gain = rays[..., 2] - rise * side * rays[..., 0]
         hits.append((rise * (side * origin[0] - 150.0) - origin[2]) / gain)
     return np.minimum.reduce([np.where(t > 0, t, np.inf) for t in hits])
@@ -111,19 +111,20 @@ def _hit_cylinder(origin, rays):
 
 @cache
 def make_speckle() -> np.ndarray:
-    """(1200, 1200) float32 smooth random brightness, 1 texel a millimetre, about 3 mm per dot."""
+    """Return (1200, 1200) float32 smooth random brightness, one texel per mm, about 3 mm per dot."""
     noise = np.random.default_rng(7).normal(size=(1200, 1200)).astype(np.float32)
     smooth = cv2.GaussianBlur(noise, (0, 0), 1.6)
     return np.clip(40 + 45 * smooth / smooth.std(), 2, 220).astype(np.float32)
 
 
 def render_frame(rig: Rig, core_from_world: Pose, *, noise_counts: float = 1.0) -> FrameSet:
-    """Images of all cameras, 8-bit grey; the speckle comes straight from above."""
+    """Return 8-bit grey images of all cameras; the speckle is projected obliquely."""
     rng = np.random.default_rng(3)
     images = {}
     for name, cam in rig.cameras.items():
         points, _ = cast_rays(cam, rig.cam_from_core[name] @ core_from_world)
-        at = (points[..., :2] + 600 + 0.35 * points[..., 2:]).astype(np.float32)  # oblique: sides are lit too
+        # oblique, so that sides are lit too
+        at = (points[..., :2] + 600 + 0.35 * points[..., 2:]).astype(np.float32)
         seen = cv2.remap(make_speckle(), at, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
         images[name] = np.clip(np.rint(seen + rng.normal(0, noise_counts, seen.shape)), 0, 255).astype(
             np.uint8
@@ -132,6 +133,6 @@ def render_frame(rig: Rig, core_from_world: Pose, *, noise_counts: float = 1.0) 
 
 
 def compute_true_depth(rig: Rig, core_from_world: Pose) -> np.ndarray:
-    """(H, W) depth on the core's pinhole grid, mm."""
+    """Return the (H, W) depth on the core's pinhole grid, mm."""
     cam = rig.core_camera
     return cast_rays(cam, core_from_world, cam.rays())[1]

@@ -1,4 +1,4 @@
-"""The rendered captures with exact truth, as a sibling of the repository; absent in most checkouts."""
+"""Rendered captures with exact truth, which lie beside the repository and are absent in most checkouts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ needs_rendered = pytest.mark.skipif(
 
 
 def read_halved_rig() -> Rig:
-    """The true rig at 612×512 (K_quarter)."""
+    """Return the true rig at 612×512 (K_quarter)."""
     truth = json.loads((RENDERED / "truth/rig.json").read_text())
     cameras, poses = {}, {}
     for name, entry in truth["cameras"].items():
@@ -35,7 +35,7 @@ def read_halved_rig() -> Rig:
 
 
 def read_halved_frames(scene: str) -> FrameSet:
-    """Frame 000 of a 1224×1024 scene at 612×512."""
+    """Return frame 000 of a 1224×1024 scene at 612×512."""
     images = {f"cam{i}": read_image(RENDERED / scene / f"cam{i}/000.png") for i in range(5)}
     return FrameSet(
         "000",
@@ -44,7 +44,7 @@ def read_halved_frames(scene: str) -> FrameSet:
 
 
 def read_halved_truth(scene: str) -> tuple[np.ndarray, np.ndarray]:
-    """(512, 612) depth on the pinhole grid, mm, and labels; all within |Y| ≤ 240 mm, NaN elsewhere."""
+    """Return (512, 612) depth on the pinhole grid, mm, NaN beyond |Y| = 240 mm, and the labels."""
     truth = np.load(RENDERED / f"truth/{scene}_depth_cam0.npz")
     z, label = truth["z_pinhole"].astype(float), truth["label_pinhole"][::2, ::2]
     four = np.stack([z[::2, ::2], z[1::2, ::2], z[::2, 1::2], z[1::2, 1::2]])

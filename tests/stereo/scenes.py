@@ -1,7 +1,4 @@
-"""Small scenes before the core camera, cast ray by ray: what the stages of the multi-view matcher are tested on.
-
-The world's frame is the core's: z is depth.
-"""
+"""Small ray-cast scenes on which the stages of the multi-view matcher are tested; the world's frame is the core's."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
 from tests.stereo.raycast import look_at, make_camera, make_speckle
 
 Solid = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Origin (3,) and rays (H, W, 3) → (H, W) how many rays' lengths away it is hit; inf where it is not."""
+"""Origin (3,) and rays (H, W, 3) → (H, W) distance of the hit in lengths of the ray; inf without a hit."""
 DEPTH_MM = 700.0
 SIZE_PX = (120, 100)
 BASELINE_MM = 200.0
@@ -33,13 +30,13 @@ _TEXEL_DOT = 1.6
 
 
 def plane(depth_mm: float = DEPTH_MM, slope_u: float = 0.0, slope_v: float = 0.0) -> Solid:
-    """z = depth + slope_u x + slope_v y."""
+    """Return the plane z = depth + slope_u x + slope_v y."""
     normal = np.array([-slope_u, -slope_v, 1.0])
     return lambda origin, rays: (depth_mm - origin @ normal) / (rays @ normal)
 
 
 def sphere(depth_mm: float, radius_mm: float) -> Solid:
-    """Its nearest point lies at this depth on the core's axis."""
+    """Return a sphere whose nearest point lies at this depth on the core's axis."""
 
     def hit(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
         away = origin - [0, 0, depth_mm + radius_mm]
@@ -51,7 +48,7 @@ def sphere(depth_mm: float, radius_mm: float) -> Solid:
 
 
 def patch(depth_mm: float, x_mm: tuple[float, float], y_mm: tuple[float, float] = (-1e4, 1e4)) -> Solid:
-    """A thin rectangle across the core's axis."""
+    """Return a thin rectangle across the core's axis."""
 
     def hit(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
         away = (depth_mm - origin[2]) / rays[..., 2]
@@ -68,7 +65,7 @@ def make_ring(
     size_px: tuple[int, int] = SIZE_PX,
     parallel: bool = False,
 ) -> Rig:
-    """The core and auxiliaries about it that look at what it looks at, or along with it."""
+    """Return a rig with auxiliaries around the core, convergent or parallel."""
     poses = {"cam0": Pose.identity()}
     for i, angle in enumerate(np.deg2rad(angles_deg), start=1):
         center = BASELINE_MM * np.array([np.cos(angle), np.sin(angle), 0.02 * i])
@@ -78,14 +75,14 @@ def make_ring(
 
 
 def cast_rays(cam: Camera, pose: Pose, solids: tuple[Solid, ...], rays: np.ndarray) -> np.ndarray:
-    """(H, W, 3) points, in the core's frame, that a camera sees along rays (H, W, 2)."""
+    """Return the (H, W, 3) points, in the core's frame, that a camera sees along rays (H, W, 2)."""
     world = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1) @ pose.rotation
     away = np.minimum.reduce([solid(pose.center_mm, world) for solid in solids])
     return pose.center_mm + world * away[..., None]
 
 
 def sample_speckle(points: np.ndarray, dot_mm: float) -> np.ndarray:
-    """(H, W) float32 counts of a speckle that comes obliquely from above."""
+    """Return (H, W) float32 counts of a speckle that is projected obliquely from above."""
     at = (points[..., :2] + 0.2 * (points[..., 2:] - DEPTH_MM)) * _TEXEL_DOT / dot_mm + 600
     return cv2.remap(
         make_speckle(), at.astype(np.float32), None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
@@ -95,7 +92,7 @@ def sample_speckle(points: np.ndarray, dot_mm: float) -> np.ndarray:
 def render_images(
     rig: Rig, solids: tuple[Solid, ...], *, noise: float = 0.0, seed: int = 1, dot_px: float = DOT_PX
 ) -> dict[str, np.ndarray]:
-    """Float32 images, in 8-bit counts, of all cameras."""
+    """Return float32 images, in 8-bit counts, of all cameras."""
     dot_mm = dot_px * DEPTH_MM / float(rig.core_camera.focal_px[0])
     rng = np.random.default_rng(seed)
     seen = {}
@@ -108,13 +105,13 @@ def render_images(
 
 
 def quantise(image: np.ndarray, dtype: type = np.uint8) -> np.ndarray:
-    """As a camera of 8 or 16 bits writes it."""
+    """Return the image of a camera of 8 or 16 bits."""
     full = np.iinfo(dtype).max
     return np.clip(np.rint(image * (full / 255)), 0, full).astype(dtype)
 
 
 def compute_depth_mm(rig: Rig, solids: tuple[Solid, ...]) -> np.ndarray:
-    """(H, W) true depth on the core's undistorted grid."""
+    """Return the (H, W) true depth on the core's undistorted grid."""
     cam = rig.core_camera
     return cast_rays(cam, Pose.identity(), solids, cam.rays())[..., 2]
 
@@ -144,17 +141,17 @@ class Scene:
     rig: Rig
     prepared: PreparedFrame
     s: np.ndarray
-    """(H, W) float32 true nearness, px."""
+    """(H, W) float32 true inverse depth, px."""
     unit: float
 
     @property
     def auxiliaries(self) -> tuple[str, ...]:
-        """Of the rig, all of them used."""
+        """Auxiliaries of the rig; all are used."""
         return self.rig.auxiliaries
 
 
 def make_scene(*solids: Solid, rig: Rig | None = None, noise: float = 0.0, seed: int = 1) -> Scene:
-    """16-bit images of solids, prepared at full size."""
+    """Return a scene with 16-bit images of solids, prepared at full size."""
     rig = rig or make_ring()
     images = {
         name: quantise(i, np.uint16) for name, i in render_images(rig, solids, noise=noise, seed=seed).items()
@@ -165,14 +162,14 @@ def make_scene(*solids: Solid, rig: Rig | None = None, noise: float = 0.0, seed:
 
 
 def mask_inner(shape: tuple[int, ...], margin_px: int) -> np.ndarray:
-    """(H, W) bool: farther than this from the border."""
+    """Return the (H, W) mask of pixels farther than this from the border."""
     inside = np.zeros(shape, bool)
     inside[margin_px:-margin_px, margin_px:-margin_px] = True
     return inside
 
 
 def mask_away_from_steps(s: np.ndarray, distance_px: int, step_px: float = 1.5) -> np.ndarray:
-    """(H, W) bool: no step of s within this distance."""
+    """Return the (H, W) mask of pixels without a step of s within this distance."""
     window = np.ones((3, 3), np.uint8)
     step = (cv2.dilate(s, window) - cv2.erode(s, window) > step_px).astype(np.uint8)
     return cv2.dilate(step, np.ones((2 * distance_px + 1,) * 2, np.uint8)) == 0

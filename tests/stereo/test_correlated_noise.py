@@ -1,4 +1,4 @@
-"""Sigma stays honest when the images' noise is correlated, and depth stays what it was."""
+"""Sigma covers correlated noise of the images, and depth does not depend on it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import compute_robust_sigma
-from beltscape.stereo.multiview.confidence import estimate as judge
+from beltscape.stereo.multiview.confidence import estimate as estimate_module
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from tests.stereo.scenes import compute_depth_mm, make_ring, plane, quantise, render_images
@@ -27,7 +27,7 @@ CHANGES = {
 
 
 def reconstruct(change, angles=(0, 90, 180, 270), preset="standard") -> tuple[DepthMap, float]:
-    """The depth map, and its actual over stated sigma."""
+    """Return the depth map, and its actual over stated sigma."""
     rig = make_ring(angles, size_px=(320, 256))
     images = {
         name: change(quantise(image))
@@ -43,7 +43,7 @@ def reconstruct(change, angles=(0, 90, 180, 270), preset="standard") -> tuple[De
 @pytest.mark.parametrize(("change", "without", "most"), CHANGES.values(), ids=CHANGES)
 def test_sigma_covers_correlated_noise_and_depth_does_not_change(monkeypatch, change, without, most):
     found, ratio = reconstruct(change)
-    monkeypatch.setattr(judge, "inflate_sigma", lambda sigma, *_: sigma)
+    monkeypatch.setattr(estimate_module, "inflate_sigma", lambda sigma, *_: sigma)
     before, before_ratio = reconstruct(change)
     assert before_ratio > without
     assert 0.8 < ratio < most
@@ -53,7 +53,7 @@ def test_sigma_covers_correlated_noise_and_depth_does_not_change(monkeypatch, ch
 
 def test_white_noise_does_not_change_sigma(monkeypatch):
     found, _ = reconstruct(lambda i: i)
-    monkeypatch.setattr(judge, "inflate_sigma", lambda sigma, *_: sigma)
+    monkeypatch.setattr(estimate_module, "inflate_sigma", lambda sigma, *_: sigma)
     before, _ = reconstruct(lambda i: i)
     known = np.isfinite(before.sigma_mm)
     assert np.median(found.sigma_mm[known] / before.sigma_mm[known]) < 1.03
@@ -63,7 +63,7 @@ def test_white_noise_does_not_change_sigma(monkeypatch):
 def test_a_single_auxiliary_of_demosaiced_images_gets_a_larger_sigma(monkeypatch, preset):
     demosaiced = CHANGES["bilinear"][0]
     found, _ = reconstruct(demosaiced, (0,), preset)
-    monkeypatch.setattr(judge, "inflate_sigma", lambda sigma, *_: sigma)
+    monkeypatch.setattr(estimate_module, "inflate_sigma", lambda sigma, *_: sigma)
     before, _ = reconstruct(demosaiced, (0,), preset)
     known = np.isfinite(before.sigma_mm)
     growth = found.sigma_mm[known] / before.sigma_mm[known]

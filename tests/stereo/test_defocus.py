@@ -1,4 +1,4 @@
-"""A core out of focus: found, told by how much, and met by blurring the others."""
+"""Defocus of the core: its estimate, and the blur of the auxiliaries that matches it."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from beltscape.stereo.multiview.frame.defocus import estimate_defocus, match_def
 from tests.strategies import seeds
 
 
-def dots(seed: int, noise: float = 1.5) -> np.ndarray:
-    """(200, 320) a speckled surface."""
+def make_dots(seed: int, noise: float = 1.5) -> np.ndarray:
+    """Return a (200, 320) image of speckle."""
     rng = np.random.default_rng(seed)
     image = np.zeros((200, 320), np.float32)
     image[rng.integers(0, 200, 1500), rng.integers(0, 320, 1500)] = 2500
     return cv2.GaussianBlur(image, (0, 0), 1.2) + 20 + rng.normal(0, noise, image.shape).astype(np.float32)
 
 
-def blurred(image: np.ndarray, sigma_px: float) -> np.ndarray:
+def blur(image: np.ndarray, sigma_px: float) -> np.ndarray:
     noise = np.random.default_rng(9).normal(0, 1.5, image.shape).astype(np.float32)
     return cv2.GaussianBlur(image, (0, 0), sigma_px) + noise
 
@@ -28,20 +28,27 @@ def blurred(image: np.ndarray, sigma_px: float) -> np.ndarray:
 @settings(max_examples=10)
 @given(seeds, st.floats(1.8, 3.2))
 def test_defocus_is_estimated(seed, sigma_px):
-    core = blurred(dots(seed, 0), sigma_px)
-    assert estimate_defocus(core, [dots(seed + i) for i in (1, 2, 3)]) == pytest.approx(sigma_px, abs=0.5)
+    core = blur(make_dots(seed, 0), sigma_px)
+    assert estimate_defocus(core, [make_dots(seed + i) for i in (1, 2, 3)]) == pytest.approx(
+        sigma_px, abs=0.5
+    )
 
 
 @settings(max_examples=10)
 @given(seeds)
 def test_sharp_frames_and_blurred_auxiliaries_are_unchanged(seed):
-    levels = {"core": dots(seed), "a": dots(seed + 1), "b": blurred(dots(seed + 2), 2.5), "c": dots(seed + 3)}
+    levels = {
+        "core": make_dots(seed),
+        "a": make_dots(seed + 1),
+        "b": blur(make_dots(seed + 2), 2.5),
+        "c": make_dots(seed + 3),
+    }
     after = match_defocus("core", levels)
     assert all(after[name] is levels[name] for name in levels)
 
 
 def test_only_the_auxiliaries_are_blurred_and_not_beyond_the_core():
-    levels = {"core": blurred(dots(1, 0), 3.0), "a": dots(2), "b": dots(3)}
+    levels = {"core": blur(make_dots(1, 0), 3.0), "a": make_dots(2), "b": make_dots(3)}
     after = match_defocus("core", levels)
     assert after["core"] is levels["core"]
     for name in ("a", "b"):

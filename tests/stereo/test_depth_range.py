@@ -1,3 +1,5 @@
+"""The depth range of a frame contains its surface with small margins."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The estimate of a surface: none where no auxiliary sees it, and low confidence of false surfaces."""
+"""The depth estimate: no confidence without a view, low confidence of false surfaces, and sigma."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 
 
 def run_stages(made, s: np.ndarray) -> MatcherState:
-    """One propagation and refinement, as the matcher's last round."""
+    """Return the state after one propagation and least squares, as in the matcher's last round."""
     prepared = made.prepared
     propagated = propagate(fit_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5))
     solution = solve_least_squares(propagated.surface, prepared, (0.7, 0.4), prepared.context.windows.wide)
@@ -61,13 +61,13 @@ def with_selection(state: MatcherState) -> MatcherState:
     return replace(state, selection=Selection(state.solution.surface, confidence, gain))
 
 
-SELECTIONS = pytest.mark.parametrize("selects", [False, True], ids=["initial features", "refined features"])
+SELECTIONS = pytest.mark.parametrize("selected", [False, True], ids=["initial features", "refined features"])
 
 
-def estimate(made, s: np.ndarray, selects: bool) -> tuple[DepthEstimate, np.ndarray]:
+def estimate(made, s: np.ndarray, selected: bool) -> tuple[DepthEstimate, np.ndarray]:
     """Return the estimate of a surface, and the solved surface."""
     state = run_stages(made, s)
-    if selects:
+    if selected:
         state = with_selection(state)
     return estimate_depth(state), state.solution.surface.s
 
@@ -79,8 +79,8 @@ def surface_planes(state: MatcherState, scale: float) -> dict[str, np.ndarray]:
     return dict(agreement) | dict(shape_features(state.propagated, state.solution, scale))
 
 
-def views_by_rays(made, solids) -> np.ndarray:
-    """(H, W) how many auxiliaries see the true surface, by casting rays back to it."""
+def count_views_by_rays(made, solids) -> np.ndarray:
+    """Return (H, W) the number of auxiliaries that see the true surface, by ray casting."""
     rig = made.rig
     z = compute_depth_mm(rig, solids)[..., None]
     points = np.concatenate([rig.core_camera.rays() * z, z], axis=-1)
@@ -96,10 +96,10 @@ def views_by_rays(made, solids) -> np.ndarray:
 
 
 @SELECTIONS
-def test_features_of_every_network_are_computed(selects):
+def test_features_of_every_network_are_computed(selected):
     state = with_selection(run_stages(made := make_scene(*STEP, noise=1.0), made.s))
     assert state.selection is not None
-    if selects:
+    if selected:
         found = refined_features(state, state.selection)[0].planes
         assert set(load_network("confidence").names) <= found.keys()
     else:
@@ -114,7 +114,7 @@ def test_features_of_every_network_are_computed(selects):
 
 
 @pytest.mark.parametrize(
-    ("name", "answers"),
+    ("name", "outputs"),
     [
         ("initial_confidence", 1),
         ("candidates", 1),
@@ -124,7 +124,7 @@ def test_features_of_every_network_are_computed(selects):
         ("pairwise_ranking", 2),
     ],
 )
-def test_shipped_layers_have_consistent_sizes(name, answers):
+def test_shipped_layers_have_consistent_sizes(name, outputs):
     network = load_network(name)
     n = len(network.names)
     assert len(set(network.names)) == n
@@ -133,7 +133,7 @@ def test_shipped_layers_have_consistent_sizes(name, answers):
     for layer in network.layers:
         assert layer.shape[1] == n + 1
         n = len(layer)
-    assert n == answers
+    assert n == outputs
 
 
 def test_relief_and_brightness_features_have_the_named_values():
@@ -188,10 +188,10 @@ def test_slope_deviation_is_large_on_round_flanks_and_last_update_small_without_
 
 @SELECTIONS
 @pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270)])
-def test_occluded_pixels_have_no_confidence(angles, selects):
+def test_occluded_pixels_have_no_confidence(angles, selected):
     made = make_scene(*STEP, rig=make_ring(angles), noise=1.0)
-    estimated, _ = estimate(made, made.s, selects)
-    truth = views_by_rays(made, STEP)
+    estimated, _ = estimate(made, made.s, selected)
+    truth = count_views_by_rays(made, STEP)
     clear = cv2.erode(truth, np.ones((7, 7))) == cv2.dilate(truth, np.ones((7, 7)))
     hidden, seen = clear & (truth == 0), clear & (truth > 0) & mask_inner(truth.shape, 8)
     if len(angles) < 4:
@@ -204,10 +204,10 @@ def test_occluded_pixels_have_no_confidence(angles, selects):
 
 
 @SELECTIONS
-def test_false_surfaces_have_less_confidence_than_right_ones(selects):
+def test_false_surfaces_have_less_confidence_than_right_ones(selected):
     made = make_scene(plane(), noise=1.0)
     wrong = mask_inner(made.s.shape, 30)
-    estimated, s = estimate(made, np.where(wrong, made.s + 5, made.s), selects)
+    estimated, s = estimate(made, np.where(wrong, made.s + 5, made.s), selected)
     error = np.abs(s - made.s)
     false, right = error > 1, (error < 0.1) & mask_inner(s.shape, 8)
     assert false.sum() > 0.5 * wrong.sum()
@@ -218,11 +218,11 @@ def test_false_surfaces_have_less_confidence_than_right_ones(selects):
 
 
 @SELECTIONS
-def test_confidence_is_a_probability_and_sigma_is_positive(selects):
+def test_confidence_is_a_probability_and_sigma_is_positive(selected):
     made = make_scene(*STEP, noise=3.0)
     s = made.s.copy()
     s[30:50, 20:40] = np.nan
-    estimated, left = estimate(made, s, selects)
+    estimated, left = estimate(made, s, selected)
     assert estimated.confidence.dtype == estimated.sigma.dtype == np.float32
     assert ((estimated.confidence >= 0) & (estimated.confidence <= 1)).all()
     assert not estimated.confidence[np.isnan(left)].any()
@@ -230,10 +230,10 @@ def test_confidence_is_a_probability_and_sigma_is_positive(selects):
 
 
 @SELECTIONS
-def test_textureless_region_is_measured_only_if_filled(selects):
+def test_textureless_region_is_measured_only_if_filled(selected):
     made = make_scene(plane(), noise=1.0)
     state = run_stages(made, made.s)
-    state = with_selection(state) if selects else state
+    state = with_selection(state) if selected else state
     core = made.prepared.core.copy()
     v, u = np.mgrid[: core.shape[0], : core.shape[1]].astype(np.float32)
     shaded = u >= 60
@@ -250,20 +250,20 @@ def test_textureless_region_is_measured_only_if_filled(selects):
 
 
 @SELECTIONS
-def test_sigma_is_larger_on_round_flanks_than_on_a_plane(selects):
+def test_sigma_is_larger_on_round_flanks_than_on_a_plane(selected):
     flat, round_ = make_scene(plane(), noise=1.0), make_scene(sphere(660, 60), plane(800), noise=1.0)
     height, width = flat.s.shape
     flank = slice(height // 2 - 3, height // 2 + 4), slice(width // 2 + 8, width // 2 + 15)
     on_plane, on_flank = (
-        np.median(estimate(made, made.s, selects)[0].sigma[flank]) for made in (flat, round_)
+        np.median(estimate(made, made.s, selected)[0].sigma[flank]) for made in (flat, round_)
     )
     assert on_flank > 1.3 * on_plane
 
 
 @SELECTIONS
-def test_sigma_grows_with_the_noise(selects):
+def test_sigma_grows_with_the_noise(selected):
     def median_sigma(noise):
         made = make_scene(plane(), noise=noise)
-        return np.median(estimate(made, made.s, selects)[0].sigma[mask_away_from_steps(made.s, 8)])
+        return np.median(estimate(made, made.s, selected)[0].sigma[mask_away_from_steps(made.s, 8)])
 
     assert median_sigma(8.0) > 1.5 * median_sigma(2.0)

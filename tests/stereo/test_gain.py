@@ -23,7 +23,7 @@ def estimate(made: Scene, cost: np.ndarray | float = 0.0) -> list[np.ndarray]:
 
 
 def with_levels(made: Scene, factor: np.ndarray) -> Scene:
-    """The core as bright as a factor times what it was."""
+    """Return the scene with the core's levels multiplied by a factor."""
     prepared = made.prepared
     return replace(made, prepared=replace(prepared, core=(prepared.core * factor).astype(np.float32)))
 

@@ -1,4 +1,4 @@
-"""Where matching starts: swept over a wide range as over a narrow one, and only where nothing is known."""
+"""The first inverse depths: predicted pixels are kept, others swept over a narrowed range."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ SOLIDS = plane(740), patch(640, (-150, 60), (-120, 120))
 NEAR_FAR_MM = 620.0, 780.0
 
 
-def started(made: Scene, near_far_mm: tuple[float, float], predicted: np.ndarray | None = None) -> np.ndarray:
+def run_initialise(
+    made: Scene, near_far_mm: tuple[float, float], predicted: np.ndarray | None = None
+) -> np.ndarray:
     near, far = near_far_mm
     return initialise_inverse_depth(
         predicted,
@@ -31,21 +33,21 @@ def made() -> Scene:
 
 @pytest.fixture
 def swept(monkeypatch) -> list[tuple[float, float]]:
-    """The spans of full sweeps, in the order in which they are made."""
-    spans = []
+    """Ranges of the full sweeps, in their order."""
+    ranges = []
 
     def spy(prepared, s_range, *more):
-        spans.append(s_range)
+        ranges.append(s_range)
         return original(prepared, s_range, *more)
 
     original = initialise.sweep_planes
     monkeypatch.setattr(initialise, "sweep_planes", spy)
-    return spans
+    return ranges
 
 
 def test_wide_range_is_narrowed_without_loss(made, swept):
-    narrow = started(made, NEAR_FAR_MM)
-    wide = started(made, (150.0, 3000.0))
+    narrow = run_initialise(made, NEAR_FAR_MM)
+    wide = run_initialise(made, (150.0, 3000.0))
     inside = mask_inner(made.s.shape, 8)
     right = [(np.abs(s - made.s)[inside] < 1.5).mean() for s in (narrow, wide)]
     assert right[0] > 0.9
@@ -59,20 +61,20 @@ def test_wide_range_is_narrowed_without_loss(made, swept):
 
 def test_predicted_pixels_are_kept_and_not_swept(made, swept):
     predicted = made.s + np.float32(0.25)
-    np.testing.assert_array_equal(started(made, (150.0, 3000.0), predicted), predicted)
+    np.testing.assert_array_equal(run_initialise(made, (150.0, 3000.0), predicted), predicted)
     assert swept == []
 
 
 def test_strip_that_came_into_view_is_swept_beyond_the_predicted_range(made, swept):
-    """The near box is new: nothing that is known is as near."""
+    """The near box is new and nearer than all predicted pixels."""
     predicted = made.s.copy()
     columns = np.flatnonzero((made.s > made.s.min() + 3).any(axis=0))
     new = slice(None), slice(0, int(columns.max()) + 10)
     predicted[new] = np.nan
-    s = started(made, (150.0, 3000.0), predicted)
-    known = np.isfinite(predicted)
-    np.testing.assert_array_equal(s[known], predicted[known])
-    part = mask_inner(made.s.shape, 8) & ~known
+    s = run_initialise(made, (150.0, 3000.0), predicted)
+    measured = np.isfinite(predicted)
+    np.testing.assert_array_equal(s[measured], predicted[measured])
+    part = mask_inner(made.s.shape, 8) & ~measured
     assert (np.abs(s - made.s)[part] < 1.5).mean() > 0.88
     assert swept
 
@@ -81,7 +83,7 @@ def test_hole_is_swept_between_the_depths_around_it(made, swept):
     predicted = made.s.copy()
     hole = slice(200, 290), slice(230, 330)
     predicted[hole] = np.nan
-    s = started(made, (150.0, 3000.0), predicted)
+    s = run_initialise(made, (150.0, 3000.0), predicted)
     assert (np.abs(s - made.s)[hole] < 1.5).mean() > 0.95
     ((far, near),) = swept
     assert near < made.s.max() * 1.1
@@ -100,5 +102,5 @@ def test_frame_without_texture_is_swept_over_the_whole_range(swept):
         blank.s,
         blank.unit,
     )
-    started(flat, (150.0, 3000.0))
+    run_initialise(flat, (150.0, 3000.0))
     assert swept == [(1 / (3000 * blank.unit), 1 / (150 * blank.unit))]

@@ -1,4 +1,4 @@
-"""Rows of views against the rig's own projection, and the unit of nearness."""
+"""Packed projections compared with the rig's projection, and the unit of inverse depth."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ def test_packed_projection_equals_that_of_the_rig(rig, seed, core_step, aux_step
     assert row.dtype == np.float32
     assert row.shape == (21,)
     at = (np.stack([u, v]) - (core_step - 1) / 2) / core_step
-    found_u, found_v, nearness = project(row, at[0], at[1], 1 / (z * unit))
+    found_u, found_v, found_s = project(row, at[0], at[1], 1 / (z * unit))
     found = np.column_stack([found_u, found_v]) * aux_step + (aux_step - 1) / 2
     np.testing.assert_allclose(found[inside], pixels[inside], atol=1e-3)
     depth = rig.cam_from_core[name].apply(points)[:, 2]
-    np.testing.assert_allclose(nearness, 1 / (depth * unit), rtol=1e-5)
+    np.testing.assert_allclose(found_s, 1 / (depth * unit), rtol=1e-5)
 
 
 @given(looking_rigs(), seeds)
@@ -56,7 +56,7 @@ def test_packed_projection_into_the_core_is_its_distortion(rig, seed):
     )
 
 
-def two_cameras(center_mm: list[float]) -> Rig:
+def make_two_cameras(center_mm: list[float]) -> Rig:
     camera = Camera("core", (640, 480), np.array([900.0, 1100.0]), np.array([320.0, 240]), np.zeros(5))
     poses = {"core": Pose.identity(), "aux": Pose.of(np.zeros(3), -np.array(center_mm))}
     return Rig("core", {"core": camera, "aux": camera}, poses)
@@ -73,13 +73,13 @@ def two_cameras(center_mm: list[float]) -> Rig:
     ],
 )
 def test_unit_is_a_pixel_of_disparity_for_the_baseline_across_the_axis(center_mm, length_mm):
-    assert inverse_depth_scale(two_cameras(center_mm), ["aux"]) == pytest.approx(
+    assert inverse_depth_scale(make_two_cameras(center_mm), ["aux"]) == pytest.approx(
         1 / (1000 * length_mm), rel=1e-4
     )
 
 
 def test_unit_moves_a_pixel_by_one_for_a_horizontal_baseline():
-    rig = two_cameras([-200, 0, 0])
+    rig = make_two_cameras([-200, 0, 0])
     unit = inverse_depth_scale(rig, ["aux"])
     u = [
         project(packed_projection(rig, "aux", unit), np.full(1, 320.0), np.full(1, 240.0), np.full(1, s))[0][
@@ -99,7 +99,7 @@ def test_kernels_project_pixels_like_the_rig(name):
     rig = Rig("core", dict.fromkeys(poses, camera), poses)
     unit = inverse_depth_scale(rig, rig.auxiliaries)
     z = np.random.default_rng(1).uniform(900, 1100, (1024, 1224))
-    v, u = np.indices(z.shape, np.float64)
+    u, v = np.meshgrid(np.arange(1224.0), np.arange(1024.0))
     points = np.stack([(u - 609.3) / 1160 * z, (v - 514.8) / 1160 * z, z], axis=-1)
     pixels = camera.project(rig.cam_from_core[name].apply(points))
     for axis, ramp in enumerate((u, v)):

@@ -1,4 +1,4 @@
-"""Joint least squares: how near to the truth they come, and how well they know it."""
+"""Dense least squares: accuracy of the solution, and of its variance."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def solve_from(
     return solve_least_squares(start, prepared, tolerances, prepared.context.windows.wide)
 
 
-def seen_by_all(made, solution: LeastSquaresResult, margin_px: int = 8) -> np.ndarray:
+def mask_seen_by_all(made, solution: LeastSquaresResult, margin_px: int = 8) -> np.ndarray:
     return (solution.used == len(made.auxiliaries)) & mask_inner(made.s.shape, margin_px)
 
 
@@ -52,18 +52,18 @@ def seen_by_all(made, solution: LeastSquaresResult, margin_px: int = 8) -> np.nd
 def test_solution_from_most_of_a_pixel_away_converges_to_the_truth(rig, shape, wrong_px):
     made = make_scene(*SHAPES[shape], rig=RIGS[rig], noise=0.5)
     solution = solve_from(made, made.s + np.float32(wrong_px))
-    where = seen_by_all(made, solution)
+    where = mask_seen_by_all(made, solution)
     error = (solution.surface.s - made.s)[where]
     assert where.mean() > 0.25
     assert np.median(np.abs(error)) < 0.02
-    assert abs(np.median(error)) < (0.02 if shape == "sphere" else 0.005)  # a window flattens a bend a little
+    assert abs(np.median(error)) < (0.02 if shape == "sphere" else 0.005)  # windows flatten bends
     assert (np.abs(error) < 0.1).mean() > 0.98
 
 
 def test_slopes_of_the_solution_are_those_of_the_plane():
     made = make_scene(plane(DEPTH_MM, 0.3, -0.2), noise=0.5)
     solution = solve_from(made, made.s + np.float32(0.7))
-    where = seen_by_all(made, solution)
+    where = mask_seen_by_all(made, solution)
     true_v, true_u = np.gradient(made.s.astype(float))
     assert np.abs(solution.surface.slope_u - true_u)[where].max() < 0.1
     assert np.median(np.abs(solution.surface.slope_u - true_u)[where]) < 0.015
@@ -79,21 +79,21 @@ def test_solution_keeps_depth_steps():
     error = np.abs(solution.surface.s - made.s)
     assert along.sum() > 400
     assert np.median(error[along]) < 0.1
-    assert (error[mask_away_from_steps(made.s, 6) & seen_by_all(made, solution)] < 0.1).mean() > 0.98
+    assert (error[mask_away_from_steps(made.s, 6) & mask_seen_by_all(made, solution)] < 0.1).mean() > 0.98
 
 
 @pytest.mark.parametrize("angles", [(0,), (0, 30), (0, 90, 180, 270), (0, 20, 40, 60)])
 @pytest.mark.parametrize("noise", [2.0, 5.0])
 def test_variance_equals_that_of_repeated_noise(angles, noise):
-    """Views count as independent, but share the core's noise: it cancels between opposite ones (ratio 0.7)."""
+    """Views count as independent but share the core's noise, which cancels between opposite ones (ratio 0.7)."""
     known = Noise(noise**2, 1e-4, 0.0)
     made = [make_scene(plane(), rig=make_ring(angles), noise=noise, seed=seed) for seed in range(8)]
     runs = [solve_from(one, one.s, (0.5, 0.5), known) for one in made]
-    everywhere = np.logical_and.reduce([seen_by_all(made[0], run) for run in runs])
+    everywhere = np.logical_and.reduce([mask_seen_by_all(made[0], run) for run in runs])
     assert everywhere.mean() > 0.4
     actual = np.var([run.surface.s[everywhere] for run in runs], axis=0, ddof=1)
-    told = np.mean([run.variance[everywhere] for run in runs], axis=0)
-    ratio = np.sqrt(np.mean(actual) / np.mean(told))
+    stated = np.mean([run.variance[everywhere] for run in runs], axis=0)
+    ratio = np.sqrt(np.mean(actual) / np.mean(stated))
     assert (0.8 if len(angles) == 1 else 0.6) < ratio < 1.4
 
 
@@ -101,7 +101,7 @@ def test_variance_falls_with_more_views_and_less_noise():
     def median_variance(rig, noise):
         made = make_scene(plane(), rig=rig, noise=noise)
         solution = solve_from(made, made.s, (0.5,), Noise(noise**2, 1e-4, 0.0))
-        return np.median(solution.variance[seen_by_all(made, solution)])
+        return np.median(solution.variance[mask_seen_by_all(made, solution)])
 
     four = median_variance(make_ring(), 2.0)
     assert median_variance(make_ring(), 6.0) > 4 * four
@@ -116,7 +116,7 @@ def test_nan_stays_and_does_not_spread():
     solution = solve_from(made, np.where(hole, np.nan, made.s + 0.3))
     assert np.array_equal(np.isnan(solution.surface.s), hole)
     assert not solution.used[hole].any()
-    where = seen_by_all(made, solution) & ~hole
+    where = mask_seen_by_all(made, solution) & ~hole
     assert (np.abs(solution.surface.s - made.s)[where] < 0.1).mean() > 0.98
 
 

@@ -1,4 +1,4 @@
-"""Planes without NaN."""
+"""Replacement of NaN in planes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Context features are the values of single neighbours."""
+"""Context features: the values of single neighbours of a pixel."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Noise told by a frame's own residuals."""
+"""Estimation of a frame's noise from the residuals of its surface."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from tests.stereo.scenes import DEPTH_MM, make_ring, make_scene, plane
 SLANTED = plane(DEPTH_MM, 0.2, 0.1)
 
 
-def measured(made, guess: Noise, wrong_px: float = 0.0) -> Noise:
+def estimate_from(made, initial: Noise, wrong_px: float = 0.0) -> Noise:
     surface = fit_slopes(made.s + np.float32(wrong_px), load(), 1)
-    return estimate_noise(surface, replace(made.prepared, noise=guess))
+    return estimate_noise(surface, replace(made.prepared, noise=initial))
 
 
 @pytest.mark.parametrize("noise", [2.0, 6.0])
@@ -26,23 +26,23 @@ def measured(made, guess: Noise, wrong_px: float = 0.0) -> Noise:
 @pytest.mark.parametrize("angles", [(0,), (0, 90, 180, 270)])
 def test_wrong_initial_noise_is_scaled_to_the_residuals(noise, wrong_by, angles):
     made = make_scene(SLANTED, rig=make_ring(angles), noise=noise)
-    guess = Noise(noise**2 * wrong_by, 1e-6, made.prepared.noise.texture)
-    found = measured(made, guess)
+    initial = Noise(noise**2 * wrong_by, 1e-6, made.prepared.noise.texture)
+    found = estimate_from(made, initial)
     assert 0.5 < found.levels / noise**2 < 2.0
-    assert found.model / guess.model == pytest.approx(found.levels / guess.levels)
-    assert found.texture == guess.texture
+    assert found.model / initial.model == pytest.approx(found.levels / initial.levels)
+    assert found.texture == initial.texture
 
 
 def test_slightly_wrong_surface_raises_the_noise_only_slightly():
     made = make_scene(SLANTED, noise=4.0)
-    guess = Noise(16.0, 1e-4, made.prepared.noise.texture)
-    assert measured(made, guess).levels < measured(made, guess, 0.1).levels < 2.5 * 16
+    initial = Noise(16.0, 1e-4, made.prepared.noise.texture)
+    assert estimate_from(made, initial).levels < estimate_from(made, initial, 0.1).levels < 2.5 * 16
 
 
 def test_completely_wrong_surface_raises_the_noise_up_to_a_limit():
     made = make_scene(SLANTED, noise=1.0)
-    guess = Noise(1.0, 1e-6, made.prepared.noise.texture)
-    assert measured(made, guess, 15).levels <= 64
+    initial = Noise(1.0, 1e-6, made.prepared.noise.texture)
+    assert estimate_from(made, initial, 15).levels <= 64
 
 
 def test_noise_without_a_surface_is_unchanged():

@@ -1,4 +1,4 @@
-"""Levels made alike: gain, channels, bits, and the noise that is left."""
+"""Grey levels of the cameras: contrast, channels, bits, noise and texture."""
 
 from __future__ import annotations
 
@@ -56,11 +56,11 @@ def test_pattern_in_one_channel_dominates_noise_in_the_others():
     image = np.clip(image, 0, 255).astype(np.uint8)
     level = compute_grey_levels({"core": image}, "core")["core"]
 
-    def likeness(one):
-        return np.corrcoef(one.ravel(), PATTERN.ravel())[0, 1]
+    def correlate(values):
+        return np.corrcoef(values.ravel(), PATTERN.ravel())[0, 1]
 
-    assert likeness(level) > 0.98
-    assert 1 - likeness(level) < 0.5 * (1 - likeness(image.mean(axis=-1)))
+    assert correlate(level) > 0.98
+    assert 1 - correlate(level) < 0.5 * (1 - correlate(image.mean(axis=-1)))
 
 
 @pytest.mark.parametrize("channels", [1, 3])
@@ -82,7 +82,7 @@ def test_colour_and_grey_cameras_have_equal_contrast():
 @pytest.mark.parametrize("sigma", [1.0, 3.0, 8.0])
 def test_noise_is_estimated_from_the_least_textured_parts(sigma):
     scene = PATTERN.astype(np.float32)
-    scene[:, 120:] = 40 + 0.2 * np.arange(80)  # lit evenly, not equally
+    scene[:, 120:] = 40 + 0.2 * np.arange(80)  # a shading without texture
     noisy = scene + np.random.default_rng(3).normal(0, sigma, scene.shape)
     assert 1 / 1.5 < noise_variance(noisy.astype(np.float32)) / sigma**2 < 1.5
 
@@ -106,7 +106,7 @@ def test_texture_excludes_planes_and_noise():
     rng = np.random.default_rng(5)
     v, u = np.mgrid[:120, :160].astype(np.float32)
     shading, noise = 30 + 0.7 * u + 0.4 * v, rng.normal(0, 1, u.shape)
-    bright = np.where(u < 80, 1.0, 2.5)  # photons: bright places are noisier
+    bright = np.where(u < 80, 1.0, 2.5)  # photon noise grows with brightness
     smooth = texture_over_noise((shading + bright * noise).astype(np.float32), 1.0, 9)
     inside = (slice(10, -10), slice(10, -10))
     assert 0.6 < np.median(smooth[inside]) < 1.1

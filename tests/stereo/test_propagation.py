@@ -1,4 +1,4 @@
-"""Propagation: a pixel on the wrong side of a step changes over, a smooth surface is left alone."""
+"""Propagation: pixels on the wrong side of a step take the other surface, smooth surfaces do not change."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from tests.stereo.scenes import DEPTH_MM, make_ring, make_scene, mask_inner, pat
 DISTANCES = (2, 5)
 
 
-def propagated(made, s: np.ndarray, rounds: int = 1) -> PropagationResult:
-    chosen = propagate(fit_slopes(s.astype(np.float32), load(), 1), made.prepared, DISTANCES)
+def run_propagation(made, s: np.ndarray, rounds: int = 1) -> PropagationResult:
+    result = propagate(fit_slopes(s.astype(np.float32), load(), 1), made.prepared, DISTANCES)
     for _ in range(rounds - 1):
-        chosen = propagate(chosen.surface, made.prepared, DISTANCES)
-    return chosen
+        result = propagate(result.surface, made.prepared, DISTANCES)
+    return result
 
 
 @pytest.mark.parametrize("angles", [(0, 90, 180, 270), (0, 180), (45, 135, 225)])
 def test_propagation_restores_the_background_beside_a_fattened_foreground(angles):
     made = make_scene(plane(760), patch(680, (-150, 60), (-120, 120)), rig=make_ring(angles), noise=1.0)
     near, far = made.s.max(), made.s.min()
-    fat = cv2.dilate(made.s, np.ones((9, 9), np.uint8))  # 4 px to each side
-    wrong = (np.abs(fat - made.s) > 0.5 * (near - far)) & mask_inner(fat.shape, 6)
+    fattened = cv2.dilate(made.s, np.ones((9, 9), np.uint8))  # 4 px to each side
+    wrong = (np.abs(fattened - made.s) > 0.5 * (near - far)) & mask_inner(fattened.shape, 6)
     assert wrong.sum() > 400
-    error = np.abs(propagated(made, fat, rounds=2).surface.s - made.s)
+    error = np.abs(run_propagation(made, fattened, rounds=2).surface.s - made.s)
     assert (error[wrong] < 0.3).mean() > 0.8
-    right = ~wrong & mask_inner(fat.shape, 6)
+    right = ~wrong & mask_inner(fattened.shape, 6)
     assert (error[right] < 0.3).mean() > 0.99
 
 
@@ -42,7 +42,7 @@ def test_propagation_restores_a_foreground_that_is_too_thin():
     made = make_scene(plane(760), patch(680, (-150, 60), (-120, 120)), noise=1.0)
     thin = cv2.erode(made.s, np.ones((9, 9), np.uint8))
     wrong = (np.abs(thin - made.s) > 1) & mask_inner(thin.shape, 6)
-    error = np.abs(propagated(made, thin, rounds=2).surface.s - made.s)
+    error = np.abs(run_propagation(made, thin, rounds=2).surface.s - made.s)
     assert (error[wrong] < 0.3).mean() > 0.8
 
 
@@ -51,17 +51,17 @@ def test_propagation_restores_a_foreground_that_is_too_thin():
 )
 def test_smooth_surface_is_unchanged(solids):
     made = make_scene(*solids, noise=1.0)
-    chosen = propagated(made, made.s)
-    moved = np.abs(chosen.surface.s - made.s)[mask_inner(made.s.shape, 8)]
-    assert np.quantile(moved, 0.99) < 0.1  # what a neighbour continues straight lies off a bend
-    assert moved.max() < 0.4  # nearer to one another than candidates are kept apart
+    result = run_propagation(made, made.s)
+    moved = np.abs(result.surface.s - made.s)[mask_inner(made.s.shape, 8)]
+    assert np.quantile(moved, 0.99) < 0.1  # a neighbour's plane deviates from a curved surface
+    assert moved.max() < 0.4  # less than the least distance of candidates
 
 
 def test_propagation_lowers_the_cost():
     made = make_scene(plane(760), patch(680, (-150, 60), (-120, 120)), noise=1.0)
-    fat = cv2.dilate(made.s, np.ones((9, 9), np.uint8))
-    inside = mask_inner(fat.shape, 8)
-    first, second = propagated(made, fat), propagated(made, fat, rounds=2)
+    fattened = cv2.dilate(made.s, np.ones((9, 9), np.uint8))
+    inside = mask_inner(fattened.shape, 8)
+    first, second = run_propagation(made, fattened), run_propagation(made, fattened, rounds=2)
     assert second.cost[inside].mean() < first.cost[inside].mean() < 0.3
     for one in (first, second):
         assert ((one.cost >= 0) & (one.cost <= 1)).all()
@@ -70,7 +70,7 @@ def test_propagation_lowers_the_cost():
 
 @pytest.mark.parametrize("column", [111, 112, 125, 126, 127, 128])
 def test_only_active_pixels_change_independent_of_workspace_contents(column):
-    """About column 126 the kernels begin a new tile, at 112 and 128 a new block."""
+    """The kernels begin a new tile at about column 126, and a new block at 112 and 128."""
     made = make_scene(
         plane(760), patch(680, (-150, 60), (-120, 120)), rig=make_ring(size_px=(160, 100)), noise=1.0
     )
@@ -80,17 +80,17 @@ def test_only_active_pixels_change_independent_of_workspace_contents(column):
     active = np.zeros(made.s.shape, np.uint8)
     active[40:60, column] = 1
 
-    def chosen(s, where):
+    def run_kernel(s, where):
         return kernels.propagate(
             s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
             offsets=propagation_offsets(DISTANCES), floor=prepared.noise.floor, active=where, threads=1,
         )  # fmt: skip
 
-    first = chosen(made.s, active)
+    first = run_kernel(made.s, active)
     np.testing.assert_array_equal(first.s[active == 0], made.s[active == 0])
     for shift in (3, -3):
-        chosen(made.s + np.float32(shift), None)  # leaves its candidates behind in memory
-        for again, before in zip(chosen(made.s, active), first, strict=True):
+        run_kernel(made.s + np.float32(shift), None)  # fills the workspace with other candidates
+        for again, before in zip(run_kernel(made.s, active), first, strict=True):
             np.testing.assert_array_equal(again, before)
 
 

@@ -1,4 +1,4 @@
-"""The coarse-to-fine pyramid: each grid starts from the coarser one's surface."""
+"""The coarse-to-fine pyramid: each grid starts from the surface of the coarser one."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ RANGE = (600.0, 780.0)
 
 @pytest.fixture
 def two_grids(monkeypatch):
-    """Let small images have a coarser grid, too."""
+    """Allow small images a coarser grid."""
     monkeypatch.setattr(multiview_settings, "_LEAST_WIDTH_PX", 60)
 
 
-def solver(on_step=lambda: None) -> PyramidSolver:
+def make_solver(on_step=lambda: None) -> PyramidSolver:
     return PyramidSolver(RANGE, SETTINGS, None, on_step)
 
 
@@ -101,10 +101,10 @@ def test_a_block_with_a_missing_pixel_is_missing():
 def test_step_is_solved_from_a_coarser_grid():
     made = make_scene(*STEP, rig=make_ring(size_px=(160, 120)), noise=1.0)
     steps = []
-    surface, prepared = solver(lambda: steps.append(1)).initialise(made.prepared)
+    surface, prepared = make_solver(lambda: steps.append(1)).initialise(made.prepared)
     assert len(steps) == 2  # the sweep, and the coarse grid
     assert prepared.noise != made.prepared.noise
-    _, solution = solver().propagate(surface, prepared)
+    _, solution = make_solver().propagate(surface, prepared)
     off = np.abs(solution.surface.s - made.s)[mask_inner(made.s.shape, 8)]
     assert (off < 1).mean() > 0.99
     smooth = mask_away_from_steps(made.s, 6) & mask_inner(made.s.shape, 8)
@@ -132,12 +132,12 @@ def test_rounds_end_when_hardly_a_pixel_changes(monkeypatch):
     once = pyramid.propagate
     monkeypatch.setattr(pyramid, "propagate", lambda *given: rounds.append(1) or once(*given))
     flat = np.zeros_like(made.s)
-    solver().propagate(Surface(made.s, flat, flat), made.prepared)
+    make_solver().propagate(Surface(made.s, flat, flat), made.prepared)
     assert len(rounds) == 1
     rough = np.where(np.random.default_rng(1).random(made.s.shape) < 0.2, made.s + 6, made.s).astype(
         np.float32
     )
-    solver().propagate(Surface(rough, flat, flat), made.prepared)
+    make_solver().propagate(Surface(rough, flat, flat), made.prepared)
     assert len(rounds) == 3
 
 

@@ -1,4 +1,4 @@
-"""The multi-view matcher on ray-cast belts: right, honest about it, and the same however it is run."""
+"""The multi-view matcher on ray-cast belts: accuracy, calibration of sigma, and reproducibility."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_belt_is_accurate_with_any_arrangement_of_auxiliaries(name):
     [("fast", 0.93, 0.25), ("standard", 0.99, 0.05), ("fine", 0.99, 0.05)],
 )
 def test_presets_are_accurate_on_a_noisy_colour_frame(preset, within_1mm, median_mm):
-    """The pattern is in one channel."""
+    """The pattern appears in one channel only."""
     rig, core_from_world = make_world_rig()
     rng = np.random.default_rng(6)
     images = {
@@ -100,15 +100,15 @@ def test_presets_are_accurate_on_a_noisy_colour_frame(preset, within_1mm, median
 
 
 def test_depth_map_is_consistent_at_unmeasured_pixels(measured):
-    nowhere = ~measured.measured
+    unmeasured = ~measured.measured
     assert [getattr(measured, f.name).dtype for f in fields(DepthMap)[:4]] == [
         np.float32, np.float32, np.uint8, np.float32,
     ]  # fmt: skip
-    assert np.array_equal(np.isnan(measured.sigma_mm), nowhere)
-    assert np.array_equal(measured.views == 0, nowhere)
-    assert np.array_equal(measured.confidence == 0, nowhere)
+    assert np.array_equal(np.isnan(measured.sigma_mm), unmeasured)
+    assert np.array_equal(measured.views == 0, unmeasured)
+    assert np.array_equal(measured.confidence == 0, unmeasured)
     assert measured.confidence.max() <= 1
-    assert (measured.sigma_mm[~nowhere] > 0).all()
+    assert (measured.sigma_mm[~unmeasured] > 0).all()
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
@@ -164,9 +164,9 @@ def test_auxiliaries_of_other_sizes_are_accurate():
 def test_auxiliaries_that_are_not_selected_are_not_used(belt):
     rig, frames, _ = belt
     few = FrameSet("000", {name: frames.images[name] for name in ("cam0", "cam1", "cam3")})
-    asked = reconstruct(rig, frames, auxiliaries=("cam1", "cam3"))
-    assert same_bytes(asked, reconstruct(rig, few))
-    assert asked.views.max() == 2
+    selected = reconstruct(rig, frames, auxiliaries=("cam1", "cam3"))
+    assert same_bytes(selected, reconstruct(rig, few))
+    assert selected.views.max() == 2
 
 
 def test_wider_depth_range_gives_the_same_surface(belt, measured):
@@ -178,7 +178,7 @@ def test_wider_depth_range_gives_the_same_surface(belt, measured):
 
 @pytest.fixture(scope="module")
 def tiny():
-    """64 × 48 px: reference kernels are slow."""
+    """Rig, frame and depth of 64 × 48 px, since the reference kernels are slow."""
     rig, solids = make_ring((0, 180), size_px=(64, 48)), (plane(760), patch(680, (-120, 120), (-100, 100)))
     images = {name: quantise(image) for name, image in render_images(rig, solids, noise=1.0).items()}
     return rig, FrameSet("000", images), compute_depth_mm(rig, solids)
@@ -207,13 +207,13 @@ def test_instruction_sets_of_equal_rounding_give_equal_bytes(tiny):
         assert same_bytes(runs[first_alike(name)], run)
         assert (run.measured == best.measured).mean() > 0.995
         both = run.measured & best.measured
-        # who is doubtful by rounding alone is heard by others
+        # pixels that rounding makes uncertain change their neighbours by message passing
         assert (np.abs(run.depth_mm - best.depth_mm)[both] < 0.01).mean() > 0.98
 
 
 @pytest.mark.parametrize("preset", ["fast", "standard"])
 def test_size_that_blocks_do_not_divide_is_measured_without_the_rest(preset, monkeypatch):
-    monkeypatch.setattr(multiview_settings, "_LEAST_WIDTH_PX", 32)  # fast: blocks in small images, too
+    monkeypatch.setattr(multiview_settings, "_LEAST_WIDTH_PX", 32)  # allows blocks in small images
     rig, solids = make_ring(size_px=(163, 121)), (plane(700, 0.1, 0.1),)
     frames = FrameSet(
         "000", {name: quantise(image) for name, image in render_images(rig, solids, noise=1.0).items()}
@@ -229,14 +229,14 @@ def test_size_that_blocks_do_not_divide_is_measured_without_the_rest(preset, mon
 
 
 def test_progress_ends_at_its_total(belt):
-    class Told(Silent):
+    class StepRecorder(Silent):
         def __init__(self):
             self.steps = []
 
         def step(self, stage, done, total):
             self.steps.append((stage, done, total))
 
-    told = Told()
-    MultiviewReconstructor(belt[0], RANGE, ONE_THREAD).reconstruct(belt[1], told)
-    count = len(told.steps)
-    assert told.steps == [("matching 000", i, count) for i in range(1, count + 1)]
+    recorder = StepRecorder()
+    MultiviewReconstructor(belt[0], RANGE, ONE_THREAD).reconstruct(belt[1], recorder)
+    count = len(recorder.steps)
+    assert recorder.steps == [("matching 000", i, count) for i in range(1, count + 1)]

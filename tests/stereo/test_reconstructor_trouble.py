@@ -1,4 +1,4 @@
-"""The multi-view matcher when images are missing, dark, blurred, cut or empty: less is measured, no nonsense."""
+"""The multi-view matcher on missing, dark, blurred, masked or empty images: fewer pixels, no gross errors."""
 
 from __future__ import annotations
 
@@ -31,45 +31,45 @@ def matcher(belt):
     return MultiviewReconstructor(belt[0], (600, 780), MultiviewSettings(threads=1))
 
 
-def changed(frames: FrameSet, change, *names: str) -> FrameSet:
-    """The frame with these cameras' images changed; all cameras' when none is named."""
+def change_images(frames: FrameSet, change, *names: str) -> FrameSet:
+    """Return the frame with the images of these cameras changed, or of all cameras."""
     return FrameSet(
         frames.frame,
         {n: change(i) if not names or n in names else i for n, i in frames.images.items()},
     )
 
 
-def without(frames: FrameSet, *names: str) -> FrameSet:
+def remove_cameras(frames: FrameSet, *names: str) -> FrameSet:
     return FrameSet(frames.frame, {n: i for n, i in frames.images.items() if n not in names})
 
 
-def share_of_nonsense(depth: DepthMap, truth: np.ndarray) -> float:
-    """Share of ALL pixels that are measured and wrong by more than 5 mm."""
+def compute_gross_share(depth: DepthMap, truth: np.ndarray) -> float:
+    """Return the share of all pixels that are measured and wrong by more than 5 mm."""
     return float((np.abs(depth.depth_mm - truth) > GROSS_MM).mean())
 
 
-def darker(image):
+def darken(image):
     return np.rint(image * 0.8).astype(image.dtype)
 
 
-def defocused(image):
+def defocus(image):
     return cv2.GaussianBlur(image, (0, 0), 1.6)
 
 
-def black(image):
+def blacken(image):
     return np.zeros_like(image)
 
 
-def struck_out(image):
+def black_out_strip(image):
     image = image.copy()
     image[:, STRIP] = 0
     return image
 
 
-@pytest.mark.parametrize("change", [darker, defocused, black, lambda image: image[::-1].copy()])
+@pytest.mark.parametrize("change", [darken, defocus, blacken, lambda image: image[::-1].copy()])
 def test_one_bad_auxiliary_among_four_hardly_reduces_accuracy(belt, matcher, change):
     _, frames, truth = belt
-    score = score_depth(matcher.reconstruct(changed(frames, change, "cam2"), Silent()), truth)
+    score = score_depth(matcher.reconstruct(change_images(frames, change, "cam2"), Silent()), truth)
     assert score.within_1mm > 0.985
     assert score.interior_median_mm < 0.07
     assert abs(score.interior_bias_mm) < 0.02
@@ -79,7 +79,7 @@ def test_one_bad_auxiliary_among_four_hardly_reduces_accuracy(belt, matcher, cha
 
 def test_darker_core_does_not_reduce_accuracy(belt, matcher):
     _, frames, truth = belt
-    score = score_depth(matcher.reconstruct(changed(frames, darker, "cam0"), Silent()), truth)
+    score = score_depth(matcher.reconstruct(change_images(frames, darken, "cam0"), Silent()), truth)
     assert score.within_1mm > 0.99
     assert score.interior_median_mm < 0.06
 
@@ -97,7 +97,7 @@ def test_more_noise_raises_sigma_without_gross_errors(belt, matcher):
 
 def test_missing_auxiliary_is_left_out(belt, matcher):
     _, frames, truth = belt
-    depth = matcher.reconstruct(without(frames, "cam2"), Silent())
+    depth = matcher.reconstruct(remove_cameras(frames, "cam2"), Silent())
     assert depth.views.max() == 3
     assert score_depth(depth, truth).within_1mm > 0.99
     assert matcher.reconstruct(frames, Silent()).views.max() == 4
@@ -115,7 +115,7 @@ def test_missing_auxiliary_is_left_out(belt, matcher):
 )
 def test_error_names_the_missing_images(belt, matcher, missing, message):
     with pytest.raises(ReconstructionError, match=message):
-        matcher.reconstruct(without(belt[1], *missing), Silent())
+        matcher.reconstruct(remove_cameras(belt[1], *missing), Silent())
 
 
 def test_error_names_an_unknown_auxiliary(belt):
@@ -126,9 +126,9 @@ def test_error_names_an_unknown_auxiliary(belt):
 @pytest.mark.parametrize("names", [(), ("cam0",)], ids=["in all images", "in the core's"])
 def test_black_strip_is_not_measured(belt, matcher, names):
     _, frames, truth = belt
-    depth = matcher.reconstruct(changed(frames, struck_out, *names), Silent())
+    depth = matcher.reconstruct(change_images(frames, black_out_strip, *names), Silent())
     assert depth.measured[:, WELL_INSIDE].mean() < 0.05
-    assert share_of_nonsense(depth, truth) < 0.01
+    assert compute_gross_share(depth, truth) < 0.01
     beside = np.ones(truth.shape, bool)
     beside[:, STRIP.start - 8 : STRIP.stop + 8] = False
     assert score_depth(depth, truth, beside).within_1mm > 0.8
@@ -155,5 +155,5 @@ def test_images_without_texture_are_hardly_measured(belt, matcher, kind):
 
 def test_images_of_different_scenes_are_not_matched(belt, matcher):
     _, frames, truth = belt
-    depth = matcher.reconstruct(changed(frames, lambda i: i[::-1, ::-1].copy(), *AUXILIARIES), Silent())
-    assert share_of_nonsense(depth, truth) < 0.05
+    depth = matcher.reconstruct(change_images(frames, lambda i: i[::-1, ::-1].copy(), *AUXILIARIES), Silent())
+    assert compute_gross_share(depth, truth) < 0.05

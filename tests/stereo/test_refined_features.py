@@ -36,8 +36,8 @@ def test_images_are_consistent_where_the_surface_is_right():
     made = make_scene(*STEP, noise=1.0)
     wrong = np.zeros(made.s.shape, bool)
     wrong[40:60, 50:70] = True
-    doubt = np.zeros(made.s.shape, np.float32)
-    found = compute_features(made, np.where(wrong, made.s - 4, made.s), doubt)
+    uncertain = np.zeros(made.s.shape, np.float32)
+    found = compute_features(made, np.where(wrong, made.s - 4, made.s), uncertain)
     right = mask_away_from_steps(made.s, 4) & mask_inner(made.s.shape, 8) & ~wrong
     for name in ("point mean", "cross mean", "cross least"):
         assert np.median(found[name][right]) < np.log(1.5)

@@ -1,4 +1,4 @@
-"""Settings of the multi-view matcher: presets, bounds, and how sizes follow the images."""
+"""Settings of the multi-view matcher: presets, bounds, and sizes for images of any width."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slopes of a surface, also at its steps and holes."""
+"""Slopes of a surface, with its steps and holes, and its upsampling."""
 
 from __future__ import annotations
 

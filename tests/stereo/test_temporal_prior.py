@@ -1,4 +1,4 @@
-"""The frame before, moved with the belt: right where it was seen, nothing where it was not."""
+"""The temporal prior: the previous frame's surface, moved with the belt, where it was measured."""
 
 from __future__ import annotations
 
@@ -41,24 +41,24 @@ SHAPES = {
 MOTIONS = {"along": (40.0, 0.0, 0.0), "across": (-25.0, 30.0, 0.0), "and nearer": (15.0, 10.0, -12.0)}
 
 
-def moved(solids: tuple[Solid, ...], motion_mm) -> tuple[Solid, ...]:
-    """The same solids, displaced."""
+def displace(solids: tuple[Solid, ...], motion_mm) -> tuple[Solid, ...]:
+    """Return displaced solids."""
     shift = np.asarray(motion_mm)
     return tuple(lambda origin, rays, solid=solid: solid(origin - shift, rays) for solid in solids)
 
 
-def as_depth_map(depth: np.ndarray) -> DepthMap:
-    """A map that measures this depth."""
-    there = np.isfinite(depth)
-    sigma = np.where(there, 0.1, np.nan).astype(np.float32)
-    return DepthMap(depth.astype(np.float32), sigma, there.astype(np.uint8), there.astype(np.float32))
+def make_depth_map(depth: np.ndarray) -> DepthMap:
+    """Return a depth map with this depth."""
+    measured = np.isfinite(depth)
+    sigma = np.where(measured, 0.1, np.nan).astype(np.float32)
+    return DepthMap(depth.astype(np.float32), sigma, measured.astype(np.uint8), measured.astype(np.float32))
 
 
-def prior_of(solids: tuple[Solid, ...], motion_mm, unseen: tuple[slice, slice] | None = None) -> Prior:
+def make_prior(solids: tuple[Solid, ...], motion_mm, hole: tuple[slice, slice] | None = None) -> Prior:
     depth = compute_depth_mm(RIG, solids)
-    if unseen is not None:
-        depth[unseen] = np.nan
-    return Prior(as_depth_map(depth), np.array(motion_mm, float))
+    if hole is not None:
+        depth[hole] = np.nan
+    return Prior(make_depth_map(depth), np.array(motion_mm, float))
 
 
 def predict(prior: Prior, now: Scene) -> np.ndarray:
@@ -69,24 +69,24 @@ def predict(prior: Prior, now: Scene) -> np.ndarray:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_prediction_is_the_inverse_depth_of_the_moved_scene(shape, motion):
     solids, motion_mm = SHAPES[shape], MOTIONS[motion]
-    now = make_scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
-    s = predict(prior_of(solids, motion_mm), now)
-    there = np.isfinite(s)
-    assert there.mean() > 0.9
-    smooth = there & mask_away_from_steps(now.s, 3)
+    now = make_scene(*displace(solids, motion_mm), rig=RIG, noise=0.5)
+    s = predict(make_prior(solids, motion_mm), now)
+    finite = np.isfinite(s)
+    assert finite.mean() > 0.9
+    smooth = finite & mask_away_from_steps(now.s, 3)
     slope = cv2.dilate(np.abs(np.gradient(now.s.astype(float))).sum(axis=0), np.ones((3, 3)))
     gentle = smooth & (slope < 0.25)
     assert gentle.mean() > 0.7
     assert np.abs(s - now.s)[gentle].max() < 0.3
     assert np.median(np.abs(s - now.s)[gentle]) < 0.1
-    nearer = (s - now.s)[smooth]  # the buffer keeps the nearest of four pixels
+    nearer = (s - now.s)[smooth]  # the buffer holds the nearest of four pixels
     assert nearer.min() > -0.15
     assert (nearer - slope[smooth]).max() < 0.15
 
 
 def test_prediction_without_motion_is_the_previous_surface():
     now = make_scene(*SHAPES["boxes"], rig=RIG, noise=0.5)
-    s = predict(prior_of(SHAPES["boxes"], (0, 0, 0)), now)
+    s = predict(make_prior(SHAPES["boxes"], (0, 0, 0)), now)
     along = mask_away_from_steps(now.s, 2) & np.isfinite(s)
     assert along.mean() > 0.9
     np.testing.assert_allclose(s[along], now.s[along], atol=1e-3)
@@ -95,13 +95,13 @@ def test_prediction_without_motion_is_the_previous_surface():
 def test_prediction_on_a_coarser_grid_is_in_its_unit():
     solids, motion_mm = SHAPES["plane"], MOTIONS["along"]
     frames = FrameSet(
-        "000", {n: quantise(i) for n, i in render_images(RIG, moved(solids, motion_mm)).items()}
+        "000", {n: quantise(i) for n, i in render_images(RIG, displace(solids, motion_mm)).items()}
     )
     prepared = prepare_scene(RIG, frames, step=2)
     unit = prepared.context.inverse_depth_scale
-    s = predict_inverse_depth(prior_of(solids, motion_mm), prepared)
+    s = predict_inverse_depth(make_prior(solids, motion_mm), prepared)
     true = 1 / (
-        compute_depth_mm(RIG, moved(solids, motion_mm)).reshape(100, 2, 120, 2).mean(axis=(1, 3)) * unit
+        compute_depth_mm(RIG, displace(solids, motion_mm)).reshape(100, 2, 120, 2).mean(axis=(1, 3)) * unit
     )
     assert s.shape == (100, 120)
     assert np.isfinite(s).mean() > 0.85
@@ -110,11 +110,11 @@ def test_prediction_on_a_coarser_grid_is_in_its_unit():
 
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_unmeasured_pixels_of_the_previous_frame_are_not_predicted(motion):
-    """The hole moves along; 1 px is the buffer's, 2 px the projection's rounding and tilt."""
+    """The hole moves with the scene; the margin is 1 px of the buffer and 2 px of rounding and tilt."""
     solids, motion_mm = SHAPES["plane"], np.array(MOTIONS[motion])
     hole = slice(70, 130), slice(80, 150)
-    now = make_scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
-    s = predict(prior_of(solids, motion_mm, hole), now)
+    now = make_scene(*displace(solids, motion_mm), rig=RIG, noise=0.5)
+    s = predict(make_prior(solids, motion_mm, hole), now)
     points = RIG.core_camera.rays() * compute_depth_mm(RIG, solids)[..., None] + motion_mm[:2]
     away = compute_depth_mm(RIG, solids) + motion_mm[2]
     at = points / away[..., None] * RIG.core_camera.focal_px + RIG.core_camera.center_px
@@ -130,17 +130,17 @@ def test_unmeasured_pixels_of_the_previous_frame_are_not_predicted(motion):
 
 def test_prediction_from_a_frame_without_depth_is_empty():
     now = make_scene(*SHAPES["plane"], rig=RIG)
-    assert np.isnan(predict(prior_of(SHAPES["plane"], (0, 0, 0), (slice(None), slice(None))), now)).all()
+    assert np.isnan(predict(make_prior(SHAPES["plane"], (0, 0, 0), (slice(None), slice(None))), now)).all()
 
 
 @pytest.mark.parametrize("wrong_mm", [60.0, 120.0, -60.0])
 @pytest.mark.parametrize("shape", SHAPES)
 def test_motion_wrong_by_several_pixels_is_mostly_rejected(shape, wrong_mm):
-    """5 to 10 px: the same speckle agrees by chance here and there."""
+    """At 5 to 10 px the speckle agrees by chance in some places."""
     solids, motion_mm = SHAPES[shape], np.array(MOTIONS["along"])
-    now = make_scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
-    right = np.isfinite(predict(prior_of(solids, motion_mm), now)).mean()
-    s = predict(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
+    now = make_scene(*displace(solids, motion_mm), rig=RIG, noise=0.5)
+    right = np.isfinite(predict(make_prior(solids, motion_mm), now)).mean()
+    s = predict(make_prior(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
     assert np.isfinite(s).mean() < 0.7 * right
     swept = np.zeros(s.shape, bool)
     for block in itertools.chain(*find_unmeasured_blocks(s, 2)):
@@ -151,8 +151,8 @@ def test_motion_wrong_by_several_pixels_is_mostly_rejected(shape, wrong_mm):
 @pytest.mark.parametrize("wrong_mm", [15.0, 30.0])
 def test_motion_wrong_by_one_or_two_pixels_is_rejected(wrong_mm):
     solids, motion_mm = SHAPES["boxes"], np.array(MOTIONS["along"])
-    now = make_scene(*moved(solids, motion_mm), rig=RIG, noise=0.5)
-    s = predict(prior_of(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
+    now = make_scene(*displace(solids, motion_mm), rig=RIG, noise=0.5)
+    s = predict(make_prior(solids, motion_mm + np.array([0, 0, wrong_mm])), now)
     assert np.isfinite(s).mean() < 0.3
 
 
@@ -160,29 +160,29 @@ def test_motion_wrong_by_one_or_two_pixels_is_rejected(wrong_mm):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_depth_with_a_prior_is_as_accurate_as_without(shape, motion_mm):
     solids = SHAPES[shape]
-    now = moved(solids, motion_mm)
+    now = displace(solids, motion_mm)
     frames = FrameSet("000", {n: quantise(i) for n, i in render_images(RIG, now, noise=0.5).items()})
     truth = compute_depth_mm(RIG, now)
     matcher = MultiviewReconstructor(RIG, (600, 820), MultiviewSettings(threads=1))
     without = matcher.reconstruct(frames, Silent())
-    with_it = matcher.reconstruct(frames, Silent(), prior=prior_of(solids, motion_mm))
+    with_prior = matcher.reconstruct(frames, Silent(), prior=make_prior(solids, motion_mm))
 
     def errors(depth: DepthMap) -> np.ndarray:
         return np.abs(depth.depth_mm - truth)[depth.measured]
 
-    plain, better = errors(without), errors(with_it)
+    plain, better = errors(without), errors(with_prior)
     assert np.median(plain) < 0.15
     assert np.median(better) < np.median(plain) + 0.01
     assert (better < 1).sum() > 0.998 * (plain < 1).sum()
     assert (better > 5).mean() < (plain > 5).mean() + 0.001
-    assert (with_it.measured | ~without.measured).mean() > 0.998
+    assert (with_prior.measured | ~without.measured).mean() > 0.998
 
 
 def test_narrow_strip_that_came_into_view_is_measured():
     solids, motion_mm = SHAPES["plane"], MOTIONS["along"]
-    now = moved(solids, motion_mm)
+    now = displace(solids, motion_mm)
     frames = FrameSet("000", {n: quantise(i) for n, i in render_images(RIG, now, noise=0.5).items()})
     matcher = MultiviewReconstructor(RIG, (600, 820), MultiviewSettings(threads=1))
     without = matcher.reconstruct(frames, Silent())
-    with_it = matcher.reconstruct(frames, Silent(), prior=prior_of(solids, motion_mm))
-    assert with_it.measured[:, :12].mean() > 0.99 * without.measured[:, :12].mean()
+    with_prior = matcher.reconstruct(frames, Silent(), prior=make_prior(solids, motion_mm))
+    assert with_prior.measured[:, :12].mean() > 0.99 * without.measured[:, :12].mean()

@@ -1,4 +1,4 @@
-"""Evenly lit discs: continued from a smooth rim, and nothing else is touched."""
+"""Textureless discs are continued from smooth rims; all other pixels stay unchanged."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ SMOOTH = {
 }
 STEP = (plane(740), patch(660, (-150, 10)))
 _DARK = {1.0: 70, 0.5: 110}
-"""Levels taken off, by scale: dots as small, to the scale, as the projector's, on black."""
+"""Levels subtracted, by scale, so that the speckle becomes dots on black."""
 
 
 def fill(surface, prepared, scale):
-    """`fill_textureless_discs` where nothing is known of what is evenly bright, and as much of everything else."""
+    """Fill discs with no information in bright regions and equal information elsewhere."""
     information = np.where(prepared.core >= BRIGHT, 0.0, 1.0)
     found, where = fill_textureless_discs(surface, information, with_scale(prepared, scale))
     np.testing.assert_array_equal(found.s[~where], surface.s[~where])
     return found
 
 
-def before(*solids, scale: float = 1.0) -> Scene:
-    """A scene under dots on black."""
+def make_dotted_scene(*solids, scale: float = 1.0) -> Scene:
+    """Return a scene lit by dots on black."""
     made = make_scene(*solids, rig=make_ring(size_px=SIZE_PX), noise=0.5)
-    return replace(made, prepared=lit(made, np.maximum(made.prepared.core - _DARK[scale], 0)))
+    return replace(made, prepared=with_core(made, np.maximum(made.prepared.core - _DARK[scale], 0)))
 
 
-def lit(made: Scene, core: np.ndarray) -> PreparedFrame:
+def with_core(made: Scene, core: np.ndarray) -> PreparedFrame:
     return replace(made.prepared, core=core.astype(np.float32))
 
 
-def disc(radius_px: float, middle_px: tuple[float, float] = MIDDLE_PX) -> np.ndarray:
+def mask_disc(radius_px: float, middle_px: tuple[float, float] = MIDDLE_PX) -> np.ndarray:
     u, v = np.meshgrid(np.arange(SIZE_PX[0]), np.arange(SIZE_PX[1]))
     return (u - middle_px[0]) ** 2 + (v - middle_px[1]) ** 2 <= radius_px**2
 
 
-def corrupted(made: Scene, where: np.ndarray) -> Surface:
-    """The true surface with noise as of matching, and without any sense inside."""
+def corrupt(made: Scene, where: np.ndarray) -> Surface:
+    """Return the true surface with the noise of matching, and random inside the mask."""
     rng = np.random.default_rng(5)
     s = made.s + rng.normal(0, 0.02, made.s.shape)
     s[where] += 1 + rng.normal(0, 0.7, int(where.sum()))
@@ -67,98 +67,100 @@ def same_bytes(a: Surface, b: Surface, where: np.ndarray | slice = slice(None)) 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 @pytest.mark.parametrize("shape", SMOOTH)
 def test_disc_is_continued_from_its_rim(shape, scale):
-    made = before(*SMOOTH[shape], scale=scale)
-    marker = disc(RADIUS_PX * scale)
-    wrong = corrupted(made, marker)
+    made = make_dotted_scene(*SMOOTH[shape], scale=scale)
+    marker = mask_disc(RADIUS_PX * scale)
+    wrong = corrupt(made, marker)
     assert np.abs(wrong.s - made.s)[marker].max() > 2
-    mended = fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), scale)
-    assert np.abs(mended.s - made.s)[marker].max() < 0.03
+    filled = fill(wrong, with_core(made, np.where(marker, BRIGHT, made.prepared.core)), scale)
+    assert np.abs(filled.s - made.s)[marker].max() < 0.03
     true_v, true_u = np.gradient(made.s.astype(float))
-    assert np.abs(mended.slope_u - true_u)[marker].max() < 0.005
-    assert np.abs(mended.slope_v - true_v)[marker].max() < 0.005
-    assert same_bytes(mended, wrong, ~disc((RADIUS_PX + 10) * scale))
+    assert np.abs(filled.slope_u - true_u)[marker].max() < 0.005
+    assert np.abs(filled.slope_v - true_v)[marker].max() < 0.005
+    assert same_bytes(filled, wrong, ~mask_disc((RADIUS_PX + 10) * scale))
 
 
 def test_slopes_of_a_filled_disc_are_those_of_its_s():
-    made = before(*SMOOTH["gentle curve"])
-    marker = disc(RADIUS_PX)
-    mended = fill(corrupted(made, marker), lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
-    by_v, by_u = np.gradient(mended.s.astype(float))
-    inside = disc(RADIUS_PX - 2)
-    np.testing.assert_allclose(mended.slope_u[inside], by_u[inside], atol=1e-3)
-    np.testing.assert_allclose(mended.slope_v[inside], by_v[inside], atol=1e-3)
+    made = make_dotted_scene(*SMOOTH["gentle curve"])
+    marker = mask_disc(RADIUS_PX)
+    filled = fill(corrupt(made, marker), with_core(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
+    by_v, by_u = np.gradient(filled.s.astype(float))
+    inside = mask_disc(RADIUS_PX - 2)
+    np.testing.assert_allclose(filled.slope_u[inside], by_u[inside], atol=1e-3)
+    np.testing.assert_allclose(filled.slope_v[inside], by_v[inside], atol=1e-3)
 
 
 def test_several_discs_are_filled_separately():
-    made = before(*SMOOTH["slanted"])
-    markers = disc(12, (40, 40)) | disc(12, (112, 44)) | disc(12, (76, 100))
-    wrong = corrupted(made, markers)
-    mended = fill(wrong, lit(made, np.where(markers, BRIGHT, made.prepared.core)), 1.0)
-    assert np.abs(mended.s - made.s)[markers].max() < 0.03
+    made = make_dotted_scene(*SMOOTH["slanted"])
+    markers = mask_disc(12, (40, 40)) | mask_disc(12, (112, 44)) | mask_disc(12, (76, 100))
+    wrong = corrupt(made, markers)
+    filled = fill(wrong, with_core(made, np.where(markers, BRIGHT, made.prepared.core)), 1.0)
+    assert np.abs(filled.s - made.s)[markers].max() < 0.03
 
 
 def test_size_of_discs_scales_with_the_grid():
-    """The same disc is too small for one at full scale, and too large for one at half."""
-    made = before(*SMOOTH["plane"], scale=0.5)
+    """A disc of 4 px is too small at full scale, one of 30 px too large at half scale."""
+    made = make_dotted_scene(*SMOOTH["plane"], scale=0.5)
     for radius_px, scale in ((4, 0.5), (30, 1.0)):
-        marker = disc(radius_px)
-        wrong, prepared = corrupted(made, marker), lit(made, np.where(marker, BRIGHT, made.prepared.core))
+        marker = mask_disc(radius_px)
+        wrong, prepared = corrupt(made, marker), with_core(made, np.where(marker, BRIGHT, made.prepared.core))
         assert np.abs(fill(wrong, prepared, scale).s - made.s)[marker].max() < 0.03
         assert same_bytes(fill(wrong, prepared, 1.5 - scale), wrong)
 
 
 def test_outliers_around_a_disc_do_not_change_it():
-    made = before(*SMOOTH["plane"])
-    marker = disc(RADIUS_PX)
-    wrong = corrupted(made, marker)
+    made = make_dotted_scene(*SMOOTH["plane"])
+    marker = mask_disc(RADIUS_PX)
+    wrong = corrupt(made, marker)
     stray = np.random.default_rng(8).random(wrong.s.shape) < 0.05
     wrong = replace(wrong, s=np.where(stray & ~marker, wrong.s + 3, wrong.s).astype(np.float32))
     wrong.s[55:60, 20:60] = np.nan
-    mended = fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
-    assert np.abs(mended.s - made.s)[marker].max() < 0.03
+    filled = fill(wrong, with_core(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
+    assert np.abs(filled.s - made.s)[marker].max() < 0.03
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 @pytest.mark.parametrize("shift_px", [-8, 0, 8])
 def test_disc_across_a_step_is_unchanged(shift_px, scale):
-    made = before(*STEP, scale=scale)
+    made = make_dotted_scene(*STEP, scale=scale)
     edge = int(np.argmax(np.abs(np.diff(made.s[MIDDLE_PX[1]])[20:-20]))) + 20
-    marker = disc(RADIUS_PX * scale, (edge + shift_px * scale, MIDDLE_PX[1]))
-    wrong = corrupted(made, marker)
-    assert same_bytes(fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), scale), wrong)
+    marker = mask_disc(RADIUS_PX * scale, (edge + shift_px * scale, MIDDLE_PX[1]))
+    wrong = corrupt(made, marker)
+    assert same_bytes(
+        fill(wrong, with_core(made, np.where(marker, BRIGHT, made.prepared.core)), scale), wrong
+    )
 
 
 def test_disc_without_a_rim_is_unchanged():
-    made = before(*SMOOTH["plane"])
-    marker = disc(RADIUS_PX)
+    made = make_dotted_scene(*SMOOTH["plane"])
+    marker = mask_disc(RADIUS_PX)
     alone = fit_slopes(np.where(marker, made.s, np.nan).astype(np.float32), load(), 1)
-    assert same_bytes(fill(alone, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0), alone)
+    assert same_bytes(fill(alone, with_core(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0), alone)
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
 @pytest.mark.parametrize("shape", [*SMOOTH, "step"])
 def test_ordinary_speckle_is_unchanged(shape, scale):
-    made = before(*SMOOTH.get(shape, STEP), scale=scale)
-    surface = corrupted(made, disc(RADIUS_PX * scale))
+    made = make_dotted_scene(*SMOOTH.get(shape, STEP), scale=scale)
+    surface = corrupt(made, mask_disc(RADIUS_PX * scale))
     assert same_bytes(fill(surface, made.prepared, scale), surface)
 
 
 @pytest.mark.parametrize("bright", ["everywhere", "half", "nowhere"])
 def test_image_without_dots_is_unchanged(bright):
-    made = before(*SMOOTH["gentle curve"])
+    made = make_dotted_scene(*SMOOTH["gentle curve"])
     noise = np.random.default_rng(3).normal(0, 2, made.s.shape)
     columns = {"everywhere": slice(None), "half": slice(80, None), "nowhere": slice(0, 0)}[bright]
     core = np.zeros(made.s.shape)
     core[:, columns] = BRIGHT + noise[:, columns]
-    surface = corrupted(made, disc(RADIUS_PX))
-    assert same_bytes(fill(surface, lit(made, core), 1.0), surface)
+    surface = corrupt(made, mask_disc(RADIUS_PX))
+    assert same_bytes(fill(surface, with_core(made, core), 1.0), surface)
 
 
 def test_filling_does_not_modify_its_input():
-    made = before(*SMOOTH["plane"])
-    marker = disc(RADIUS_PX)
-    wrong = corrupted(made, marker)
+    made = make_dotted_scene(*SMOOTH["plane"])
+    marker = mask_disc(RADIUS_PX)
+    wrong = corrupt(made, marker)
     kept = Surface(wrong.s.copy(), wrong.slope_u.copy(), wrong.slope_v.copy())
-    mended = fill(wrong, lit(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
+    filled = fill(wrong, with_core(made, np.where(marker, BRIGHT, made.prepared.core)), 1.0)
     assert same_bytes(wrong, kept)
-    assert not same_bytes(mended, wrong)
+    assert not same_bytes(filled, wrong)

@@ -1,4 +1,4 @@
-"""What of a grid is still without a surface: strips that came into view, holes, and nothing else."""
+"""Blocks of a grid without a surface: strips that came into view, and holes."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from beltscape.stereo.multiview.initialisation.unmeasured_regions import find_unmeasured_blocks
 
 
-def covered(s: np.ndarray, align: int) -> np.ndarray:
-    """(H, W) bool: in a block."""
-    there = np.zeros(s.shape, bool)
+def mask_blocks(s: np.ndarray, align: int) -> np.ndarray:
+    """Return the (H, W) mask of pixels in a block."""
+    inside = np.zeros(s.shape, bool)
     for blocks in find_unmeasured_blocks(s, align):
         for block in blocks:
-            there[block] = True
-    return there
+            inside[block] = True
+    return inside
 
 
 def test_image_without_a_surface_is_one_strip():
@@ -41,9 +41,9 @@ def test_edge_that_came_into_view_is_a_strip(side, align):
     s[strip] = np.nan
     strips, holes = find_unmeasured_blocks(s, align)
     assert (len(strips), holes) == (1, [])
-    there = covered(s, align)
-    assert there[strip].all()
-    assert there.mean() < (60 + 60) / (400 if side in ("left", "right") else 300)
+    inside = mask_blocks(s, align)
+    assert inside[strip].all()
+    assert inside.mean() < (60 + 60) / (400 if side in ("left", "right") else 300)
 
 
 def test_holes_do_not_widen_a_strip():
@@ -55,12 +55,12 @@ def test_holes_do_not_widen_a_strip():
     strips, boxes = find_unmeasured_blocks(s, 2)
     assert len(strips) == 1
     assert len(boxes) == 2
-    there = covered(s, 2)
-    assert there[400:].all()
+    inside = mask_blocks(s, 2)
+    assert inside[400:].all()
     for rows, columns in holes:
         middle = slice(rows.start + 24, rows.stop - 24), slice(columns.start + 24, columns.stop - 24)
-        assert there[middle].all()
-    assert there.mean() < 0.55
+        assert inside[middle].all()
+    assert inside.mean() < 0.55
 
 
 def test_hole_that_touches_the_strip_is_separate():
@@ -94,4 +94,4 @@ def test_blocks_are_not_empty_and_contain_large_unmeasured_regions(height, width
             assert part.start % align == 0
             assert 0 <= part.start < part.stop <= whole
     large = min(height, width) >= 96 and min(size, height - top, width - left) >= 48
-    assert not large or covered(s, align)[np.isnan(s)].all()
+    assert not large or mask_blocks(s, align)[np.isnan(s)].all()

@@ -1,4 +1,4 @@
-"""Windows grow with the images and stay within what the kernels take."""
+"""Window sizes grow with the images and stay within the limits of the kernels."""
 
 from __future__ import annotations
 

@@ -13,9 +13,9 @@ from tests.stereo.projected import MARKERS, compute_luminance, make_view, projec
 from tests.stereo.rendered import RENDERED, needs_rendered
 
 
-def _distances(found: np.ndarray, true: np.ndarray) -> np.ndarray:
-    """(M,) from every true centre to the nearest found one."""
-    return np.linalg.norm(true.reshape(-1, 1, 2) - found, axis=-1).min(axis=1)
+def _distances(detected: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Return the (M,) distances from every true centre to the nearest detected one."""
+    return np.linalg.norm(true.reshape(-1, 1, 2) - detected, axis=-1).min(axis=1)
 
 
 @pytest.mark.parametrize(
@@ -53,10 +53,8 @@ def test_markers_are_detected_in_grey_images(exposure, size_px):
         compute_luminance(render_pattern(image_from_pattern, size_px, exposure=exposure))
     )
     assert len(markers) == 16
-    assert (
-        _distances(markers.center_px, project_points(MARKERS, image_from_pattern)).max()
-        < 1.2 * size_px[0] / 1224 + 0.3
-    )
+    distances = _distances(markers.center_px, project_points(MARKERS, image_from_pattern))
+    assert distances.max() < 1.2 * size_px[0] / 1224 + 0.3
 
 
 def test_grey_image_stored_as_rgb_is_treated_as_grey():
@@ -83,7 +81,7 @@ def test_stones_without_speckle_are_not_detected():
 
 
 def test_disc_with_a_dark_half_keeps_its_centre():
-    """A disc over the edge of a white module on black rubber keeps its centre."""
+    """The disc lies over the edge of a white module on black rubber."""
     image_from_pattern = make_view()
     image = render_pattern(image_from_pattern, noise=0.5).astype(float)
     center = project_points(MARKERS, image_from_pattern)[1, 1]
@@ -96,7 +94,7 @@ def test_half_a_disc_has_less_confidence_than_a_whole_one():
     image_from_pattern = make_view()
     image = render_pattern(image_from_pattern)
     u, v = project_points(MARKERS, image_from_pattern)[2, 1].astype(int)
-    image[v - 20 : v + 20, u : u + 20] = 6  # hidden from the light by what stands beside it
+    image[v - 20 : v + 20, u : u + 20] = 6  # in shadow
     markers = detect_markers(image)
     nearest = int(np.argmin(np.linalg.norm(markers.center_px - [u, v], axis=1)))
     assert markers.confidence[nearest] < 0.7 * np.median(markers.confidence)

@@ -1,4 +1,4 @@
-"""Cameras that see one pattern get one labelling, and the markers' depths bound every region."""
+"""Common numbering of the cameras' marker grids, and the depth bounds of regions."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ RNG = np.random.default_rng(8)
 HEIGHTS_MM = RNG.uniform(0, 60, (4, 4))
 
 
-def _points(core_from_world) -> np.ndarray:
-    """(4, 4, 3) markers on relief, in the core's frame, mm."""
+def _place_markers(core_from_world) -> np.ndarray:
+    """Return the (4, 4, 3) markers on relief, in the core's frame, mm."""
     x, y = np.meshgrid(np.linspace(-150, 150, 4), np.linspace(100, -100, 4))
     return core_from_world.apply(np.stack([x, y, HEIGHTS_MM], axis=-1))
 
 
-def _scene() -> tuple[Rig, np.ndarray, dict[str, MarkerGrid]]:
+def _make_scene() -> tuple[Rig, np.ndarray, dict[str, MarkerGrid]]:
     rig, core_from_world = make_world_rig()
-    points = _points(core_from_world)
+    points = _place_markers(core_from_world)
     whole = np.ones((4, 4), bool)
     grids = {
         name: MarkerGrid(
@@ -45,7 +45,7 @@ def _scene() -> tuple[Rig, np.ndarray, dict[str, MarkerGrid]]:
     return rig, points, grids
 
 
-def _without(grid: MarkerGrid, *cells: tuple[int, int]) -> MarkerGrid:
+def _remove_cells(grid: MarkerGrid, *cells: tuple[int, int]) -> MarkerGrid:
     found = grid.detected.copy()
     for cell in cells:
         found[cell] = False
@@ -54,7 +54,7 @@ def _without(grid: MarkerGrid, *cells: tuple[int, int]) -> MarkerGrid:
 
 @pytest.mark.parametrize("turn", [1, 2, 3])
 def test_grids_of_turned_cameras_get_the_numbering_of_the_others(turn):
-    rig, points, grids = _scene()
+    rig, points, grids = _make_scene()
     turned = grids["cam2"]
     grids["cam2"] = next(
         g for g in turned.list_numberings() if np.allclose(g.center_px, np.rot90(turned.center_px, turn))
@@ -66,14 +66,14 @@ def test_grids_of_turned_cameras_get_the_numbering_of_the_others(turn):
 
 
 def test_grid_that_contradicts_the_others_is_left_out():
-    rig, _, grids = _scene()
+    rig, _, grids = _make_scene()
     away = np.random.default_rng(2).uniform(-25, 25, (4, 4, 2))
     grids["cam3"] = replace(grids["cam3"], center_px=grids["cam3"].center_px + away)
     assert "cam3" not in align_grids(grids, rig)
 
 
 def test_bounds_contain_the_markers_of_a_region_and_its_neighbours():
-    rig, points, grids = _scene()
+    rig, points, grids = _make_scene()
     prior = bound_region_depths(grids, rig, relief_mm=20.0)
     np.testing.assert_allclose(prior.marker_mm, points[..., 2].reshape(-1), atol=1e-6)
     depth = points[..., 2]
@@ -87,7 +87,7 @@ def test_bounds_contain_the_markers_of_a_region_and_its_neighbours():
 
 
 def test_marker_with_one_displaced_detection_is_measured_from_the_others():
-    rig, points, grids = _scene()
+    rig, points, grids = _make_scene()
     center = grids["cam1"].center_px.copy()
     center[2, 2] += (9.0, 7.0)
     grids["cam1"] = replace(grids["cam1"], center_px=center)
@@ -97,14 +97,14 @@ def test_marker_with_one_displaced_detection_is_measured_from_the_others():
 
 
 def test_region_of_an_unmeasured_marker_has_the_bounds_of_its_neighbours():
-    rig, _, grids = _scene()
-    alone = {name: grid if name == "cam0" else _without(grid, (0, 0)) for name, grid in grids.items()}
+    rig, _, grids = _make_scene()
+    alone = {name: grid if name == "cam0" else _remove_cells(grid, (0, 0)) for name, grid in grids.items()}
     prior = bound_region_depths(alone, rig)
     assert np.isnan(prior.marker_mm[0]) and np.isfinite([prior.near_mm[0], prior.far_mm[0]]).all()
 
 
 def test_bounds_without_core_or_with_too_few_markers_are_refused():
-    rig, _, grids = _scene()
+    rig, _, grids = _make_scene()
     with pytest.raises(ReconstructionError, match="core camera cam0"):
         bound_region_depths({"cam1": grids["cam1"]}, rig)
     with pytest.raises(ReconstructionError, match="only 0 of 16"):

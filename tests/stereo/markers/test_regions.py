@@ -1,4 +1,4 @@
-"""Rows and columns under any view, with markers hidden and false ones, and the regions that follow."""
+"""Numbering of markers in any view, with hidden and false markers, and the regions of the pattern."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from tests.stereo.projected import MARKERS, compute_luminance, make_view, projec
 SIZE = (816, 680)
 
 
-def _markers(points: np.ndarray, radius: float = 10.0, confidence: float = 0.9) -> MarkerDetections:
+def _make_detections(points: np.ndarray, radius: float = 10.0, confidence: float = 0.9) -> MarkerDetections:
     return MarkerDetections(
         points.reshape(-1, 2), np.full(points.size // 2, radius), np.full(points.size // 2, confidence)
     )
 
 
-def _joined(a: MarkerDetections, b: MarkerDetections) -> MarkerDetections:
+def _join(a: MarkerDetections, b: MarkerDetections) -> MarkerDetections:
     parts = ((a.center_px, b.center_px), (a.radius_px, b.radius_px), (a.confidence, b.confidence))
     return MarkerDetections(*(np.concatenate(pair) for pair in parts))
 
 
 @pytest.mark.parametrize(("hidden", "share"), [(0, 0.9), (3, 0.8), (6, 0.6)])
 def test_numbering_is_right_with_hidden_displaced_and_false_markers(hidden, share):
-    """Any hidden, all displaced by 5 % of a step, two false ones: mostly all right, hardly ever mislabelled."""
+    """All markers are displaced by up to 5 % of a step, some are hidden, and two are false."""
     rng = np.random.default_rng(hidden)
     right = mislabelled = 0
     for _ in range(10):
@@ -40,8 +40,8 @@ def test_numbering_is_right_with_hidden_displaced_and_false_markers(hidden, shar
         gone = np.zeros(16, bool)
         gone[rng.choice(16, hidden, replace=False)] = True
         gone = gone.reshape(4, 4)
-        false = _markers(rng.uniform((60, 60), (750, 620), (2, 2)), radius=7.0, confidence=0.4)
-        grid = arrange_in_grid(_joined(_markers(moved[~gone]), false), SIZE)
+        false = _make_detections(rng.uniform((60, 60), (750, 620), (2, 2)), radius=7.0, confidence=0.4)
+        grid = arrange_in_grid(_join(_make_detections(moved[~gone]), false), SIZE)
         assert grid is not None
         off = np.linalg.norm(grid.center_px - moved, axis=-1)
         right += bool((grid.detected == ~gone).all() and (off[grid.detected] < 1e-6).all())
@@ -78,7 +78,7 @@ def test_grid_of_a_grey_image_has_the_same_numbering():
 @pytest.mark.parametrize("turn", [90.0, 180.0, 270.0])
 def test_grid_of_a_turned_camera_has_the_longer_steps_along_its_rows(turn):
     true = project_points(MARKERS, make_view(SIZE, turn))
-    grid = arrange_in_grid(_markers(true), SIZE)
+    grid = arrange_in_grid(_make_detections(true), SIZE)
     assert grid is not None and grid.count == 16
     same = [np.abs(np.rot90(grid.center_px, k) - true).max() < 1e-9 for k in (0, 2)]  # up or upside down
     assert sum(same) == 1
@@ -86,13 +86,13 @@ def test_grid_of_a_turned_camera_has_the_longer_steps_along_its_rows(turn):
 
 def test_too_few_markers_form_no_grid():
     true = project_points(MARKERS, make_view(SIZE))
-    assert arrange_in_grid(_markers(true[:2, :2]), SIZE) is None
-    assert arrange_in_grid(_markers(np.empty((0, 2))), SIZE) is None
+    assert arrange_in_grid(_make_detections(true[:2, :2]), SIZE) is None
+    assert arrange_in_grid(_make_detections(np.empty((0, 2))), SIZE) is None
 
 
 def test_numberings_contain_the_same_markers():
     true = project_points(MARKERS, make_view(SIZE))
-    grid = arrange_in_grid(_markers(true[:3]), SIZE)  # a row is missing: where it belongs is not known
+    grid = arrange_in_grid(_make_detections(true[:3]), SIZE)  # the number of the missing row is unknown
     assert grid is not None
     options = grid.list_numberings()
     assert len(options) == 4 * 2
@@ -104,7 +104,7 @@ def test_numberings_contain_the_same_markers():
 @given(turn=st.floats(-20, 20), slant=st.floats(-0.2, 0.2))
 def test_regions_divide_the_pattern_at_the_mean_between_markers(turn, slant):
     true = project_points(MARKERS, make_view(SIZE, turn, slant))
-    grid = arrange_in_grid(_markers(true), SIZE)
+    grid = arrange_in_grid(_make_detections(true), SIZE)
     assert grid is not None
     labels = label_regions(grid)
     assert labels.shape == (680, 816) and labels.dtype == np.int8
@@ -120,7 +120,7 @@ def test_regions_divide_the_pattern_at_the_mean_between_markers(turn, slant):
 
 
 def test_regions_leave_no_gap_between_them():
-    grid = arrange_in_grid(_markers(project_points(MARKERS, make_view(SIZE, 13.0, 0.2))), SIZE)
+    grid = arrange_in_grid(_make_detections(project_points(MARKERS, make_view(SIZE, 13.0, 0.2))), SIZE)
     assert grid is not None
     inside = label_regions(grid) >= 0
     for line in inside:
@@ -129,7 +129,7 @@ def test_regions_leave_no_gap_between_them():
 
 
 def test_regions_may_extend_far_beyond_the_image():
-    grid = arrange_in_grid(_markers(project_points(MARKERS, make_view(SIZE))), SIZE)
+    grid = arrange_in_grid(_make_detections(project_points(MARKERS, make_view(SIZE))), SIZE)
     assert grid is not None
     far = grid.center_px.copy()
     far[0, 0] = -1e7

@@ -1,3 +1,5 @@
+"""Fusion of the pairs' depths: the mean over the largest agreeing group."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -9,7 +11,7 @@ from beltscape.stereo.pairwise.fusion import fuse_depths
 from tests.strategies import seeds
 
 
-def at(*depths: float) -> np.ndarray:
+def stack(*depths: float) -> np.ndarray:
     return np.array(depths, np.float32).reshape(-1, 1, 1)
 
 
@@ -32,13 +34,13 @@ AGREE = 2.0 / 700**2
     ],
 )
 def test_the_largest_agreeing_group_is_averaged(depths, mean, views):
-    fused = fuse_depths(at(*depths), AGREE)
+    fused = fuse_depths(stack(*depths), AGREE)
     np.testing.assert_allclose(fused.depth_mm[0, 0], mean, atol=1e-3)
     assert fused.views[0, 0] == views
 
 
 def test_fusion_without_agreement_is_the_mean_of_the_paper():
-    fused = fuse_depths(at(700, 710, NAN, 730), None)
+    fused = fuse_depths(stack(700, 710, NAN, 730), None)
     assert fused.depth_mm[0, 0] == pytest.approx(713.3333, abs=1e-3)
     assert fused.views[0, 0] == 3
     assert fused.scatter_mm2[0, 0] == pytest.approx(466.667, rel=1e-5)

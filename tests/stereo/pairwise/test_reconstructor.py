@@ -1,3 +1,5 @@
+"""The pairwise matcher: accuracy, missing images and invalid settings."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -27,7 +29,7 @@ def belt():
     return rig, render_frame(rig, core_from_world), compute_true_depth(rig, core_from_world)
 
 
-def without(frame_set: FrameSet, *names: str) -> FrameSet:
+def remove_cameras(frame_set: FrameSet, *names: str) -> FrameSet:
     return FrameSet(frame_set.frame, {n: i for n, i in frame_set.images.items() if n not in names})
 
 
@@ -83,7 +85,7 @@ def test_the_result_does_not_depend_on_the_number_of_threads(belt):
 def test_missing_auxiliary_is_left_out(belt):
     rig, frames, _ = belt
     matcher = PairwiseReconstructor(rig, RANGE, SETTINGS)
-    depth = matcher.reconstruct(without(frames, "cam2"), Silent())
+    depth = matcher.reconstruct(remove_cameras(frames, "cam2"), Silent())
     assert depth.views.max() == 3
     assert matcher.reconstruct(frames, Silent()).views.max() == 4
 
@@ -111,7 +113,7 @@ def test_sixteen_bit_and_colour_images_measure_as_eight_bit_grey_ones(belt):
 def test_error_names_the_missing_images(belt, missing, message):
     rig, frames, _ = belt
     with pytest.raises(ReconstructionError, match=message):
-        reconstruct_pairwise(rig, without(frames, *missing), SETTINGS, Silent(), depth_range_mm=RANGE)
+        reconstruct_pairwise(rig, remove_cameras(frames, *missing), SETTINGS, Silent(), depth_range_mm=RANGE)
 
 
 def test_error_names_an_unknown_auxiliary(belt):

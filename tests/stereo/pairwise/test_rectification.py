@@ -1,3 +1,5 @@
+"""Rectification of pairs: equal rows, disparity range, maps and orientation."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -15,8 +17,8 @@ from tests.strategies import seeds
 SMALL = (64, 52)
 
 
-def random_rig(seed: int, angle: float) -> Rig:
-    """A core and one auxiliary in any direction, tilted in; both see about 700 mm."""
+def draw_rig(seed: int, angle: float) -> Rig:
+    """Return a core and a convergent auxiliary in any direction; both see depths of about 700 mm."""
     rng = np.random.default_rng(seed)
     baseline = rng.uniform(60, 250)
     center = np.array([baseline * np.cos(angle), baseline * np.sin(angle), rng.uniform(-40, 40)])
@@ -37,7 +39,7 @@ def project_aux(rig: Rig, pair: RectifiedPair, points: np.ndarray) -> np.ndarray
 
 @given(seeds, st.floats(-np.pi, np.pi), st.floats(0.7, 2.0))
 def test_points_lie_on_equal_rows_at_the_predicted_disparity(seed, angle, oversampling):
-    rig = random_rig(seed, angle)
+    rig = draw_rig(seed, angle)
     pair = rectify_pair(rig, "cam1", (600, 800), oversampling=oversampling)
     points = np.random.default_rng(seed).uniform([-200, -150, 600], [200, 150, 800], (50, 3))
     core, depth = project_core(pair, points)
@@ -49,7 +51,7 @@ def test_points_lie_on_equal_rows_at_the_predicted_disparity(seed, angle, oversa
 
 @given(seeds, st.floats(-np.pi, np.pi))
 def test_the_disparity_range_covers_the_depth_range_and_starts_near_zero(seed, angle):
-    rig = random_rig(seed, angle)
+    rig = draw_rig(seed, angle)
     pair = rectify_pair(rig, "cam1", (600, 800))
     rays = rig.core_camera.rays().reshape(-1, 2)[::7]
     _, ratio = pair.project_core_rays(rays)
@@ -62,7 +64,7 @@ def test_the_disparity_range_covers_the_depth_range_and_starts_near_zero(seed, a
 @given(seeds, st.floats(-np.pi, np.pi))
 @settings(max_examples=20)
 def test_maps_give_the_distorted_pixel_of_the_same_point(seed, angle):
-    rig = random_rig(seed, angle)
+    rig = draw_rig(seed, angle)
     pair = rectify_pair(rig, "cam1", (600, 800))
     points = np.random.default_rng(seed).uniform([-120, -80, 650], [120, 80, 750], (40, 3))
     for name, rectified, source in (
@@ -74,9 +76,7 @@ def test_maps_give_the_distorted_pixel_of_the_same_point(seed, angle):
         seen = rig.cameras[name].project(rig.cam_from_core[name].apply(points))
         inside &= (seen >= 0).all(axis=1) & (seen <= np.array(SMALL) - 1).all(axis=1)
         error = source[row[inside], column[inside]] - seen[inside]
-        assert (
-            np.abs(error).max(initial=0) < 1.2
-        )  # the nearest whole pixel of the map: no more than the rounding
+        assert np.abs(error).max(initial=0) < 1.2  # the rounding to whole pixels of the map
 
 
 def test_projected_core_rays_equal_projected_points():
@@ -110,7 +110,7 @@ def test_images_are_upright_after_the_counted_turns(degrees):
     assert v[middle[0] + 20, middle[1]] - v[middle] > 10
 
 
-def moved(center: list[float], turn: list[float]) -> Rig:
+def make_pair(center: list[float], turn: list[float]) -> Rig:
     rotation = Pose.of(turn, np.zeros(3)).rotation
     poses = {"cam0": Pose.identity(), "cam1": Pose(rotation, -rotation @ np.array(center))}
     return Rig("cam0", {name: make_camera(name, SMALL) for name in poses}, poses)
@@ -119,10 +119,10 @@ def moved(center: list[float], turn: list[float]) -> Rig:
 @pytest.mark.parametrize(
     ("rig", "depths", "message"),
     [
-        (moved([100, 0, 0], [0, 0, 0]), (800, 600), "depth range 800 … 600 mm is empty"),
-        (moved([0, 0, 0], [0, 0, 0]), (600, 800), "stand on one spot"),
-        (moved([0, 0, 100], [0, 0, 0]), (600, 800), "stands on the optical axis of cam0"),
-        (moved([100, 0, 0], [0, 0.9, 0]), (600, 800), "share no view between 600 and 800 mm"),
+        (make_pair([100, 0, 0], [0, 0, 0]), (800, 600), "depth range 800 … 600 mm is empty"),
+        (make_pair([0, 0, 0], [0, 0, 0]), (600, 800), "stand on one spot"),
+        (make_pair([0, 0, 100], [0, 0, 0]), (600, 800), "stands on the optical axis of cam0"),
+        (make_pair([100, 0, 0], [0, 0.9, 0]), (600, 800), "share no view between 600 and 800 mm"),
     ],
 )
 def test_error_names_why_a_pair_cannot_be_rectified(rig, depths, message):

@@ -1,3 +1,5 @@
+"""Correction of SGBM's rounding, and sampling of its disparities."""
+
 from __future__ import annotations
 
 import numpy as np
@@ -5,8 +7,8 @@ import numpy as np
 from beltscape.stereo.pairwise.sgbm import correct_bias, sample_values
 
 
-def opencv_fixed_point(whole: int, offset: np.ndarray) -> np.ndarray:
-    """SGBM's arithmetic: offset = num/(2·den) px, (num·16 + den) / (2·den) cut towards zero."""
+def round_like_opencv(whole: int, offset: np.ndarray) -> np.ndarray:
+    """Return SGBM's fixed-point result: offset = num/(2·den) px, (num·16 + den) / (2·den) truncated."""
     den = 10_000
     num = np.rint(offset * 2 * den).astype(np.int64)
     return (whole * 16 + np.trunc((num * 16 + den) / (2 * den))).astype(np.int16)
@@ -14,8 +16,8 @@ def opencv_fixed_point(whole: int, offset: np.ndarray) -> np.ndarray:
 
 def test_correction_removes_the_bias_of_opencvs_rounding():
     offset = np.random.default_rng(0).uniform(-0.5, 0.5, 200_000)
-    raw = opencv_fixed_point(20, offset)
-    assert np.mean(raw / 16 - 20 - offset) > 0.014  # what there is to mend
+    raw = round_like_opencv(20, offset)
+    assert np.mean(raw / 16 - 20 - offset) > 0.014  # the bias to correct
     assert abs(np.mean(correct_bias(raw) - 20 - offset)) < 0.001
     for half in (offset < -0.05, offset > 0.05):
         assert abs(np.mean((correct_bias(raw) - 20 - offset)[half])) < 0.004
@@ -37,6 +39,6 @@ def test_sampling_is_bilinear_on_a_slope_and_keeps_gaps():
     values[:, 6] = np.nan
     u = np.array([0.25, 2.5, 4.75, 6.1], np.float32)
     source = np.stack([u, np.full_like(u, 2.0)], axis=-1)[None]
-    got = sample_values(values, source)[0]
-    np.testing.assert_allclose(got[:3], u[:3] / 4, atol=0.01)
-    assert np.isnan(got[3])
+    sampled = sample_values(values, source)[0]
+    np.testing.assert_allclose(sampled[:3], u[:3] / 4, atol=0.01)
+    assert np.isnan(sampled[3])

@@ -1,3 +1,5 @@
+"""Sigma of the mean over the pairs."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -68,7 +68,7 @@ class PyramidSolver:
         return _double_surface(solution.surface, prepared.core.shape)
 
     def _sweep(self, prepared: PreparedFrame) -> Surface:
-        """Return the optimised surface of a sweep, or of the frame before where that fits."""
+        """Return the optimised surface of a sweep, or of the temporal prior where that fits."""
         settings, context = self.settings, prepared.context
         unit = context.inverse_depth_scale
         near, far = self.depth_range_mm

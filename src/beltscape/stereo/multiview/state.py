@@ -1,4 +1,4 @@
-"""The state of the matcher for one frame: the surface and what the stages determined besides."""
+"""The state of the matcher for one frame: the results of its stages so far."""
 
 from __future__ import annotations
 

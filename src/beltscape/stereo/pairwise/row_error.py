@@ -39,7 +39,7 @@ class RowError:
 
     @property
     def is_measured(self) -> bool:
-        """Whether enough matches were found to measure the offset."""
+        """True if there are enough matches to measure the offset."""
         return self.points >= MIN_MATCHES
 
 

@@ -16,7 +16,7 @@ Array = NDArray[np.floating]
 
 
 class _Regime(NamedTuple):
-    """How much of the views' disagreement sigma lacks; chosen on simulated captures with truth."""
+    """Parameters of the excess variance for one kind of noise; chosen on simulated captures with truth."""
 
     accounted: float
     """Inflation that sigma already accounts for."""
@@ -30,7 +30,7 @@ noise after resampling, denoising or JPEG, the windows of the fit disagree as we
 _DEMOSAICED = _Regime(1.0, 1.2)
 """Interpolation errors of demosaicing follow the texture, not the noise; gains from 0.7 to 2 were tried."""
 _ALONE = 2.2
-"""Inflation of demosaiced images where a single auxiliary cannot disagree: the median of frames with four."""
+"""Inflation of demosaiced images with a single auxiliary: the median of frames with four."""
 
 
 def inflate_sigma(sigma: Array, state: MatcherState) -> Array:

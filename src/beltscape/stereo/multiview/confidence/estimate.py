@@ -40,9 +40,9 @@ from beltscape.stereo.multiview.state import MatcherState
 Array = NDArray[np.floating]
 
 REACH_PX = 9
-"""Window around texture in which a pixel without texture is measured: the fit's window still reaches the texture."""
+"""Window around texture in which pixels without texture are measured, since the fit's window includes the texture."""
 TEXTURE, TEXTURE_PX = 2.0, 9
-"""Ratio of the variance to the noise's up to which a window of so many px, at scale 1, has no texture."""
+"""Ratio of the variance to the noise's up to which a window has no texture, and the window's side in px at scale 1."""
 CONTRADICTION = 0.4
 """Mean dissimilarity from which on the surface is rejected where no view agrees."""
 
@@ -75,7 +75,7 @@ Features = Callable[[], Iterator[tuple[str, Array]]]
 
 
 def initial_features(state: MatcherState) -> PixelFeatures:
-    """Return the features of the matching itself."""
+    """Return the features of a matched surface before candidate selection."""
     visible, _ = compute_visibility(state.solution.surface.s, state.prepared)
     planes = _compute_planes(_surface_features(state, visible), state.prepared.context)
     return PixelFeatures(planes | state.image_features, visible)
@@ -114,7 +114,7 @@ def _surface_features(state: MatcherState, visible: NDArray[np.uint8]) -> list[F
 
 
 def _compute_planes(parts: list[Features], context: MatchContext) -> dict[str, Array]:
-    """Return all parts' planes by name."""
+    """Return the planes of all parts by name."""
     computed = run_parallel([lambda part=part: dict(part()) for part in parts], context.threads)
     return {name: plane for planes in computed for name, plane in planes.items()}
 

@@ -12,7 +12,7 @@ from beltscape.stereo.multiview.frame.windows import Windows, windows_for
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchContext:
-    """What every stage uses on one grid, besides the frame and the surface."""
+    """Rig, grid, kernels and window sizes that every stage uses on one grid."""
 
     rig: Rig
     auxiliaries: tuple[str, ...]
@@ -39,7 +39,7 @@ class MatchContext:
 
     @property
     def inverse_depth_scale(self) -> float:
-        """1/mm per unit of s, which counts pixels of this grid."""
+        """Unit of s on this grid, 1/mm."""
         return inverse_depth_scale(self.rig, self.auxiliaries, self.step)
 
     def halve(self) -> MatchContext:

@@ -1,4 +1,4 @@
-"""The first inverse depths of a frame: predicted from the frame before where that fits, swept elsewhere."""
+"""The first inverse depths of a frame: predicted from the previous frame where that fits, swept elsewhere."""
 
 from __future__ import annotations
 

@@ -14,22 +14,22 @@ from beltscape.kernels import Kernels, load
 from beltscape.kernels.native import levels
 from beltscape.stereo.multiview.confidence.message_passing import (
     assign_addresses,
+    gather_neighbour_addresses,
     load_message_rounds,
-    neighbour_addresses,
 )
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
 from beltscape.stereo.multiview.networks import load_network
-from beltscape.stereo.multiview.optimisation.propagation import propagation_offsets
-from beltscape.stereo.multiview.selection.gain import difference_variance
+from beltscape.stereo.multiview.optimisation.propagation import list_propagation_offsets
+from beltscape.stereo.multiview.selection.gain import compute_difference_variance
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
 from timing import measure_seconds
 
 PLANES = 64
 _JUMPS = 7, 40
-_ALONE = {"aggregate", "top_view", "window_minima"}
+_ALONE = {"aggregate", "rasterise_heights", "window_minima"}
 _WINDOWS = 9, 25, 51, 101
 _CROP_PX = 48
 """Edge of the image's centre that the reference kernels process."""
@@ -144,26 +144,21 @@ def _case(scene: Scene) -> Case:
 
 
 def _calls(case: Case) -> dict[str, Call]:
-    """Return a call of every kernel with the matcher's settings."""
+    """Return a call of every kernel."""
+    return _matching_calls(case) | _selection_calls(case) | _field_calls(case)
+
+
+def _matching_calls(case: Case) -> dict[str, Call]:
+    """Return calls of the sweep, propagation and least squares with the matcher's settings."""
     p, s, (slope_u, slope_v) = case.prepared, case.s, case.slopes
     floor, native = p.noise.floor, load()
     sizes = [image.shape[::-1] for image in p.images]
     buffers = native.inverse_depth_buffers(s, p.views, sizes)
     planes = case.first, case.step, case.planes, floor
     cost = native.sweep(p.core, p.images, p.views, *planes)
-    offsets = propagation_offsets(MultiviewSettings().distances_px)
+    offsets = list_propagation_offsets(MultiviewSettings().distances_px)
     noise = {"floor": floor, "noise_variance": p.noise.levels, "model_variance": p.noise.model}
     equations = native.normal_equations(s, p.core, p.coefficients, p.views, **noise)
-    projections, pixels = _points(s.size)
-    uncertain, reliable = _uncertain(s)
-    candidates = native.candidate_surfaces(s, slope_u, slope_v, reliable, *uncertain, reach=8, separation=1.0)
-    photometry = {"core": p.core, "variance": difference_variance(p.core, p.noise), "images": p.images}
-    photometry |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
-    network, around_one = load_network("confidence"), np.stack(np.mgrid[-2:3, -2:3], -1).reshape(-1, 2)
-    features = [s] * len(network.names)
-    first_round, (messages, neighbours, states) = load_message_rounds()[0], _messages(~reliable)
-    depth = np.median(s) / s
-    holed, place, turn = _add_holes(depth)
     return {
         "spline_coefficients": lambda k, n: k.spline_coefficients(p.core, threads=n),
         "warp": lambda k, n: k.warp(s, p.views[0], p.coefficients[0], threads=n),
@@ -183,6 +178,21 @@ def _calls(case: Case) -> dict[str, Call]:
         "local_fit": lambda k, n: k.local_fit(
             equations.information, equations.pull, s, slope_u, slope_v, tolerance=0.25, threads=n
         ),
+    }  # fmt: skip
+
+
+def _selection_calls(case: Case) -> dict[str, Call]:
+    """Return calls of the kernels about the candidates of uncertain pixels."""
+    p, s, (slope_u, slope_v), native = case.prepared, case.s, case.slopes, load()
+    buffers = native.inverse_depth_buffers(s, p.views, [image.shape[::-1] for image in p.images])
+    uncertain, reliable = _uncertain(s)
+    candidates = native.candidate_surfaces(s, slope_u, slope_v, reliable, *uncertain, reach=8, separation=1.0)
+    photometry = {"core": p.core, "variance": compute_difference_variance(p.core, p.noise), "images": p.images}
+    photometry |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
+    network, around_one = load_network("confidence"), np.stack(np.mgrid[-2:3, -2:3], -1).reshape(-1, 2)
+    features = [s] * len(network.names)
+    first_round, (messages, neighbours, states) = load_message_rounds()[0], _messages(~reliable)
+    return {
         "candidate_surfaces": lambda k, n: k.candidate_surfaces(
             s, slope_u, slope_v, reliable, *uncertain, reach=8, separation=1.0, threads=n
         ),
@@ -194,6 +204,14 @@ def _calls(case: Case) -> dict[str, Call]:
             messages, neighbours, states, first_round.layers, threads=n
         ),
         "evaluate_network": lambda k, n: k.evaluate_network(features, network.limits, network.layers, threads=n),
+    }  # fmt: skip
+
+
+def _field_calls(case: Case) -> dict[str, Call]:
+    """Return calls of the kernels on depth maps, height maps and points."""
+    depth, (projections, pixels) = np.median(case.s) / case.s, _points(case.s.size)
+    holed, place, turn = _add_holes(depth)
+    return {
         "triangulate": lambda k, n: k.triangulate(projections, pixels, threads=n),
         "rasterise_heights": lambda k, n: k.rasterise_heights(
             depth, np.ones_like(depth), np.isfinite(depth), np.eye(3, 4), 0.05, depth.shape, threads=n
@@ -222,7 +240,7 @@ def _messages(uncertain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     length = fixed.shape[1]
     state = np.random.default_rng(4).normal(size=(len(load_network("refinement").layers[-1]), count))
     messages = np.hstack([fixed.T, state[:length]])
-    neighbours = neighbour_addresses(assign_addresses(uncertain, ~uncertain), uncertain, 1)
+    neighbours = gather_neighbour_addresses(assign_addresses(uncertain, ~uncertain), uncertain, 1)
     return messages.astype(np.float32), neighbours, state[length:].astype(np.float32)
 
 

@@ -13,7 +13,7 @@ from beltscape.kernels.backend import KernelFamily
 
 
 class FirstHits(NamedTuple):
-    """Where D lines from each of H cells end."""
+    """End points of D lines from each of H cells."""
 
     cell: NDArray[np.int64]
     """(D, H) flat index of the cell, -1 where there is none."""

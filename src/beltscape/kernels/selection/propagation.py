@@ -105,13 +105,13 @@ class PropagationKernels(KernelFamily):
         the same offset. The cost is the mean over the views that see p inside the image without an occluder, from
         three views on without the largest one.
 
-        A candidate replaces a kept one that is closer than ``separation``, or else the most expensive one, if it is
-        cheaper. A semi-global selection on eight paths then takes the candidate with the least sum of its cost and
-        the mean cost of the paths. A step from candidate b of one pixel to candidate a of the next costs
+        A candidate replaces a kept one closer than ``separation``, or else the most expensive one, if it is cheaper.
+        A semi-global selection on eight paths then takes the least sum of cost and the paths' mean cost. A step from
+        candidate b of one pixel to candidate a of the next costs
 
             min(small_jump · |s_a - s_b - clamp((slope_a + slope_b) / 2 · step, -1, 1)|, large_jump).
 
-        The grid is cut into bands of 128 rows; paths begin 12 rows outside of them.
+        Paths begin 12 rows outside of bands of 128 rows.
 
         References
         ----------
@@ -135,9 +135,8 @@ class PropagationKernels(KernelFamily):
             costs=costs,
             active=None if active is None else flags("active", active, s.shape),
         )
-        return Propagated(
-            *self._run("propagate", given, [np.empty_like(s) for _ in Propagated._fields], threads)
-        )
+        out = [np.empty_like(s) for _ in Propagated._fields]
+        return Propagated(*self._run("propagate", given, out, threads))
 
 
 def _checked_images(

@@ -14,6 +14,7 @@ from pathlib import Path
 from time import perf_counter
 
 import cv2
+import numpy as np
 
 from beltscape.core.rig import Rig
 from beltscape.core.scaling import scale_rig
@@ -147,7 +148,10 @@ def _four_pairs_s(capture: Path) -> float:
     """Return the seconds for four pairs of OpenCV's matcher, the best of three runs."""
     cameras = read_capture(capture)
     images = [read_image(next(iter(files.values()))) for files in cameras.files.values()]
-    grey = [image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in images]
+    grey = [
+        (image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)).astype(np.uint8, copy=False)
+        for image in images
+    ]
     matcher = cv2.StereoSGBM.create(0, 128, 5, 8 * 25, 32 * 25, mode=cv2.StereoSGBM_MODE_HH)
     times = []
     for _ in range(3):

@@ -277,7 +277,8 @@ def _page(picture: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        browser.stdin.close()
+        if browser.stdin:
+            browser.stdin.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             browser.wait(10)
         browser.kill()

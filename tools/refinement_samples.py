@@ -11,18 +11,18 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from augmentation import TrainingFrame, training_frames
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.estimate import refined_features
+from beltscape.stereo.multiview.confidence.estimate import compute_refined_features
 from beltscape.stereo.multiview.confidence.message_passing import (
     FIRST_UNCERTAIN,
     assign_addresses,
-    neighbour_addresses,
+    gather_neighbour_addresses,
 )
 from beltscape.stereo.multiview.confidence.refiner import RefinementInputs, mask_accepted, mask_uncertain
 from beltscape.stereo.multiview.networks import load_network
@@ -63,7 +63,7 @@ def tiles(folder: Path, turn: int) -> Iterator[tuple[tuple[str, ...], Tile]]:
         match = make_matcher(training, settings).match(training.frame, training.names, Silent())
         if match.selection is None:
             continue
-        found, inputs = refined_features(match, match.selection)
+        found, inputs = compute_refined_features(match, match.selection)
         logit, _ = load_network("confidence").evaluate(found.planes, load(), 0)
         truth, unit = read_truth(training, 1), match.prepared.context.inverse_depth_scale
         weight = np.where(truth.scene, 1, BESIDE * truth.beside) * (found.visible > 0)
@@ -114,7 +114,7 @@ class UncertainFrame:
         false = np.full_like(off, np.inf)
         return tuple(features), Tile(
             np.concatenate(list(features.values())).T.astype(np.float16),
-            neighbour_addresses(
+            gather_neighbour_addresses(
                 assign_addresses(uncertain, mask_accepted(self.logit)),
                 uncertain,
                 inputs.neighbourhood.spacing,
@@ -142,7 +142,7 @@ def join_tiles(some: list[Tile]) -> Tile:
 def write_tiles(path: Path, folder: Path, turn: int) -> int:
     """Write a capture's tiles to a file; return their number."""
     found = list(tiles(folder, turn))
-    parts = {
+    parts: dict[str, Any] = {
         f"{i} {name}": part
         for i, (_, tile) in enumerate(found)
         for name, part in zip(FIELDS, tile, strict=True)

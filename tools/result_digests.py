@@ -54,7 +54,7 @@ TEXT_KEYS = {
 """Keys of JSON documents whose values are prose, or differ from run to run."""
 
 
-def commands(out: Path) -> Iterator[tuple[str, list[str]]]:
+def commands(out: Path) -> Iterator[tuple[str, list[Any]]]:
     """Yield a name and the arguments of each step, in the reader's order."""
     rig, empty, loaded = out / "rig" / "rig.json", out / "empty", out / "loaded"
     yield "calibrate", ["calibrate", DEMO / "calibration", "--board", DEMO / "board.toml", "--core", "cam0",
@@ -128,7 +128,7 @@ def compute_digests(out: Path) -> dict[str, str]:
 
 def main() -> int:
     """Write the digests, and name those that differ from an earlier file's."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=str(__doc__).splitlines()[0])
     parser.add_argument("out", type=Path, help="file for the digests")
     parser.add_argument("--against", type=Path, help="digests of another state")
     arguments = parser.parse_args()

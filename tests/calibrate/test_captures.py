@@ -136,7 +136,8 @@ def test_a_bent_view_is_rejected_and_reported(tmp_path, charuco_capture):
     shutil.copytree(own.folder, tmp_path, dirs_exist_ok=True)
     path = tmp_path / "cam0" / "02.png"
     image = read_image(path)
-    v, u = np.indices(image.shape, np.float32)
+    rows, columns = image.shape
+    u, v = np.meshgrid(np.arange(columns, dtype=np.float32), np.arange(rows, dtype=np.float32))
     write_image(path, cv2.remap(image, u, v + 4 * np.sin(u / 30, dtype=np.float32), cv2.INTER_LINEAR))
     found = calibrate(tmp_path, own.board, None, Silent())
     assert list(found.hierarchy.monocular["cam0"].rejected) == ["02"]

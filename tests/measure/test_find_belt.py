@@ -120,7 +120,8 @@ def test_what_is_missing_is_named() -> None:
     with pytest.raises(MeasureError, match=r"only 0\.0% of the pixels"):
         find_belt(nothing, scene.camera)
     depth = depth_map(scene.depth_mm())
-    maps = (depth.depth_mm, depth.sigma_mm, depth.views, depth.confidence)
-    half = DepthMap(*(values[::2, ::2] for values in maps))
+    half = DepthMap(
+        depth.depth_mm[::2, ::2], depth.sigma_mm[::2, ::2], depth.views[::2, ::2], depth.confidence[::2, ::2]
+    )
     with pytest.raises(InputError, match="153×129, the core camera 306×257"):
         find_belt(half, scene.camera)

@@ -88,5 +88,6 @@ def test_the_body_is_closed_and_holds_the_volume() -> None:
     )
     assert (np.unique(sides, axis=0, return_counts=True)[1] == 2).all()
     top = build_surface_mesh(found)
-    normal = np.cross(*(top.vertices_mm[top.faces[:, k]] - top.vertices_mm[top.faces[:, 0]] for k in (1, 2)))
+    first, second, third = (top.vertices_mm[top.faces[:, k]] for k in range(3))
+    normal = np.cross(second - first, third - first)
     assert (normal[:, 2] > 0).all()

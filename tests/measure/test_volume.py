@@ -160,8 +160,9 @@ def test_round_belts_are_measured_too() -> None:
 def test_a_map_of_another_size_is_refused() -> None:
     scene = Scene(TROUGH)
     depth = depth_map(scene.depth_mm())
-    maps = (depth.depth_mm, depth.sigma_mm, depth.views, depth.confidence)
-    half = DepthMap(*(values[::2, ::2] for values in maps))
+    half = DepthMap(
+        depth.depth_mm[::2, ::2], depth.sigma_mm[::2, ::2], depth.views[::2, ::2], depth.confidence[::2, ::2]
+    )
     belt = learn_belt([depth], scene.camera)
     with pytest.raises(InputError, match="153×129, the core camera 306×257"):
         measure_volume(half, belt, scene.camera, VolumeSettings(), across_mm=None, along_mm=None)

@@ -12,6 +12,7 @@ from beltscape.simulate.geometry.shapes import Mesh
 from beltscape.simulate.solids.board import BLACK, WHITE, make_board_solid
 from beltscape.simulate.truth.visibility import compute_pixel_rays
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm
+from tests.optional import require
 
 CHARUCO = CharucoBoard(squares=(11, 8), square_mm=34.0, marker_mm=25.0, dictionary="DICT_5X5_100")
 EVEN = CharucoBoard(squares=(5, 4), square_mm=36.0, marker_mm=28.0, dictionary="DICT_5X5_100")
@@ -63,7 +64,7 @@ def test_black_squares_touch_at_each_corner_on_a_corner_of_texels(board):
 
 
 def test_texture_equals_the_drawing_of_opencv():
-    texture = make_board_solid(EVEN, BOARD_POSE, margin_mm=0).texture[..., 0]
+    texture = require(make_board_solid(EVEN, BOARD_POSE, margin_mm=0).texture)[..., 0]
     rows, columns = texture.shape
     theirs = EVEN.to_opencv(legacy=False).generateImage((columns, rows), marginSize=0, borderBits=1)
     assert set(np.unique(texture)) == {np.float32(BLACK), np.float32(WHITE)}  # bits end on whole texels
@@ -72,7 +73,7 @@ def test_texture_equals_the_drawing_of_opencv():
 
 def test_bits_that_end_within_texels_keep_their_area():
     odd = CharucoBoard(squares=(5, 4), square_mm=30.0, marker_mm=21.37, dictionary="DICT_5X5_100")
-    texture = make_board_solid(odd, BOARD_POSE, margin_mm=0).texture[..., 0].astype(float)
+    texture = require(make_board_solid(odd, BOARD_POSE, margin_mm=0).texture)[..., 0].astype(float)
     ink = ((WHITE - texture) / (WHITE - BLACK)).sum() * (150 / texture.shape[1]) ** 2
     theirs = odd.to_opencv(legacy=False)
     black = sum(
@@ -97,6 +98,7 @@ def test_opencv_detects_every_corner_at_its_position_in_a_traced_view():
     image[met] = 255 * texel_at(solid, on_board[:, :2])[0]
     image = image.reshape(512, 612)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(CHARUCO.to_opencv(legacy=False)).detectBoard(image)
+    assert corners is not None and ids is not None
     assert len(ids) == 70
     expected = LENS.project(CAMERA_POSE.apply(BOARD_POSE.apply(corner_points_mm(CHARUCO))))
     error = corners.reshape(-1, 2) - expected[ids.ravel()]
@@ -129,12 +131,13 @@ def test_plate_is_closed_and_as_large_as_board_and_margin():
     welded = np.unique(np.round(solid.vertices_mm, 9), axis=0, return_inverse=True)[1].reshape(-1)
     assert Mesh(solid.vertices_mm, welded[solid.faces]).is_closed
     assert solid.vertices_mm[:, 2].min() == 0
-    assert (solid.uv.min(), solid.uv.max()) == (0, 1)
+    uv = require(solid.uv)
+    assert (uv.min(), uv.max()) == (0, 1)
 
 
 def test_inverted_board_is_its_negative_and_a_legacy_one_is_refused():
-    plain = make_board_solid(EVEN, BOARD_POSE).texture
-    turned = make_board_solid(EVEN.model_copy(update={"inverted": True}), BOARD_POSE).texture
+    plain = require(make_board_solid(EVEN, BOARD_POSE).texture)
+    turned = require(make_board_solid(EVEN.model_copy(update={"inverted": True}), BOARD_POSE).texture)
     np.testing.assert_allclose(plain + turned, WHITE + BLACK, rtol=1e-6)
     with pytest.raises(SettingsError, match="legacy"):
         make_board_solid(EVEN.model_copy(update={"legacy": True}), BOARD_POSE)

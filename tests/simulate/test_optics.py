@@ -17,7 +17,7 @@ def painted(pinhole, scene):
     x = (np.arange(width) - origin[0]) / pinhole.focal_px
     y = (np.arange(height) - origin[1]) / pinhole.focal_px
     light = scene(*np.meshgrid(x, y))
-    return np.repeat(np.float32(light)[..., None], 3, axis=-1)
+    return np.repeat(np.asarray(light, np.float32)[..., None], 3, axis=-1)
 
 
 def developed(lens, scene, count=1):

@@ -13,13 +13,13 @@ FACES = np.array([[0, 1, 2], [0, 2, 3]])
 
 
 def test_texel_at_a_point_is_the_one_at_its_uv():
-    texture = np.arange(32, dtype=np.float32).reshape(4, 8, 1).repeat(3, axis=2) / 32
+    texture = (np.arange(32).reshape(4, 8, 1).repeat(3, axis=2) / 32).astype(np.float32)
     textured = Solid(
         "sheet", Label.MATERIAL, CORNERS, FACES, (0.5, 0.5, 0.5), texture, CORNERS[:, :2] / [8, 4]
     )
     plain = Solid("plain", Label.BELT, CORNERS - [0, 0, 9], FACES, (0.1, 0.2, 0.3))
     solids = [plain, textured]
-    x, y = np.meshgrid(np.arange(8) + 0.5, np.arange(4) + 0.5)
+    x, y = np.meshgrid(np.linspace(0.5, 7.5, 8), np.linspace(0.5, 3.5, 4))
     above = np.column_stack([x.ravel(), y.ravel(), np.full(32, 5.0)])
     scene = RayScene(solids)
     hits = scene.cast(above, np.broadcast_to([0.0, 0, -1], above.shape))

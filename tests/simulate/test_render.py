@@ -31,7 +31,7 @@ def picture(world, cam=None, pose=DOWN, settings=SCALAR, optics=None):
 
 
 def chessboard(columns=13, rows=10, square_mm=30.0):
-    squares = np.float32(np.indices((rows, columns)).sum(axis=0) % 2) * 0.8 + 0.1
+    squares = (np.indices((rows, columns)).sum(axis=0) % 2).astype(np.float32) * 0.8 + 0.1
     texture = np.repeat(squares[..., None], 3, axis=-1)
     x = (np.arange(1, columns) - columns / 2) * square_mm
     y = (rows / 2 - np.arange(1, rows)) * square_mm
@@ -51,8 +51,8 @@ def test_corners_lie_where_the_camera_projects_them(engine):
     cam = camera(360, 300, focal=450.0)
     image = picture(World((board,), None), cam, TILTED, by(engine, FINE))
     true = cam.project(TILTED.apply(corners))
-    grey = np.uint8(np.rint(image[..., 0] * 255))
-    start = np.float32(true[:, None])
+    grey = np.rint(image[..., 0] * 255).astype(np.uint8)
+    start = true[:, None].astype(np.float32)
     found = cv2.cornerSubPix(grey, start.copy(), (6, 6), (-1, -1), (3, 100, 1e-5))[:, 0]
     error = found - true
     assert np.abs(error.mean(axis=0)).max() < 0.01

@@ -50,7 +50,7 @@ def test_gamma_and_black_level():
 
 
 def test_mosaic_starts_with_red_and_interpolates_back():
-    light = flat(0.0, (8, 8)) + np.float32([0.8, 0.4, 0.2])
+    light = flat(0.0, (8, 8)) + np.array([0.8, 0.4, 0.2], np.float32)
     mosaic = expose(light, Sensor(colour="bayer", **QUIET), 0)
     np.testing.assert_array_equal(mosaic[:2, :2], [[204, 102], [102, 51]])
     colours = expose(light, Sensor(colour="demosaiced", **QUIET), 0)
@@ -58,7 +58,7 @@ def test_mosaic_starts_with_red_and_interpolates_back():
 
 
 def test_grey_averages_the_colours_and_rgb_keeps_them():
-    light = flat(0.0, (2, 2)) + np.float32([0.6, 0.3, 0.0])
+    light = flat(0.0, (2, 2)) + np.array([0.6, 0.3, 0.0], np.float32)
     assert (expose(light, Sensor(**QUIET), 0) == round(0.3 * 255)).all()
     np.testing.assert_array_equal(expose(light, Sensor(colour="rgb", **QUIET), 0)[0, 0], [153, 76, 0])
 

@@ -12,7 +12,7 @@ from beltscape.core.pose import Pose
 from beltscape.core.rig import Rig
 from beltscape.kernels import load
 from beltscape.kernels.reference.view import project
-from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale, packed_projection
+from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale, pack_projection
 from tests.strategies import looking_rigs, seeds
 
 steps = st.sampled_from([1, 2, 4])
@@ -23,7 +23,7 @@ LENS = np.array([-0.1, 0.05, 1e-3, -5e-4, 0.01])
 @given(looking_rigs(), seeds, steps, steps)
 def test_packed_projection_equals_that_of_the_rig(rig, seed, core_step, aux_step):
     rng = np.random.default_rng(seed)
-    unit = inverse_depth_scale(rig, rig.auxiliaries)
+    unit = compute_inverse_depth_scale(rig, rig.auxiliaries)
     core, name = rig.core_camera, rng.choice(rig.auxiliaries)
     u, v = rng.uniform(0, 1, (2, 50)) * (np.array(core.size_px)[:, None] - 1)
     z = rng.uniform(600, 2000, 50)
@@ -33,7 +33,7 @@ def test_packed_projection_equals_that_of_the_rig(rig, seed, core_step, aux_step
     size = np.array(rig.cameras[name].size_px)
     inside = ((pixels > -50) & (pixels < size + 50)).all(axis=1)
 
-    row = packed_projection(rig, name, unit, core_step, aux_step)
+    row = pack_projection(rig, name, unit, core_step, aux_step)
     assert row.dtype == np.float32
     assert row.shape == (21,)
     at = (np.stack([u, v]) - (core_step - 1) / 2) / core_step
@@ -50,7 +50,7 @@ def test_packed_projection_into_the_core_is_its_distortion(rig, seed):
     camera = rig.core_camera
     u, v = rng.uniform(0, 1, (2, 20)) * np.array(camera.size_px)[:, None]
     ideal = (np.stack([u, v], axis=1) - camera.center_px) / camera.focal_px
-    found = project(packed_projection(rig, rig.core, 1e-6), u, v, rng.uniform(0, 500, 20))[:2]
+    found = project(pack_projection(rig, rig.core, 1e-6), u, v, rng.uniform(0, 500, 20))[:2]
     np.testing.assert_allclose(
         np.stack(found, axis=1), camera.distort(ideal) * camera.focal_px + camera.center_px, atol=1e-3
     )
@@ -73,18 +73,16 @@ def make_two_cameras(center_mm: list[float]) -> Rig:
     ],
 )
 def test_unit_is_a_pixel_of_disparity_for_the_baseline_across_the_axis(center_mm, length_mm):
-    assert inverse_depth_scale(make_two_cameras(center_mm), ["aux"]) == pytest.approx(
+    assert compute_inverse_depth_scale(make_two_cameras(center_mm), ["aux"]) == pytest.approx(
         1 / (1000 * length_mm), rel=1e-4
     )
 
 
 def test_unit_moves_a_pixel_by_one_for_a_horizontal_baseline():
     rig = make_two_cameras([-200, 0, 0])
-    unit = inverse_depth_scale(rig, ["aux"])
+    unit = compute_inverse_depth_scale(rig, ["aux"])
     u = [
-        project(packed_projection(rig, "aux", unit), np.full(1, 320.0), np.full(1, 240.0), np.full(1, s))[0][
-            0
-        ]
+        project(pack_projection(rig, "aux", unit), np.full(1, 320.0), np.full(1, 240.0), np.full(1, s))[0][0]
         for s in (7, 8)
     ]
     assert u[1] - u[0] == pytest.approx(0.9, rel=1e-5)  # of the mean focal length, 1000; across it is 900
@@ -97,13 +95,13 @@ def test_kernels_project_pixels_like_the_rig(name):
     poses = {"core": Pose.identity(), "left": Pose.of([0.03, 0.12, -0.02], [-140, 9, -20])}
     poses["right"] = Pose.of([-0.05, -0.15, 0.04], [170, -11, 15])
     rig = Rig("core", dict.fromkeys(poses, camera), poses)
-    unit = inverse_depth_scale(rig, rig.auxiliaries)
+    unit = compute_inverse_depth_scale(rig, rig.auxiliaries)
     z = np.random.default_rng(1).uniform(900, 1100, (1024, 1224))
     u, v = np.meshgrid(np.arange(1224.0), np.arange(1024.0))
     points = np.stack([(u - 609.3) / 1160 * z, (v - 514.8) / 1160 * z, z], axis=-1)
     pixels = camera.project(rig.cam_from_core[name].apply(points))
     for axis, ramp in enumerate((u, v)):
-        value, _ = load().warp(1 / (z * unit), packed_projection(rig, name, unit), ramp)
+        value, _ = load().warp(1 / (z * unit), pack_projection(rig, name, unit), ramp)
         assert np.isfinite(value).mean() > 0.8
         error = np.abs(value - pixels[..., axis])
         assert np.nanmax(error) < 1e-3

@@ -163,5 +163,5 @@ def test_sigma_of_a_height_is_what_correlated_noise_makes_of_it(exact):
         for top, true in zip(tops, (100.0, 60.0), strict=True):
             height, slope = base.height_above(top.middle_mm)
             variance = top.depth_variance(grain) + grain * slope @ base.covariance @ slope
-            ratios.append((height - true) / np.sqrt(variance))
+            ratios.append(float((height - true) / np.sqrt(variance)))
     assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.4

@@ -1,4 +1,4 @@
-"""The simulated plant in place of cameras: frames one by one, in code.
+"""The simulated plant as a frame source: frame sets one by one in Python.
 
 python examples/04_frame_source.py
 """

@@ -1,4 +1,4 @@
-"""A time-of-flight camera over a loaded belt: what it makes of the true depth, error by error.
+"""A time-of-flight camera over a loaded belt: its depth and each of its errors against the truth.
 
 python examples/05_time_of_flight.py
 """

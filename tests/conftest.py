@@ -1,4 +1,4 @@
-"""What every test shares: hypothesis without a clock, and where the optional data lies."""
+"""Common fixtures: reproducible hypothesis, and the folder of optional data."""
 
 from __future__ import annotations
 

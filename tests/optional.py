@@ -1,4 +1,4 @@
-"""Values that may be missing by their type, and must be there in a test."""
+"""Access to optional values that must be present in a test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hypothesis strategies for the vocabulary, shared by every room's tests."""
+"""Hypothesis strategies for cameras, poses and rigs."""
 
 from __future__ import annotations
 

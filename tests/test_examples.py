@@ -1,4 +1,4 @@
-"""The examples: each scene is one that the program takes, each command one it has; the short ones are run."""
+"""The examples: their scenes and commands are valid; the short ones are run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The names a user may rely on, and what importing them must not cost."""
+"""The public Python interface: its names, and the cost of importing them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What Python callers hand over and cannot be right ends in a BeltscapeError that names the argument."""
+"""Invalid arguments of Python callers raise a BeltscapeError that names the argument."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the chain found beside the simulator's truth: ``compare.py FOLDER``, the folder that run.sh filled."""
+"""Comparison of run.sh's results with the simulator's truth: ``compare.py FOLDER``."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""The board of alarms: every rule is raised, acknowledged and cleared by its readings."""
+
 from __future__ import annotations
 
 import itertools

@@ -1,3 +1,5 @@
+"""The condition of one alarm: limits with hysteresis and σ."""
+
 from __future__ import annotations
 
 import math

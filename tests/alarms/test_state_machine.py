@@ -1,3 +1,5 @@
+"""The state machine of one alarm: allowed transitions, delays, acknowledgement."""
+
 from __future__ import annotations
 
 from hypothesis import given

@@ -1,4 +1,4 @@
-"""RESULTS.md: sections are measured apart, and each states its own commit."""
+"""RESULTS.md: each section is measured by itself and states its commit."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Multi-camera association: the path of least variance to each camera, and its misclosure."""
+
 from __future__ import annotations
 
 from dataclasses import replace

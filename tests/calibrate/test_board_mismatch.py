@@ -1,3 +1,5 @@
+"""Recognition of the board in images that do not show the described one."""
+
 from __future__ import annotations
 
 import cv2

@@ -1,4 +1,4 @@
-"""Chessboards that look the same upside down, numbered from any end."""
+"""Symmetric chessboards, numbered from either end by different cameras."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Bundle adjustment: derivatives, the linear model, and exact recovery of a rig."""
+
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+"""Robust bundle adjustment of a rig: accuracy, noise, outliers, and σ against the scatter of many rigs."""
+
 from __future__ import annotations
 
 import numpy as np

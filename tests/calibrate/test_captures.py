@@ -1,4 +1,4 @@
-"""From images to rig: boards rendered through a known rig, and recorded ones."""
+"""Calibration from images: boards rendered through a known rig, and recorded ones."""
 
 from __future__ import annotations
 

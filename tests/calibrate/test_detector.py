@@ -1,3 +1,5 @@
+"""Detection of ChArUco and chessboard corners in rendered images: accuracy and numbering."""
+
 from __future__ import annotations
 
 import cv2

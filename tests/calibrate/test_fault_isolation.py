@@ -1,3 +1,5 @@
+"""Fault isolation in a camera network: which camera or pair is named, and when none is."""
+
 from __future__ import annotations
 
 from itertools import combinations

@@ -1,3 +1,5 @@
+"""Global optimisation of a camera network: derivatives, exact recovery, accuracy with noise."""
+
 from __future__ import annotations
 
 from collections.abc import Iterable

@@ -1,3 +1,5 @@
+"""The paper's calibration hierarchy on exact and incomplete detections."""
+
 from __future__ import annotations
 
 import cv2

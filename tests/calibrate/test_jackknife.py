@@ -1,3 +1,5 @@
+"""The jackknife over frames: no inflation for independent noise, the true one for common errors."""
+
 from __future__ import annotations
 
 from dataclasses import replace

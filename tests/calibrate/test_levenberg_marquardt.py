@@ -1,3 +1,5 @@
+"""Levenberg–Marquardt: steps, limits and minima of simple problems."""
+
 from __future__ import annotations
 
 from collections.abc import Callable

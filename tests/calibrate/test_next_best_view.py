@@ -1,3 +1,5 @@
+"""The next-best view: its predicted gain equals the gain with the view."""
+
 from __future__ import annotations
 
 from dataclasses import replace

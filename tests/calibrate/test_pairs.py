@@ -1,3 +1,5 @@
+"""Binocular calibration: poses of pairs, and frames that are rejected."""
+
 from __future__ import annotations
 
 import numpy as np

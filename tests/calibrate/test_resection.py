@@ -1,3 +1,5 @@
+"""Resection of a board by all cameras of a rig."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The saddle model of a corner: derivatives, exact fits, and the Cramér–Rao bound."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Scores of a rig on board views: in pixels and in millimetres."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The Lie group SE(3): exponential, logarithm, adjoint and Jacobians."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Subpixel refinement of corners under blur, bleeding ink, gamma and occlusion."""
+
 from __future__ import annotations
 
 import cv2

@@ -1,3 +1,5 @@
+"""The check of synchronisation: shifted and shuffled frames are reported, synchronous ones are not."""
+
 from __future__ import annotations
 
 import pytest

@@ -1,3 +1,5 @@
+"""Zhang's method: recovery of a camera, its σ, and rejected views."""
+
 from __future__ import annotations
 
 import re

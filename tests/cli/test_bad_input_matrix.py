@@ -1,4 +1,4 @@
-"""Bad inputs over all commands: one line that names what is wrong and the fix, exit code 2, nothing left behind."""
+"""Bad input to all commands: one line that names the fault and the fix, exit code 2, no output left."""
 
 from __future__ import annotations
 

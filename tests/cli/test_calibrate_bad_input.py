@@ -1,4 +1,4 @@
-"""Bad boards and captures that ``calibrate`` and ``check`` meet: one line each."""
+"""Bad boards and captures: ``calibrate`` and ``check`` refuse them in one line."""
 
 from __future__ import annotations
 

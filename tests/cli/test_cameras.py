@@ -1,3 +1,5 @@
+"""``beltscape cameras``: its summary and its refusals."""
+
 from __future__ import annotations
 
 import pytest

@@ -1,4 +1,4 @@
-"""``evaluate depth`` on a folder as `reconstruct` leaves it; what is wrong is one line."""
+"""``evaluate depth`` on a reconstruction: scores, and refused input in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape export`` and ``beltscape import`` from the outside."""
+"""``beltscape export`` and ``beltscape import`` as commands."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""The program as a whole: help, exit codes and errors."""
+
 from __future__ import annotations
 
 import subprocess

@@ -1,4 +1,4 @@
-"""``beltscape plan`` from the outside."""
+"""``beltscape plan`` as a command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape simulate`` from the outside."""
+"""``beltscape simulate`` as a command."""
 
 from __future__ import annotations
 

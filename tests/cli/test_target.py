@@ -1,3 +1,5 @@
+"""``beltscape target``: files, summaries and refused values."""
+
 from __future__ import annotations
 
 import argparse

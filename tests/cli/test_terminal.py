@@ -1,3 +1,5 @@
+"""The terminal's reporter: warnings, progress bars and errors."""
+
 from __future__ import annotations
 
 import io

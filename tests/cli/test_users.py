@@ -1,4 +1,4 @@
-"""``beltscape users`` from the outside: with and without the service running."""
+"""``beltscape users`` as a command, with and without the service running."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""The camera model: projection and undistortion, compared with OpenCV."""
+
 from __future__ import annotations
 
 import cv2

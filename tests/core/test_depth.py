@@ -1,3 +1,5 @@
+"""Depth maps: points on the undistorted grid, NaN where not measured."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The tree of exceptions."""
+
 from __future__ import annotations
 
 import inspect

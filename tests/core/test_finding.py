@@ -1,3 +1,5 @@
+"""Findings of checks: their effects, combined errors and summaries."""
+
 from __future__ import annotations
 
 from beltscape.core.finding import (

@@ -1,3 +1,5 @@
+"""Frame sets: grey levels, luminance and saturation of images."""
+
 from __future__ import annotations
 
 import numpy as np

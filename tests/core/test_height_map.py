@@ -1,3 +1,5 @@
+"""Height maps: positions of cells."""
+
 from __future__ import annotations
 
 import numpy as np

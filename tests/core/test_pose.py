@@ -1,3 +1,5 @@
+"""Rigid transforms: products, inverses and their laws."""
+
 from __future__ import annotations
 
 import numpy as np

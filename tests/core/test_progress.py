@@ -1,3 +1,5 @@
+"""Reporters of progress and warnings."""
+
 from __future__ import annotations
 
 from beltscape.core.progress import Silent

@@ -1,3 +1,5 @@
+"""Rigs: relative poses and projection."""
+
 from __future__ import annotations
 
 import numpy as np

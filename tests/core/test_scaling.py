@@ -1,4 +1,4 @@
-"""The same camera with smaller or larger images: it looks the same way."""
+"""Scaling of cameras to smaller or larger images: the viewing rays stay the same."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""The backup script: whole copies of a database in use, and their number."""
+
 from __future__ import annotations
 
 import runpy

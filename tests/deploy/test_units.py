@@ -1,3 +1,5 @@
+"""The systemd units: valid, and their commands exist."""
+
 from __future__ import annotations
 
 import configparser

@@ -1,1 +1,1 @@
-"""What the manual tells its readers to type, typed."""
+"""Tests of the manual: every command and code block that it shows is run."""

@@ -1,4 +1,4 @@
-"""What a reader has in hand before the first page, and the folder in which the README was followed to its end."""
+"""Fixtures of the manual's tests: the reader's files, and the folder in which the README was followed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The program as a reader calls it, and what its parsers know."""
+"""The program as the manual's tests call it, and the options that its parsers declare."""
 
 from __future__ import annotations
 

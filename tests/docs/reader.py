@@ -1,4 +1,4 @@
-"""A reader who types what a page says, block by block, in one folder."""
+"""A reader of the manual: runs the blocks of a page one after the other in one folder."""
 
 from __future__ import annotations
 

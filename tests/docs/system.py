@@ -1,4 +1,4 @@
-"""Commands of the manual that are not the program's own: each has a rule here, or the page fails.
+"""Rules for the manual's commands that are not the program's own; a command without a rule fails the page.
 
 What a machine's administrator types is not done to the machine that tests: files are copied below a root of their
 own, services, packages and options are held against what is in this repository.

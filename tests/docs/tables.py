@@ -1,4 +1,4 @@
-"""TOML blocks of the manual, read by the reader that the product has for them."""
+"""TOML blocks of the manual, read by the product's own readers."""
 
 from __future__ import annotations
 

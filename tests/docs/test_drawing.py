@@ -1,4 +1,4 @@
-"""Drawings of the manual are those that their programs draw, of settings and geometry as they are."""
+"""The drawings of the manual equal what their programs draw from the settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of the manual that come from the benchmarks are those of the newest results."""
+"""The figure tables of the manual equal the newest benchmark results."""
 
 from __future__ import annotations
 

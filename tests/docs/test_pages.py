@@ -1,4 +1,4 @@
-"""Every command and code block of the README and the manual, in the reader's order, on a rig whose lenses distort."""
+"""Every command and code block of the README and the manual is run in order, on a rig with distorting lenses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files, packages and modules that the pages name exist; the commands of CONTRIBUTING.md hold."""
+"""Files, packages and modules that the project pages name exist; the commands of CONTRIBUTING.md work."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Scores of a depth map: coverage, noise, bias, interior and regions."""
+
 from __future__ import annotations
 
 import numpy as np

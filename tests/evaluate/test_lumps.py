@@ -1,3 +1,5 @@
+"""Scores of lumps against known rocks."""
+
 from __future__ import annotations
 
 import numpy as np

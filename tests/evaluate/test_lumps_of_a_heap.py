@@ -1,4 +1,4 @@
-"""A simulated heap that was not learnt from, by its true depth: the ceiling of what a matched one gives."""
+"""Lumps of a simulated heap from its true depth: the upper bound of what matched depth gives."""
 
 from __future__ import annotations
 

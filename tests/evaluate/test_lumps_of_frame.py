@@ -1,4 +1,4 @@
-"""`evaluate lumps` from a simulated folder: by the true depth, by a reconstruction, and what is wrong in one line."""
+"""``evaluate lumps`` on a simulated folder: with the true depth, with a reconstruction, and refused input."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Pixels that are occluded in every auxiliary."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The report of results made by hand: complete, self-contained, and with the published numbers in it."""
+"""The report of the paper's experiments: complete, self-contained, with the published numbers."""
 
 from __future__ import annotations
 

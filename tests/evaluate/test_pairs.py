@@ -1,4 +1,4 @@
-"""What scores a pair, held against scenes made of formulas."""
+"""Scores of stereo pairs, tested on scenes made by formulas."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Depth matchers on three real pairs; a method is a line in `METHODS` and a column of limits here."""
+"""Depth matchers on three real stereo pairs, with limits of error for each method."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Reliability of a depth map: false fill, σ ratios and pixel locking."""
+
 from __future__ import annotations
 
 import numpy as np

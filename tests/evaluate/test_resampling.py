@@ -1,3 +1,5 @@
+"""Resampling of the truth to another core camera."""
+
 from __future__ import annotations
 
 from dataclasses import replace

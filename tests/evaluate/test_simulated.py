@@ -1,4 +1,4 @@
-"""The truth's files in both layouts: depth, regions and occluded pixels; faults are one line."""
+"""Files of the truth in both layouts: depth, regions and occluded pixels; refused files."""
 
 from __future__ import annotations
 

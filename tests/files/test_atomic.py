@@ -1,3 +1,5 @@
+"""Atomic writing of files: whole or unchanged."""
+
 from __future__ import annotations
 
 import pytest

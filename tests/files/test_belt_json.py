@@ -1,3 +1,5 @@
+"""belt.json: exact round trip and refused values."""
+
 from __future__ import annotations
 
 import json

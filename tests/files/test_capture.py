@@ -1,3 +1,5 @@
+"""Capture folders: order of frames, cameras, and duplicates."""
+
 from __future__ import annotations
 
 import pytest

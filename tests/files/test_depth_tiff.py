@@ -1,3 +1,5 @@
+"""Depth as TIFF: exact round trip, other readers, damaged files."""
+
 from __future__ import annotations
 
 import cv2

@@ -1,4 +1,4 @@
-"""encoder.csv, density tables and products: what is refused, and with which words; flow.csv."""
+"""encoder.csv, density tables, products and flow.csv: contents and refused files."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Height maps as TIFF: position, scale and orientation."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Images in every format: values, colours and bit depths."""
+
 from __future__ import annotations
 
 import cv2

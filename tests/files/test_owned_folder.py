@@ -1,4 +1,4 @@
-"""Output folders belong to the command that wrote them: replaced as a whole, never mixed, never foreign ones."""
+"""Output folders belong to the command that wrote them: replaced as a whole, foreign ones refused."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Point clouds written as PLY."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Point clouds read from PLY."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Frame folders of a reconstruction: exact round trip and missing files."""
+
 from __future__ import annotations
 
 from pathlib import Path

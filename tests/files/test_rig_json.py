@@ -1,3 +1,5 @@
+"""rig.json: exact round trip, keys of the contract, impossible rigs."""
+
 from __future__ import annotations
 
 import copy

@@ -1,4 +1,4 @@
-"""Rigs that cannot be are refused by name, and the unusual ones are only warned of."""
+"""Implausible rigs are refused by name; unusual ones give a warning."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Notification of systemd over its socket."""
+
 from __future__ import annotations
 
 import os

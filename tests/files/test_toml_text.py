@@ -1,3 +1,5 @@
+"""TOML read into settings: values, and the first invalid key."""
+
 from __future__ import annotations
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which instruction-set levels round alike: v2 has no product and sum in one, all others use it."""
+"""Instruction-set levels with the same rounding: all but v2, which has no fused multiply-add."""
 
 from __future__ import annotations
 

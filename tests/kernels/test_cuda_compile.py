@@ -1,4 +1,4 @@
-"""The headers that CUDA shares with the CPU compile as device code, on a machine without a GPU.
+"""The headers shared with CUDA compile as device code, without a GPU.
 
 NVRTC comes as a wheel: `pip install .[cuda-check]`, or `nvidia-cuda-nvrtc` alone.
 """

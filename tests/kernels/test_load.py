@@ -1,3 +1,5 @@
+"""The choice of a back end and of an instruction-set level."""
+
 from __future__ import annotations
 
 import pytest

@@ -1,3 +1,5 @@
+"""The measured box of a belt: integrals over partial cells, profiles and range."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The belt frame found in one depth map of an empty belt."""
+
 from __future__ import annotations
 
 from typing import Any

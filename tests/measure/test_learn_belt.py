@@ -1,3 +1,5 @@
+"""The empty belt learned from several depth maps, with its ends and edges."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""How the load lies: centre, fullness, summit, and its body as a mesh; laws that any volume keeps."""
+"""The shape of a load: centre of gravity, fill level, highest point, and its closed mesh."""
 
 from __future__ import annotations
 

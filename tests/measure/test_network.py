@@ -1,4 +1,4 @@
-"""Small networks: their sums, and what ships."""
+"""Small networks: evaluation, and the files that are shipped."""
 
 from __future__ import annotations
 

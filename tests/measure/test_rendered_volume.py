@@ -1,4 +1,4 @@
-"""On the rendered captures' exact depth: the belt frame and the volumes against the truth."""
+"""The belt frame and volumes on the rendered captures' exact depth, against the truth."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Height maps of a depth map, and the selection of reliable pixels."""
+
 from __future__ import annotations
 
 import numpy as np

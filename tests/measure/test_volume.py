@@ -1,3 +1,5 @@
+"""Volumes of known solids on a belt, with their σ."""
+
 from __future__ import annotations
 
 from typing import Any

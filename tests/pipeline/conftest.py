@@ -1,4 +1,4 @@
-"""The demo's capture, small parts of it, and one whole run of it."""
+"""Fixtures: the demo's capture, parts of it, and one run of the whole demo."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape measure belt``, and ``measure volume`` with what it wrote."""
+"""``beltscape measure belt``, and ``measure volume`` with its belt.json."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from beltscape.files.meshes.stl import read_stl
 from tests.synthetic.demo import parse_json
 
 
-def test_learns_a_belt_that_volume_takes(run, small_frames, tmp_path):
+def test_measured_belt_is_accepted_by_volume(run, small_frames, tmp_path):
     empty, loaded = small_frames / "belt_empty", small_frames / "belt_loaded" / "000"
     code, out, _ = run("measure", "belt", empty, "--out", tmp_path / "belt.json", "--json")
     assert code == 0
@@ -20,11 +20,11 @@ def test_learns_a_belt_that_volume_takes(run, small_frames, tmp_path):
     assert list(belt.across_mm) == answer["across_mm"]
     assert "Empty belt" in (tmp_path / "belt.html").read_text()
     box = ("--along", -100, 100, "--json")
-    found = [
+    volumes = [
         parse_json(run("measure", "volume", loaded, "--empty", place, *box)[1])["volume_mm3"]
         for place in (tmp_path / "belt.json", empty, empty / "000")
     ]
-    assert found[1:] == pytest.approx([found[0]] * 2, rel=1e-12)
+    assert volumes[1:] == pytest.approx([volumes[0]] * 2, rel=1e-12)
 
 
 def test_volume_writes_files_for_other_programs(run, small_frames, tmp_path):
@@ -43,7 +43,7 @@ def test_volume_writes_files_for_other_programs(run, small_frames, tmp_path):
     assert len(answer["centre_of_gravity"]["place_mm"]) == 3
 
 
-def test_refuses_frames_that_are_not_there(run, small_frames, tmp_path):
+def test_missing_frames_are_refused(run, small_frames, tmp_path):
     empty = small_frames / "belt_empty"
     code, _, err = run("measure", "belt", empty, "--frames", "777", "--out", tmp_path / "b.json")
     assert code == 2

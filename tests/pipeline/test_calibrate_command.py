@@ -1,4 +1,4 @@
-"""``beltscape calibrate`` on the demo's boards: what only shows with images."""
+"""``beltscape calibrate`` on the demo's images."""
 
 from __future__ import annotations
 
@@ -52,24 +52,24 @@ def test_mirrored_images_are_reported(run, boards, tmp_path):
     assert f"{boards / 'cam2'}: the images are mirrored; switch mirroring off in the camera" in warnings
 
 
-def test_square_given_in_centimetres_is_questioned(run, boards, tmp_path):
+def test_square_given_in_centimetres_causes_a_warning(run, boards, tmp_path):
     board = tmp_path / "board.toml"
     text = (DEMO / "board.toml").read_text()
     board.write_text(text.replace("34.0", "3.4").replace("25.0", "2.5"))
     code, out, _ = run("calibrate", boards, "--board", board, "--out", tmp_path / "out", "--json")
     assert code == 0
-    doubts = [line for line in parse_json(out)["warnings"] if "centimetres" in line]
-    assert len(doubts) == 1
-    assert doubts[0].startswith("with square_mm = 3.4 the board was 6")
-    assert doubts[0].endswith("mm away; was it given in centimetres (34 mm)?")
+    warnings = [line for line in parse_json(out)["warnings"] if "centimetres" in line]
+    assert len(warnings) == 1
+    assert warnings[0].startswith("with square_mm = 3.4 the board was 6")
+    assert warnings[0].endswith("mm away; was it given in centimetres (34 mm)?")
 
 
-def test_given_intrinsics_are_held(run, boards, tmp_path):
+def test_given_intrinsics_are_fixed(run, boards, tmp_path):
     code, out, _ = calibrate(run, boards, tmp_path / "out", "--intrinsics", TRUE_RIG)
     assert code == 0
-    truth, found = read_rig(TRUE_RIG), read_rig(tmp_path / "out" / "rig.json")
+    truth, calibrated = read_rig(TRUE_RIG), read_rig(tmp_path / "out" / "rig.json")
     for name in CAMERAS:
-        np.testing.assert_array_equal(found.cameras[name].focal_px, truth.cameras[name].focal_px)
+        np.testing.assert_array_equal(calibrated.cameras[name].focal_px, truth.cameras[name].focal_px)
     assert parse_json(out)["cameras"]["cam0"]["held"] == [
         "fx",
         "fy",
@@ -83,7 +83,7 @@ def test_given_intrinsics_are_held(run, boards, tmp_path):
     ]
 
 
-def test_report_and_rig_are_the_same_twice(run, boards, tmp_path):
+def test_report_and_rig_are_deterministic(run, boards, tmp_path):
     for name in ("a", "b"):
         calibrate(run, boards, tmp_path / name)
     for file in ("rig.json", "calibration.json", "report.html"):

@@ -1,4 +1,4 @@
-"""The whole chain against its truth: nothing may get worse than this."""
+"""The whole chain on the demo against its truth: limits of coverage and error."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def test_calibration_is_near_the_true_rig(demo):
         ("multiview", "module", 0.97, 0.045),
     ],
 )
-def test_depth_meets_the_truth(demo, method, scene, within_1mm, median_mm):
+def test_depth_is_near_the_truth(demo, method, scene, within_1mm, median_mm):
     score = demo[0]["depth_against_truth"][scene][method]
     assert score["within_1mm"] > within_1mm
     assert score["interior_median_mm"] < median_mm
     assert 0.6 < score["sigma_ratio"] < 1.4
 
 
-def test_more_cameras_see_more_than_two(demo):
+def test_more_cameras_give_more_coverage_than_two(demo):
     for scene in ("belt_loaded", "module"):
         scores = demo[0]["depth_against_truth"][scene]
         assert scores["pairwise"]["within_1mm"] > scores["binocular"]["within_1mm"] + 0.03
@@ -71,7 +71,7 @@ def test_report_works_offline(demo):
     assert len(page) < 12_000_000
 
 
-def test_every_report_of_the_chain_is_whole(reports):
+def test_every_report_of_the_chain_is_complete(reports):
     assert {"demo", "calibration", "volume_belt_loaded"} <= set(reports)
     for name, page in reports.items():
         assert text_faults(page) == [], name

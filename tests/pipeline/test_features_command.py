@@ -1,4 +1,4 @@
-"""``beltscape measure features``: the answer's form, the files, what it refuses."""
+"""``beltscape measure features``: output, files and refused input."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def frame(tmp_path_factory):
     return folder / "000"
 
 
-def test_answers_and_writes_what_the_contract_says(run, frame, tmp_path):
+def test_answer_and_files_follow_the_contract(run, frame, tmp_path):
     out = tmp_path / "f"
     code, text, _ = run(
         "measure", "features", frame, "--module", frame.parent / "module.toml", "--out", out, "--json"
@@ -70,10 +70,10 @@ def test_answers_and_writes_what_the_contract_says(run, frame, tmp_path):
         ("cube60", "height"), ("sphere70", "radius"), ("rod", "diameter"), ("rod", "height"),
         ("step:cube100-cube60", "height_difference"),
     ]  # fmt: skip
-    for found in answer["features"]:
-        assert set(found) == {"name", "quantity", "nominal_mm", "measured_mm", "sigma_mm", "points"}
-        assert abs(found["measured_mm"] - found["nominal_mm"]) < 0.5
-        assert found["sigma_mm"] > 0
+    for feature in answer["features"]:
+        assert set(feature) == {"name", "quantity", "nominal_mm", "measured_mm", "sigma_mm", "points"}
+        assert abs(feature["measured_mm"] - feature["nominal_mm"]) < 0.5
+        assert feature["sigma_mm"] > 0
     assert answer["pose"]["agreement"] > 0.6
     assert np.linalg.det(answer["pose"]["core_from_module"]["rotation"]) == pytest.approx(1)
     assert answer["warnings"] == []
@@ -86,7 +86,7 @@ def test_answers_and_writes_what_the_contract_says(run, frame, tmp_path):
     assert text_faults(page) == []
 
 
-def test_a_plain_image_replaces_the_patterned_one_at_edges(run, frame, tmp_path):
+def test_plain_image_replaces_the_patterned_one_at_edges(run, frame, tmp_path):
     toml, dots = frame.parent / "module.toml", tmp_path / "dots.png"
     noise = np.random.default_rng(1).integers(0, 255, (512, 612), dtype=np.uint8)
     write_image(dots, noise)
@@ -100,7 +100,7 @@ def test_a_plain_image_replaces_the_patterned_one_at_edges(run, frame, tmp_path)
     assert all(b > 1.5 * a for a, b in sigmas)  # noise shows no edges, and is not believed to
 
 
-def test_the_viewer_draws_what_was_measured(run, frame, tmp_path):
+def test_viewer_draws_the_measured_features(run, frame, tmp_path):
     out, page = tmp_path / "f", tmp_path / "scene.html"
     assert run("measure", "features", frame, "--module", frame.parent / "module.toml", "--out", out)[0] == 0
     assert run("view", frame, "--features", out / "features.json", "--out", page)[0] == 0
@@ -120,7 +120,7 @@ def test_the_viewer_draws_what_was_measured(run, frame, tmp_path):
     assert edges[2] == pytest.approx(cube["size_mm"][:1] * 4, abs=0.02)  # the page rounds to 0.01 mm
 
 
-def test_the_same_frame_gives_the_same_bytes(run, frame, tmp_path):
+def test_result_is_deterministic(run, frame, tmp_path):
     for name in ("a", "b"):
         run("measure", "features", frame, "--module", frame.parent / "module.toml", "--out", tmp_path / name)
     for file in ("features.json", "features.csv", "report.html"):
@@ -136,7 +136,7 @@ def test_the_same_frame_gives_the_same_bytes(run, frame, tmp_path):
         ("[base\n", "module.toml"),
     ],
 )
-def test_refuses_a_bad_module_in_one_line(run, frame, tmp_path, text, word):
+def test_bad_module_is_refused_in_one_line(run, frame, tmp_path, text, word):
     path = tmp_path / "module.toml"
     path.write_text(text)
     code, out, err = run("measure", "features", frame, "--module", path)
@@ -146,7 +146,7 @@ def test_refuses_a_bad_module_in_one_line(run, frame, tmp_path, text, word):
     assert word in err[0]
 
 
-def test_refuses_what_does_not_fit(run, frame, tmp_path):
+def test_mismatched_inputs_are_refused(run, frame, tmp_path):
     toml, small = frame.parent / "module.toml", tmp_path / "small.png"
     write_image(small, np.zeros((40, 60), np.uint8))
     bad = [
@@ -162,7 +162,7 @@ def test_refuses_what_does_not_fit(run, frame, tmp_path):
         assert say in err[0]
 
 
-def test_refuses_an_image_png_of_another_size(run, frame, tmp_path):
+def test_image_of_another_size_is_refused(run, frame, tmp_path):
     depth = DepthCameraView(module(), module_pose()).depth()
     camera = rig().core_camera
     nothing = DepthMap(depth.depth_mm, depth.sigma_mm, depth.views, depth.confidence)
@@ -175,7 +175,7 @@ def test_refuses_an_image_png_of_another_size(run, frame, tmp_path):
     assert "image.png" in err[0]
 
 
-def test_reconstruct_keeps_the_cores_image_on_the_depth_maps_grid(small_frames):
+def test_reconstruct_writes_the_core_image_on_the_grid_of_the_depth_map(small_frames):
     folder = small_frames / "belt_loaded" / "000"
     image, depth = read_image(folder / "image.png"), read_image(folder / "views.png")
     assert image.shape[:2] == depth.shape

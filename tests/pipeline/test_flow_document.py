@@ -1,4 +1,4 @@
-"""What `measure flow` writes and prints: no mass without a density, and what the direction rests on."""
+"""The output of `measure flow`: mass only with a density, and the evidence for the direction."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def measured(density: Density, *, timed: bool = True, heap: Heap | None = HEAP) 
 
 
 @pytest.mark.parametrize("timed", [True, False])
-def test_without_a_density_there_is_no_mass(tmp_path: Path, timed: bool) -> None:
+def test_flow_without_density_has_no_mass(tmp_path: Path, timed: bool) -> None:
     result = write_flow_result(
         tmp_path, measured(make_unknown_density(), timed=timed), make_unknown_density(), ()
     )
@@ -44,7 +44,7 @@ def test_without_a_density_there_is_no_mass(tmp_path: Path, timed: bool) -> None
     assert (totals["mean_volume_flow_m3_h"] is None) == (not timed)
 
 
-def test_with_a_density_there_is(tmp_path: Path) -> None:
+def test_flow_with_density_has_mass(tmp_path: Path) -> None:
     density = Density.constant(1600.0)
     result = write_flow_result(tmp_path, measured(density), density, ())
     totals = result["totals"]
@@ -59,7 +59,7 @@ def test_summary_names_the_evidence_of_the_direction(tmp_path: Path) -> None:
     assert f"in {evidence['pairs_towards_plus_y']} of" in summary(result)
 
 
-def test_of_an_empty_belt_the_direction_is_unknown(tmp_path: Path) -> None:
+def test_direction_of_an_empty_belt_is_unknown(tmp_path: Path) -> None:
     result = write_flow_result(
         tmp_path, measured(make_unknown_density(), heap=None), make_unknown_density(), ()
     )

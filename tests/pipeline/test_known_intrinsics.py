@@ -1,4 +1,4 @@
-"""``calibrate --intrinsics``: every name and every size is accounted for, nothing that was given is ignored."""
+"""``calibrate --intrinsics``: names and sizes are matched to the capture, or refused."""
 
 from __future__ import annotations
 
@@ -30,22 +30,24 @@ def capture_of(*names: str) -> Capture:
     return Capture(Path("boards"), {name: {"00": Path(name, "00.png")} for name in names})
 
 
-def given(*names: str, **named: Camera) -> KnownIntrinsics:
+def make_known(*names: str, **named: Camera) -> KnownIntrinsics:
     return KnownIntrinsics({**{name: RIG.cameras[name] for name in names}, **named}, "lab.yaml")
 
 
-@pytest.mark.parametrize(("there", "asked"), [(("a",), ("x", "y")), (("a", "b", "c"), ("A", "cam_b"))])
-def test_cameras_of_which_none_is_in_the_capture_are_refused(there, asked):
+@pytest.mark.parametrize(
+    ("known_names", "camera_names"), [(("a",), ("x", "y")), (("a", "b", "c"), ("A", "cam_b"))]
+)
+def test_intrinsics_without_a_camera_of_the_capture_are_refused(known_names, camera_names):
     with pytest.raises(InputError) as error:
-        given(*there).match_capture(capture_of(*asked), Silent())
+        make_known(*known_names).match_capture(capture_of(*camera_names), Silent())
     assert str(error.value) == (
-        f"lab.yaml: holds intrinsics of {', '.join(there)}, boards has the cameras {', '.join(asked)}: none is the "
-        "same; name the cameras in the file as their folders are named"
+        f"lab.yaml: holds intrinsics of {', '.join(known_names)}, boards has the cameras "
+        f"{', '.join(camera_names)}: none is the same; name the cameras in the file as their folders are named"
     )
 
 
 @pytest.mark.parametrize(
-    ("there", "asked", "warnings"),
+    ("known_names", "camera_names", "warnings"),
     [
         ("ab", "ab", []),
         ("abc", "ab", ["lab.yaml: also holds c, not in boards"]),
@@ -62,22 +64,22 @@ def test_cameras_of_which_none_is_in_the_capture_are_refused(there, asked):
         ),
     ],
 )  # fmt: skip
-def test_which_cameras_take_theirs_is_stated(there, asked, warnings):
+def test_cameras_without_given_intrinsics_are_named(known_names, camera_names, warnings):
     reporter = Silent()
-    matched = given(*there).match_capture(capture_of(*asked), reporter)
-    assert list(matched.cameras) == [name for name in there if name in asked]
+    matched = make_known(*known_names).match_capture(capture_of(*camera_names), reporter)
+    assert list(matched.cameras) == [name for name in known_names if name in camera_names]
     assert reporter.warnings == warnings
 
 
-def test_another_image_size_is_refused_with_both_sizes():
-    known = given("a", b=replace(RIG.cameras["b"], size_px=(960, 800)))
+def test_other_image_size_is_refused_with_both_sizes():
+    known = make_known("a", b=replace(RIG.cameras["b"], size_px=(960, 800)))
     with pytest.raises(InputError) as error:
         known.require_sizes({"a": (480, 400), "b": (480, 400), "c": (480, 400)})
     assert str(error.value) == (
         "lab.yaml: intrinsics of another image size (b for 960×800 px, its images have 480×400 px); give those of "
         "this size"
     )
-    given("a", "b").require_sizes({"a": (480, 400)})  # b's images could not be read
+    make_known("a", "b").require_sizes({"a": (480, 400)})  # b's images could not be read
 
 
 @pytest.mark.parametrize("factor", [0.9, 1.08])
@@ -85,12 +87,12 @@ def test_intrinsics_of_another_lens_are_named(factor):
     seen = make_detections(RIG, BOARD, board_poses(BOARD, 8), 0.05)
     bent = RIG.cameras["b"].distortion + np.array([0.3 * factor, 0, 0, 0, 0])
     other = replace(RIG.cameras["b"], focal_px=RIG.cameras["b"].focal_px * factor, distortion=bent)
-    known = given("a", b=other)
+    known = make_known("a", b=other)
     chain = solve_hierarchy(seen, BOARD, "a", Silent(), known=known.cameras)
     found = known.find_foreign(chain, seen, BOARD)
     assert list(found) == ["b"]
     assert found["b"].startswith("lab.yaml: the intrinsics of b fit its views within ")
-    true = given("a", "b")
+    true = make_known("a", "b")
     assert (
         true.find_foreign(solve_hierarchy(seen, BOARD, "a", Silent(), known=true.cameras), seen, BOARD) == {}
     )
@@ -119,7 +121,7 @@ def boards(tmp_path) -> Path:
     return tmp_path / "boards"
 
 
-def test_the_command_refuses_and_writes_nothing(run, boards, tmp_path):
+def test_refused_intrinsics_leave_no_files(run, boards, tmp_path):
     rig = read_rig(TRUE_RIG)
     names = {name: f"left_{name}" for name in rig.cameras}
     write_rig(
@@ -144,7 +146,7 @@ def test_the_command_refuses_and_writes_nothing(run, boards, tmp_path):
     assert not (tmp_path / "out" / "rig.json").exists()
 
 
-def test_the_result_states_whose_intrinsics_were_given(run, boards, tmp_path):
+def test_result_states_the_source_of_each_cameras_intrinsics(run, boards, tmp_path):
     rig = read_rig(TRUE_RIG)
     write_rig(tmp_path / "one.json", replace(rig, cameras={"cam0": rig.cameras["cam0"]}, cam_from_core={"cam0": rig.cam_from_core["cam0"]}))  # noqa: E501 # fmt: skip
     words = ["--board", DEMO / "board.toml", "--core", "cam1", "--intrinsics", tmp_path / "one.json"]

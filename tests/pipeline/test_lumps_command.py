@@ -1,4 +1,4 @@
-"""``beltscape measure lumps``: the answer's form, the files, what it refuses."""
+"""``beltscape measure lumps``: output, files and refused input."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_answer_and_files_agree(run, frames, tmp_path):
     assert "http" not in page.replace("http-equiv", "")
 
 
-def test_an_empty_belt_has_none_and_a_report_all_the_same(run, frames, tmp_path):
+def test_empty_belt_has_no_lumps_and_a_report(run, frames, tmp_path):
     folder, _ = frames
     code, text, _ = run("measure", "lumps", folder / "empty", "--oversize", 50, "--out", tmp_path / "out")
     assert code == 0
@@ -74,7 +74,7 @@ def test_an_empty_belt_has_none_and_a_report_all_the_same(run, frames, tmp_path)
     assert "No lumps in view" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_the_empty_belt_may_be_a_belt_json(run, frames, tmp_path):
+def test_empty_belt_is_read_from_a_belt_json(run, frames, tmp_path):
     folder, solids = frames
     belt = tmp_path / "belt.json"
     assert run("measure", "belt", folder, "--frames", "empty", "--out", belt)[0] == 0
@@ -88,7 +88,7 @@ def test_the_empty_belt_may_be_a_belt_json(run, frames, tmp_path):
         assert one["size_mm"] == pytest.approx(other["size_mm"])
 
 
-def test_the_summary_says_the_sizes(run, frames):
+def test_summary_states_the_sizes(run, frames):
     folder, solids = frames
     code, text, _ = run("measure", "lumps", folder / "loaded", "--oversize", 20)
     assert code == 0
@@ -98,7 +98,7 @@ def test_the_summary_says_the_sizes(run, frames):
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (["--sieves", "20;40"], "--sieves 20;40"),
         (["--sieves", "40,20"], "ascend"),
@@ -106,8 +106,8 @@ def test_the_summary_says_the_sizes(run, frames):
         (["--empty", "none"], "none: no such file or folder; give a belt.json"),
     ],
 )
-def test_what_is_wrong_is_one_line(run, frames, words, says):
+def test_invalid_input_is_refused_in_one_line(run, frames, words, message):
     code, out, error = run("measure", "lumps", frames[0] / "loaded", *words)
     assert (code, out) == (2, "")
     (line,) = error
-    assert says in line
+    assert message in line

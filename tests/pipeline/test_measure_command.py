@@ -1,4 +1,4 @@
-"""``beltscape measure volume``: the answer's form, the box, what it refuses."""
+"""``beltscape measure volume``: output, the box, and refused input."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beltscape.files.rig_json import read_rig, write_rig
 from tests.synthetic.demo import parse_json
 
 
-def test_answers_and_writes_what_the_contract_says(run, small_frames, tmp_path):
+def test_answer_and_files_follow_the_contract(run, small_frames, tmp_path):
     loaded, empty = small_frames / "belt_loaded" / "000", small_frames / "belt_empty" / "000"
     code, out, _ = run(
         "measure", "volume", loaded, "--empty", empty, "--across", -250, 260, "--along", -150, 150,
@@ -48,13 +48,13 @@ def test_volumes_of_neighbouring_boxes_add_up(run, small_frames):
     assert sum(parts) == pytest.approx(whole, rel=2e-3)
 
 
-def test_an_empty_belt_holds_nothing(run, small_frames):
+def test_volume_of_an_empty_belt_is_zero(run, small_frames):
     empty = small_frames / "belt_empty" / "000"
     answer = parse_json(run("measure", "volume", empty, "--empty", empty, "--json")[1])
     assert abs(answer["volume_mm3"]) < min(3 * answer["sigma_mm3"], 2000)
 
 
-def test_refuses_a_folder_that_is_no_frame(run, small_frames, tmp_path):
+def test_folder_without_a_frame_is_refused(run, small_frames, tmp_path):
     loaded = small_frames / "belt_loaded" / "000"
     code, out, err = run("measure", "volume", loaded, "--empty", tmp_path / "nothing")
     assert (code, out) == (2, "")
@@ -62,7 +62,7 @@ def test_refuses_a_folder_that_is_no_frame(run, small_frames, tmp_path):
     assert line.startswith(f"beltscape: {tmp_path / 'nothing'}: no such file or folder; give a belt.json of")
 
 
-def test_takes_the_only_frame_of_a_reconstruction_and_lists_several(run, small_frames, tmp_path):
+def test_only_frame_of_a_reconstruction_is_used_and_several_are_listed(run, small_frames, tmp_path):
     loaded, empty = small_frames / "belt_loaded", small_frames / "belt_empty"
     words = ("--empty", empty, "--along", -100, 100, "--json")
     answers = [parse_json(run("measure", "volume", place, *words)[1]) for place in (loaded, loaded / "000")]
@@ -76,7 +76,7 @@ def test_takes_the_only_frame_of_a_reconstruction_and_lists_several(run, small_f
     ]
 
 
-def test_refuses_frames_of_different_rigs(run, small_frames, tmp_path):
+def test_frames_of_different_rigs_are_refused(run, small_frames, tmp_path):
     other = tmp_path / "other" / "000"
     shutil.copytree(small_frames / "belt_empty" / "000", other)
     rig = read_rig(small_frames / "belt_empty" / "rig.json")
@@ -92,14 +92,14 @@ def test_refuses_frames_of_different_rigs(run, small_frames, tmp_path):
     ]
 
 
-def test_refuses_a_box_upside_down(run, small_frames):
+def test_reversed_box_is_refused(run, small_frames):
     loaded, empty = small_frames / "belt_loaded" / "000", small_frames / "belt_empty" / "000"
     code, _, err = run("measure", "volume", loaded, "--empty", empty, "--along", 100, -100)
     assert code == 2
     assert err == ["beltscape: --along 100 -100: the first number must be the smaller one"]
 
 
-def test_names_the_measured_range_when_the_box_is_outside(run, small_frames):
+def test_box_outside_is_refused_with_the_measured_range(run, small_frames):
     loaded, empty = small_frames / "belt_loaded" / "000", small_frames / "belt_empty" / "000"
     code, _, err = run("measure", "volume", loaded, "--empty", empty, "--along", 5000, 6000)
     assert code == 2
@@ -109,7 +109,7 @@ def test_names_the_measured_range_when_the_box_is_outside(run, small_frames):
     )
 
 
-def test_a_quantity_that_is_not_there_is_one_line(run):
+def test_unknown_quantity_is_refused_in_one_line(run):
     code, _, err = run("measure", "weather", "x")
     assert code == 2
     assert len(err) == 1
@@ -118,7 +118,7 @@ def test_a_quantity_that_is_not_there_is_one_line(run):
     )
 
 
-def test_a_setting_out_of_bounds_is_one_line(run, small_frames):
+def test_setting_out_of_bounds_is_refused_in_one_line(run, small_frames):
     words = (
         "measure",
         "volume",

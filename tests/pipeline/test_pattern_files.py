@@ -1,3 +1,5 @@
+"""Files of a speckle pattern: JSON, images and SVG."""
+
 from __future__ import annotations
 
 import json
@@ -24,7 +26,7 @@ def folder(tmp_path_factory):
     return folder
 
 
-def test_a_pattern_is_read_as_it_was_written(folder):
+def test_pattern_is_read_as_it_was_written(folder):
     read = read_pattern(folder / "pattern.json")
     assert read.settings == PATTERN.settings
     assert read.markers == PATTERN.markers
@@ -32,7 +34,7 @@ def test_a_pattern_is_read_as_it_was_written(folder):
     np.testing.assert_array_equal(draw_pattern(read), draw_pattern(PATTERN))
 
 
-def test_the_document_holds_what_made_it(folder):
+def test_document_contains_the_settings(folder):
     document = json.loads((folder / "pattern.json").read_text())
     assert list(document) == ["format", "size_px", "seed", "parameters", "dots", "markers"]
     assert (document["format"], document["size_px"], document["seed"]) == (
@@ -49,7 +51,7 @@ def test_the_document_holds_what_made_it(folder):
     np.testing.assert_array_equal(again.dots, document["dots"])
 
 
-def test_the_same_pattern_gives_the_same_bytes(folder, tmp_path):
+def test_files_are_deterministic(folder, tmp_path):
     files, _ = write_pattern_files(tmp_path, PATTERN)
     assert len(files) == 5
     for path in files.values():
@@ -57,13 +59,13 @@ def test_the_same_pattern_gives_the_same_bytes(folder, tmp_path):
 
 
 @pytest.mark.parametrize(("bits", "image_format"), [(8, "png"), (16, "png"), (8, "tiff"), (16, "tiff")])
-def test_the_image_file_holds_the_drawn_pattern(tmp_path, bits, image_format):
+def test_image_file_contains_the_drawn_pattern(tmp_path, bits, image_format):
     files, _ = write_pattern_files(tmp_path, PATTERN, bits=bits, image_format=image_format)
     assert files["image"].name == f"pattern.{image_format}"
     np.testing.assert_array_equal(read_image(files["image"]), draw_pattern(PATTERN, bits))
 
 
-def test_the_svg_has_every_dot_and_marker_where_it_is():
+def test_svg_contains_every_dot_and_marker_at_its_position():
     root = ET.fromstring(pattern_to_svg(PATTERN))
     assert root.attrib["viewBox"] == "-0.5 -0.5 160 128"
     circles = list(root.iter("{http://www.w3.org/2000/svg}circle"))
@@ -87,7 +89,7 @@ def test_the_svg_has_every_dot_and_marker_where_it_is():
         ),
     ],
 )
-def test_what_does_not_fit_is_named(folder, tmp_path, change, message):
+def test_mismatch_is_refused_by_name(folder, tmp_path, change, message):
     document = json.loads((folder / "pattern.json").read_text())
     change(document)
     path = tmp_path / "pattern.json"

@@ -1,4 +1,4 @@
-"""A rig that nobody has tuned on: planned, simulated, measured; the plan's promises against the result."""
+"""A planned rig, simulated and measured: coverage and precision as the plan predicts."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def planned():
 def measured(planned, tmp_path_factory):
     folder = tmp_path_factory.mktemp("planned")
     write_rig(folder / "planned.json", planned.planned.rig)
-    told = {
+    overrides = {
         "seed": 11,
         "rig": {"file": str(folder / "planned.json"), "scale": 1.0, "height_mm": 640.0},
         "belt": {
@@ -45,7 +45,7 @@ def measured(planned, tmp_path_factory):
         "projector": {"covers_mm": 800.0, "position_mm": (40.0, -60.0, 660.0)},
         "render": {"oversample": 2, "passes": 2, "ambient_samples": 1},
     }
-    simulate(read_scenario("belt_empty", told), folder / "capture", Silent())
+    simulate(read_scenario("belt_empty", overrides), folder / "capture", Silent())
     rig = folder / "capture" / "truth" / "rig.json"
     for method in MATCHING_SIGMA_PX:
         reconstruct_capture(folder / "capture", read_rig(rig), folder / method, Silent(), method=method)

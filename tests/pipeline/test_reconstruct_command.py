@@ -1,4 +1,4 @@
-"""``beltscape reconstruct``: what it writes, what it survives, what it refuses."""
+"""``beltscape reconstruct``: files, tolerated and refused input."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def last(lines):
         (("--method", "binocular"), "binocular", ["cam3"]),
     ],
 )
-def test_writes_what_the_contract_says(run, tmp_path, options, method, auxiliaries):
+def test_answer_and_files_follow_the_contract(run, tmp_path, options, method, auxiliaries):
     words = ("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", *options, "--json")
     code, out, _ = run(*words)
     assert code == 0
@@ -60,7 +60,7 @@ def test_writes_what_the_contract_says(run, tmp_path, options, method, auxiliari
     assert read_image(frame / "preview.png").shape[2] == 3
 
 
-def test_the_same_bytes_twice(run, tmp_path):
+def test_files_are_deterministic(run, tmp_path):
     for name in ("a", "b"):
         run("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / name)
     for path in sorted((tmp_path / "a").rglob("*.*")):
@@ -69,14 +69,14 @@ def test_the_same_bytes_twice(run, tmp_path):
         )
 
 
-def test_opencv_and_others_read_the_depth(run, tmp_path):
+def test_depth_is_readable_by_opencv(run, tmp_path):
     run("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", "--method", "binocular")
     path = tmp_path / "r" / "000" / "depth.tiff"
     by_opencv = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(by_opencv, tifffile.imread(path))
 
 
-def test_goes_on_without_a_missing_camera(run, capture, tmp_path):
+def test_missing_camera_causes_a_warning(run, capture, tmp_path):
     folder = capture("module")
     shutil.rmtree(folder / "cam3")
     code, out, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json")
@@ -87,7 +87,7 @@ def test_goes_on_without_a_missing_camera(run, capture, tmp_path):
     assert parse_json(out)["auxiliaries"] == ["cam1", "cam2", "cam4"]
 
 
-def test_goes_on_without_an_empty_image(run, capture, tmp_path):
+def test_empty_image_causes_a_warning(run, capture, tmp_path):
     folder = capture("module")
     (folder / "cam2" / "000.png").write_bytes(b"")
     code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
@@ -98,7 +98,7 @@ def test_goes_on_without_an_empty_image(run, capture, tmp_path):
     ]
 
 
-def test_goes_on_without_an_image_of_another_size(run, capture, tmp_path):
+def test_image_of_another_size_causes_a_warning(run, capture, tmp_path):
     folder = capture("module")
     cv2.imwrite(str(folder / "cam4" / "000.png"), np.zeros((100, 120), np.uint8))
     code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
@@ -109,7 +109,7 @@ def test_goes_on_without_an_image_of_another_size(run, capture, tmp_path):
     ]
 
 
-def test_goes_on_to_the_next_frame(run, capture, tmp_path):
+def test_unusable_frame_is_skipped_with_a_warning(run, capture, tmp_path):
     folder = capture("module")
     for camera in folder.iterdir():
         shutil.copy(camera / "000.png", camera / "001.png")
@@ -149,7 +149,7 @@ def test_low_coverage_causes_a_warning(run, capture, tmp_path):
     ]
 
 
-def test_refuses_a_capture_without_the_core(run, capture, tmp_path):
+def test_capture_without_the_core_is_refused(run, capture, tmp_path):
     folder = capture("module")
     shutil.rmtree(folder / "cam0")
     code, out, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
@@ -159,7 +159,7 @@ def test_refuses_a_capture_without_the_core(run, capture, tmp_path):
     ]
 
 
-def test_refuses_a_capture_without_auxiliaries(run, capture, tmp_path):
+def test_capture_without_auxiliaries_is_refused(run, capture, tmp_path):
     folder = capture("module")
     for name in ("cam1", "cam2", "cam3", "cam4"):
         shutil.rmtree(folder / name)
@@ -171,7 +171,7 @@ def test_refuses_a_capture_without_auxiliaries(run, capture, tmp_path):
     ]
 
 
-def test_an_unusable_core_image_is_named(run, capture, tmp_path):
+def test_unusable_core_image_is_refused_by_name(run, capture, tmp_path):
     folder = capture("module")
     (folder / "cam0" / "000.png").write_bytes(b"")
     code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
@@ -181,7 +181,7 @@ def test_an_unusable_core_image_is_named(run, capture, tmp_path):
     )
 
 
-def test_standard_measures_the_module_no_worse_than_fast(run, tmp_path):
+def test_standard_is_at_least_as_accurate_as_fast(run, tmp_path):
     truth = tifffile.imread(DEMO / "truth" / "module_depth.tiff")
     median_mm = []
     for preset in ("fast", "standard"):
@@ -202,14 +202,14 @@ def test_standard_measures_the_module_no_worse_than_fast(run, tmp_path):
         (("--method", "best"), "method best: unknown; use --method multiview, pairwise, binocular"),
     ],
 )
-def test_an_unknown_method_or_preset_is_named_before_anything_is_done(run, tmp_path, options, message):
+def test_unknown_method_or_preset_is_refused_before_anything_is_written(run, tmp_path, options, message):
     code, out, err = run("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", *options)
     assert (code, out) == (2, "")
     assert err == [f"beltscape: {message}"]
     assert not (tmp_path / "r").exists()
 
 
-def test_refuses_a_rig_of_another_format(run, tmp_path):
+def test_rig_of_another_format_is_refused(run, tmp_path):
     rig = tmp_path / "rig.json"
     rig.write_text(json.dumps({**json.loads(TRUE_RIG.read_text()), "format": "kalibr"}))
     code, _, err = run("reconstruct", DEMO / "module", "--rig", rig, "--out", tmp_path / "r")
@@ -219,7 +219,7 @@ def test_refuses_a_rig_of_another_format(run, tmp_path):
     ]
 
 
-def test_refuses_an_output_that_cannot_be_written(run, tmp_path):
+def test_unwritable_output_is_refused(run, tmp_path):
     (tmp_path / "file").touch()
     out = tmp_path / "file" / "r"
     code, _, err = run("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", out)
@@ -230,7 +230,7 @@ def test_refuses_an_output_that_cannot_be_written(run, tmp_path):
     ]
 
 
-def test_refuses_an_impossible_depth_range(run, tmp_path):
+def test_impossible_depth_range_is_refused(run, tmp_path):
     words = ("reconstruct", DEMO / "module", "--rig", TRUE_RIG, "--out", tmp_path / "r", "--depth-range")
     assert run(*words, 900, 700)[2] == [
         "beltscape: --depth-range 900 700: the first number must be the smaller one"

@@ -1,4 +1,4 @@
-"""``beltscape rectify``: pairs, geometry, the measured check, the picture."""
+"""``beltscape rectify``: pairs, geometry, measured row error, picture."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from beltscape.files.rig_json import read_rig, write_rig
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 
-def test_rows_meet_with_the_true_rig_for_pairs_in_any_direction(run, tmp_path):
+def test_row_error_is_small_with_the_true_rig_for_pairs_in_any_direction(run, tmp_path):
     code, out, err = run(
         "rectify", DEMO / "belt_loaded", "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json"
     )
@@ -33,7 +33,7 @@ def test_rows_meet_with_the_true_rig_for_pairs_in_any_direction(run, tmp_path):
     assert read_image(tmp_path / "r" / "000" / "rectification.png").ndim == 3
 
 
-def test_a_camera_that_moved_is_named(run, tmp_path):
+def test_moved_camera_is_named(run, tmp_path):
     rig = read_rig(TRUE_RIG)
     tilted = Pose.of([0.006, 0.0, 0.0], [0.0, 0.0, 0.0]) @ rig.cam_from_core["cam1"]
     moved = replace(rig, cam_from_core={**rig.cam_from_core, "cam1": tilted})
@@ -54,7 +54,7 @@ def test_a_camera_that_moved_is_named(run, tmp_path):
     assert (above.min(axis=2) < 128).any()
 
 
-def test_rows_that_were_not_found_are_flagged(run, capture, tmp_path):
+def test_camera_without_matches_is_unmatched(run, capture, tmp_path):
     folder = capture("belt_loaded")
     path = folder / "cam3" / "000.png"
     write_image(path, np.ascontiguousarray(read_image(path)[::-1, ::-1]))

@@ -1,4 +1,4 @@
-"""``beltscape reconstruct`` draws the projected markers where there are any, and is silent where there are none."""
+"""The picture of the projected markers that ``reconstruct`` draws where there are any."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""On the rendered capture of a moving belt: a few frames' motion and volume against the truth."""
+"""Flow on the rendered capture of a moving belt: motion and volume against the truth."""
 
 from __future__ import annotations
 
@@ -37,23 +37,23 @@ def moving(frame: str) -> FrameSet:
 @pytest.mark.skipif(
     not (RENDERED / "belt_moving").is_dir(), reason="optional data: the moving capture is not there"
 )
-def test_motion_and_volume_of_rendered_frames() -> None:
+def test_motion_and_volume_of_rendered_frames_are_near_the_truth() -> None:
     rig = read_halved_rig()
     matcher = MultiviewReconstructor(rig, (560.0, 790.0), MultiviewSettings.preset("fast"))
     belt = find_belt(matcher.reconstruct(read_halved_frames("belt_empty"), Silent()), rig.core_camera)
     steps: list[FramePlacement] = []
     meter = FlowMeter(make_reference(belt, rig.core_camera), FlowSettings(), watch_step=steps.append)
     truth = json.loads((RENDERED / "truth/belt_moving.json").read_text())
-    told = {f["frame"].removesuffix(".png"): f for f in truth["frames"]}
+    true_frames = {f["frame"].removesuffix(".png"): f for f in truth["frames"]}
     records = []
     for frame in FRAMES:
         depth = matcher.reconstruct(moving(frame), Silent())
-        records += meter.push(depth, round(told[frame]["t"] * 1e9), frame=frame)
+        records += meter.push(depth, round(true_frames[frame]["t"] * 1e9), frame=frame)
     records += meter.finish()
     assert meter.direction == 1
-    places = np.array([told[frame]["belt_position_mm"] for frame in FRAMES])
-    found = np.array([step.place.position_mm for step in steps])
-    np.testing.assert_allclose(found[1:] - found[0], places[1:] - places[0], atol=0.3)
+    places = np.array([true_frames[frame]["belt_position_mm"] for frame in FRAMES])
+    measured = np.array([step.place.position_mm for step in steps])
+    np.testing.assert_allclose(measured[1:] - measured[0], places[1:] - places[0], atol=0.3)
     core = json.loads((RENDERED / "truth/rig.json").read_text())["cameras"]["cam0"]
     origin = origin_y_mm(np.array(core["R"]), np.array(core["t"]))
     profile = np.load(RENDERED / "truth/belt_moving_profile.npz")

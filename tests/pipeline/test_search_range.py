@@ -1,4 +1,4 @@
-"""A depth range that is given: units, rig and images must agree with it."""
+"""Checks of a given depth range against units, rig and images."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def rig():
 
 
 @pytest.mark.parametrize(
-    ("given", "says"),
+    ("given", "message"),
     [
         ((0.5, 0.8), "were these metres? then give 500 800"),
         ((0.7, 2.0), "were these metres? then give 700 2000"),
@@ -28,29 +28,30 @@ def rig():
         ((1, 5000), "too wide to be searched"),
     ],
 )
-def test_a_range_that_cannot_be_meant_is_refused(rig, given, says):
+def test_range_that_does_not_suit_the_rig_is_refused(rig, given, message):
     with pytest.raises(SettingsError) as error:
         require_depth_range(given, rig, rig.auxiliaries)
-    assert says in str(error.value)
+    assert message in str(error.value)
     assert str(error.value).startswith(f"depth range {given[0]:g} to {given[1]:g} mm: ")
 
 
 @pytest.mark.parametrize("given", [(400, 900), (200, 3000), (700, 710), (1500, 9000)])
-def test_a_range_that_the_rig_may_see_passes(rig, given):
+def test_range_that_suits_the_rig_is_accepted(rig, given):
     require_depth_range(given, rig, rig.auxiliaries)
 
 
 @pytest.mark.parametrize(
-    ("given", "warns"), [((590, 780), False), ((400, 2000), False), ((700, 701), True), ((900, 1200), True)]
+    ("given", "is_warning"),
+    [((590, 780), False), ((400, 2000), False), ((700, 701), True), ((900, 1200), True)],
 )
-def test_images_that_show_more_are_a_warning(rig, given, warns):
+def test_range_narrower_than_the_images_show_causes_a_warning(rig, given, is_warning):
     reporter = Silent()
     source = open_capture(DEMO / "belt_loaded", rig, reporter)
     check_depth_range(given, source, rig, reporter)
-    assert any("the images show surfaces from" in warning for warning in reporter.warnings) == warns
+    assert any("the images show surfaces from" in warning for warning in reporter.warnings) == is_warning
 
 
-def test_a_range_beyond_rig_and_images_is_refused(rig):
+def test_range_outside_rig_and_images_is_refused(rig):
     source = open_capture(DEMO / "belt_loaded", rig, Silent())
     with pytest.raises(SettingsError, match="neither do the cameras of this rig meet there"):
         check_depth_range((5000, 6000), source, rig, Silent())

@@ -1,4 +1,4 @@
-"""Whole captures: what lies in the folder, and that images and truth are of one world."""
+"""Simulated captures: their files, and the agreement of images and truth."""
 
 from __future__ import annotations
 
@@ -37,22 +37,22 @@ SCENES = {
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def simulated(tmp_path_factory):
     """A function kind → the folder of its capture, each rendered once; nobody writes into it."""
-    there: dict[str, Path] = {}
+    folders: dict[str, Path] = {}
 
     def capture(kind: str) -> Path:
-        if kind not in there:
-            there[kind] = tmp_path_factory.mktemp(kind)
-            simulate(SCENES[kind](), there[kind], Silent())
-        return there[kind]
+        if kind not in folders:
+            folders[kind] = tmp_path_factory.mktemp(kind)
+            simulate(SCENES[kind](), folders[kind], Silent())
+        return folders[kind]
 
     return capture
 
 
 @pytest.mark.parametrize("kind", SCENES)
-def test_simulated_capture_reads_as_a_capture(made, kind):
-    scene, folder = SCENES[kind](), made(kind)
+def test_simulated_capture_reads_as_a_capture(simulated, kind):
+    scene, folder = SCENES[kind](), simulated(kind)
     capture = read_capture(folder)
     assert capture.cameras == CAMERAS  # neither truth nor tof
     assert capture.frames == tuple(f"{i:03d}" for i in range(scene.frames or 1))
@@ -75,8 +75,8 @@ def test_simulated_capture_reads_as_a_capture(made, kind):
 
 
 @pytest.mark.parametrize("kind", ["module", "belt_empty", "belt_loaded"])
-def test_depth_of_a_still_scene_is_on_the_cores_grid(made, kind):
-    truth = made(kind) / "truth"
+def test_depth_of_a_still_scene_is_on_the_cores_grid(simulated, kind):
+    truth = simulated(kind) / "truth"
     depth = np.load(truth / f"{kind}_depth.npz")["depth_mm"]
     assert depth.shape == (264, 320)
     assert 400 < np.nanmedian(depth) < 760
@@ -86,17 +86,17 @@ def test_depth_of_a_still_scene_is_on_the_cores_grid(made, kind):
     assert (truth / "projector.json").is_file() == (kind != "module")
 
 
-def test_board_and_module_can_be_read(made):
-    board = read_board(made("calibration") / "board.toml")
+def test_board_and_module_can_be_read(simulated):
+    board = read_board(simulated("calibration") / "board.toml")
     assert isinstance(board, CharucoBoard)
     assert board.squares == (11, 8)
-    poses = read_json(made("calibration") / "truth" / "board_poses.json")["frames"]
+    poses = read_json(simulated("calibration") / "truth" / "board_poses.json")["frames"]
     assert list(poses) == ["000", "001"]
-    assert read_module(made("module") / "module.toml").features
+    assert read_module(simulated("module") / "module.toml").features
 
 
-def test_encoder_records_the_travel_of_the_belt(made):
-    lines = (made("belt_moving") / "encoder.csv").read_text().splitlines()
+def test_encoder_records_the_travel_of_the_belt(simulated):
+    lines = (simulated("belt_moving") / "encoder.csv").read_text().splitlines()
     assert lines[0] == "frame,timestamp_s,belt_position_mm"
     rows = [line.split(",") for line in lines[1:]]
     assert [row[0] for row in rows] == ["000", "001", "002"]
@@ -104,15 +104,15 @@ def test_encoder_records_the_travel_of_the_belt(made):
     np.testing.assert_allclose(values, [[0, 0], [0.2, 102], [0.4, 204]])
 
 
-def test_true_depth_moves_with_the_belt(made):
-    truth = made("belt_moving") / "truth"
-    arrays, told = np.load(truth / "belt_moving_depth.npz"), read_json(truth / "belt_moving.json")
+def test_true_depth_moves_with_the_belt(simulated):
+    truth = simulated("belt_moving") / "truth"
+    arrays, document = np.load(truth / "belt_moving_depth.npz"), read_json(truth / "belt_moving.json")
     assert arrays["depth_mm"].shape == arrays["label"].shape == (3, 264, 320)
     rig = read_rig(truth / "rig.json")
     station = read_json(truth / "station.json")["core_from_world"]
     world_from_core = Pose.of(station["rotation"], station["translation_mm"]).inverse()
     rays = np.concatenate([rig.core_camera.rays(), np.ones((264, 320, 1))], axis=-1)
-    at = [frame["heap_mm"] for frame in told["frames"]]
+    at = [frame["heap_mm"] for frame in document["frames"]]
     np.testing.assert_allclose(np.diff(at), 100)
 
     def heights(frame: int, heap_mm: float) -> np.ndarray:
@@ -127,13 +127,15 @@ def test_true_depth_moves_with_the_belt(made):
     first = heights(0, at[0])
     assert np.nanmedian(abs(heights(2, at[2]) - first)) < 2
     assert np.nanmedian(abs(heights(2, at[0]) - first)) > 4
-    assert told["heap_volume_mm3"] > 0
+    assert document["heap_volume_mm3"] > 0
     load = np.load(truth / "belt_moving_load.npz")
-    assert np.trapezoid(load["area_mm2"], load["y_mm"]) == pytest.approx(told["heap_volume_mm3"], rel=0.01)
+    assert np.trapezoid(load["area_mm2"], load["y_mm"]) == pytest.approx(
+        document["heap_volume_mm3"], rel=0.01
+    )
 
 
-def test_time_of_flight_camera_writes_a_reconstruction(made):
-    tof, truth = made("belt_loaded") / "tof", made("belt_loaded") / "truth"
+def test_time_of_flight_camera_writes_a_reconstruction(simulated):
+    tof, truth = simulated("belt_loaded") / "tof", simulated("belt_loaded") / "truth"
     rig = read_rig(tof / "rig.json")
     assert rig.core_camera.size_px == (64, 48)
     depth = read_float_tiff(tof / "000" / "depth.tiff")

@@ -1,4 +1,4 @@
-"""``beltscape view``: a rig, a frame, a sequence; belt and primitives; what it refuses."""
+"""``beltscape view`` of a rig, a frame or a sequence, with belt and primitives."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def scene_of(path):
     return json.loads(held[1])
 
 
-def test_a_sequence_has_a_cloud_per_frame(run, frames, tmp_path):
+def test_sequence_has_a_cloud_per_frame(run, frames, tmp_path):
     out = tmp_path / "scene.html"
     code, text, _ = run("view", frames, "--out", out)
     assert (code, text) == (0, f"view {out}\n")
@@ -88,7 +88,7 @@ def test_a_sequence_has_a_cloud_per_frame(run, frames, tmp_path):
     assert {label["text"] for label in scene["labels"]} == {"core", "left"}
 
 
-def test_a_frame_with_belt_and_primitives_stands_in_the_belts_frame(run, frames, tmp_path):
+def test_frame_with_belt_and_primitives_is_in_the_belt_frame(run, frames, tmp_path):
     out = tmp_path / "scene.html"
     words = ("--belt", frames / "belt.json", "--features", frames / "features.json")
     assert run("view", frames / "001", *words, "--out", out)[0] == 0
@@ -104,7 +104,7 @@ def test_a_frame_with_belt_and_primitives_stands_in_the_belts_frame(run, frames,
     assert {"cube 1", "ball", "post"} <= {label["text"] for label in scene["labels"]}
 
 
-def test_a_rig_alone(run, frames, tmp_path):
+def test_rig_without_frames_is_shown(run, frames, tmp_path):
     out = tmp_path / "scene.html"
     assert run("view", frames / "rig.json", "--out", out)[0] == 0
     scene = scene_of(out)
@@ -112,7 +112,7 @@ def test_a_rig_alone(run, frames, tmp_path):
     assert len(scene["lines"]) == 2 * 5
 
 
-def test_without_out_it_opens_the_browser(run, frames, monkeypatch):
+def test_browser_opens_without_out(run, frames, monkeypatch):
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or True)
     code, text, _ = run("view", frames / "000")
@@ -129,7 +129,7 @@ def test_large_clouds_are_thinned(run, frames, tmp_path, monkeypatch):
     assert frame["spacing"] == pytest.approx(2 * 3.04, rel=0.3)
 
 
-def test_missing_rerun_is_one_line(run, frames, monkeypatch):
+def test_missing_rerun_is_reported_in_one_line(run, frames, monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
     code, _, error = run("view", frames, "--rerun")
     assert code == 2
@@ -158,7 +158,7 @@ def test_rerun_receives_all_contents(run, frames, tmp_path, monkeypatch):
     kinds = ("LineStrips3D", "Points3D", "Mesh3D", "TextLog")
     rerun = SimpleNamespace(RecordingStream=Stream, ViewCoordinates=SimpleNamespace(RIGHT_HAND_Z_UP="up"))
     for kind in kinds:
-        setattr(rerun, kind, lambda *told, **more: (told, more))
+        setattr(rerun, kind, lambda *arguments, **options: (arguments, options))
     monkeypatch.setitem(sys.modules, "rerun", rerun)
     words = ("--belt", frames / "belt.json", "--features", frames / "features.json")
     assert run("view", frames, "--rerun", *words, "--out", tmp_path / "view.rrd")[0] == 0
@@ -169,7 +169,7 @@ def test_rerun_receives_all_contents(run, frames, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("words", "message"),
     [
         (["none"], "holds neither rig.json nor frames"),
         (["{frames}/000", "--belt", "{frames}/features.json"], "no pose belt_from_core"),
@@ -185,10 +185,10 @@ def test_rerun_receives_all_contents(run, frames, tmp_path, monkeypatch):
         (["{frames}/000", "--features", "{frames}/short.json"], "run beltscape measure features again"),
     ],
 )
-def test_what_is_wrong_is_one_line(run, frames, words, says, tmp_path):
-    told = [word.format(frames=frames) for word in words]
-    code, out, error = run("view", *told, "--out", tmp_path / "scene.html")
+def test_invalid_input_is_refused_in_one_line(run, frames, words, message, tmp_path):
+    arguments = [word.format(frames=frames) for word in words]
+    code, out, error = run("view", *arguments, "--out", tmp_path / "scene.html")
     assert (code, out) == (2, "")
     (line,) = error
-    assert says in line
+    assert message in line
     assert not (tmp_path / "scene.html").exists()

@@ -1,3 +1,5 @@
+"""Geometry of a planned rig: poses, footprints and overlaps."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The mounting height: the paper's Eq. 26, and the recommended height."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Whole plans: the paper's rig, baselines and warnings."""
+
 from __future__ import annotations
 
 import numpy as np

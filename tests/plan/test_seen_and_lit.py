@@ -1,3 +1,5 @@
+"""Occlusion, motion and light of a planned rig."""
+
 from __future__ import annotations
 
 from itertools import pairwise

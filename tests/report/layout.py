@@ -1,4 +1,4 @@
-"""What a report must be, held against its text and against a browser's layout of it."""
+"""Requirements on reports, checked in their text and in a browser's layout."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Results made by hand or from synthetic scenes, and the reports of them."""
+"""Results made by hand or from synthetic scenes, and their report pages."""
 
 from __future__ import annotations
 

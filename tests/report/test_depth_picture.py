@@ -1,3 +1,5 @@
+"""Pictures of depth, error, reliability, views and confidence."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Colour scales and legends."""
+
 from __future__ import annotations
 
 import numpy as np

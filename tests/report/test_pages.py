@@ -1,4 +1,4 @@
-"""Every report is one file for a phone, a desk, the dark and paper, and its legends show the colours drawn."""
+"""Every report page: self-contained, readable on phone, desk and paper, legends in the drawn colours."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Small 3-D scenes: rigs, lenses and values that the viewer accepts."""
+
 from __future__ import annotations
 
 import json

@@ -1,3 +1,5 @@
+"""The HTTP interface: state, history, export and operators' actions."""
+
 from __future__ import annotations
 
 import csv

@@ -1,3 +1,5 @@
+"""The belt's surface for the page: cells, rows and encoding."""
+
 from __future__ import annotations
 
 import numpy as np

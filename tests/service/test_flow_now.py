@@ -1,3 +1,5 @@
+"""The current flow and its trend."""
+
 from __future__ import annotations
 
 from math import isnan, nan

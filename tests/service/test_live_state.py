@@ -1,3 +1,5 @@
+"""The live state: events, snapshots and bounded memory."""
+
 from __future__ import annotations
 
 import threading

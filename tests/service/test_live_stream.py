@@ -1,3 +1,5 @@
+"""The live stream: what new, slow and open pages receive."""
+
 from __future__ import annotations
 
 import json

@@ -1,3 +1,5 @@
+"""Metrics in Prometheus's format, and access to them."""
+
 from __future__ import annotations
 
 import re

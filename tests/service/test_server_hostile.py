@@ -1,4 +1,4 @@
-"""Attacks on the server: none breaks it, and no frame is missed meanwhile."""
+"""Attacks on the server: it keeps serving, and no frame is lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A small station over a small belt, and what one puts under it."""
+"""A small simulated rig over a small belt, and objects to place under it."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""The simulated belt: its trough, sag and misalignment."""
+
 from __future__ import annotations
 
 import numpy as np

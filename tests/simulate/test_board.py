@@ -1,3 +1,5 @@
+"""The simulated calibration board: its texture and corners."""
+
 from __future__ import annotations
 
 import cv2

@@ -1,4 +1,4 @@
-"""How a board is held: into the cameras' view, leaning to all sides, everywhere."""
+"""Poses of a simulated board: in view, tilted to all sides, spread over the image."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""The simulated time-of-flight camera: noise and systematic errors."""
+
 from __future__ import annotations
 
 from functools import partial

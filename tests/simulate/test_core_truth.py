@@ -1,3 +1,5 @@
+"""The true depth, visibility and light of a simulated frame."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The choice of Mitsuba's engine."""
+
 from __future__ import annotations
 
 import pytest

@@ -1,3 +1,5 @@
+"""Simulated faults: each changes only what it describes."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Simulated heaps: fines and rocks at rest."""
+
 from __future__ import annotations
 
 import numpy as np

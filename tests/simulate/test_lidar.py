@@ -1,4 +1,4 @@
-"""A profile scanner's ranges: right but for their noise, between both surfaces on an edge."""
+"""The simulated LiDAR: ranges with their noise, mixed at edges."""
 
 from __future__ import annotations
 

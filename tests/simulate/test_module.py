@@ -1,3 +1,5 @@
+"""The simulated calibration module."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Motion blur of a moving belt."""
+
 from __future__ import annotations
 
 import numpy as np

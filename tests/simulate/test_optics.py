@@ -1,3 +1,5 @@
+"""The simulated lens: distortion, integration over pixels."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Exact ray casting, compared with analytic surfaces."""
+
 from __future__ import annotations
 
 import numpy as np

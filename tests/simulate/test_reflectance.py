@@ -1,4 +1,4 @@
-"""Reflectance at points: a plain solid's own, a textured one's texel."""
+"""Reflectance at points of plain and textured solids."""
 
 from __future__ import annotations
 

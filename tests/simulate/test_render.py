@@ -1,3 +1,5 @@
+"""Rendered images: geometry, light and depth agree."""
+
 from __future__ import annotations
 
 import cv2

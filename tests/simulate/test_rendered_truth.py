@@ -1,4 +1,4 @@
-"""Against the truth of another simulator, which knows the same module on the same belt."""
+"""The truth compared with another simulator's, for the same module on the same belt."""
 
 from __future__ import annotations
 

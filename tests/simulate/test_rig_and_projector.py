@@ -1,4 +1,4 @@
-"""Where the simulated cameras and the projector stand, and what lenses they have."""
+"""Poses and lenses of the simulated cameras and the projector."""
 
 from __future__ import annotations
 

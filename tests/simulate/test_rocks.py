@@ -1,3 +1,5 @@
+"""Rocks: size distribution and shape."""
+
 from __future__ import annotations
 
 import numpy as np

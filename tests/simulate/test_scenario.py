@@ -1,4 +1,4 @@
-"""Scenes: what may be written in their TOML, and what is refused in one line."""
+"""Scenarios: accepted and refused TOML files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A scenario made ready: the same each time, moved by the belt, spoilt by its faults."""
+"""Assembled scenes: reproducible, moved by the belt, changed by faults."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""The simulated sensor: noise, saturation, gamma and black level."""
+
 from __future__ import annotations
 
 import numpy as np

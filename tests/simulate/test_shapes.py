@@ -1,3 +1,5 @@
+"""Triangle meshes of simple shapes: closed, with their volume."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The simulated plant as a camera: what it gives is what a capture would hold."""
+"""The simulated frame source delivers what a simulated capture would contain."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Files of the truth: reproducible and complete."""
+
 from __future__ import annotations
 
 import json

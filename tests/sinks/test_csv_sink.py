@@ -1,3 +1,5 @@
+"""Daily CSV files: rows, repair of a truncated end, clock changes."""
+
 from __future__ import annotations
 
 import csv

@@ -1,3 +1,5 @@
+"""The recorder of raw frames: modes, ring, kept recordings."""
+
 from __future__ import annotations
 
 import shutil

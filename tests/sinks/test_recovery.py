@@ -1,3 +1,5 @@
+"""Recovery of a damaged or missing database."""
+
 from __future__ import annotations
 
 import shutil

@@ -1,3 +1,5 @@
+"""Closed days as files, and removal of old data."""
+
 from __future__ import annotations
 
 import math

@@ -1,3 +1,5 @@
+"""Migration of databases and day files of older versions."""
+
 from __future__ import annotations
 
 import sqlite3

@@ -1,3 +1,5 @@
+"""Compression of cross-sections."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Series of the history: sums, means and missing values."""
+
 from __future__ import annotations
 
 import math

@@ -1,3 +1,5 @@
+"""The ledger's sums without rounding loss."""
+
 from __future__ import annotations
 
 import math

@@ -1,3 +1,5 @@
+"""The folder source: order of frames, missing and unusable images."""
+
 from __future__ import annotations
 
 import numpy as np

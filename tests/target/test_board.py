@@ -1,3 +1,5 @@
+"""Calibration boards: board.toml, and corners compared with OpenCV's."""
+
 from __future__ import annotations
 
 import cv2

@@ -1,3 +1,5 @@
+"""Dart throwing: minimum distance and uniformity."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Exact coverage of pixels by discs."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""The calibration module's description in module.toml."""
+
 from __future__ import annotations
 
 import pytest

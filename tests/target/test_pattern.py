@@ -1,3 +1,5 @@
+"""The speckle pattern: dots, markers and blue noise."""
+
 from __future__ import annotations
 
 import re

@@ -1,3 +1,5 @@
+"""Printed sheets: true size in PDF, SVG and PNG."""
+
 from __future__ import annotations
 
 import re

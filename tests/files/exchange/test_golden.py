@@ -1,4 +1,4 @@
-"""Files as the other programs write them, by hand after their documentation: not one of them is our exporter's."""
+"""Rig files as other programs write them, made by hand after those programs' documentation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Out and back again: what a format carries survives to the last digits, on rigs of any arrangement."""
+"""Export and import of rigs: what a format carries survives to the last digits."""
 
 from __future__ import annotations
 

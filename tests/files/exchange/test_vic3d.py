@@ -1,4 +1,4 @@
-"""A VIC-3D project as the program writes it, and the real one of DICe's example where it is there."""
+"""VIC-3D projects: one as the program writes it, and the real one of the DICe example where available."""
 
 from __future__ import annotations
 

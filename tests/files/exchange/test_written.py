@@ -1,4 +1,4 @@
-"""What is written, read by the programs' own readers or held against their rules by hand."""
+"""Exported rigs, read by the other programs' own readers or checked against their rules."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Window sums by summed-area tables, and the bands that they are computed in."""
+
 from __future__ import annotations
 
 import numpy as np

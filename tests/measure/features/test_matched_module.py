@@ -1,4 +1,4 @@
-"""A module matched by today's matcher: every dimension within its σ, for both presets and however far rims reach."""
+"""A module in matched depth maps: every dimension within its σ, for both presets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A module on exact depth maps: found anywhere, measured right, and honest about what is not there."""
+"""A module in exact depth maps: found anywhere, measured correctly, missing parts reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rendered module: edges in its images, on its exact depth, against the truth."""
+"""The rendered module: edges located in its images, with its exact depth, against the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The smoothing that spheres are corrected for is the matcher's of today, and the fit that rests on it is honest."""
+"""The model of the matcher's smoothing equals the matcher, and corrects the radii of spheres."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from beltscape.core.rig import Rig
 from beltscape.measure.features.face import compute_rays
 from beltscape.measure.features.smoothing import Smoothing, detect_grid_step, estimate_smoothing
 from beltscape.measure.features.sphere import fit_sphere
-from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.frame.windows import choose_windows
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
 WIDTH, HEIGHT = 612, 512
@@ -56,7 +56,7 @@ def sphere_depth(radius_mm: float, center: np.ndarray) -> np.ndarray:
 def test_the_passes_are_those_of_the_matcher():
     """Who changes the matcher's windows, tolerances or twicing has to look at the spheres again."""
     for preset, width, step in (("standard", 1224, 1), ("fast", 1224, 2), ("standard", 612, 1)):
-        settings, size = MultiviewSettings.preset(preset), windows_for(width // step)
+        settings, size = MultiviewSettings.preset(preset), choose_windows(width // step)
         assert settings.step(width) == step
         confidence = np.kron(np.random.default_rng(0).uniform(size=(64, 64)), np.ones((step, step)))
         fields = np.ones((64 * step,) * 2, np.float32)

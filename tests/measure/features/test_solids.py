@@ -1,4 +1,4 @@
-"""The solids' rays, distances and heights agree with one another."""
+"""Solids of a module: rays, distances and heights are consistent."""
 
 from __future__ import annotations
 

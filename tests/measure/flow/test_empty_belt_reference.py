@@ -1,4 +1,4 @@
-"""One frame's load: what the matcher trusts little does not become load."""
+"""The load of one frame: pixels of low confidence do not become load."""
 
 from __future__ import annotations
 

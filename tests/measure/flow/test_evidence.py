@@ -1,4 +1,4 @@
-"""The material's motion as evidence: right in counts, and never from what an expectation selected."""
+"""Evidence from the material's motion: correct counts, independent of the expected motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The flow meter on a smooth heap: any frame rate, cut, direction, gap and encoder gives the same total."""
+"""The flow meter on a smooth heap: the total is the same for any frame rate, direction, gap and encoder."""
 
 from __future__ import annotations
 

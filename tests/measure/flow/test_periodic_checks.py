@@ -1,3 +1,5 @@
+"""Periodic checks of a running belt: largest lump and lateral offset."""
+
 from __future__ import annotations
 
 import numpy as np

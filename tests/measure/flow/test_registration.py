@@ -1,4 +1,4 @@
-"""The motion from heights, where images of the projected pattern tell none."""
+"""Registration of the load between two frames by its heights."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Holes in the fused belt: the more frames had them in view in vain, the deeper they are taken for."""
+"""Holes in the fused belt: σ and depth of cells that several frames did not measure."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Edge fattening above drops: its cells and features."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Filling of occlusion holes: heights, σ and symmetries."""
+
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -1,3 +1,5 @@
+"""Quadratic surfaces fitted around holes."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Rims of holes along lines."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,3 +1,5 @@
+"""Lumps of ellipsoids and boxes of known size: segmentation, sizes, distribution."""
+
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+"""The steps of the segmentation of lumps: watershed, merging, filling of gaps, features."""
+
 from __future__ import annotations
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""``beltscape run --check`` and ``run``: what cannot be opened is one line, before anything is written."""
+"""``beltscape run --check``: what cannot be opened is refused in one line before anything is written."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def plant(tmp_path, plant_parts, monkeypatch) -> Path:
     return tmp_path
 
 
-def test_a_sound_project_has_a_line_for_every_part(run, plant):
+def test_sound_project_has_a_line_for_every_part(run, plant):
     code, out, _ = run("run", "--check", "project.toml", "--json")
     assert code == 0
     parts = parse_json(out)["parts"]
@@ -152,17 +152,17 @@ FAULTS = {
 
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("check", [True, False], ids=["check", "run"])
-def test_what_cannot_be_opened_is_one_line(run, plant, fault, check):
-    break_it, says = FAULTS[fault]
+def test_part_that_cannot_be_opened_is_refused_in_one_line(run, plant, fault, check):
+    break_it, message = FAULTS[fault]
     break_it()
     if not check and fault == "camera without device":
-        says = "cameras"  # where Aravis is missing, that is said first
+        message = "cameras"  # where Aravis is missing, that is reported first
     code, out, err = run("run", "project.toml", *(["--check"] if check else []))
     assert code == 2, (out, err)
     assert out == ""
     (line,) = [line for line in err if line.startswith("beltscape: ")]
     assert err[-1] == line
-    assert says in line
+    assert message in line
     assert not Path("data").exists() or not any(Path("data").iterdir())
 
 

@@ -1,4 +1,4 @@
-"""``beltscape run`` and ``replay``: settings refused in one line, a recording through the whole system."""
+"""``beltscape run`` and ``replay``: refused settings, and a recording through the whole system."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def plant(tmp_path: Path, small_frames: Path) -> Path:
     return tmp_path / "project.toml"
 
 
-def test_a_replay_counts_what_the_command_does(run, plant, tmp_path):
+def test_replay_gives_the_records_of_the_command(run, plant, tmp_path):
     code, out, _ = run("replay", plant, "--out", tmp_path / "out", "--json")
     assert code == 0
     answer = parse_json(out)
@@ -70,7 +70,7 @@ def test_a_replay_counts_what_the_command_does(run, plant, tmp_path):
     assert answer["valid_mm"] + answer["degraded_mm"] == pytest.approx(answer["totals"]["valid_mm"], abs=1e-6)
 
 
-def test_a_second_replay_into_the_same_folder_counts_nothing_twice(run, plant, tmp_path):
+def test_second_replay_into_the_same_folder_counts_nothing_twice(run, plant, tmp_path):
     lengths = []
     for _ in range(2):
         code, out, _ = run("replay", plant, "--out", tmp_path / "out", "--json")
@@ -81,7 +81,7 @@ def test_a_second_replay_into_the_same_folder_counts_nothing_twice(run, plant, t
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         ('preset"', 'preset"', ""),
         ("load_mm = 150", "lod_mm = 150", "unknown key matching.lod_mm; did you mean load_mm?"),
@@ -92,20 +92,20 @@ def test_a_second_replay_into_the_same_folder_counts_nothing_twice(run, plant, t
         ("[web]", "[recordings]\nx = 1\n[web]", "unknown key recordings; did you mean recording?"),
     ],
 )
-def test_settings_that_do_not_fit_are_refused_in_one_line(run, plant, old, new, says):
-    if not says:
+def test_invalid_settings_are_refused_in_one_line(run, plant, old, new, message):
+    if not message:
         assert run("run", plant, "--check")[0] == 0
         return
     plant.write_text(PROJECT.replace(old, new))
     code, out, err = run("run", plant, "--no-page")
     assert code == 2
     assert out == ""
-    assert says in err[-1]
+    assert message in err[-1]
     assert str(plant) in err[-1]
     assert not (plant.parent / "data").exists()
 
 
-def test_it_runs_serves_and_stops_in_good_order(plant, tmp_path):
+def test_run_serves_and_stops_in_order(plant, tmp_path):
     log = tmp_path / "log"
     text = PROJECT.replace("[encoder]", "loop = true\n[encoder]")
     plant.write_text(text)
@@ -134,9 +134,9 @@ def test_it_runs_serves_and_stops_in_good_order(plant, tmp_path):
 def _address(process: subprocess.Popen[bytes], log: Path) -> str:
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline and process.poll() is None:
-        found = [line for line in log.read_text().splitlines() if "the page is at " in line]
-        if found:
-            return found[0].rpartition(" ")[2]
+        lines = [line for line in log.read_text().splitlines() if "the page is at " in line]
+        if lines:
+            return lines[0].rpartition(" ")[2]
         time.sleep(0.1)
     os.kill(process.pid, signal.SIGKILL)
     raise AssertionError(log.read_text())

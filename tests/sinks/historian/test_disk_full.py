@@ -1,3 +1,5 @@
+"""The historian on a full disk: nothing acknowledged is lost."""
+
 from __future__ import annotations
 
 import shutil

@@ -1,3 +1,5 @@
+"""The historian: records, sections and periods read back as written."""
+
 from __future__ import annotations
 
 import math

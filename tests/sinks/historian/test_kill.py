@@ -1,3 +1,5 @@
+"""The historian under killed writers: nothing acknowledged is lost."""
+
 from __future__ import annotations
 
 import json

@@ -1,3 +1,5 @@
+"""Recorded captures: images, times and encoder readings read back exactly."""
+
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,3 +1,5 @@
+"""Encoder counts as positions: wraps, resets and restarts."""
+
 from __future__ import annotations
 
 import pytest

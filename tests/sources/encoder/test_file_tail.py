@@ -1,3 +1,5 @@
+"""Lines that another program appends to a file, rotated or recreated."""
+
 from __future__ import annotations
 
 import os

@@ -1,3 +1,5 @@
+"""Opening of encoders: datagrams, files and refused settings."""
+
 from __future__ import annotations
 
 import socket

@@ -1,3 +1,5 @@
+"""Encoder readings as lines of text."""
+
 from __future__ import annotations
 
 import json

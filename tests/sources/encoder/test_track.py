@@ -1,3 +1,5 @@
+"""Positions of the belt between and after readings."""
+
 from __future__ import annotations
 
 import math

@@ -1,4 +1,4 @@
-"""Simulated cameras in a network of their own, where the machine allows it."""
+"""Fixtures: simulated cameras in a network namespace of their own."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Settings of GenICam cameras: own, common and refused ones."""
+
 from __future__ import annotations
 
 import pytest

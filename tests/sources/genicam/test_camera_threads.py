@@ -1,4 +1,4 @@
-"""The threads around a camera, with devices that a test steers."""
+"""The threads of a camera, with devices that the test controls."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Against Aravis's simulated GigE Vision cameras, each a process of its own that is killed and started again."""
+"""The camera source with Aravis's simulated cameras, which are killed and restarted."""
 
 from __future__ import annotations
 

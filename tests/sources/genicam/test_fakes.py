@@ -1,4 +1,4 @@
-"""What the simulated cameras agree on, without any camera."""
+"""The simulated cameras: common trigger instants and images, without a network."""
 
 from __future__ import annotations
 

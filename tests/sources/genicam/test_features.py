@@ -1,4 +1,4 @@
-"""Settings as they arrive at a camera, recorded by a camera that stores its calls."""
+"""Settings applied to a camera, recorded by a camera that stores its calls."""
 
 from __future__ import annotations
 

@@ -1,3 +1,5 @@
+"""Health of a camera: state, message, rate and counts."""
+
 from __future__ import annotations
 
 from math import isnan

@@ -1,4 +1,4 @@
-"""The laws of matching: no image in two sets, never two instants in one, order kept, nothing prompt left out."""
+"""Matching of images to instants: no image twice, instants never mixed, order kept."""
 
 from __future__ import annotations
 

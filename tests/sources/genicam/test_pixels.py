@@ -1,3 +1,5 @@
+"""Decoding of packed and mosaic pixels."""
+
 from __future__ import annotations
 
 import cv2

@@ -1,0 +1,164 @@
+"""Captures that do not fit the rig: cameras are named or excluded, or the result is refused or marked."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.progress import Silent
+from beltscape.files.rasters.depth_tiff import read_float_tiff
+from beltscape.files.reconstruction import read_frame
+from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
+from beltscape.pipeline.reconstructing.reconstruction import open_capture
+from beltscape.stereo.consistency.pose_change import apply_pose_change
+from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
+
+TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")
+
+
+def write_knocked_rig(tmp_path, *knocks):
+    rig = read_rig(TRUE_RIG)
+    for camera, degrees in knocks:
+        rig = apply_pose_change(rig, camera, np.concatenate([np.deg2rad(degrees), np.zeros(3)]))
+    write_rig(tmp_path / "off.json", rig)
+    return tmp_path / "off.json"
+
+
+def reconstruct(run, rig, out, scene="belt_loaded"):
+    return run("reconstruct", DEMO / scene, "--rig", rig, "--out", out, "--preset", "fast", "--json")
+
+
+def test_knocked_auxiliary_is_excluded_and_the_depth_is_right(run, tmp_path):
+    code, out, err = reconstruct(run, write_knocked_rig(tmp_path, ("cam2", (0.1, 0.2, 0))), tmp_path / "r")
+    assert code == 0
+    assert any(line.startswith("warning: cam2 is ") and "without cam2" in line for line in err)
+    frame = parse_json(out)["frames"][0]
+    assert frame["auxiliaries"] == ["cam1", "cam3", "cam4"]
+    assert frame["systematic_mm"] == 0
+    found = read_frame(tmp_path / "r" / "000")
+    error = (found.depth.depth_mm - TRUTH) / found.depth.sigma_mm
+    assert np.nanmedian(np.abs(error)) < 1
+    document = json.loads((tmp_path / "r" / "reconstruction.json").read_text())
+    assert document["format"] == "beltscape-reconstruction/1"
+    assert document["frames"][0]["consistency"]["cameras"][1]["state"] == "contradicting"
+
+
+def test_moved_core_raises_sigma_of_depth_and_volume(run, tmp_path):
+    rig = write_knocked_rig(tmp_path, ("cam0", (0.05, 0, 0)))
+    reconstruct(run, rig, tmp_path / "empty", "belt_empty")
+    code, _, err = reconstruct(run, rig, tmp_path / "r")
+    assert code == 0
+    assert any("the core camera cam0 moved" in line for line in err)
+    found = read_frame(tmp_path / "r" / "000")
+    assert found.depth.systematic_mm > 0.5
+    assert np.nanmin(found.depth.sigma_mm) >= found.depth.systematic_mm * 0.999
+    error = np.abs(found.depth.depth_mm - TRUTH) / found.depth.sigma_mm
+    assert np.nanquantile(error, 0.68) < 1.2
+    code, out, err = run(
+        "measure", "volume", tmp_path / "r" / "000", "--empty", tmp_path / "empty" / "000", "--json"
+    )
+    assert code == 0
+    assert any("the core camera cam0 moved" in line for line in err)
+    answer = parse_json(out)
+    (x0, x1), (y0, y1) = answer["across_mm"], answer["along_mm"]
+    assert answer["sigma_mm3"] > 0.9 * found.depth.systematic_mm * (x1 - x0) * (y1 - y0)
+
+
+def test_frame_whose_cameras_all_moved_is_refused(run, tmp_path):
+    turns = [
+        ("cam1", (0.3, 0.2, 0)),
+        ("cam2", (-0.3, 0.3, 0)),
+        ("cam3", (0.3, -0.3, 0)),
+        ("cam4", (0.2, -0.3, 0.2)),
+    ]
+    code, _, err = run(
+        "reconstruct",
+        DEMO / "belt_loaded",
+        "--rig",
+        write_knocked_rig(tmp_path, *turns),
+        "--out",
+        tmp_path / "r",
+    )
+    assert code == 2
+    assert "cam1" in err[-1]
+    assert "calibrate again" in err[-1]
+    assert "projector" not in err[-1]
+    assert not (tmp_path / "r" / "000").exists()
+
+
+def test_exchanged_folders_are_named(run, capture, tmp_path):
+    folder = capture("belt_loaded")
+    (folder / "cam1").rename(folder / "x")
+    (folder / "cam3").rename(folder / "cam1")
+    (folder / "x").rename(folder / "cam3")
+    code, out, err = run(
+        "reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--preset", "fast"
+    )
+    assert code == 0
+    assert any("the images of cam1 and cam3 are exchanged" in line for line in err)
+    assert "cam1  unmatched: " in out
+    assert "nan" not in out
+    document = json.loads((tmp_path / "r" / "reconstruction.json").read_text())
+    assert document["frames"][0]["auxiliaries"] == ["cam2", "cam4"]
+
+
+@pytest.mark.parametrize("other", ["cam1", "cam2", "cam3", "cam4"])
+def test_core_exchanged_with_an_auxiliary_is_named(run, capture, tmp_path, other):
+    folder = capture("belt_loaded")
+    (folder / "cam0").rename(folder / "x")
+    (folder / other).rename(folder / "cam0")
+    (folder / "x").rename(folder / other)
+    code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--preset", "fast")
+    assert code == 2
+    assert f"the images of cam0 and {other} are exchanged" in err[-1]
+
+
+class _TrueDepthMatcher:
+    """A matcher that returns the true depth."""
+
+    def reconstruct(self, frame_set, reporter, *, prior=None):
+        sigma = np.where(np.isfinite(TRUTH), 0.05, np.nan).astype(np.float32)
+        views = np.where(np.isfinite(TRUTH), 4, 0).astype(np.uint8)
+        return DepthMap(TRUTH, sigma, views, np.isfinite(TRUTH).astype(np.float32))
+
+
+def test_matcher_continues_with_the_next_consistent_frame():
+    rig = read_rig(TRUE_RIG)
+    frame = next(iter(open_capture(DEMO / "belt_loaded", rig, Silent())))
+    matcher = CheckedMatcher(rig, rig.auxiliaries, (570.0, 750.0), lambda _: _TrueDepthMatcher(), every=50)
+    knocked_core = np.roll(frame.images["cam0"], (5, 5), axis=(0, 1))
+    other = replace(frame, images={**frame.images, "cam0": knocked_core})
+    with pytest.raises(ReconstructionError):
+        matcher.reconstruct(other, Silent())
+    assert matcher.is_inconsistent
+    matcher.reconstruct(frame, Silent())
+    assert not matcher.is_inconsistent
+
+
+def test_narrow_box_causes_a_warning_and_a_larger_sigma(run, tmp_path):
+    reconstruct(run, TRUE_RIG, tmp_path / "empty", "belt_empty")
+    reconstruct(run, TRUE_RIG, tmp_path / "r")
+    frame = read_frame(tmp_path / "r" / "000")
+    depth = frame.depth.depth_mm.copy()
+    depth[:, :250], depth[:, 360:] = np.nan, np.nan
+    from beltscape.files.rasters.depth_tiff import write_float_tiff
+
+    for name, values in (
+        ("depth", depth),
+        ("sigma", np.where(np.isfinite(depth), frame.depth.sigma_mm, np.nan)),
+    ):
+        write_float_tiff(tmp_path / "r" / "000" / f"{name}.tiff", values.astype(np.float32))
+    code, out, err = run(
+        "measure", "volume", tmp_path / "r" / "000", "--empty", tmp_path / "empty" / "000", "--json"
+    )
+    assert code == 0
+    assert any("mm of the belt's width were measured" in line for line in err)
+    answer = parse_json(out)
+    assert answer["sigma_from_mm3"]["unseen"] > answer["volume_mm3"]
+    assert replace(frame.depth, depth_mm=depth).coverage < 0.3

@@ -15,8 +15,8 @@ from beltscape.evaluate.scores.depth import interior_mask
 from beltscape.kernels.selection.candidates import Candidates
 from beltscape.stereo.multiview.confidence.estimate import (
     add_initial_confidence,
-    initial_features,
-    refined_features,
+    compute_initial_features,
+    compute_refined_features,
 )
 from beltscape.stereo.multiview.frame.pixels import Pixels
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
@@ -99,9 +99,9 @@ def _sample(match: MatcherState, training: TrainingFrame, settings: MultiviewSet
 def _select_features(match: MatcherState, truth: Truth) -> tuple[Pixels, dict[str, np.ndarray]]:
     """Return some pixels, and their features by name."""
     if match.selection is None:
-        found = initial_features(match)
+        found = compute_initial_features(match)
     else:
-        found, _ = refined_features(match, match.selection)
+        found, _ = compute_refined_features(match, match.selection)
     at = _draw_pixels(truth, np.isfinite(match.solution.surface.s) & (found.visible > 0))
     return at, {name: plane[at] for name, plane in found.planes.items()}
 
@@ -129,7 +129,7 @@ class SelectionSamples:
     def draw(self) -> Iterator[tuple[Pixels, Candidates, dict[str, np.ndarray], np.ndarray]]:
         """Yield pixels, their candidates, features and errors (9, N), px at scale 1, in parts."""
         rng = np.random.default_rng(0)
-        for rows, columns in self.selector.uncertain_pixels():
+        for rows, columns in self.selector.find_uncertain_pixels():
             use = self.truth.scene[rows, columns] & (rng.random(len(rows)) < self.share)
             at = rows[use], columns[use]
             if not use.any():
@@ -147,7 +147,7 @@ def selection_samples(folders: list[Path]) -> Iterator[SelectionSamples]:
             matcher = make_matcher(training, settings)
             match = matcher.solve_pyramid(training.frame, training.names)
             context = match.prepared.context
-            planes = add_initial_confidence(initial_features(match), context)
+            planes = add_initial_confidence(compute_initial_features(match), context)
             truth = read_truth(training, 1)
             share = UNCERTAIN_SAMPLES / max(
                 1, int((truth.scene & (planes["initial confidence"] < UNCERTAIN)).sum())

@@ -16,7 +16,7 @@ from beltscape.core.rig import Rig
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
-from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
+from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale
 from tests.stereo.raycast import look_at, make_camera, make_speckle
 
 Solid = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -156,7 +156,7 @@ def make_scene(*solids: Solid, rig: Rig | None = None, noise: float = 0.0, seed:
     images = {
         name: quantise(i, np.uint16) for name, i in render_images(rig, solids, noise=noise, seed=seed).items()
     }
-    unit = inverse_depth_scale(rig, rig.auxiliaries)
+    unit = compute_inverse_depth_scale(rig, rig.auxiliaries)
     prepared = prepare_scene(rig, FrameSet("000", images))
     return Scene(rig, prepared, (1 / (compute_depth_mm(rig, solids) * unit)).astype(np.float32), unit)
 

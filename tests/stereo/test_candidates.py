@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.features import image_features
-from beltscape.stereo.multiview.confidence.refined_features import initial_confidence_features
+from beltscape.stereo.multiview.confidence.features import compute_image_features
+from beltscape.stereo.multiview.confidence.refined_features import compute_initial_confidence_features
 from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps, fit_slopes
 from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.candidates import (
@@ -49,8 +49,8 @@ def planes_of(made: Scene, confidence: np.ndarray) -> dict[str, np.ndarray]:
     }
     return (
         given
-        | dict(image_features(with_scale(made.prepared)))
-        | dict(initial_confidence_features(confidence, 1.0))
+        | dict(compute_image_features(with_scale(made.prepared)))
+        | dict(compute_initial_confidence_features(confidence, 1.0))
     )
 
 
@@ -124,8 +124,8 @@ def test_the_features_of_candidates_are_finite():
     surface, _ = displaced(made)
     confidence = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
     selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), with_scale(made.prepared))
-    assert selector.uncertain_pixels()
-    for at in selector.uncertain_pixels():
+    assert selector.find_uncertain_pixels()
+    for at in selector.find_uncertain_pixels():
         candidates, features = selector.find_candidates(at)
         finite = np.isfinite(candidates.s)
         assert finite[0].all()
@@ -139,7 +139,7 @@ def test_the_top_two_differ_and_have_exactly_the_networks_features():
     surface, _ = displaced(made)
     confidence = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
     selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), with_scale(made.prepared))
-    at = selector.uncertain_pixels()[0]
+    at = selector.find_uncertain_pixels()[0]
     candidates, features = selector.find_candidates(at)
     first, second, score = selector.rank_top_two(candidates, features)
     pixel, paired = np.arange(len(first)), np.flatnonzero(second >= 0)
@@ -147,7 +147,7 @@ def test_the_top_two_differ_and_have_exactly_the_networks_features():
     assert (score[first, pixel] == score.max(axis=0)).all()
     assert (np.abs(candidates.s[first, pixel] - candidates.s[second, pixel])[paired] > SAME_PX).all()
     assert (score[second, pixel][paired] <= score[first, pixel][paired]).all()
-    pairs = selector.pairwise_features(
+    pairs = selector.compute_pairwise_features(
         at, candidates, {**features, "score": score}, paired, (first[paired], second[paired])
     )
     assert set(pairs) == set(load_network("pairwise_ranking").names)
@@ -163,7 +163,7 @@ def test_a_single_candidate_is_selected():
     surface = Surface(made.s, slopes.slope_u, slopes.slope_v)
     confidence = np.where(np.random.default_rng(2).random(made.s.shape) < 0.1, -0.5, 6.0).astype(np.float32)
     selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), with_scale(made.prepared))
-    at = selector.uncertain_pixels()[0]
+    at = selector.find_uncertain_pixels()[0]
     candidates, features = selector.find_candidates(at)
     first, second, score = selector.rank_top_two(candidates, features)
     assert (second == -1).all()

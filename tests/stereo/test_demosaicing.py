@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.frames import FrameSet
-from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced, phase_ratio
+from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced, compute_phase_ratio
 from beltscape.stereo.multiview.frame.photometry import compute_grey_levels
 from tests.stereo.scenes import make_ring, make_scene, plane, prepare_scene, quantise, render_images
 
@@ -60,8 +60,8 @@ def test_other_images_are_not_recognised_as_demosaiced(change, noise, dot_px):
 
 
 def test_constant_and_tiny_images_have_no_pattern():
-    assert phase_ratio(np.full((6, 7), 3.0, np.float32)) == 1.0
-    assert phase_ratio(np.zeros((2, 2), np.float32)) == 1.0
+    assert compute_phase_ratio(np.full((6, 7), 3.0, np.float32)) == 1.0
+    assert compute_phase_ratio(np.zeros((2, 2), np.float32)) == 1.0
 
 
 def test_majority_of_the_cameras_decides():

@@ -12,14 +12,14 @@ from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.estimate import (
     DepthEstimate,
     add_initial_confidence,
+    compute_initial_features,
+    compute_refined_features,
     estimate_depth,
-    initial_features,
-    refined_features,
 )
 from beltscape.stereo.multiview.confidence.features import (
-    agreement_features,
-    image_features,
-    shape_features,
+    compute_agreement_features,
+    compute_image_features,
+    compute_shape_features,
 )
 from beltscape.stereo.multiview.frame.surface import fit_slopes
 from beltscape.stereo.multiview.networks import load_network
@@ -49,13 +49,13 @@ def run_stages(made, s: np.ndarray) -> MatcherState:
     prepared = made.prepared
     propagated = propagate(fit_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5))
     solution = solve_least_squares(propagated.surface, prepared, (0.7, 0.4), prepared.context.windows.wide)
-    features, none = dict(image_features(prepared)), np.zeros(s.shape, bool)
+    features, none = dict(compute_image_features(prepared)), np.zeros(s.shape, bool)
     return MatcherState(prepared, propagated, solution, features, none, None)
 
 
 def with_selection(state: MatcherState) -> MatcherState:
     """Return the state with a selection that changes no pixel."""
-    planes = add_initial_confidence(initial_features(state), state.prepared.context)
+    planes = add_initial_confidence(compute_initial_features(state), state.prepared.context)
     selector = CandidateSelector.from_surface(state.solution.surface, planes, state.prepared)
     confidence, gain = planes["initial confidence"], selector.consistency.gain
     return replace(state, selection=Selection(state.solution.surface, confidence, gain))
@@ -75,8 +75,8 @@ def estimate(made, s: np.ndarray, selected: bool) -> tuple[DepthEstimate, np.nda
 def surface_planes(state: MatcherState, scale: float) -> dict[str, np.ndarray]:
     """Return the features of a surface that every auxiliary sees."""
     seen = np.ones(state.prepared.core.shape, np.uint8)
-    agreement = agreement_features(state.propagated, state.solution, seen, 4)
-    return dict(agreement) | dict(shape_features(state.propagated, state.solution, scale))
+    agreement = compute_agreement_features(state.propagated, state.solution, seen, 4)
+    return dict(agreement) | dict(compute_shape_features(state.propagated, state.solution, scale))
 
 
 def count_views_by_rays(made, solids) -> np.ndarray:
@@ -100,10 +100,10 @@ def test_features_of_every_network_are_computed(selected):
     state = with_selection(run_stages(made := make_scene(*STEP, noise=1.0), made.s))
     assert state.selection is not None
     if selected:
-        found = refined_features(state, state.selection)[0].planes
+        found = compute_refined_features(state, state.selection)[0].planes
         assert set(load_network("confidence").names) <= found.keys()
     else:
-        found = initial_features(state).planes
+        found = compute_initial_features(state).planes
         assert {
             *load_network("initial_confidence").names,
             *load_network("fast_confidence").names,
@@ -142,7 +142,7 @@ def test_relief_and_brightness_features_have_the_named_values():
     shaded[40:70, 50:80] *= 0.3
     prepared = replace(made.prepared, core=shaded)
     state = run_stages(made, made.s)
-    found = dict(image_features(with_scale(prepared))) | surface_planes(state, 1.0)
+    found = dict(compute_image_features(with_scale(prepared))) | surface_planes(state, 1.0)
     shadow, rest = (slice(48, 62), slice(58, 72)), (slice(90, 110), slice(50, 80))
     assert (
         np.median(found["relative brightness within 11"][shadow])

@@ -11,7 +11,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.pose import Pose
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import Noise, downsample
-from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
+from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale
 from tests.stereo.scenes import (
     DEPTH_MM,
     DOT_PX,
@@ -33,7 +33,7 @@ def prepare_plane(step: int, size_px: tuple[int, int], noise: float = 0.0):
     rig = make_ring(size_px=size_px)
     images = render_images(rig, SLANTED, noise=noise, dot_px=DOT_PX * step)
     frame_set = FrameSet("000", {name: quantise(image) for name, image in images.items()})
-    s = 1 / (compute_depth_mm(rig, SLANTED) * inverse_depth_scale(rig, rig.auxiliaries, step))
+    s = 1 / (compute_depth_mm(rig, SLANTED) * compute_inverse_depth_scale(rig, rig.auxiliaries, step))
     return prepare_scene(rig, frame_set, step=step), downsample(s.astype(np.float32), step)
 
 

@@ -15,8 +15,8 @@ from beltscape.stereo.multiview.confidence.message_passing import (
     REJECTED,
     MessageRound,
     assign_addresses,
+    gather_neighbour_addresses,
     load_message_rounds,
-    neighbour_addresses,
     pass_messages,
 )
 from beltscape.stereo.multiview.networks import load_network
@@ -77,7 +77,7 @@ def test_round_uses_the_messages_of_nine_pixels_and_the_own_state(seed, step):
     state = rng.normal(size=(MESSAGE + STATE, uncertain.sum())).astype(np.float32)
     each = make_round(rng, 3)
     found = each.evaluate(
-        state, neighbour_addresses(assign_addresses(uncertain, accepted), uncertain, step), load(), 1
+        state, gather_neighbour_addresses(assign_addresses(uncertain, accepted), uncertain, step), load(), 1
     )
     np.testing.assert_allclose(
         found, evaluate_by_pixel(state, uncertain, accepted, step, each), rtol=1e-4, atol=1e-4
@@ -95,7 +95,7 @@ def test_addresses_number_uncertain_pixels_row_by_row(seed):
 def test_three_rounds_reach_pixels_three_apart():
     rng = np.random.default_rng(5)
     uncertain = np.ones((1, 30), bool)
-    around = neighbour_addresses(assign_addresses(uncertain, ~uncertain), uncertain, 1)
+    around = gather_neighbour_addresses(assign_addresses(uncertain, ~uncertain), uncertain, 1)
     state = rng.normal(size=(MESSAGE + STATE, 30)).astype(np.float32)
     moved = state.copy()
     moved[:, 12] += 1
@@ -107,7 +107,7 @@ def test_three_rounds_reach_pixels_three_apart():
 def test_rounds_add_to_the_state_and_the_last_gives_the_outputs():
     rng = np.random.default_rng(6)
     uncertain, accepted = draw_masks(rng)
-    around = neighbour_addresses(assign_addresses(uncertain, accepted), uncertain, 1)
+    around = gather_neighbour_addresses(assign_addresses(uncertain, accepted), uncertain, 1)
     state = rng.normal(size=(MESSAGE + STATE, uncertain.sum())).astype(np.float32)
     rounds = make_rounds(rng)
     expected = state
@@ -123,7 +123,7 @@ def test_rounds_add_to_the_state_and_the_last_gives_the_outputs():
 def test_outputs_do_not_depend_on_the_number_of_threads(threads):
     rng = np.random.default_rng(7)
     uncertain = rng.random((120, 150)) < 0.8
-    around = neighbour_addresses(assign_addresses(uncertain, ~uncertain), uncertain, 2)
+    around = gather_neighbour_addresses(assign_addresses(uncertain, ~uncertain), uncertain, 2)
     state = rng.normal(size=(MESSAGE + STATE, uncertain.sum())).astype(np.float32)
     rounds = make_rounds(rng)
     one, many = (pass_messages(state.copy(), around, rounds, load(), n) for n in (1, threads))

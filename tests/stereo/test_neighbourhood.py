@@ -33,8 +33,8 @@ def planes(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def test_features_are_the_values_of_the_named_neighbours(scale, spread):
     s, confidence, core = planes()
     neighbourhood = Neighbourhood.from_surface(s, confidence, core, 2, context(scale))
-    image, slope = neighbourhood.image_features(AT), np.array([0.2, -0.1, 0.3], np.float32)
-    offset = neighbourhood.offset_features(AT, s[AT], (slope, 2 * slope))
+    image, slope = neighbourhood.compute_image_features(AT), np.array([0.2, -0.1, 0.3], np.float32)
+    offset = neighbourhood.compute_offset_features(AT, s[AT], (slope, 2 * slope))
     assert len(image) == 2 * len(offset) == 48
     for du, dv in ((1, 0), (-2, 1), (2, 2), (0, -1)):
         name, (y, x) = f"at {du:+d} {dv:+d}", (AT[0][:2] + spread * dv, AT[1][:2] + spread * du)
@@ -50,7 +50,8 @@ def test_neighbours_beyond_the_edge_repeat_and_gaps_have_no_offset():
     s[10, 16] = core[10, 16] = np.nan
     neighbourhood = Neighbourhood.from_surface(s, confidence, core, 2, context())
     flat = np.zeros(3, np.float32)
-    image, offset = neighbourhood.image_features(AT), neighbourhood.offset_features(AT, s[AT], (flat, flat))
+    image = neighbourhood.compute_image_features(AT)
+    offset = neighbourhood.compute_offset_features(AT, s[AT], (flat, flat))
     assert image["initial confidence at +2 -2"][2] == confidence[0, 29]
     assert offset["offset at +1 +0"][1] == 0
     assert all(np.isfinite(values).all() for values in (image | offset).values())
@@ -67,6 +68,6 @@ def test_planes_are_sampled_by_name():
 def test_neighbours_lie_within_reach(reach, count):
     neighbourhood = Neighbourhood.from_surface(*planes(3), reach, context())
     flat = np.zeros(3, np.float32)
-    names = [name.split()[2:] for name in neighbourhood.offset_features(AT, flat, (flat, flat))]
+    names = [name.split()[2:] for name in neighbourhood.compute_offset_features(AT, flat, (flat, flat))]
     assert len(names) == count
     assert max(abs(int(px)) for name in names for px in name) == reach

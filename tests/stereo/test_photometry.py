@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from beltscape.stereo.multiview.frame.photometry import (
     WINDOW_PX,
     compute_grey_levels,
-    local_mean,
-    local_variance,
-    noise_variance,
-    texture_over_noise,
+    compute_local_mean,
+    compute_local_variance,
+    compute_texture_ratio,
+    estimate_noise_variance,
 )
 from tests.stereo.raycast import make_speckle
 
@@ -84,12 +84,12 @@ def test_noise_is_estimated_from_the_least_textured_parts(sigma):
     scene = PATTERN.astype(np.float32)
     scene[:, 120:] = 40 + 0.2 * np.arange(80)  # a shading without texture
     noisy = scene + np.random.default_rng(3).normal(0, sigma, scene.shape)
-    assert 1 / 1.5 < noise_variance(noisy.astype(np.float32)) / sigma**2 < 1.5
+    assert 1 / 1.5 < estimate_noise_variance(noisy.astype(np.float32)) / sigma**2 < 1.5
 
 
 def test_noise_is_never_below_that_of_eight_bits():
-    assert noise_variance(np.full((40, 50), 7, np.float32)) == pytest.approx(1 / 12)
-    assert noise_variance(np.zeros((3, 5), np.float32)) == pytest.approx(1 / 12)
+    assert estimate_noise_variance(np.full((40, 50), 7, np.float32)) == pytest.approx(1 / 12)
+    assert estimate_noise_variance(np.zeros((3, 5), np.float32)) == pytest.approx(1 / 12)
 
 
 def test_local_moments_equal_those_of_the_window():
@@ -97,9 +97,9 @@ def test_local_moments_equal_those_of_the_window():
     size = 2 * WINDOW_PX + 1
     windows = np.lib.stride_tricks.sliding_window_view(level, (size, size)).astype(float)
     inside = (slice(WINDOW_PX, -WINDOW_PX),) * 2
-    np.testing.assert_allclose(local_mean(level)[inside], windows.mean(axis=(2, 3)), rtol=1e-4)
-    np.testing.assert_allclose(local_variance(level)[inside], windows.var(axis=(2, 3)), rtol=1e-3)
-    assert local_variance(np.full((30, 30), 200, np.float32)).min() >= 0
+    np.testing.assert_allclose(compute_local_mean(level)[inside], windows.mean(axis=(2, 3)), rtol=1e-4)
+    np.testing.assert_allclose(compute_local_variance(level)[inside], windows.var(axis=(2, 3)), rtol=1e-3)
+    assert compute_local_variance(np.full((30, 30), 200, np.float32)).min() >= 0
 
 
 def test_texture_excludes_planes_and_noise():
@@ -107,16 +107,17 @@ def test_texture_excludes_planes_and_noise():
     v, u = np.mgrid[:120, :160].astype(np.float32)
     shading, noise = 30 + 0.7 * u + 0.4 * v, rng.normal(0, 1, u.shape)
     bright = np.where(u < 80, 1.0, 2.5)  # photon noise grows with brightness
-    smooth = texture_over_noise((shading + bright * noise).astype(np.float32), 1.0, 9)
+    smooth = compute_texture_ratio((shading + bright * noise).astype(np.float32), 1.0, 9)
     inside = (slice(10, -10), slice(10, -10))
     assert 0.6 < np.median(smooth[inside]) < 1.1
     assert np.percentile(smooth[inside], 99.9) < 2
     dots = cv2.GaussianBlur(rng.normal(0, 1, u.shape), (0, 0), 1.5) * 60
     assert (
-        np.percentile(texture_over_noise((shading + dots + noise).astype(np.float32), 1.0, 9)[inside], 1) > 5
+        np.percentile(compute_texture_ratio((shading + dots + noise).astype(np.float32), 1.0, 9)[inside], 1)
+        > 5
     )
 
 
 def test_finest_texture_does_not_count_as_noise():
     level = np.random.default_rng(6).normal(100, 30, (60, 70)).astype(np.float32)
-    assert texture_over_noise(level, 1.0, 9)[10:-10, 10:-10].min() > 20
+    assert compute_texture_ratio(level, 1.0, 9)[10:-10, 10:-10].min() > 20

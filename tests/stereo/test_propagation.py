@@ -10,8 +10,8 @@ from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.surface import fit_slopes
 from beltscape.stereo.multiview.optimisation.propagation import (
     PropagationResult,
+    list_propagation_offsets,
     propagate,
-    propagation_offsets,
 )
 from tests.stereo.scenes import DEPTH_MM, make_ring, make_scene, mask_inner, patch, plane, sphere
 
@@ -83,7 +83,7 @@ def test_only_active_pixels_change_independent_of_workspace_contents(column):
     def run_kernel(s, where):
         return kernels.propagate(
             s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
-            offsets=propagation_offsets(DISTANCES), floor=prepared.noise.floor, active=where, threads=1,
+            offsets=list_propagation_offsets(DISTANCES), floor=prepared.noise.floor, active=where, threads=1,
         )  # fmt: skip
 
     first = run_kernel(made.s, active)
@@ -95,7 +95,7 @@ def test_only_active_pixels_change_independent_of_workspace_contents(column):
 
 
 def test_offsets_have_eight_directions():
-    found = propagation_offsets((1, 3, 8))
+    found = list_propagation_offsets((1, 3, 8))
     assert found.dtype == np.int32
     assert len(np.unique(found, axis=0)) == 24
     assert not found.sum(axis=0).any()
@@ -105,10 +105,11 @@ def test_offsets_have_eight_directions():
 
 @pytest.mark.parametrize("distances", [(3,), (3, 10), (2, 5, 12)])
 def test_two_turns_have_all_directions_once(distances):
-    first, second = (propagation_offsets(distances, turn) for turn in (0, 1))
+    first, second = (list_propagation_offsets(distances, turn) for turn in (0, 1))
     assert len(first) == len(second) == 4 * len(distances)
     np.testing.assert_array_equal(
-        np.unique(np.concatenate([first, second]), axis=0), np.unique(propagation_offsets(distances), axis=0)
+        np.unique(np.concatenate([first, second]), axis=0),
+        np.unique(list_propagation_offsets(distances), axis=0),
     )
-    np.testing.assert_array_equal(propagation_offsets(distances, 2), first)
+    np.testing.assert_array_equal(list_propagation_offsets(distances, 2), first)
     assert not first.sum(axis=0).any()

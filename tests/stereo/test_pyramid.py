@@ -15,7 +15,7 @@ from beltscape.stereo.multiview import pyramid
 from beltscape.stereo.multiview import settings as multiview_settings
 from beltscape.stereo.multiview.frame.frame import halve_frame
 from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.pyramid import PyramidSolver, _changed_share, _double_surface
+from beltscape.stereo.multiview.pyramid import PyramidSolver, _compute_changed_share, _double_surface
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from tests.stereo.scenes import (
@@ -145,4 +145,4 @@ def test_the_share_of_changed_pixels_is_counted():
     s = np.zeros((10, 10), np.float32)
     other = s.copy()
     other[0, :5], other[1] = 0.6, 0.4
-    assert _changed_share(Surface(s, s, s), Surface(other, s, s)) == pytest.approx(0.05)
+    assert _compute_changed_share(Surface(s, s, s), Surface(other, s, s)) == pytest.approx(0.05)

@@ -8,9 +8,9 @@ import pytest
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.refined_features import (
     PHOTOMETRIC_LIMIT,
-    initial_confidence_features,
-    photometric_features,
-    reliability_features,
+    compute_initial_confidence_features,
+    compute_photometric_features,
+    compute_reliability_features,
 )
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.frame.visibility import compute_visibility
@@ -28,8 +28,8 @@ def compute_features(made: Scene, s: np.ndarray, confidence: np.ndarray) -> dict
     prepared = with_scale(made.prepared)
     _, buffers = compute_visibility(surface.s, prepared)
     gain = estimate_gain(surface.s, np.full(s.shape, 0.02), prepared, buffers)
-    levels = photometric_features(surface, confidence, PhotoConsistencyModel(prepared, gain, buffers))
-    return dict(levels) | dict(reliability_features(surface, confidence, 1.0))
+    levels = compute_photometric_features(surface, confidence, PhotoConsistencyModel(prepared, gain, buffers))
+    return dict(levels) | dict(compute_reliability_features(surface, confidence, 1.0))
 
 
 def test_images_are_consistent_where_the_surface_is_right():
@@ -85,10 +85,10 @@ def test_features_are_finite_without_reliable_pixels():
 def test_initial_confidence_features_are_means_and_minimum_around():
     confidence = np.zeros((40, 50), np.float32)
     confidence[20, 25] = 7
-    found = dict(initial_confidence_features(confidence, 1.0))
+    found = dict(compute_initial_confidence_features(confidence, 1.0))
     assert found["initial confidence within 3"][21, 26] == pytest.approx(7 / 9)
     assert found["initial confidence within 7"][23, 28] == pytest.approx(7 / 49)
     assert found["lowest initial confidence within 3"][20, 25] == 0
     np.testing.assert_array_equal(
-        dict(initial_confidence_features(100 + confidence, 1.0))["initial confidence"], 8
+        dict(compute_initial_confidence_features(100 + confidence, 1.0))["initial confidence"], 8
     )

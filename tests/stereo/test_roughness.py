@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.roughness import roughness_features
+from beltscape.stereo.multiview.confidence.roughness import compute_roughness_features
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
-from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.frame.windows import choose_windows
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
 from tests.stereo.scenes import make_scene, plane, sphere
 
@@ -31,7 +31,7 @@ def compute_features(
     solution: LeastSquaresResult, turn: np.ndarray | None = None, scale: float = 1.0
 ) -> dict[str, np.ndarray]:
     turn = np.full(solution.surface.s.shape, -5, np.float32) if turn is None else turn.astype(np.float32)
-    return dict(roughness_features(solution, turn, scale))
+    return dict(compute_roughness_features(solution, turn, scale))
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 1.8])
@@ -81,7 +81,7 @@ def test_surface_that_bends_within_a_window_has_more_disagreement():
     features = []
     for solids in ((plane(),), (sphere(660, 60), plane(800))):
         made = make_scene(*solids, noise=1.0)
-        size = windows_for(made.s.shape[1])
+        size = choose_windows(made.s.shape[1])
         surface = fit_slopes(made.s.astype(np.float32), load(), 1)
         solution = solve_least_squares(surface, made.prepared, (0.7, 0.4), size.wide)
         middle = tuple(side // 2 for side in made.s.shape)

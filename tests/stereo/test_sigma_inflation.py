@@ -12,7 +12,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, estimate_inflation
 from beltscape.stereo.multiview.frame.frame import Noise
-from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
+from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale
 from beltscape.stereo.multiview.frame.surface import fit_slopes
 from tests.stereo.scenes import (
     Scene,
@@ -40,7 +40,7 @@ def make_noisy_scene(blur_px: float, angles=(0, 90, 180, 270), seed: int = 2) ->
     }
     prepared = prepare_scene(rig, FrameSet("000", images))
     noise = Noise(NOISE**2, 1e-4, prepared.noise.texture)
-    unit = inverse_depth_scale(rig, rig.auxiliaries)
+    unit = compute_inverse_depth_scale(rig, rig.auxiliaries)
     s = (1 / (compute_depth_mm(rig, (SOLID,)) * unit)).astype(np.float32)
     return Scene(rig, replace(prepared, noise=noise), s, unit)
 

@@ -9,7 +9,7 @@ import pytest
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
-from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.frame.windows import choose_windows
 from beltscape.stereo.multiview.optimisation.least_squares import solve_least_squares
 from beltscape.stereo.multiview.optimisation.twicing import apply_twicing
 from tests.stereo.scenes import (
@@ -22,7 +22,7 @@ from tests.stereo.scenes import (
     with_context,
 )
 
-SIZE = replace(windows_for(1224), levels_px=4)
+SIZE = replace(choose_windows(1224), levels_px=4)
 """Windows that flatten the small scenes."""
 BALL = (sphere(660, 250), plane(900))
 

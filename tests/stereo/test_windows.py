@@ -7,14 +7,14 @@ from hypothesis import strategies as st
 
 from beltscape.kernels.arrays import WINDOW_LIMIT
 from beltscape.kernels.least_squares.local_fit import fit_windows
-from beltscape.stereo.multiview.frame.windows import windows_for
+from beltscape.stereo.multiview.frame.windows import choose_windows
 
 widths = st.integers(1, 20_000)
 
 
 @given(widths)
 def test_windows_are_accepted_by_the_kernels(width_px):
-    size = windows_for(width_px)
+    size = choose_windows(width_px)
     for radii in (size.narrow, size.firm, size.wide):
         assert fit_windows(radii)
     assert size.narrow[-1] < size.firm[-1] < size.wide[-1] or size.firm[-1][0] == WINDOW_LIMIT
@@ -23,7 +23,7 @@ def test_windows_are_accepted_by_the_kernels(width_px):
 
 @given(widths, widths)
 def test_windows_do_not_shrink_with_the_grids_width(a, b):
-    small, large = windows_for(min(a, b)), windows_for(max(a, b))
+    small, large = choose_windows(min(a, b)), choose_windows(max(a, b))
     assert small.scale <= large.scale
     assert small.levels_px <= large.levels_px
     for name in ("narrow", "firm", "wide"):

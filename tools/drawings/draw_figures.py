@@ -13,7 +13,7 @@ import numpy as np
 from sheet import AXIS, BELT, BOX, CAMERA, LIGHT, Point, Sheet, document
 
 from beltscape.simulate.scenario import RigSpec
-from beltscape.stereo.multiview.optimisation.propagation import propagation_offsets
+from beltscape.stereo.multiview.optimisation.propagation import list_propagation_offsets
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
 OUT = Path(__file__).parents[2] / "docs/images"
@@ -88,7 +88,7 @@ def draw_candidates() -> str:
     size = max(distances) + 2.0
     plan.line([(-size, -size), (-size, size), (EDGE_PX, size), (EDGE_PX, -size)], "none", 0, fill=PALE[LIGHT])
     plan.line([(EDGE_PX, -size), (EDGE_PX, size), (size, size), (size, -size)], "none", 0, fill=PALE[BELT])
-    for du, dv in propagation_offsets(distances).tolist():
+    for du, dv in list_propagation_offsets(distances).tolist():
         color = LIGHT if du < EDGE_PX else GREY
         plan.line([(du, -dv), (0, 0)], color, 0.8, "2 3")
         plan.dot((du, -dv), color)

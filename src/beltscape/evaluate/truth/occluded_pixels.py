@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale, packed_projections
+from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale, pack_projections
 from beltscape.stereo.multiview.frame.visibility import count_visible_views
 
 
@@ -18,9 +18,9 @@ def occluded_mask(rig: Rig, true_depth_mm: NDArray[np.floating], kernels: Kernel
     occlude here, so a few occluded pixels count as visible.
     """
     names = rig.auxiliaries
-    unit = inverse_depth_scale(rig, names)
+    unit = compute_inverse_depth_scale(rig, names)
     s = (1 / (np.asarray(true_depth_mm, np.float64) * unit)).astype(np.float32)
     sizes = [rig.cameras[name].size_px for name in names]
     return np.isfinite(s) & (
-        count_visible_views(s, packed_projections(rig, names, unit, 1), sizes, kernels) == 0
+        count_visible_views(s, pack_projections(rig, names, unit, 1), sizes, kernels) == 0
     )

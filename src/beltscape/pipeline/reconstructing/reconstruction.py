@@ -28,7 +28,7 @@ from beltscape.stereo.consistency.check import check_consistency, make_consisten
 from beltscape.stereo.consistency.exchange import find_exchange
 from beltscape.stereo.consistency.fault_texts import describe_faults
 from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range, search_range
+from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range, find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, find_horizontal_auxiliary
@@ -173,7 +173,9 @@ def select_auxiliaries(method: str, rig: Rig, pair: str | None) -> tuple[str, ..
 
 def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[float, float]:
     """Return the near and far depth (mm) of the surfaces in a few frames spread over the capture."""
-    chosen = {source.frames[int(i)] for i in np.unique(np.linspace(0, len(source) - 1, RANGE_FRAMES).astype(int))}
+    chosen = {
+        source.frames[int(i)] for i in np.unique(np.linspace(0, len(source) - 1, RANGE_FRAMES).astype(int))
+    }
     ranges: list[tuple[float, float]] = []
     failure: ReconstructionError | None = None
     for frame_set in source.select_frames(chosen):
@@ -207,7 +209,7 @@ def _diagnose_missing_surface(frame_set: FrameSet, rig: Rig) -> str:
     faults = describe_faults(consistency, rig, find_exchange(frame_set, rig, consistency))
     if faults:
         return f"frame {frame_set.frame}: {'; '.join(faults)}"
-    return diagnose_low_coverage(frame_set, rig, consistency, search_range(rig, names), 0.0)[0]
+    return diagnose_low_coverage(frame_set, rig, consistency, compute_search_range(rig, names), 0.0)[0]
 
 
 def _make_matcher(

@@ -6,7 +6,7 @@ from beltscape.core.errors import ReconstructionError, SettingsError
 from beltscape.core.progress import Reporter, Silent
 from beltscape.core.rig import Rig
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range, search_range
+from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range, find_depth_range
 
 _UNITS = {1000.0: "metres", 10.0: "centimetres", 0.001: "micrometres"}
 """Millimetres per unit → name of a unit that may have been used by mistake."""
@@ -19,7 +19,7 @@ _MISSED = 0.25
 
 def require_depth_range(given_mm: tuple[float, float], rig: Rig, auxiliaries: tuple[str, ...]) -> None:
     """Raise SettingsError if a given depth range (near, far) cannot be in millimetres, or is too wide."""
-    (near, far), (low, high) = given_mm, search_range(rig, auxiliaries)
+    (near, far), (low, high) = given_mm, compute_search_range(rig, auxiliaries)
     given = f"depth range {near:g} to {far:g} mm"
     where = f"the cameras of this rig meet between {low:.0f} and {high:.0f} mm"
     if _is_disjoint(given_mm, (low, high)):
@@ -54,7 +54,7 @@ def check_depth_range(
     if found is None:
         return
     (near, far), (low, high) = given_mm, found
-    if _is_disjoint(given_mm, found) and _is_disjoint(given_mm, search_range(rig, rig.auxiliaries)):
+    if _is_disjoint(given_mm, found) and _is_disjoint(given_mm, compute_search_range(rig, rig.auxiliaries)):
         raise SettingsError(
             f"depth range {near:g} to {far:g} mm: neither do the cameras of this rig meet there, nor do the images "
             f"show a surface, which lies between {low:.0f} and {high:.0f} mm; give a range about that, or none"

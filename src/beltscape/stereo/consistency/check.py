@@ -24,7 +24,7 @@ from beltscape.stereo.consistency.residuals import compute_pair_residuals
 from beltscape.stereo.consistency.tie_points import Array, TiePoints, detect_textured_points
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
 from beltscape.stereo.consistency.unguided_matching import match_unguided
-from beltscape.stereo.multiview.initialisation.depth_range import search_range
+from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
 
 State = Literal["sound", "contradicting", "unmatched", "not measured"]
 
@@ -126,7 +126,7 @@ def check_consistency(
             rig,
             float(1 / np.median(tie_points.inverse_depth))
             if len(tie_points.inverse_depth)
-            else sum(search_range(rig, names)) / 2,
+            else sum(compute_search_range(rig, names)) / 2,
         )
     if not guided:
         tolerance = tolerance.widen(tie_points.pixel_scale)
@@ -159,7 +159,7 @@ def _match_tie_points(
         tie_points = match_guided(frame_set, rig, names, depth, points)
         if len(tie_points.core_px) >= LEAST_TIE_POINTS:
             return tie_points, True
-    return match_unguided(frame_set, rig, names, search_range(rig, names), points), False
+    return match_unguided(frame_set, rig, names, compute_search_range(rig, names), points), False
 
 
 def _find_pose_change(

@@ -13,7 +13,7 @@ from beltscape.stereo.consistency.check import RigConsistency
 from beltscape.stereo.consistency.fault_isolation import compute_frame_residuals
 from beltscape.stereo.consistency.tie_points import Array, detect_textured_points
 from beltscape.stereo.consistency.unguided_matching import match_unguided
-from beltscape.stereo.multiview.initialisation.depth_range import search_range
+from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
 
 _FITS_PX = 1.0
 """Greatest systematic residual of a camera that fits, px of the small images."""
@@ -77,7 +77,7 @@ def _count_fitting_points(
     frame_set: FrameSet, rig: Rig, names: tuple[str, ...], points_px: Array
 ) -> dict[str, int]:
     """Return by auxiliary the number of points on their epipolar lines; 0 for one that does not fit."""
-    tie_points = match_unguided(frame_set, rig, names, search_range(rig, names), points_px)
+    tie_points = match_unguided(frame_set, rig, names, compute_search_range(rig, names), points_px)
     epipolar = compute_frame_residuals(tie_points, rig, names).epipolar
     return {
         name: residual.points

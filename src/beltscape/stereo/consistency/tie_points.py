@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.camera import Camera
 from beltscape.core.frames import Image, to_grey
-from beltscape.stereo.multiview.frame.photometry import noise_variance, texture_over_noise
+from beltscape.stereo.multiview.frame.photometry import compute_texture_ratio, estimate_noise_variance
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def detect_textured_points(image: Image, camera: Camera, *, max_points: int = MA
     size = (level.shape[1] // shrink, level.shape[0] // shrink)
     small = cv2.resize(level[: size[1] * shrink, : size[0] * shrink], size, interpolation=cv2.INTER_AREA)
     small = np.asarray(small, np.float32)
-    texture = texture_over_noise(small, noise_variance(small), _TEXTURE_PX)
+    texture = compute_texture_ratio(small, estimate_noise_variance(small), _TEXTURE_PX)
     distance = max(5.0, 0.5 * float(np.sqrt(size[0] * size[1] / max_points)))
     # the square root of the levels gives dark regions the same weight as bright ones
     root = np.sqrt(np.maximum(small, 0) + np.float32(1.0))

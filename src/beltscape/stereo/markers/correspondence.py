@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.markers.grid import SIDE, MarkerGrid
-from beltscape.stereo.multiview.initialisation.depth_range import search_range
+from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
 
 _MAX_ERROR_RADII = 0.3
 """Largest reprojection error of a marker, in its radii; hiding half of a disc shifts its centroid by 0.42."""
@@ -77,7 +77,7 @@ def _compare_pair(grids: Mapping[str, MarkerGrid], rig: Rig, kernels: Kernels) -
     points = kernels.triangulate(np.stack([rig.projection(name) for name in names]), pixels)
     error = _reprojection_errors_px(points, pixels, rig, names)
     limit = np.stack([_max_error_px(grids[name]) for name in names])
-    near, far = search_range(rig, rig.auxiliaries)
+    near, far = compute_search_range(rig, rig.auxiliaries)
     consistent = (error < limit).all(axis=0) & (points[:, 2] > near) & (points[:, 2] < far)
     common = int(np.isfinite(pixels).all(axis=(0, 2)).sum())
     return int(consistent.sum()), float(error[:, consistent].mean()) if consistent.any() else np.inf, common

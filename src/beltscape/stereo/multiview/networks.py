@@ -47,9 +47,9 @@ def load_network(name: str) -> FeatureNetwork:
     text = (files("beltscape") / "data" / f"{name}.json").read_text(encoding="utf-8")
     stored = json.loads(text)
     return FeatureNetwork(
-        tuple(stored["names"]), _array(stored["limits"]), tuple(map(_array, stored["layers"]))
+        tuple(stored["names"]), _read_array(stored["limits"]), tuple(map(_read_array, stored["layers"]))
     )
 
 
-def _array(rows: Sequence[Sequence[float]]) -> Array:
+def _read_array(rows: Sequence[Sequence[float]]) -> Array:
     return np.array(rows, np.float32)

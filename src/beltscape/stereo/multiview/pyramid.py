@@ -56,7 +56,7 @@ class PyramidSolver:
             alternating = turn if settings.rounds > 1 else None
             propagated = propagate(surface, prepared, distances, alternating)
             solution = _optimise(propagated.surface, prepared, settings.round_tolerances_px)
-            if turn + 1 == settings.rounds or _changed_share(surface, propagated.surface) < _SETTLED:
+            if turn + 1 == settings.rounds or _compute_changed_share(surface, propagated.surface) < _SETTLED:
                 self.on_step()
                 return propagated, solution
             surface = solution.surface
@@ -84,7 +84,7 @@ def _optimise(surface: Surface, prepared: PreparedFrame, tolerances: tuple[float
     return solve_least_squares(surface, prepared, tolerances, prepared.context.windows.narrow)
 
 
-def _changed_share(before: Surface, after: Surface) -> float:
+def _compute_changed_share(before: Surface, after: Surface) -> float:
     """Return the share of pixels whose s changed by more than `_CHANGED_PX`."""
     return float(np.mean(np.abs(after.s - before.s) > _CHANGED_PX))
 

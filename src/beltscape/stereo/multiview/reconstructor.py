@@ -20,11 +20,11 @@ from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
 from beltscape.stereo.multiview.confidence.estimate import (
     DepthEstimate,
     add_initial_confidence,
+    compute_initial_features,
     estimate_depth,
-    initial_features,
 )
-from beltscape.stereo.multiview.confidence.features import image_features
-from beltscape.stereo.multiview.confidence.refined_features import initial_confidence_features
+from beltscape.stereo.multiview.confidence.features import compute_image_features
+from beltscape.stereo.multiview.confidence.refined_features import compute_initial_confidence_features
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.parallel import run_pair
@@ -82,7 +82,7 @@ class MultiviewReconstructor:
         """
         names = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         state = self.match(frame_set, names, reporter, prior)
-        return _depth_map(state, estimate_depth(state), self.settings.least_confidence)
+        return _make_depth_map(state, estimate_depth(state), self.settings.least_confidence)
 
     def match(
         self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter, prior: Prior | None = None
@@ -118,7 +118,9 @@ class MultiviewReconstructor:
         solver = PyramidSolver(self.depth_range_mm, self.settings, prior, on_step)
         surface, prepared = solver.initialise(prepare_frame(frame_set, context))
         (propagated, solution), features = run_pair(
-            lambda: solver.propagate(surface, prepared), lambda: dict(image_features(prepared)), threads
+            lambda: solver.propagate(surface, prepared),
+            lambda: dict(compute_image_features(prepared)),
+            threads,
         )
         unfilled = np.zeros(surface.s.shape, bool)
         return MatcherState(prepared, propagated, solution, features, unfilled, None)
@@ -128,10 +130,12 @@ class MultiviewReconstructor:
         if not self.settings.selections:
             return None
         context = state.prepared.context
-        planes = add_initial_confidence(initial_features(state), context)
+        planes = add_initial_confidence(compute_initial_features(state), context)
         selection = select_candidates(state.solution.surface, planes, state.prepared)
         for _ in range(self.settings.selections - 1):
-            planes = planes | dict(initial_confidence_features(selection.initial_confidence, context.scale))
+            planes = planes | dict(
+                compute_initial_confidence_features(selection.initial_confidence, context.scale)
+            )
             selection = select_candidates(selection.surface, planes, state.prepared)
         return selection
 
@@ -158,7 +162,7 @@ class _StepCounter:
         self._reporter.step(f"matching {self._frame}", self._done, self._total)
 
 
-def _depth_map(state: MatcherState, estimate: DepthEstimate, least_confidence: float) -> DepthMap:
+def _make_depth_map(state: MatcherState, estimate: DepthEstimate, least_confidence: float) -> DepthMap:
     """Return the depth of sufficiently confident pixels on the core's full grid."""
     context = state.prepared.context
     unit, step = context.inverse_depth_scale, context.step

@@ -8,7 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, estimate_inflation, tile_side
+from beltscape.stereo.multiview.confidence.sigma_inflation import (
+    Inflation,
+    compute_tile_side,
+    estimate_inflation,
+)
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.state import MatcherState
 
@@ -41,16 +45,16 @@ def inflate_sigma(sigma: Array, state: MatcherState) -> Array:
     """
     prepared, solution = state.prepared, state.solution
     inflation = estimate_inflation(solution.surface, prepared)
-    excess, log_information = _excess(inflation, demosaiced=prepared.noise.demosaiced)
+    excess, log_information = _compute_excess(inflation, demosaiced=prepared.noise.demosaiced)
     if not excess.any():
         return sigma
-    side = tile_side(prepared.context.scale)
-    pixel_excess = _by_information(excess, log_information, solution.information, side)
+    side = compute_tile_side(prepared.context.scale)
+    pixel_excess = _interpolate_by_information(excess, log_information, solution.information, side)
     share = np.minimum(fill_nan(solution.variance) / np.square(sigma), 1)
     return np.asarray(sigma * np.sqrt(1 + pixel_excess * share), np.float32)
 
 
-def _excess(inflation: Inflation, *, demosaiced: bool) -> tuple[Array, Array]:
+def _compute_excess(inflation: Inflation, *, demosaiced: bool) -> tuple[Array, Array]:
     """Return the excess (n,) of sigma's variance over that of least squares, and the log information (n,) it is for.
 
     Resampling and denoising correlate the noise of a whole image; no part of it has more excess than the whole.
@@ -64,7 +68,7 @@ def _excess(inflation: Inflation, *, demosaiced: bool) -> tuple[Array, Array]:
     return _DEMOSAICED.gain * np.maximum(ratio - _DEMOSAICED.accounted, 0), log_information
 
 
-def _by_information(
+def _interpolate_by_information(
     values: Array, log_information: Array, information: Array, side: int
 ) -> NDArray[np.float32]:
     """Return (H, W) values that depend on the information (H, W) around a pixel, interpolated between tiles."""

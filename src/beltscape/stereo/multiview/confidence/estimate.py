@@ -11,27 +11,27 @@ from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.confidence.correlated_noise import inflate_sigma
 from beltscape.stereo.multiview.confidence.features import (
-    agreement_features,
-    information_features,
-    shape_features,
+    compute_agreement_features,
+    compute_information_features,
+    compute_shape_features,
 )
 from beltscape.stereo.multiview.confidence.refined_features import (
-    initial_confidence_features,
-    photometric_features,
-    reliability_features,
+    compute_initial_confidence_features,
+    compute_photometric_features,
+    compute_reliability_features,
 )
 from beltscape.stereo.multiview.confidence.refiner import (
     Prediction,
     RefinementInputs,
     refine_uncertain_pixels,
 )
-from beltscape.stereo.multiview.confidence.roughness import roughness_features
+from beltscape.stereo.multiview.confidence.roughness import compute_roughness_features
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.parallel import run_pair, run_parallel
-from beltscape.stereo.multiview.frame.photometry import texture_over_noise
+from beltscape.stereo.multiview.frame.photometry import compute_texture_ratio
 from beltscape.stereo.multiview.frame.visibility import compute_visibility
-from beltscape.stereo.multiview.frame.windows import scaled_window
+from beltscape.stereo.multiview.frame.windows import scale_window
 from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.candidates import Selection
 from beltscape.stereo.multiview.selection.photoconsistency import PhotoConsistencyModel
@@ -42,7 +42,7 @@ Array = NDArray[np.floating]
 REACH_PX = 9
 """Window around texture in which pixels without texture are measured, since the fit's window includes the texture."""
 TEXTURE, TEXTURE_PX = 2.0, 9
-"""Ratio of the variance to the noise's up to which a window has no texture, and the window's side in px at scale 1."""
+"""Ratio of the variance to the noise's up to which a window has no texture, and its side in px at scale 1."""
 CONTRADICTION = 0.4
 """Mean dissimilarity from which on the surface is rejected where no view agrees."""
 
@@ -74,10 +74,10 @@ class PixelFeatures:
 Features = Callable[[], Iterator[tuple[str, Array]]]
 
 
-def initial_features(state: MatcherState) -> PixelFeatures:
+def compute_initial_features(state: MatcherState) -> PixelFeatures:
     """Return the features of a matched surface before candidate selection."""
     visible, _ = compute_visibility(state.solution.surface.s, state.prepared)
-    planes = _compute_planes(_surface_features(state, visible), state.prepared.context)
+    planes = _compute_planes(_list_surface_features(state, visible), state.prepared.context)
     return PixelFeatures(planes | state.image_features, visible)
 
 
@@ -85,31 +85,35 @@ def add_initial_confidence(features: PixelFeatures, context: MatchContext) -> di
     """Return the planes (H, W) by name of initial features, with the initial confidence and its means."""
     network = load_network("initial_confidence")
     (logit,) = network.evaluate(features.planes, context.kernels, context.threads)
-    return features.planes | dict(initial_confidence_features(logit, context.scale))
+    return features.planes | dict(compute_initial_confidence_features(logit, context.scale))
 
 
-def refined_features(state: MatcherState, selection: Selection) -> tuple[PixelFeatures, RefinementInputs]:
+def compute_refined_features(
+    state: MatcherState, selection: Selection
+) -> tuple[PixelFeatures, RefinementInputs]:
     """Return the features of the surface after candidate selection, and the inputs of the refinement network."""
     surface, confidence = state.solution.surface, selection.initial_confidence
     context = state.prepared.context
     visible, buffers = compute_visibility(surface.s, state.prepared)
     consistency = PhotoConsistencyModel(state.prepared, selection.gain, buffers)
     parts: list[Features] = [
-        lambda: photometric_features(surface, confidence, consistency),
-        lambda: reliability_features(surface, confidence, context.scale),
-        lambda: initial_confidence_features(confidence, context.scale),
+        lambda: compute_photometric_features(surface, confidence, consistency),
+        lambda: compute_reliability_features(surface, confidence, context.scale),
+        lambda: compute_initial_confidence_features(confidence, context.scale),
     ]
-    planes = _compute_planes([*_surface_features(state, visible), *parts], context) | state.image_features
-    planes |= dict(roughness_features(state.solution, planes["slope deviation"], context.scale))
+    planes = (
+        _compute_planes([*_list_surface_features(state, visible), *parts], context) | state.image_features
+    )
+    planes |= dict(compute_roughness_features(state.solution, planes["slope deviation"], context.scale))
     return PixelFeatures(planes, visible), RefinementInputs.from_surface(planes, surface, consistency)
 
 
-def _surface_features(state: MatcherState, visible: NDArray[np.uint8]) -> list[Features]:
+def _list_surface_features(state: MatcherState, visible: NDArray[np.uint8]) -> list[Features]:
     auxiliaries, scale = len(state.prepared.images), state.prepared.context.scale
     return [
-        lambda: shape_features(state.propagated, state.solution, scale),
-        lambda: agreement_features(state.propagated, state.solution, visible, auxiliaries),
-        lambda: information_features(state.solution, scale),
+        lambda: compute_shape_features(state.propagated, state.solution, scale),
+        lambda: compute_agreement_features(state.propagated, state.solution, visible, auxiliaries),
+        lambda: compute_information_features(state.solution, scale),
     ]
 
 
@@ -128,7 +132,7 @@ def estimate_depth(state: MatcherState) -> DepthEstimate:
     noise is added to sigma afterwards.
     """
     (prediction, visible), measurable = run_pair(
-        lambda: _predict(state), lambda: _measurable_mask(state), state.prepared.context.threads
+        lambda: _predict(state), lambda: _mask_measurable(state), state.prepared.context.threads
     )
     confidence = 1 / (1 + np.exp(-prediction.logit))
     valid = np.isfinite(prediction.s) & (visible > 0) & measurable
@@ -144,20 +148,20 @@ def _predict(state: MatcherState) -> tuple[Prediction, NDArray[np.uint8]]:
     """Return the networks' prediction for all pixels, and (H, W) the number of auxiliaries that see them."""
     s, context = state.solution.surface.s, state.prepared.context
     if state.selection is None:
-        features, network = initial_features(state), load_network("fast_confidence")
+        features, network = compute_initial_features(state), load_network("fast_confidence")
         outputs = network.evaluate(features.planes, context.kernels, context.threads)
         return Prediction(s, *outputs), features.visible
-    features, inputs = refined_features(state, state.selection)
+    features, inputs = compute_refined_features(state, state.selection)
     network = load_network("confidence")
     prediction = Prediction(s, *network.evaluate(features.planes, context.kernels, context.threads))
     return refine_uncertain_pixels(prediction, inputs), features.visible
 
 
-def _measurable_mask(state: MatcherState) -> NDArray[np.bool_]:
+def _mask_measurable(state: MatcherState) -> NDArray[np.bool_]:
     """Return the mask (H, W) of pixels that have texture, or are in a filled disc, and that some view may confirm."""
     prepared = state.prepared
-    window_px = scaled_window(TEXTURE_PX, prepared.context.scale)[0]
-    texture = texture_over_noise(fill_nan(prepared.core), prepared.noise.levels, window_px)
+    window_px = scale_window(TEXTURE_PX, prepared.context.scale)[0]
+    texture = compute_texture_ratio(fill_nan(prepared.core), prepared.noise.levels, window_px)
     textured = cv2.dilate(texture, np.ones((REACH_PX, REACH_PX), np.uint8)) > TEXTURE
     contradicted = (state.solution.used == 0) & (
         cv2.blur(fill_nan(state.propagated.cost, 1.0), (7, 7)) > CONTRADICTION

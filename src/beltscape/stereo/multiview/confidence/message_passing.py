@@ -50,7 +50,7 @@ def load_message_rounds() -> tuple[MessageRound, ...]:
     """Return the shipped rounds, which tools/train_refinement.py fits to simulated frames with known truth."""
     text = (files("beltscape") / "data" / "message_passing.json").read_text(encoding="utf-8")
     return tuple(
-        MessageRound(_array(each["fixed_messages"]), tuple(map(_array, each["layers"])))
+        MessageRound(_read_array(each["fixed_messages"]), tuple(map(_read_array, each["layers"])))
         for each in json.loads(text)["rounds"]
     )
 
@@ -63,7 +63,7 @@ def assign_addresses(uncertain: NDArray[np.bool_], accepted: NDArray[np.bool_]) 
     return address
 
 
-def neighbour_addresses(
+def gather_neighbour_addresses(
     address: NDArray[np.int32], uncertain: NDArray[np.bool_], spacing: int
 ) -> NDArray[np.int32]:
     """Return the (9, N) addresses of the uncertain pixels' neighbours, ``spacing`` px apart, limited to the image."""
@@ -91,5 +91,5 @@ def pass_messages(
     return rounds[-1].evaluate(states, neighbours, kernels, threads)
 
 
-def _array(rows: Sequence[Sequence[float]]) -> NDArray[np.float32]:
+def _read_array(rows: Sequence[Sequence[float]]) -> NDArray[np.float32]:
     return np.array(rows, np.float32)

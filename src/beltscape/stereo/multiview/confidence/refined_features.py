@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from beltscape.kernels.selection.candidates import PhotoConsistency
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.frame.windows import scaled_window
+from beltscape.stereo.multiview.frame.windows import scale_window
 from beltscape.stereo.multiview.selection.photoconsistency import (
     PhotoConsistencyModel,
-    photo_consistency_features,
+    compute_photo_consistency_features,
 )
 
 Array = NDArray[np.floating]
@@ -29,18 +29,18 @@ PHOTOMETRIC_LIMIT = 3.5
 """Initial confidence (logit) from which on the photo-consistency is not evaluated."""
 
 
-def initial_confidence_features(logit: Array, scale: float) -> Iterator[tuple[str, Array]]:
+def compute_initial_confidence_features(logit: Array, scale: float) -> Iterator[tuple[str, Array]]:
     """Yield the initial confidence (H, W), logit, its means and its minimum around, by name."""
     logit = np.clip(logit, -8, 8).astype(np.float32)
     yield "initial confidence", logit
     for window_px in (3, 7, 15):
-        mean = cv2.blur(logit, scaled_window(window_px, scale))
+        mean = cv2.blur(logit, scale_window(window_px, scale))
         yield f"initial confidence within {window_px}", np.asarray(mean, np.float32)
-    lowest = cv2.erode(logit, np.ones(scaled_window(3, scale), np.uint8))
+    lowest = cv2.erode(logit, np.ones(scale_window(3, scale), np.uint8))
     yield "lowest initial confidence within 3", np.asarray(lowest, np.float32)
 
 
-def photometric_features(
+def compute_photometric_features(
     surface: Surface, initial_confidence: Array, consistency: PhotoConsistencyModel
 ) -> Iterator[tuple[str, Array]]:
     """Yield the photo-consistency (H, W) by name, evaluated below `PHOTOMETRIC_LIMIT`.
@@ -55,14 +55,14 @@ def photometric_features(
     s, slope_u, slope_v = (plane[pixels][None] for plane in (surface.s, surface.slope_u, surface.slope_v))
     evaluated = consistency.evaluate(pixels, s, (slope_u, slope_v), prepared.context.threads)
     consistent = PhotoConsistency(*(np.zeros((1, 1), np.float32) for _ in evaluated))
-    elsewhere = dict(photo_consistency_features(consistent, auxiliaries))
-    for name, values in photo_consistency_features(evaluated, auxiliaries):
+    elsewhere = dict(compute_photo_consistency_features(consistent, auxiliaries))
+    for name, values in compute_photo_consistency_features(evaluated, auxiliaries):
         plane = np.full(surface.s.shape, elsewhere[name].item(), np.float32)
         plane[pixels] = values[0]
         yield name, plane
 
 
-def reliability_features(
+def compute_reliability_features(
     surface: Surface, initial_confidence: Array, scale: float
 ) -> Iterator[tuple[str, Array]]:
     """Yield (H, W) by name: distance from the planes of reliable pixels around (px at scale 1), and their weight."""
@@ -75,7 +75,7 @@ def reliability_features(
     at_origin = s - slope_u * u - slope_v * v
     weighted = [weight, weight * at_origin, weight * slope_u, weight * slope_v]
     for window_px in (7, 15):
-        side = scaled_window(window_px, scale)
+        side = scale_window(window_px, scale)
         total, constant, across, down = (cv2.blur(x, side) for x in weighted)
         plane_s = (constant + across * u + down * v) / np.maximum(total, _LEAST_WEIGHT)
         offset = np.clip((s - plane_s) / scale, -_MOST_OFFSET_PX, _MOST_OFFSET_PX)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.confidence.message_passing import (
     assign_addresses,
+    gather_neighbour_addresses,
     load_message_rounds,
-    neighbour_addresses,
     pass_messages,
 )
 from beltscape.stereo.multiview.frame.context import MatchContext
@@ -29,7 +29,7 @@ from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.neighbourhood import Neighbourhood, sample_planes
 from beltscape.stereo.multiview.selection.photoconsistency import (
     PhotoConsistencyModel,
-    photo_consistency_features,
+    compute_photo_consistency_features,
 )
 
 Array = NDArray[np.floating]
@@ -89,8 +89,8 @@ class RefinementInputs:
         features |= {"confidence": np.asarray(logit, np.float32)}
         slopes = self.surface.slope_u[pixels], self.surface.slope_v[pixels]
         features |= dict(zip(("slope u", "slope v"), slopes, strict=True))
-        features |= self.neighbourhood.image_features(pixels)
-        features |= self.neighbourhood.offset_features(pixels, self.surface.s[pixels], slopes)
+        features |= self.neighbourhood.compute_image_features(pixels)
+        features |= self.neighbourhood.compute_offset_features(pixels, self.surface.s[pixels], slopes)
         features |= self._shifted_consistency(pixels, slopes)
         return {name: values[None] for name, values in features.items()}
 
@@ -107,7 +107,9 @@ class RefinementInputs:
         consistency = self.consistency.evaluate(pixels, shifted, (slope_u, slope_v))
         return {
             f"{name} {px:+g}": row
-            for name, rows in photo_consistency_features(consistency, len(self.consistency.prepared.images))
+            for name, rows in compute_photo_consistency_features(
+                consistency, len(self.consistency.prepared.images)
+            )
             if name != "share of visible views"
             for px, row in zip(TRIED_PX, rows, strict=True)
         }
@@ -134,7 +136,7 @@ def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) ->
     jobs = [partial(inputs.compute_states, part, prediction.logit[part]) for part in parts]
     states = np.hstack(run_parallel(jobs, context.threads))
     addresses = assign_addresses(uncertain, mask_accepted(prediction.logit))
-    neighbours = neighbour_addresses(addresses, uncertain, inputs.neighbourhood.spacing)
+    neighbours = gather_neighbour_addresses(addresses, uncertain, inputs.neighbourhood.spacing)
     logit, log_sigma, shift = pass_messages(
         states, neighbours, load_message_rounds(), context.kernels, context.threads
     )

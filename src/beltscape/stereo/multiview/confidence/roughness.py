@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import detect_depth_steps
-from beltscape.stereo.multiview.frame.windows import scaled_window
+from beltscape.stereo.multiview.frame.windows import scale_window
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult
 
 Array = NDArray[np.floating]
@@ -29,23 +29,23 @@ _LEAST_SHARE, _LEAST = 1e-3, 0.01
 """Least share of measured pixels, and the offset before the logarithm, against division by and logarithm of zero."""
 
 
-def roughness_features(
+def compute_roughness_features(
     solution: LeastSquaresResult, slope_deviation: Array, scale: float
 ) -> Iterator[tuple[str, Array]]:
     """Yield means (H, W) by name over the pixels away from depth steps at which a view agrees.
 
     They are the logarithm of the disagreement of the fit's windows, ``slope_deviation`` (H, W) of
-    `features.shape_features`, and the logarithm of sigma. Windows grow with ``scale``.
+    `features.compute_shape_features`, and the logarithm of sigma. Windows grow with ``scale``.
     """
     step = cv2.dilate(
         detect_depth_steps(fill_nan(solution.surface.s)).astype(np.uint8),
-        np.ones(scaled_window(_STEP_PX, scale), np.uint8),
+        np.ones(scale_window(_STEP_PX, scale), np.uint8),
     )
     used = ((solution.used > 0) & (step == 0)).astype(np.float32)
     disagreement = used * fill_nan(solution.disagreement)
     for window_px in _NEAR_PX:
-        side = scaled_window(window_px, scale)
-        mean = _mean(cv2.blur(disagreement, side), cv2.blur(used, side))
+        side = scale_window(window_px, scale)
+        mean = _compute_mean(cv2.blur(disagreement, side), cv2.blur(used, side))
         yield f"window disagreement within {window_px}", np.log(mean + np.float32(_LEAST))
     log_sigma = 0.5 * np.log(np.clip(fill_nan(solution.variance, 1.0), 1e-8, 4.0))
     tiles = [
@@ -53,17 +53,17 @@ def roughness_features(
         for plane in (used, disagreement, used * slope_deviation, used * log_sigma)
     ]
     for window_px in _WIDE_PX:
-        share, total, *others = (cv2.blur(plane, scaled_window(window_px / _TILE_PX, 1)) for plane in tiles)
+        share, total, *others = (cv2.blur(plane, scale_window(window_px / _TILE_PX, 1)) for plane in tiles)
         means = [
-            np.log(_mean(total, share) + np.float32(_LEAST)),
-            *(_mean(plane, share) for plane in others),
+            np.log(_compute_mean(total, share) + np.float32(_LEAST)),
+            *(_compute_mean(plane, share) for plane in others),
         ]
         names = "window disagreement", "slope deviation", "log sigma"
         for name, plane in zip(names, means, strict=True):
             yield f"{name} within {window_px}", cv2.resize(plane, used.shape[::-1])
 
 
-def _mean(total: Array, share: Array) -> Array:
+def _compute_mean(total: Array, share: Array) -> Array:
     return total / np.maximum(share, np.float32(_LEAST_SHARE))
 
 

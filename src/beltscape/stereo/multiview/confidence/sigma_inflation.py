@@ -57,24 +57,24 @@ def estimate_inflation(surface: Surface, prepared: PreparedFrame) -> Inflation:
     With a single auxiliary there is no disagreement; the estimate is empty.
     """
     height, windows = len(surface.s), prepared.context.windows
-    side = tile_side(windows.scale)
+    side = compute_tile_side(windows.scale)
     rows = min(height, _TILE_ROWS * side + 2 * windows.levels_px)
     firsts = np.linspace(0, height - rows, _BANDS + 2)[1:-1].astype(int)
-    tiles = [_tile_sums(surface.s, prepared, slice(f, f + rows)) for f in firsts]
-    parts = [_squared_deviations(*sums, side) for sums in tiles]
+    tiles = [_accumulate_tiles(surface.s, prepared, slice(f, f + rows)) for f in firsts]
+    parts = [_compute_squared_deviations(*sums, side) for sums in tiles]
     information, squares = (np.concatenate(values) for values in zip(*parts, strict=True))
     return _estimate_groups(np.log(information), squares)
 
 
-def tile_side(scale: float) -> int:
+def compute_tile_side(scale: float) -> int:
     """Return the side of a tile in px on a grid ``scale`` times finer than `TILE_PX` is for."""
     return max(3, round(TILE_PX * scale))
 
 
-def _tile_sums(s: Array, prepared: PreparedFrame, rows: slice) -> tuple[Array, Array]:
+def _accumulate_tiles(s: Array, prepared: PreparedFrame, rows: slice) -> tuple[Array, Array]:
     """Sum information and pull over the tiles of a band, each (views, tile rows, tile columns)."""
     band, noise, context = np.ascontiguousarray(s[rows]), prepared.noise, prepared.context
-    levels_px, side = context.windows.levels_px, tile_side(context.scale)
+    levels_px, side = context.windows.levels_px, compute_tile_side(context.scale)
     core = np.ascontiguousarray(prepared.core[rows])
     smooth = ~detect_depth_steps(fill_nan(band))
     sums = []
@@ -96,21 +96,21 @@ def _sum_tiles(plane: Array, side: int) -> NDArray[np.float64]:
     return blocks.sum(axis=(1, 3), dtype=np.float64)
 
 
-def _squared_deviations(information: Array, pull: Array, side: int) -> tuple[Array, Array]:
+def _compute_squared_deviations(information: Array, pull: Array, side: int) -> tuple[Array, Array]:
     """Return information per pixel (N,) of all views, and a view's squared shift over its expected variance (N,)."""
     whole = np.maximum(information.sum(axis=0), 1e-9)
     share = information / whole
     used = (share > _SHARES[0]) & (share < _SHARES[1]) & (whole > _LEAST_INFORMATION * side * side)
     apart = np.where(used, pull / np.maximum(information, 1e-9), 0) - pull.sum(axis=0) / whole
     weight = np.where(used, information / np.maximum(1 - share, 1e-9), 0)
-    total, around = (_running_mean(plane) for plane in (weight * apart, weight))
+    total, around = (_average_rows(plane) for plane in (weight * apart, weight))
     apart = apart - total / np.maximum(around, 1e-9)
     own = np.minimum(weight / np.maximum(_SMOOTH_TILES * around, 1e-9), 0.9)
     squares = apart**2 * weight / (1 - own)
     return np.broadcast_to(whole / side**2, used.shape)[used], squares[used]
 
 
-def _running_mean(planes: Array) -> Array:
+def _average_rows(planes: Array) -> Array:
     """Average every plane (n, rows, columns) along its rows."""
     return np.stack([cv2.blur(p, (_SMOOTH_TILES, 1), borderType=cv2.BORDER_REPLICATE) for p in planes])
 

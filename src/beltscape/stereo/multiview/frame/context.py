@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.inverse_depth import inverse_depth_scale
-from beltscape.stereo.multiview.frame.windows import Windows, windows_for
+from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale
+from beltscape.stereo.multiview.frame.windows import Windows, choose_windows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +29,7 @@ class MatchContext:
         cls, rig: Rig, auxiliaries: tuple[str, ...], step: int, kernels: Kernels, threads: int
     ) -> MatchContext:
         """Return the context of the grid whose pixels average blocks of ``step`` image pixels."""
-        windows = windows_for(rig.core_camera.size_px[0] // step)
+        windows = choose_windows(rig.core_camera.size_px[0] // step)
         return cls(rig, auxiliaries, step, kernels, threads, windows)
 
     @property
@@ -40,7 +40,7 @@ class MatchContext:
     @property
     def inverse_depth_scale(self) -> float:
         """Unit of s on this grid, 1/mm."""
-        return inverse_depth_scale(self.rig, self.auxiliaries, self.step)
+        return compute_inverse_depth_scale(self.rig, self.auxiliaries, self.step)
 
     def halve(self) -> MatchContext:
         """Return the context of the next coarser grid."""

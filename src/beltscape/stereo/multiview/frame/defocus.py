@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.multiview.frame.photometry import noise_variance
+from beltscape.stereo.multiview.frame.photometry import estimate_noise_variance
 
 Level = NDArray[np.float32]
 
@@ -35,31 +35,33 @@ def estimate_defocus(core: Level, others: list[Level]) -> float:
 
     It is 0 where less than 1.5 px suffices, and 4 where more is needed.
     """
-    core_sharpness = _sharpness(_middle_rows(core), 0)
-    bands = [_middle_rows(other) for other in others]
+    core_sharpness = _measure_sharpness(_select_middle_rows(core), 0)
+    bands = [_select_middle_rows(other) for other in others]
     for blur_px in _BLURS_PX:
-        if np.median([_sharpness(band, blur_px) for band in bands]) <= core_sharpness:
+        if np.median([_measure_sharpness(band, blur_px) for band in bands]) <= core_sharpness:
             return 0.0 if blur_px == _BLURS_PX[0] else float(blur_px)
     return float(_BLURS_PX[-1])
 
 
-def _sharpness(band: Level, blur_px: float) -> float:
+def _measure_sharpness(band: Level, blur_px: float) -> float:
     """Return the variance of fine texture over that of medium texture after a blur, with noise subtracted."""
     fine_px, middle_px = np.hypot(blur_px, _FINE_PX), np.hypot(blur_px, _MIDDLE_PX)
     levels, fine, medium = (_blur(band, sigma) for sigma in (blur_px, fine_px, middle_px))
-    high = float(np.var(levels - fine)) - noise_variance(band) * _noise_gain(blur_px, fine_px)
+    high = float(np.var(levels - fine)) - estimate_noise_variance(band) * _compute_noise_gain(
+        blur_px, fine_px
+    )
     low = float(np.var(fine - medium))
     return max(high, 0.0) / low if low > 0 else 0.0
 
 
-def _noise_gain(narrow_px: float, wide_px: float) -> float:
+def _compute_noise_gain(narrow_px: float, wide_px: float) -> float:
     """Return the share of white noise's variance that passes a difference of two Gaussians."""
     impulse = np.zeros((41, 41), np.float32)
     impulse[20, 20] = 1
     return float(np.square(_blur(impulse, narrow_px) - _blur(impulse, wide_px)).sum())
 
 
-def _middle_rows(level: Level) -> Level:
+def _select_middle_rows(level: Level) -> Level:
     start = max(0, (len(level) - _ROWS) // 2)
     return level[start : start + _ROWS]
 

@@ -33,25 +33,26 @@ _CROSS = np.array([[0, -1, 0], [-1, 4, -1], [0, -1, 0]], np.float32)
 def are_demosaiced(levels: Iterable[NDArray[np.float32]]) -> bool:
     """Return whether most of the images (H, W) show the pattern of demosaicing."""
     is_periodic = [
-        phase_ratio(level) > _RATIO + _CHANCE / np.sqrt(_middle_rows(level).size / 4) for level in levels
+        compute_phase_ratio(level) > _RATIO + _CHANCE / np.sqrt(_select_middle_rows(level).size / 4)
+        for level in levels
     ]
     return bool(sum(is_periodic) > len(is_periodic) / 2)
 
 
-def phase_ratio(level: NDArray[np.float32]) -> float:
+def compute_phase_ratio(level: NDArray[np.float32]) -> float:
     """Return the ratio of sharpness between the sharpest and the least sharp of the 2 × 2 pixel phases.
 
     The sharpness of a phase is the mean absolute difference of its pixels to their four neighbours, in the middle
     rows of the image (H, W).
     """
-    band = _middle_rows(level)
+    band = _select_middle_rows(level)
     height, width = (side // 2 * 2 for side in band.shape)
     difference = np.abs(cv2.filter2D(band, -1, _CROSS))[:height, :width]
     sharpness = [float(difference[row::2, column::2].mean()) for row in (0, 1) for column in (0, 1)]
     return max(sharpness) / min(sharpness) if min(sharpness) > 0 else 1.0
 
 
-def _middle_rows(level: NDArray[np.float32]) -> NDArray[np.float32]:
+def _select_middle_rows(level: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the middle rows (h, W) of an image (H, W)."""
     rows = max(2, _PIXELS // level.shape[1])
     start = max(0, (len(level) - rows) // 2)

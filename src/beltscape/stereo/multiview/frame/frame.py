@@ -12,9 +12,13 @@ from beltscape.core.frames import FrameSet
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.defocus import match_defocus
 from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced
-from beltscape.stereo.multiview.frame.inverse_depth import packed_projection, packed_projections
+from beltscape.stereo.multiview.frame.inverse_depth import pack_projection, pack_projections
 from beltscape.stereo.multiview.frame.nan import fill_nan
-from beltscape.stereo.multiview.frame.photometry import compute_grey_levels, local_variance, noise_variance
+from beltscape.stereo.multiview.frame.photometry import (
+    compute_grey_levels,
+    compute_local_variance,
+    estimate_noise_variance,
+)
 
 _FLOOR = 2.7, 0.003
 """Weight of the noise variance and of the strongest texture's variance in the floor of a window's variance."""
@@ -70,14 +74,14 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
     kernels, threads = context.kernels, context.threads
     images = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
     levels = compute_grey_levels(images, rig.core)
-    raw, demosaiced = noise_variance(levels[rig.core]), are_demosaiced(levels.values())
+    raw, demosaiced = estimate_noise_variance(levels[rig.core]), are_demosaiced(levels.values())
     levels = match_defocus(rig.core, {name: downsample(level, step) for name, level in levels.items()})
     core = levels[rig.core]
-    noise = Noise(raw / step**2, _MODEL_VARIANCE, _strongest_texture(core), demosaiced)
+    noise = Noise(raw / step**2, _MODEL_VARIANCE, _find_strongest_texture(core), demosaiced)
     unit = context.inverse_depth_scale
     coefficients = kernels.spline_coefficients(core, threads=threads)
     s = np.zeros_like(core)  # the core's own projection does not depend on the inverse depth
-    own_view = packed_projection(rig, rig.core, unit, step, step)
+    own_view = pack_projection(rig, rig.core, unit, step, step)
     undistorted, _ = kernels.warp(s, own_view, coefficients, threads=threads)
     return PreparedFrame(
         core=np.asarray(undistorted, np.float32),
@@ -86,7 +90,7 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
             np.asarray(kernels.spline_coefficients(levels[name], threads=threads), np.float32)
             for name in auxiliaries
         ),
-        views=packed_projections(rig, auxiliaries, unit, step),
+        views=pack_projections(rig, auxiliaries, unit, step),
         noise=noise,
         context=context,
     )
@@ -103,19 +107,19 @@ def halve_frame(prepared: PreparedFrame) -> PreparedFrame:
         coefficients=tuple(
             context.kernels.spline_coefficients(image, threads=context.threads) for image in images
         ),
-        views=packed_projections(context.rig, context.auxiliaries, context.inverse_depth_scale, context.step),
+        views=pack_projections(context.rig, context.auxiliaries, context.inverse_depth_scale, context.step),
         noise=replace(
             prepared.noise,
             levels=prepared.noise.levels / 4,
             model=_MODEL_VARIANCE,
-            texture=_strongest_texture(core),
+            texture=_find_strongest_texture(core),
         ),
         context=context,
     )
 
 
-def _strongest_texture(core: NDArray[np.float32]) -> float:
-    return float(np.percentile(local_variance(core)[::4, ::4], _STRONG))
+def _find_strongest_texture(core: NDArray[np.float32]) -> float:
+    return float(np.percentile(compute_local_variance(core)[::4, ::4], _STRONG))
 
 
 def downsample(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:

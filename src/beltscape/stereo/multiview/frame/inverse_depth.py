@@ -18,22 +18,22 @@ ON_AXIS = 0.1
 """Share of a baseline across the core's axis below which its whole length counts."""
 
 
-def inverse_depth_scale(rig: Rig, auxiliaries: Iterable[str], step: int = 1) -> float:
+def compute_inverse_depth_scale(rig: Rig, auxiliaries: Iterable[str], step: int = 1) -> float:
     """Return the unit of s in 1/mm on the grid of blocks of ``step`` px: about a pixel in the mean auxiliary.
 
     At full size it is 1 over the product of the core's mean focal length (px) and the mean length (mm) of the
     baselines across the core's optical axis. An auxiliary on that axis counts with its whole baseline.
     """
-    lengths = [_length_across_axis(rig.cam_from_core[name].center_mm) for name in auxiliaries]
+    lengths = [_measure_across_axis(rig.cam_from_core[name].center_mm) for name in auxiliaries]
     return 1.0 / float(rig.core_camera.focal_px.mean() * np.mean(lengths)) * step
 
 
-def _length_across_axis(center_mm: NDArray[np.float64]) -> float:
+def _measure_across_axis(center_mm: NDArray[np.float64]) -> float:
     whole, across = float(np.linalg.norm(center_mm)), float(np.linalg.norm(center_mm[:2]))
     return across if across > ON_AXIS * whole else whole
 
 
-def packed_projection(
+def pack_projection(
     rig: Rig, name: str, unit: float, core_step: int = 1, aux_step: int = 1
 ) -> NDArray[np.float32]:
     """Return the (21,) projection of the core's grid into a camera, for s in units of ``unit`` (1/mm).
@@ -42,24 +42,24 @@ def packed_projection(
     projection of the undistorted grid into the core's own distorted image, which does not depend on s.
     """
     camera, pose = rig.cameras[name], rig.cam_from_core[name]
-    focal, center = _in_blocks(camera, aux_step)
-    ray = _core_rays(rig, core_step)
+    focal, center = _scale_to_blocks(camera, aux_step)
+    ray = _invert_core_matrix(rig, core_step)
     direction, shift = pose.rotation @ ray, pose.translation_mm * unit
     return np.concatenate([direction.ravel(), shift, focal, center, camera.distortion]).astype(np.float32)
 
 
-def packed_projections(rig: Rig, auxiliaries: tuple[str, ...], unit: float, step: int) -> NDArray[np.float32]:
+def pack_projections(rig: Rig, auxiliaries: tuple[str, ...], unit: float, step: int) -> NDArray[np.float32]:
     """Return the (n, 21) projections of the core's grid into the auxiliaries, all averaged in the same blocks."""
-    return np.stack([packed_projection(rig, name, unit, step, step) for name in auxiliaries])
+    return np.stack([pack_projection(rig, name, unit, step, step) for name in auxiliaries])
 
 
-def displaced_projection(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
+def displace_projection(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
     """Return the (21,) projection of the core's grid, in blocks of ``step``, into the core displaced by -``shift``.
 
     ``shift`` (3,) is in mm times the grid's unit. The displaced core is a pinhole without distortion.
     """
-    focal, center = _in_blocks(rig.core_camera, step)
-    ray = _core_rays(rig, step)
+    focal, center = _scale_to_blocks(rig.core_camera, step)
+    ray = _invert_core_matrix(rig, step)
     return np.concatenate([ray.ravel(), shift, focal, center, np.zeros(5)]).astype(np.float32)
 
 
@@ -78,14 +78,14 @@ def subsample_projection(view: NDArray[np.float32], stride: int) -> NDArray[np.f
     return np.concatenate([direction.ravel(), view[9:]]).astype(np.float32)
 
 
-def _core_rays(rig: Rig, step: int) -> NDArray[np.float64]:
+def _invert_core_matrix(rig: Rig, step: int) -> NDArray[np.float64]:
     """Return the (3, 3) inverse camera matrix of the core for images averaged in blocks."""
-    focal, center = _in_blocks(rig.core_camera, step)
+    focal, center = _scale_to_blocks(rig.core_camera, step)
     return np.array(
         [[1 / focal[0], 0, -center[0] / focal[0]], [0, 1 / focal[1], -center[1] / focal[1]], [0, 0, 1]]
     )
 
 
-def _in_blocks(camera: Camera, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _scale_to_blocks(camera: Camera, step: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return focal lengths and centre, px, for images averaged in blocks: u_full = step · u + (step - 1) / 2."""
     return camera.focal_px / step, (camera.center_px - (step - 1) / 2) / step

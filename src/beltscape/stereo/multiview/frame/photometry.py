@@ -34,8 +34,8 @@ def compute_grey_levels(images: Mapping[str, Image], core: str) -> dict[str, NDA
     Colour channels are weighted by their contrast over all cameras. Where the noise of all channels is the same, this
     gives the best single image of a coloured pattern.
     """
-    weights = _channel_weights([image for image in images.values() if image.ndim == 3])
-    levels = {name: _levels(image, weights) for name, image in images.items()}
+    weights = _compute_channel_weights([image for image in images.values() if image.ndim == 3])
+    levels = {name: _compute_levels(image, weights) for name, image in images.items()}
     contrast = {name: float(level.std()) for name, level in levels.items()}
     gains = {
         name: np.clip(contrast[core] / contrast[name], *_GAIN) if contrast[name] else 1 for name in levels
@@ -43,7 +43,7 @@ def compute_grey_levels(images: Mapping[str, Image], core: str) -> dict[str, NDA
     return {name: level * np.float32(gains[name]) for name, level in levels.items()}
 
 
-def noise_variance(level: NDArray[np.float32]) -> float:
+def estimate_noise_variance(level: NDArray[np.float32]) -> float:
     """Return the noise variance, levels², of the least textured fifth of an image; at least that of 8 bits.
 
     References
@@ -57,24 +57,24 @@ def noise_variance(level: NDArray[np.float32]) -> float:
     return max(sigma, _QUANTISATION) ** 2
 
 
-def local_mean(level: NDArray[np.float32]) -> NDArray[np.float32]:
+def compute_local_mean(level: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the (H, W) float32 mean within `WINDOW_PX` around each pixel."""
     size = (2 * WINDOW_PX + 1, 2 * WINDOW_PX + 1)
     return np.asarray(cv2.blur(level, size, borderType=cv2.BORDER_REPLICATE), np.float32)
 
 
-def local_variance(level: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the (H, W) float32 variance, levels², in the window of `local_mean`."""
-    return local_moments(level)[1]
+def compute_local_variance(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the (H, W) float32 variance, levels², in the window of `compute_local_mean`."""
+    return compute_local_moments(level)[1]
 
 
-def local_moments(level: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the (H, W) mean and (H, W) variance, levels², in the window of `local_mean`."""
-    mean = local_mean(level)
-    return mean, np.maximum(local_mean(level * level) - mean * mean, 0)
+def compute_local_moments(level: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the (H, W) mean and (H, W) variance, levels², in the window of `compute_local_mean`."""
+    mean = compute_local_mean(level)
+    return mean, np.maximum(compute_local_mean(level * level) - mean * mean, 0)
 
 
-def texture_over_noise(level: NDArray[np.float32], noise: float, side: int) -> NDArray[np.float32]:
+def compute_texture_ratio(level: NDArray[np.float32], noise: float, side: int) -> NDArray[np.float32]:
     """Return the (H, W) variance of the levels in windows of ``side`` px over that of noise.
 
     The variance that a plane explains is subtracted: linear shading does not identify a pixel. Bright regions are
@@ -90,11 +90,13 @@ def texture_over_noise(level: NDArray[np.float32], noise: float, side: int) -> N
         for kernels in ((slope, even), (even, slope))
     )
     texture = square - mean * mean - (across * across + down * down) * np.square(reach).mean()
-    rough = local_mean(np.abs(cv2.filter2D(level, -1, _LAPLACIAN))) * np.float32(np.sqrt(np.pi / 2) / 6)
+    rough = compute_local_mean(np.abs(cv2.filter2D(level, -1, _LAPLACIAN))) * np.float32(
+        np.sqrt(np.pi / 2) / 6
+    )
     return np.asarray(texture / np.clip(rough * rough, noise / _BRIGHTEST, noise * _BRIGHTEST), np.float32)
 
 
-def _channel_weights(images: list[Image]) -> NDArray[np.float32]:
+def _compute_channel_weights(images: list[Image]) -> NDArray[np.float32]:
     if not images:
         return np.full(3, 1 / 3, np.float32)
     contrast = np.mean([cv2.meanStdDev(_subsample(image))[1].ravel() for image in images], axis=0)
@@ -106,7 +108,7 @@ def _subsample(image: Image) -> NDArray[np.integer]:
     return np.ascontiguousarray(image[::4, ::4, :3])
 
 
-def _levels(image: Image, weights: NDArray[np.float32]) -> NDArray[np.float32]:
+def _compute_levels(image: Image, weights: NDArray[np.float32]) -> NDArray[np.float32]:
     scale = np.float32(_FULL / np.iinfo(image.dtype).max)
     if image.ndim == 2:
         return image.astype(np.float32) * scale

@@ -39,19 +39,19 @@ class Windows:
     """Factor of all distances in px; 1 on a grid as wide as half the paper's images."""
 
 
-def windows_for(width_px: int) -> Windows:
+def choose_windows(width_px: int) -> Windows:
     """Return the window sizes for a grid of this width."""
     scale = float(np.clip(width_px / _WIDTH_PX, *_SCALE))
-    radii = (_radii(sigmas_px, scale) for sigmas_px in (_NARROW_PX, _FIRM_PX, _WIDE_PX))
+    radii = (_choose_radii(sigmas_px, scale) for sigmas_px in (_NARROW_PX, _FIRM_PX, _WIDE_PX))
     return Windows(*radii, max(3, round(_LEVELS_PX * scale)), scale)
 
 
-def scaled_window(window_px: float, scale: float) -> tuple[int, int]:
+def scale_window(window_px: float, scale: float) -> tuple[int, int]:
     """Return the odd (width, height) of a window of ``window_px`` at scale 1 on a grid of another scale."""
     side = 2 * int(window_px * scale / 2) + 1
     return side, side
 
 
-def _radii(sigmas_px: tuple[float, ...], scale: float) -> Radii:
+def _choose_radii(sigmas_px: tuple[float, ...], scale: float) -> Radii:
     """Return radius and sigma of each window; radii are limited to what the kernels accept."""
     return tuple((min(MOST_PX, int(np.ceil(_RADIUS * sigma * scale))), sigma * scale) for sigma in sigmas_px)

@@ -12,7 +12,10 @@ from beltscape.kernels import load
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import prepare_frame
-from beltscape.stereo.multiview.initialisation.reliable_matches import find_reliable_matches, robust_range
+from beltscape.stereo.multiview.initialisation.reliable_matches import (
+    compute_robust_range,
+    find_reliable_matches,
+)
 
 PLANE_STEP_PX = 0.5
 """Distance of the planes in pixels of the small images."""
@@ -40,14 +43,14 @@ def find_depth_range(
         When no pair is left, or coarse matching finds no surface.
     """
     names = list_usable_auxiliaries(rig, frame_set)
-    near, far = search_range(rig, names)
+    near, far = compute_search_range(rig, names)
     step = max(1, round(rig.core_camera.size_px[0] / COARSE_WIDTH_PX))
     context = MatchContext.for_grid(rig, names, step, load(), threads)
     unit = context.inverse_depth_scale
     s_range = 1 / (far * unit), 1 / (near * unit)
     matches = find_reliable_matches(prepare_frame(frame_set, context), s_range, PLANE_STEP_PX)
     reporter.step(f"looking for the surface in {frame_set.frame}", 1, 1)
-    matched_range = robust_range(matches)
+    matched_range = compute_robust_range(matches)
     if matched_range is None:
         raise ReconstructionError(
             f"frame {frame_set.frame}: no surface found between {near:.0f} and {far:.0f} mm; is the "
@@ -56,9 +59,9 @@ def find_depth_range(
     return max(near, 1 / (matched_range[1] * unit)), 1 / (matched_range[0] * unit)
 
 
-def search_range(rig: Rig, auxiliaries: tuple[str, ...]) -> tuple[float, float]:
+def compute_search_range(rig: Rig, auxiliaries: tuple[str, ...]) -> tuple[float, float]:
     """Return (near, far) in mm: the widest range in which this rig can measure a surface."""
-    meeting = [depth for name in auxiliaries if (depth := _convergence_mm(rig, name)) is not None]
+    meeting = [depth for name in auxiliaries if (depth := _compute_convergence_mm(rig, name)) is not None]
     if meeting:
         middle = float(np.median(meeting))
         return middle * _AROUND_CONVERGENCE[0], middle * _AROUND_CONVERGENCE[1]
@@ -66,7 +69,7 @@ def search_range(rig: Rig, auxiliaries: tuple[str, ...]) -> tuple[float, float]:
     return baseline * _BASELINES[0], baseline * _BASELINES[1]
 
 
-def _convergence_mm(rig: Rig, name: str) -> float | None:
+def _compute_convergence_mm(rig: Rig, name: str) -> float | None:
     """Return the depth at which the core's axis is closest to the auxiliary's; None if parallel or diverging."""
     pose = rig.cam_from_core[name].inverse()
     axis = pose.rotation[:, 2]

@@ -16,7 +16,10 @@ from beltscape.stereo.multiview.initialisation.plane_sweep import (
     shrink_frame,
     sweep_planes,
 )
-from beltscape.stereo.multiview.initialisation.reliable_matches import find_reliable_matches, robust_range
+from beltscape.stereo.multiview.initialisation.reliable_matches import (
+    compute_robust_range,
+    find_reliable_matches,
+)
 from beltscape.stereo.multiview.initialisation.unmeasured_regions import find_unmeasured_blocks
 
 _MANY_PLANES = 96
@@ -57,10 +60,12 @@ def initialise_inverse_depth(
     ranges = [s_range] * len(blocks)
     if s_range[1] - s_range[0] > _MANY_PLANES * resolution.plane_step:
         matches = _match_coarsely(strips, prepared, s_range, resolution)
-        ranges = _block_ranges(s, blocks, [*matches, *[np.empty(0, np.float32)] * len(holes)], s_range)
+        ranges = _compute_block_ranges(
+            s, blocks, [*matches, *[np.empty(0, np.float32)] * len(holes)], s_range
+        )
     for block, block_range in zip(blocks, ranges, strict=True):
         swept, _ = sweep_planes(
-            crop_frame(small, _scaled(block, resolution.shrink)), block_range, resolution.plane_step
+            crop_frame(small, _scale_block(block, resolution.shrink)), block_range, resolution.plane_step
         )
         here = s[block]
         s[block] = np.where(np.isfinite(here), here, enlarge_blocks(swept, resolution.shrink, here.shape))
@@ -81,12 +86,14 @@ def _match_coarsely(
     )
     half = replace(half, coefficients=splines)
     return [
-        find_reliable_matches(crop_frame(half, _scaled(strip, shrink)), s_range, 2 * resolution.plane_step)
+        find_reliable_matches(
+            crop_frame(half, _scale_block(strip, shrink)), s_range, 2 * resolution.plane_step
+        )
         for strip in strips
     ]
 
 
-def _block_ranges(
+def _compute_block_ranges(
     s: NDArray[np.float32],
     blocks: list[Block],
     matches: Sequence[NDArray[np.float32]],
@@ -96,16 +103,17 @@ def _block_ranges(
 
     A block without either takes the range of all finite s; without any finite s it takes all of ``s_range``.
     """
-    overall = robust_range(s[np.isfinite(s)]) or s_range
+    overall = compute_robust_range(s[np.isfinite(s)]) or s_range
     ranges = []
     for block, matched in zip(blocks, matches, strict=True):
         here = s[block]
-        parts = [part for part in (robust_range(here[np.isfinite(here)]), robust_range(matched)) if part]
+        candidates = compute_robust_range(here[np.isfinite(here)]), compute_robust_range(matched)
+        parts = [part for part in candidates if part]
         far, near = zip(*(parts or [overall]), strict=True)
         ranges.append((max(min(far), s_range[0]), min(max(near), s_range[1])))
     return ranges
 
 
-def _scaled(block: Block, shrink: int) -> Block:
+def _scale_block(block: Block, shrink: int) -> Block:
     rows, columns = (slice(part.start // shrink, -(-part.stop // shrink)) for part in block)
     return rows, columns

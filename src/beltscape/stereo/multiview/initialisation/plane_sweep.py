@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, downsample
-from beltscape.stereo.multiview.frame.inverse_depth import crop_projection, packed_projections
+from beltscape.stereo.multiview.frame.inverse_depth import crop_projection, pack_projections
 
 _SMALL_JUMP, _LARGE_JUMP = 7, 40
 """Penalties of the aggregation for a jump by one plane and by more."""
@@ -29,7 +29,7 @@ def shrink_frame(prepared: PreparedFrame, shrink: int) -> PreparedFrame:
         prepared,
         core=downsample(prepared.core, shrink),
         images=tuple(downsample(image, shrink) for image in prepared.images),
-        views=packed_projections(
+        views=pack_projections(
             context.rig, context.auxiliaries, context.inverse_depth_scale, context.step * shrink
         ),
     )

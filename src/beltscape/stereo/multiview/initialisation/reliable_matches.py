@@ -34,13 +34,13 @@ def find_reliable_matches(
     Their plane is best by a margin, an auxiliary agrees with it in least squares too, and they form patches.
     """
     s, margin = sweep_planes(prepared, s_range, plane_step)
-    reliable = (margin >= _LEAST_MARGIN) & _agrees_mask(s, prepared)
+    reliable = (margin >= _LEAST_MARGIN) & _mask_agreeing(s, prepared)
     if reliable.any():
-        reliable &= _overlap_mask(float(np.median(s[reliable])), prepared)
-    return s[_patch_mask((s - s_range[0]) / plane_step, reliable)]
+        reliable &= _mask_overlap(float(np.median(s[reliable])), prepared)
+    return s[_mask_patches((s - s_range[0]) / plane_step, reliable)]
 
 
-def robust_range(s: NDArray[np.float32]) -> tuple[float, float] | None:
+def compute_robust_range(s: NDArray[np.float32]) -> tuple[float, float] | None:
     """Return the (far, near) range of s (N,) with margins; None when there are too few values."""
     if len(s) < _ENOUGH_PX:
         return None
@@ -48,13 +48,13 @@ def robust_range(s: NDArray[np.float32]) -> tuple[float, float] | None:
     return float(far) / (1 + _MARGIN[1]), float(near) / (1 - _MARGIN[0])
 
 
-def _agrees_mask(s: NDArray[np.float32], prepared: PreparedFrame) -> NDArray[np.bool_]:
+def _mask_agreeing(s: NDArray[np.float32], prepared: PreparedFrame) -> NDArray[np.bool_]:
     """Return the mask (H, W) of pixels at which at least one auxiliary matches the core."""
     _, _, used = form_normal_equations(s, prepared, _WINDOW_PX, _MISFIT_VARIANCE)
     return used > 0
 
 
-def _overlap_mask(s: float, prepared: PreparedFrame) -> NDArray[np.bool_]:
+def _mask_overlap(s: float, prepared: PreparedFrame) -> NDArray[np.bool_]:
     """Return the mask (H, W) of pixels that some auxiliary sees at inverse depth s.
 
     Outside it a wrong plane is best because the right one projects outside the images.
@@ -68,7 +68,7 @@ def _overlap_mask(s: float, prepared: PreparedFrame) -> NDArray[np.bool_]:
     return np.any(inside, axis=0)
 
 
-def _patch_mask(plane: NDArray[np.floating], mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _mask_patches(plane: NDArray[np.floating], mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the part of the mask that forms coherent patches of planes (H, W); single pixels match by chance."""
     index = np.where(mask, plane, -1).round().astype(np.int16)
     cv2.filterSpeckles(index, -1, _PATCH_PX, _PATCH_STEP)

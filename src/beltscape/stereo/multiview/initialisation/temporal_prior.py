@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.inverse_depth import displaced_projection
-from beltscape.stereo.multiview.initialisation.unmeasured_regions import local_share
+from beltscape.stereo.multiview.frame.inverse_depth import displace_projection
+from beltscape.stereo.multiview.initialisation.unmeasured_regions import compute_local_share
 from beltscape.stereo.multiview.optimisation.least_squares import form_normal_equations
 
 _FIT_VARIANCE = 0.05
@@ -41,7 +41,7 @@ def predict_inverse_depth(prior: Prior, prepared: PreparedFrame) -> NDArray[np.f
     depth = prior.depth.depth_mm[step // 2 : height * step : step, step // 2 : width * step : step]
     with np.errstate(divide="ignore", invalid="ignore"):
         before = (1 / (depth * unit)).astype(np.float32)
-    view = displaced_projection(context.rig, prior.motion_mm * unit, step)
+    view = displace_projection(context.rig, prior.motion_mm * unit, step)
     (buffer,) = context.kernels.inverse_depth_buffers(
         before, view[None], [(width, height)], threads=context.threads
     )
@@ -49,4 +49,4 @@ def predict_inverse_depth(prior: Prior, prepared: PreparedFrame) -> NDArray[np.f
     _, _, used = form_normal_equations(s, prepared, context.windows.levels_px, _FIT_VARIANCE)
     fits = used >= min(2, len(prepared.images))
     fitting_s = np.where(fits, s, np.nan).astype(np.float32)
-    return np.where(local_share(fits) > _LEAST_SHARE, s, fitting_s)
+    return np.where(compute_local_share(fits) > _LEAST_SHARE, s, fitting_s)

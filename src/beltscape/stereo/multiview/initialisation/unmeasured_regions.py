@@ -26,17 +26,17 @@ def find_unmeasured_blocks(s: NDArray[np.float32], align: int) -> tuple[list[Blo
     pixels are left out: their neighbours fill them. Where most is unmeasured there is one strip of the whole grid.
     """
     tile = align * -(-_MARGIN_PX // align)
-    missing = local_share(~np.isfinite(s)) > _LEAST_SHARE
+    missing = compute_local_share(~np.isfinite(s)) > _LEAST_SHARE
     strips = _find_strips(missing, tile)
     for strip in strips:
         missing[strip] = False
     holes = _find_holes(missing, tile)
-    if sum(_area(block) for block in strips + holes) > _MOST_AREA * s.size:
+    if sum(_compute_area(block) for block in strips + holes) > _MOST_AREA * s.size:
         return [(slice(0, s.shape[0]), slice(0, s.shape[1]))], []
     return strips, holes
 
 
-def local_share(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+def compute_local_share(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Return the (H, W) share of mask pixels around each pixel; the mask continues beyond the image's edge."""
     window = (_WINDOW_PX, _WINDOW_PX)
     return np.asarray(cv2.blur(mask.astype(np.float32), window, borderType=cv2.BORDER_REPLICATE), np.float32)
@@ -45,17 +45,17 @@ def local_share(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
 def _find_strips(missing: NDArray[np.bool_], tile: int) -> list[Block]:
     """Return the mostly unmeasured rows or columns at the edges, whichever cover more."""
     height, width = missing.shape
-    rows, columns = (_edge_runs(missing.mean(axis=1 - axis) > _LEAST_SHARE, tile) for axis in (0, 1))
+    rows, columns = (_find_edge_runs(missing.mean(axis=1 - axis) > _LEAST_SHARE, tile) for axis in (0, 1))
     if sum(run.stop - run.start for run in rows) * width >= sum(r.stop - r.start for r in columns) * height:
         return [(run, slice(0, width)) for run in rows]
     return [(slice(0, height), run) for run in columns]
 
 
-def _edge_runs(mask: NDArray[np.bool_], tile: int) -> list[slice]:
+def _find_edge_runs(mask: NDArray[np.bool_], tile: int) -> list[slice]:
     """Return the runs of tiles, starting at either end, that lie within half a tile of a mask element (N,)."""
     wide = np.convolve(mask, np.ones(tile + 1), "same") > 0
-    edges = np.flatnonzero(np.diff(np.pad(_any_by_tile(wide, tile, 0).astype(np.int8), 1)))
-    runs = [_tile_slice(first, last, tile, len(mask)) for first, last in edges.reshape(-1, 2).tolist()]
+    edges = np.flatnonzero(np.diff(np.pad(_reduce_to_tiles(wide, tile, 0).astype(np.int8), 1)))
+    runs = [_slice_tile(first, last, tile, len(mask)) for first, last in edges.reshape(-1, 2).tolist()]
     return [run for run in runs if run.start == 0 or run.stop == len(mask)]
 
 
@@ -63,22 +63,22 @@ def _find_holes(missing: NDArray[np.bool_], tile: int) -> list[Block]:
     """Return the boxes of tiles around connected unmeasured pixels, with a margin of at least half a tile."""
     height, width = missing.shape
     wide = cv2.dilate(missing.astype(np.uint8), np.ones((tile + 1, tile + 1), np.uint8)) > 0
-    tiles = _any_by_tile(_any_by_tile(wide, tile, 0), tile, 1)
+    tiles = _reduce_to_tiles(_reduce_to_tiles(wide, tile, 0), tile, 1)
     _, _, boxes, _ = cv2.connectedComponentsWithStats(tiles.astype(np.uint8))
     return [
-        (_tile_slice(top, top + down, tile, height), _tile_slice(left, left + across, tile, width))
+        (_slice_tile(top, top + down, tile, height), _slice_tile(left, left + across, tile, width))
         for left, top, across, down, _ in boxes[1:].tolist()
     ]
 
 
-def _any_by_tile(mask: NDArray[np.bool_], tile: int, axis: int) -> NDArray[np.bool_]:
+def _reduce_to_tiles(mask: NDArray[np.bool_], tile: int, axis: int) -> NDArray[np.bool_]:
     """Return which tiles along an axis contain an element of the mask."""
     return np.logical_or.reduceat(mask, np.arange(0, mask.shape[axis], tile), axis=axis)
 
 
-def _tile_slice(first: int, last: int, tile: int, size: int) -> slice:
+def _slice_tile(first: int, last: int, tile: int, size: int) -> slice:
     return slice(first * tile, min(size, last * tile))
 
 
-def _area(block: Block) -> int:
+def _compute_area(block: Block) -> int:
     return (block[0].stop - block[0].start) * (block[1].stop - block[1].start)

@@ -19,7 +19,7 @@ from beltscape.core.statistics import CHI2_MEDIAN
 from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame
 from beltscape.stereo.multiview.frame.inverse_depth import crop_projection
 from beltscape.stereo.multiview.frame.nan import fill_nan
-from beltscape.stereo.multiview.frame.photometry import local_moments
+from beltscape.stereo.multiview.frame.photometry import compute_local_moments
 from beltscape.stereo.multiview.frame.surface import Surface
 
 Array = NDArray[np.floating]
@@ -35,7 +35,7 @@ def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
     noise = prepared.noise
     residuals = []
     for first in np.linspace(0, max(0, len(surface.s) - _ROWS), _BANDS).astype(int):
-        residuals += _squared_residuals(surface.s, prepared, int(first))
+        residuals += _compute_squared_residuals(surface.s, prepared, int(first))
     ratios = np.concatenate(residuals)
     if not ratios.size:
         return noise
@@ -43,7 +43,7 @@ def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
     return replace(noise, levels=noise.levels * scale, model=noise.model * scale)
 
 
-def _squared_residuals(s: Array, prepared: PreparedFrame, first: int) -> list[Array]:
+def _compute_squared_residuals(s: Array, prepared: PreparedFrame, first: int) -> list[Array]:
     """Return each view's squared residuals over their expected variance, for the more textured half of a band."""
     rows = slice(first, first + _ROWS)
     noise, context = prepared.noise, prepared.context
@@ -64,6 +64,6 @@ def _squared_residuals(s: Array, prepared: PreparedFrame, first: int) -> list[Ar
 
 
 def _normalise(level: Array, floor: float) -> tuple[Array, Array]:
-    mean, variance = local_moments(level)
+    mean, variance = compute_local_moments(level)
     variance = variance + np.float32(floor)
     return (level - mean) / np.sqrt(variance), variance

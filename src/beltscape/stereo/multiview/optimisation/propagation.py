@@ -28,7 +28,7 @@ class PropagationResult:
     """(H, W) difference to the cost of the next candidate with another s."""
 
 
-def propagation_offsets(distances_px: tuple[int, ...], turn: int | None = None) -> NDArray[np.int32]:
+def list_propagation_offsets(distances_px: tuple[int, ...], turn: int | None = None) -> NDArray[np.int32]:
     """Return the (8 · n, 2) offsets (du, dv) in eight directions at n distances.
 
     With a ``turn`` it is half of them: the straight directions at every other distance and the diagonals at the rest;
@@ -55,7 +55,7 @@ def propagate(
     active = mask_near_steps(surface.s, reach_px=max(1, min(distances_px) // 2))
     selected = kernels.propagate(
         surface.s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
-        offsets=propagation_offsets(distances_px, turn), floor=prepared.noise.floor, tolerance=OCCLUDER_PX,
+        offsets=list_propagation_offsets(distances_px, turn), floor=prepared.noise.floor, tolerance=OCCLUDER_PX,
         active=active, threads=threads,
     )  # fmt: skip
     return PropagationResult(

@@ -73,7 +73,7 @@ def fill_textureless_discs(surface: Surface, information: Array, prepared: Prepa
         inside = labels[rows, columns] == label
         if inside.all() or _has_texture(information[rows, columns], inside):
             continue
-        fit = _quadratic(s[rows, columns], inside, discs[rows, columns] > 0, scale)
+        fit = _fit_quadratic(s[rows, columns], inside, discs[rows, columns] > 0, scale)
         if fit is not None:
             value, du, dv = fit
             s[rows, columns][inside], filled[rows, columns][inside] = value[inside], True
@@ -83,12 +83,12 @@ def fill_textureless_discs(surface: Surface, information: Array, prepared: Prepa
 
 def _has_texture(information: Array, inside: NDArray[np.bool_]) -> bool:
     """Return whether the least squares have information inside a region, compared with that around it."""
-    return _quantile(information[inside], _QUANTILE) > _LEAST_INFORMATION * _quantile(
+    return _compute_quantile(information[inside], _QUANTILE) > _LEAST_INFORMATION * _compute_quantile(
         information[~inside], 0.5
     )
 
 
-def _quantile(values: Array, share: float) -> float:
+def _compute_quantile(values: Array, share: float) -> float:
     """Return a quantile without interpolation; for few values this is faster than `numpy.quantile`."""
     at = int(share * (values.size - 1))
     return float(np.partition(values, at)[at])
@@ -103,7 +103,7 @@ def _mask_bright_regions(core: NDArray[np.float32], scale: float) -> NDArray[np.
     return np.asarray(cv2.dilate(even, np.ones((grown, grown), np.uint8)), np.uint8)
 
 
-def _quadratic(
+def _fit_quadratic(
     s: Array, inside: NDArray[np.bool_], any_disc: NDArray[np.bool_], scale: float
 ) -> tuple[Array, Array, Array] | None:
     """Return s and its slopes from the quadratic through the ring around ``inside``; None if that is not smooth."""
@@ -123,7 +123,7 @@ def _quadratic(
         moments[np.diag_indices(6)] += _RIDGE * np.trace(moments)
         previous, coefficients = coefficients, np.linalg.solve(moments, pull)
         off = np.abs(target - ring_terms @ coefficients)
-        spread = MAD_TO_SIGMA * _quantile(off, 0.5)
+        spread = MAD_TO_SIGMA * _compute_quantile(off, 0.5)
         if np.abs(coefficients - previous).max() < _SETTLED_PX:
             break
         weight = 1 / (1 + (off / max(2 * spread, 1e-3)) ** 2)

@@ -25,7 +25,7 @@ from beltscape.stereo.multiview.selection.gain import PhotometricGain, estimate_
 from beltscape.stereo.multiview.selection.neighbourhood import Neighbourhood, sample_planes
 from beltscape.stereo.multiview.selection.photoconsistency import (
     PhotoConsistencyModel,
-    photo_consistency_features,
+    compute_photo_consistency_features,
 )
 
 Array = NDArray[np.floating]
@@ -77,7 +77,7 @@ def select_candidates(surface: Surface, planes: Mapping[str, Array], prepared: P
             plane[pixels] = np.where(selected > 0, offered[selected, np.arange(len(selected))], plane[pixels])
         confidence[pixels] = np.where(np.isfinite(logit), logit, confidence[pixels])
 
-    jobs = [partial(select_at, pixels) for pixels in selector.uncertain_pixels()]
+    jobs = [partial(select_at, pixels) for pixels in selector.find_uncertain_pixels()]
     run_parallel(jobs, prepared.context.threads)
     return Selection(Surface(s, slope_u, slope_v), confidence, selector.consistency.gain)
 
@@ -120,7 +120,7 @@ class CandidateSelector:
         """Distance from which candidates come, px."""
         return max(1, round(REACH_PX * self.scale))
 
-    def uncertain_pixels(self) -> list[Pixels]:
+    def find_uncertain_pixels(self) -> list[Pixels]:
         """Return the uncertain pixels within reach of reliable ones, in parts."""
         window = np.ones((2 * self.reach + 1, 2 * self.reach + 1), np.uint8)
         uncertain = self.planes["initial confidence"] < UNCERTAIN
@@ -139,8 +139,8 @@ class CandidateSelector:
         features = {
             name: np.broadcast_to(self.planes[name][pixels], candidates.s.shape) for name in PIXEL_FEATURES
         }
-        features |= photo_consistency_features(consistency, len(prepared.images))
-        return candidates, features | dict(_candidate_features(candidates, self.scale))
+        features |= compute_photo_consistency_features(consistency, len(prepared.images))
+        return candidates, features | dict(_compute_candidate_features(candidates, self.scale))
 
     def select(
         self, pixels: Pixels, candidates: Candidates, features: Mapping[str, Array]
@@ -155,7 +155,9 @@ class CandidateSelector:
         paired = np.flatnonzero(second >= 0)
         if len(paired):
             top_two = first[paired], second[paired]
-            pairs = self.pairwise_features(pixels, candidates, {**features, "score": score}, paired, top_two)
+            pairs = self.compute_pairwise_features(
+                pixels, candidates, {**features, "score": score}, paired, top_two
+            )
             kernels = self.consistency.prepared.context.kernels
             logits = np.concatenate(load_network("pairwise_ranking").evaluate(pairs, kernels, 1))
             selected[paired] = np.where(logits[1] > logits[0], top_two[1], top_two[0])
@@ -175,7 +177,7 @@ class CandidateSelector:
             others = np.where(np.abs(candidates.s - first_s) > SAME_PX * self.scale, score, -np.inf)
         return first, np.where(np.isfinite(others.max(axis=0)), others.argmax(axis=0), -1), score
 
-    def pairwise_features(
+    def compute_pairwise_features(
         self,
         pixels: Pixels,
         candidates: Candidates,
@@ -188,16 +190,16 @@ class CandidateSelector:
         at = pixels[0][paired], pixels[1][paired]
         pixel_planes = {name: self.planes[name] for name in PIXEL_FEATURES}
         own = {name: values for name, values in features.items() if name not in PIXEL_FEATURES}
-        pairs = sample_planes(pixel_planes, at, kernels) | self.neighbourhood.image_features(at)
+        pairs = sample_planes(pixel_planes, at, kernels) | self.neighbourhood.compute_image_features(at)
         for rank, index in zip(("first", "second"), top_two, strict=True):
             slopes = candidates.slope_u[index, paired], candidates.slope_v[index, paired]
-            offsets = self.neighbourhood.offset_features(at, candidates.s[index, paired], slopes)
+            offsets = self.neighbourhood.compute_offset_features(at, candidates.s[index, paired], slopes)
             ranked = sample_planes(own, (index, paired), kernels) | offsets
             pairs |= {f"{rank} {name}": values for name, values in ranked.items()}
         return {name: values[None] for name, values in pairs.items()}
 
 
-def _candidate_features(candidates: Candidates, scale: float) -> Iterator[tuple[str, Array]]:
+def _compute_candidate_features(candidates: Candidates, scale: float) -> Iterator[tuple[str, Array]]:
     """Yield features (9, N) of each candidate's position among the others, by name."""
     px = np.float32(1 / scale)
     yield "distance", candidates.distance * px

@@ -55,7 +55,7 @@ def estimate_gain(
     """
     return PhotometricGain(
         estimate_gain_maps(s, cost, prepared, buffers),
-        difference_variance(prepared.core, prepared.noise),
+        compute_difference_variance(prepared.core, prepared.noise),
     )
 
 
@@ -91,7 +91,7 @@ def estimate_gain_maps(
     return run_parallel([partial(estimate_one, *view) for view in views], context.threads)
 
 
-def difference_variance(core: Array, noise: Noise) -> NDArray[np.float32]:
+def compute_difference_variance(core: Array, noise: Noise) -> NDArray[np.float32]:
     """Return the (H, W) variance, levels², of the difference between the core's and an auxiliary's level."""
     level = fill_nan(core)
     across, down = (cv2.Sobel(level, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))

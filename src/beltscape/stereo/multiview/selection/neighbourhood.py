@@ -30,14 +30,14 @@ _CENTRE = np.zeros((1, 2), int)
 
 
 @cache
-def _offsets(reach: int) -> NDArray[np.int_]:
+def _list_offsets(reach: int) -> NDArray[np.int_]:
     along = range(-reach, reach + 1)
     return np.array([(du, dv) for dv, du in product(along, repeat=2) if du or dv])
 
 
 @cache
-def _names(feature: str, reach: int) -> tuple[str, ...]:
-    return tuple(f"{feature} at {du:+d} {dv:+d}" for du, dv in _offsets(reach))
+def _list_names(feature: str, reach: int) -> tuple[str, ...]:
+    return tuple(f"{feature} at {du:+d} {dv:+d}" for du, dv in _list_offsets(reach))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,26 +67,28 @@ class Neighbourhood:
         """Distance between neighbours, px."""
         return max(1, round(self.context.scale))
 
-    def image_features(self, pixels: Pixels) -> dict[str, Array]:
+    def compute_image_features(self, pixels: Pixels) -> dict[str, Array]:
         """Return (N,) by name: each neighbour's initial confidence and its brightness relative to the pixel's."""
         confidence, level = self._gather([self.initial_confidence, self.log_level], pixels)
         return self._named("initial confidence", confidence) | self._named(
             "relative brightness", level - self.log_level[pixels]
         )
 
-    def offset_features(self, pixels: Pixels, s: Array, slopes: tuple[Array, Array]) -> dict[str, Array]:
+    def compute_offset_features(
+        self, pixels: Pixels, s: Array, slopes: tuple[Array, Array]
+    ) -> dict[str, Array]:
         """Return (N,) by name: each neighbour's distance in front of the pixel's plane, px at scale 1."""
         (neighbour_s,) = self._gather([self.s], pixels)
-        du, dv = self.spacing * _offsets(self.reach).T[..., None].astype(np.float32)
+        du, dv = self.spacing * _list_offsets(self.reach).T[..., None].astype(np.float32)
         plane = s + slopes[0] * du + slopes[1] * dv
         offset = fill_nan(neighbour_s - plane) * np.float32(1 / self.context.scale)
         return self._named("offset", np.clip(offset, -_MOST_OFFSET_PX, _MOST_OFFSET_PX))
 
     def _named(self, feature: str, rows: Array) -> dict[str, Array]:
-        return dict(zip(_names(feature, self.reach), rows, strict=True))
+        return dict(zip(_list_names(feature, self.reach), rows, strict=True))
 
     def _gather(self, planes: Sequence[Array], pixels: Pixels) -> Array:
-        offsets = self.spacing * _offsets(self.reach)
+        offsets = self.spacing * _list_offsets(self.reach)
         return self.context.kernels.gather(planes, pixels[1], pixels[0], offsets, threads=1)
 
 

@@ -41,7 +41,7 @@ class PhotoConsistencyModel:
         )  # fmt: skip
 
 
-def photo_consistency_features(
+def compute_photo_consistency_features(
     consistency: PhotoConsistency, auxiliaries: int
 ) -> Iterator[tuple[str, Array]]:
     """Yield features by name: logarithms of the differences, and the visible views, also as a share."""

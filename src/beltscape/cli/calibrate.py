@@ -1,4 +1,4 @@
-"""``beltscape calibrate CAPTURE --board board.toml [--core cam0] --out DIR``."""
+"""``beltscape calibrate CAPTURE --board board.toml --out DIR``: calibrates a rig from images of a board."""
 
 from __future__ import annotations
 

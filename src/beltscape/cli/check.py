@@ -1,4 +1,4 @@
-"""``beltscape check CAPTURE --rig rig.json --board board.toml``."""
+"""``beltscape check CAPTURE --rig rig.json --board board.toml``: scores a rig on new images of a board."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape demo [--out DIR]``."""
+"""``beltscape demo [--out DIR]``: runs the whole chain on the shipped capture and compares it with the truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape evaluate depth DIR --truth TRUTH_DIR|NPZ``."""
+"""``beltscape evaluate depth DIR --truth TRUTH_DIR|NPZ``: compares a reconstruction with the true depth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape evaluate lumps --truth TRUTH_DIR [DIR/<frame>]``."""
+"""``beltscape evaluate lumps --truth TRUTH_DIR [DIR/<frame>]``: compares lumps with the simulated rocks."""
 
 from __future__ import annotations
 

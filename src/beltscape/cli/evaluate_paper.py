@@ -1,4 +1,4 @@
-"""``beltscape evaluate paper [--out DIR] [--size quarter|half|full] [--captures DIR] [--seed N]``."""
+"""``beltscape evaluate paper [--size quarter|half|full] [--seed N]``: repeats the paper's experiments."""
 
 from __future__ import annotations
 

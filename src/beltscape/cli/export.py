@@ -1,4 +1,4 @@
-"""Command ``beltscape export rig.json --format opencv|kalibr|colmap|ros --out PATH``."""
+"""``beltscape export rig.json --format opencv|kalibr|colmap|ros --out PATH``: writes another program's format."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Command ``beltscape import PATH --out rig.json [--format opencv|kalibr|colmap|ros|vic3d] [--core CAM]``."""  # noqa: N999
+"""``beltscape import PATH --out rig.json [--format …] [--core CAM]``: reads a rig of another program."""  # noqa: N999
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape measure belt DIR [--frames 000 001 ...] --out belt.json``."""
+"""``beltscape measure belt DIR [--frames 000 001 ...] --out belt.json``: learns the empty belt."""
 
 from __future__ import annotations
 

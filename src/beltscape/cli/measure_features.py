@@ -1,4 +1,4 @@
-"""``beltscape measure features DIR/<frame> --module module.toml [--image IMAGE]``."""
+"""``beltscape measure features DIR/<frame> --module module.toml``: measures a calibration module."""
 
 from __future__ import annotations
 

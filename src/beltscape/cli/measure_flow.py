@@ -1,4 +1,4 @@
-"""``beltscape measure flow CAPTURE --rig rig.json --empty DIR/<frame> [--encoder encoder.csv] --out OUT``."""
+"""``beltscape measure flow CAPTURE --rig rig.json --empty DIR/<frame>``: measures the flow on a moving belt."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape measure lumps DIR/<frame> [--empty DIR/<frame>] [--oversize MM] [--sieves 10,20,40]``."""
+"""``beltscape measure lumps DIR/<frame> [--oversize MM] [--sieves 10,20,40]``: measures the size of lumps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape measure volume DIR/<frame> --empty DIR/<frame> [--across A B --along A B]``."""
+"""``beltscape measure volume DIR/<frame> --empty DIR/<frame>``: measures the volume of a load."""
 
 from __future__ import annotations
 

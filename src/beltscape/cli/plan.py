@@ -1,4 +1,4 @@
-"""``beltscape plan [--plan plan.toml] [--belt-width MM …] --out DIR``."""
+"""``beltscape plan [--plan plan.toml] [--belt-width MM …] --out DIR``: plans a rig before it is built."""
 
 from __future__ import annotations
 

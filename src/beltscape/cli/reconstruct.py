@@ -1,4 +1,4 @@
-"""``beltscape reconstruct CAPTURE --rig rig.json --out DIR [--method multiview|pairwise|binocular]``."""
+"""``beltscape reconstruct CAPTURE --rig rig.json --out DIR [--method …]``: frame sets to depth maps and clouds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape rectify CAPTURE --rig rig.json --out DIR``."""
+"""``beltscape rectify CAPTURE --rig rig.json --out DIR``: rectifies images into epipolar pairs."""
 
 from __future__ import annotations
 

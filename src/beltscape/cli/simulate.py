@@ -1,4 +1,4 @@
-"""``beltscape simulate SCENE --out DIR``."""
+"""``beltscape simulate SCENE --out DIR``: renders a capture with its truth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``beltscape target pattern --out DIR`` and ``beltscape target board --out DIR``."""
+"""``beltscape target pattern|board --out DIR``: draws the speckle pattern, or a calibration board to print."""
 
 from __future__ import annotations
 

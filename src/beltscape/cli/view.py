@@ -1,4 +1,4 @@
-"""``beltscape view DIR [--out scene.html] [--rerun] [--belt belt.json] [--features features.json]``."""
+"""``beltscape view DIR [--out scene.html] [--rerun]``: opens rigs, frames and sequences in a 3-D viewer."""
 
 from __future__ import annotations
 

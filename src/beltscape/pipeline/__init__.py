@@ -1,1 +1,1 @@
-"""The only room that joins stages."""
+"""The pipeline: joins the stages to whole commands (plan, simulate, calibrate, reconstruct, measure, run live)."""

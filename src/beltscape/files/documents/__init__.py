@@ -1,1 +1,1 @@
-"""Text, JSON and TOML."""
+"""Documents: reading and writing of plain text, JSON and TOML."""

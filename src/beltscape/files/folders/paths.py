@@ -1,4 +1,4 @@
-"""Paths as arguments of Python callers."""
+"""Checks of paths that Python callers pass."""
 
 from __future__ import annotations
 

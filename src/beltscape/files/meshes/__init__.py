@@ -1,1 +1,1 @@
-"""Point clouds and triangle meshes."""
+"""Point clouds as PLY, triangle meshes as STL."""

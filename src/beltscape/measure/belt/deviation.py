@@ -1,4 +1,4 @@
-"""The belt's deviation from one constant cross-section: sag between idlers, waves, and the rig's slow errors."""
+"""The belt's deviation from one constant cross-section: sag between idlers, waves, and smooth errors of the rig."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def fit_deviation(
     x, y, off = points_mm[..., 0][good], points_mm[..., 1][good], residual_mm[good]
     edges = [np.quantile(values, [0.001, 0.999]) for values in (x, y)]
     step = float(np.ptp(edges[0])) / _NODES_ACROSS
-    nodes = [np.linspace(low, high, max(3, round((high - low) / step) + 1)) for low, high in edges]
+    nodes = [
+        np.linspace(float(low), float(high), max(3, round((high - low) / step) + 1)) for low, high in edges
+    ]
     column, row = (
         np.rint(np.interp(values, own, np.arange(len(own)))).astype(np.intp)
         for values, own in zip((x, y), nodes, strict=True)

@@ -1,4 +1,4 @@
-"""The matcher's reach beside steps, and its scale on images of other sizes than the paper's, halved."""
+"""The range of the matcher's windows beside a step, and their scale for images of any width."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A model of the matcher's smoothing: its last fits and its twicing, applied to a information surface."""
+"""A model of the matcher's smoothing: its last fits and its twicing, applied to a surface of known shape."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Size, volume and occlusion of each lump, from its outline part from above.
+"""Size, volume and occlusion of each lump, from the part of its outline that is visible from above.
 
 Size is the aperture of the sieve that a lump just passes, which its intermediate axis approximates (Krumbein 1941,
 J. Sediment. Petrol. 11(2)). Lumps rest on their flat side, so the longest and the intermediate axis are visible from

@@ -1,1 +1,1 @@
-"""The plan's report."""
+"""The report page of a plan: feasibility, drawings of the rig, tables."""

@@ -1,4 +1,4 @@
-"""Rendering of Mitsuba scenes from the pose of one camera."""
+"""Rendering of Mitsuba scenes as one camera sees them."""
 
 from __future__ import annotations
 

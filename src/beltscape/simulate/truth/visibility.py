@@ -1,4 +1,4 @@
-"""Visibility: rays of pixels, and whether points lie in an image."""
+"""Visibility in the simulated world: rays of pixels, and whether points lie in an image."""
 
 from __future__ import annotations
 

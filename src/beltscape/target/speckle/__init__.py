@@ -1,1 +1,1 @@
-"""The projector's speckle pattern: generated, drawn, described, judged."""
+"""The projector's speckle pattern: its generation, images, description and quality."""

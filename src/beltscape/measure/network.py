@@ -54,7 +54,10 @@ class Network:
         """Return the network as a JSON document, to five digits."""
 
         def plain(values: NDArray[np.float32]) -> Any:
-            return np.vectorize(lambda value: float(f"{value:.{_DIGITS}g}"))(values).tolist()
+            def shorten(value: np.float32) -> float:
+                return float(f"{value:.{_DIGITS}g}")
+
+            return np.vectorize(shorten)(values).tolist()
 
         layers = [{"weights": plain(weights), "offsets": plain(offsets)} for weights, offsets in self.layers]
         return {"mean": plain(self.mean), "scale": plain(self.scale), "layers": layers}

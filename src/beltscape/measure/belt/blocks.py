@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,7 +55,8 @@ def fit_block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlan
         weighted = local * weight[..., None]
         normal_matrix = weighted.transpose(0, 2, 1) @ local
         normal_matrix += 1e-12 * np.trace(normal_matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        plane = np.linalg.solve(normal_matrix, weighted.transpose(0, 2, 1) @ filled[..., None])[..., 0]
+        right = weighted.transpose(0, 2, 1) @ filled[..., None]
+        plane = cast("NDArray[np.float64]", np.linalg.solve(normal_matrix, right))[..., 0]
         residual = np.where(np.isfinite(inverse), inverse - (local @ plane[..., None])[..., 0], np.nan)
         scale = MAD_TO_SIGMA * np.nanmedian(np.abs(residual), axis=1) + 1e-12
         ratio = np.nan_to_num(residual / (4.685 * scale[:, None]), nan=1.0)

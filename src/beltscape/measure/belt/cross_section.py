@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +84,7 @@ class _GaussNewtonStep:
     def solve(cls, points: NDArray[np.float64], *, turn_yaw: bool) -> _GaussNewtonStep:
         x, y, z = points
         y = y - y.mean()
-        nodes = np.linspace(x.min(), x.max(), _NODES)
+        nodes = np.linspace(float(x.min()), float(x.max()), _NODES)
         hats = _HatFunctions.at(x, nodes)
         height = _compute_bin_medians(hats.nearest, z)
         residual = z - hats.value(height)
@@ -147,7 +148,8 @@ def _solve_normal_equations(
     previous: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Solve weighted least squares for the section (K,) and the two turns (2,); also return the turns' covariance."""
-    beside = np.bincount(hats.left, weight * (1 - hats.part) * hats.part, _NODES)
+    weights = weight * (1 - hats.part) * hats.part
+    beside = cast("NDArray[np.float64]", np.bincount(hats.left, weights, _NODES))
     band = np.stack([np.roll(beside, 1), hats.gather(weight) - beside - np.roll(beside, 1)])
     ridge = 1e-6 * max(float(band[1].max()), 1e-12)
     band[1] += ridge  # nodes without points keep their height

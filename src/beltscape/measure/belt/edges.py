@@ -110,7 +110,7 @@ def _find_edge(
         at = int(np.argmax(inside))
         if at + 1 >= len(part) or x[first + at + 1] - x[first + at] > 8 * step_mm:
             continue
-        transitions.append((float(y[first:last].mean()), 0.5 * (x[first + at] + x[first + at + 1])))
+        transitions.append((float(y[first:last].mean()), float(0.5 * (x[first + at] + x[first + at + 1]))))
     if len(transitions) < _MIN_STRIPS:
         return np.nan, np.nan
     return _fit_line(np.array(transitions), side, step_mm)

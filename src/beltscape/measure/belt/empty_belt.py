@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,7 +157,7 @@ def _refine_section(
     x, z = points_mm[..., 0].ravel(), points_mm[..., 2].ravel()
     inside = (x > x_mm[0]) & (x < x_mm[-1])  # NaN is not
     x, off = x[inside], z[inside] - np.interp(x[inside], x_mm, z_mm)
-    nodes = np.linspace(x_mm[0], x_mm[-1], max(len(x_mm), int(np.ptp(x_mm) / (2 * pixel_mm))))
+    nodes = np.linspace(float(x_mm[0]), float(x_mm[-1]), max(len(x_mm), int(np.ptp(x_mm) / (2 * pixel_mm))))
     own = np.rint((x - nodes[0]) / (nodes[1] - nodes[0])).astype(np.intp)
     order = np.lexsort((off, own))
     count = np.bincount(own, minlength=len(nodes))
@@ -189,7 +190,8 @@ def _assemble_belt(
     # the refined section may meet the optical axis at another height: move the origin to it
     lift = np.array([0.0, 0.0, float(np.interp(0.0, x, z))])
     pose, points, z = Pose(pose.rotation, pose.translation_mm - lift), points - lift, z - lift[2]
-    residual = points[..., 2] - np.interp(points[..., 0], x, z, left=np.nan, right=np.nan)
+    expected_z = cast("NDArray[np.float64]", np.interp(points[..., 0], x, z, left=np.nan, right=np.nan))
+    residual = points[..., 2] - expected_z
     noise = section.noise_mm
     correlation = estimate_correlation(residual, noise)
     deviation = fit_deviation(points, residual, noise, correlation.area_px)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,5 +55,5 @@ def _block_mean_square(residual: NDArray[np.float64], side: int) -> tuple[float,
     full = count >= 0.7 * side * side
     if not full.any():
         return 0.0, 0
-    means = np.nansum(blocks, axis=(1, 3))[full] / count[full]
+    means = cast("NDArray[np.float64]", np.nansum(blocks, axis=(1, 3))[full] / count[full])
     return float(np.mean(means**2)), int(full.sum())

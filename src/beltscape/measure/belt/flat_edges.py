@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,12 +99,13 @@ def _fit_line(
     if np.ptp(along) < least_mm:
         return None
     design = np.column_stack([np.ones_like(along), along - along.mean()])
-    weight = np.ones_like(along)
+    weight: NDArray[np.float64] = np.ones_like(along)
     slope, noise = 0.0, 0.0
     for _ in range(5):
         weighted = design * weight[:, None]
-        offset, slope = np.linalg.solve(weighted.T @ design, weighted.T @ across)
-        residual = across - offset - design[:, 1] * slope
+        solved = cast("NDArray[np.float64]", np.linalg.solve(weighted.T @ design, weighted.T @ across))
+        offset, slope = solved
+        residual: NDArray[np.float64] = across - offset - design[:, 1] * slope
         noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-6
         weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
     # errors of neighbouring border pixels are correlated: ten of them count as one; an edge along the rows or

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,5 +105,5 @@ def _find_flat_frame(
     edges = fit_edge_yaw(pixels[..., :2], pixels[..., 2] - offset, 6 * noise)
     if edges is not None:
         across = np.cos(edges.angle_rad) * rotation[0] + np.sin(edges.angle_rad) * rotation[1]
-        rotation = build_frame(np.cross(normal, across), normal)
+        rotation = build_frame(cast("NDArray[np.float64]", np.cross(normal, across)), normal)
     return InitialFrame(rotation, False, edges)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,11 +61,8 @@ def find_middle(x_mm: NDArray[np.float64], z_mm: NDArray[np.float64], tolerance_
     if len(first):
         off = z[None] - z[first, None] - np.tan(angle)[:, None] * (x[None] - x[first, None])
         score = np.clip(1 - (off / tolerance_mm) ** 2, 0, None).sum(axis=1)
-        limit = np.where(
-            _is_between_wings(off > _WING_CLIMB * np.ptp(x), first, second),
-            _MAX_TILT_BETWEEN_WINGS,
-            _MAX_TILT,
-        )
+        is_between = _is_between_wings(off > _WING_CLIMB * np.ptp(x), first, second)
+        limit = cast("NDArray[np.float64]", np.where(is_between, _MAX_TILT_BETWEEN_WINGS, _MAX_TILT))
         # a shallow wing may be longer than the flat, but it is steeper
         best = int(
             np.argmax(score * np.clip(1 - 0.75 * (angle / limit) ** 2, 0.25, None) * (np.abs(angle) < limit))
@@ -80,7 +78,7 @@ def _is_between_wings(
     above: NDArray[np.bool_], first: NDArray[np.intp], second: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     """Return (M,) whether the belt is ``above`` (M, K) each line left of its first and right of its second node."""
-    node = np.arange(above.shape[1])
+    node = np.arange(int(above.shape[1]))
     left = (above & (node < first[:, None])).mean(axis=1)
     right = (above & (node > second[:, None])).mean(axis=1)
     return np.minimum(left, right) > _WING_SHARE

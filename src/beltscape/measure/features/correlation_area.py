@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,10 +55,16 @@ def _correlate_residuals(
     there, values = there[window], residual[window].astype(np.float64)
     middle = np.median(values[there])
     spread = MAD_TO_SIGMA * np.median(np.abs(values[there] - middle)) + 1e-12
-    values = np.where(there, np.clip((np.nan_to_num(values) - middle) / spread, -3, 3), 0)
+    values = cast(
+        "NDArray[np.float64]", np.where(there, np.clip((np.nan_to_num(values) - middle) / spread, -3, 3), 0)
+    )
     shape = [int(fft.next_fast_len(n + 2 * side, real=True)) for n in there.shape]
     sums = [
-        np.roll(fft.irfft2(np.abs(fft.rfft2(field, shape)) ** 2, shape), (side, side), (0, 1))
+        np.roll(fft.irfft2(_power_spectrum(field, shape), shape), (side, side), (0, 1))
         for field in (values, there.astype(np.float64))
     ]
     return sums[0][: 2 * side + 1, : 2 * side + 1], np.rint(sums[1][: 2 * side + 1, : 2 * side + 1])
+
+
+def _power_spectrum(field: NDArray[np.float64], shape: list[int]) -> NDArray[np.float64]:
+    return np.abs(fft.rfft2(field, shape)) ** 2

@@ -154,7 +154,8 @@ def _fit_spheres(
     pattern: NDArray[np.float32] | None,
 ) -> dict[str, FittedSphere]:
     """Return the spheres that can be measured, by name."""
-    smoothing, spheres = None if pattern is None else estimate_smoothing(pattern, depth, rig), {}
+    smoothing = None if pattern is None else estimate_smoothing(pattern, depth, rig)
+    spheres: dict[str, FittedSphere] = {}
     for label, feature in enumerate(module.features, start=1):
         if not isinstance(feature, Sphere):
             continue
@@ -226,7 +227,8 @@ def _measure_height(feature: Cube | Cylinder, top: Face | None, base: Face, erro
 
 def _measure_steps(module: Module, faces: dict[str, Face], errors: FaceErrors) -> list[Quantity]:
     """Measure the height differences of cubes next in size, in which most of the base's error cancels."""
-    base, steps = faces["base"], []
+    base = faces["base"]
+    steps: list[Quantity] = []
     cubes = sorted(module.cube, key=lambda cube: -cube.edge_mm)
     for large, small in pairwise(cubes):
         upper, lower = faces.get(large.name), faces.get(small.name)

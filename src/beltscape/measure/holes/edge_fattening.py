@@ -60,7 +60,8 @@ def find_edge_fattening(
     hole = ~np.isfinite(value_mm)
     rows, columns = np.nonzero(np.asarray(ndimage.binary_dilation(hole, np.ones((3, 3))), bool) & ~hole)
     own = value_mm[rows, columns]
-    drop, features = np.zeros(len(own)), []
+    drop = np.zeros(len(own))
+    features: list[NDArray[np.float64]] = []
     for reach in _REACHES:
         low = ndimage.minimum_filter(np.where(hole, np.inf, value_mm), 2 * reach + 1)[rows, columns]
         high = ndimage.maximum_filter(np.where(hole, -np.inf, value_mm), 2 * reach + 1)[rows, columns]
@@ -88,7 +89,7 @@ def _project_ray_slope(
     """Return the rays' slope (B,) along the direction in which the measured surface around a cell descends."""
     known = np.isfinite(value_mm)
     height, mass = np.where(known, value_mm - np.nanmean(value_mm), 0.0), known.astype(float)
-    steps, ones = np.arange(_VIEW_CELLS) - _VIEW_CELLS // 2.0, np.ones(_VIEW_CELLS)
+    steps, ones = np.arange(_VIEW_CELLS, dtype=np.float64) - _VIEW_CELLS // 2.0, np.ones(_VIEW_CELLS)
 
     def correlate(
         field: NDArray[np.float64], down: NDArray[np.float64], across: NDArray[np.float64]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,7 +110,7 @@ def compute_rim_profiles(lines: list[Line]) -> RimProfiles:
     order = np.lexsort((slopes[1], slopes[0], share, -upper, -lower, gap), axis=0) + 1
     others = np.take_along_axis(rims, order[:, None, :], axis=0)
     # vertical rays define no line: the shortest line replaces it
-    own = np.where(lines[0].is_vertical, others[0], rims[0])
+    own = cast("NDArray[np.float64]", np.where(lines[0].is_vertical, others[0], rims[0]))
     return RimProfiles(*np.concatenate([own[None], others]).transpose(1, 0, 2))
 
 
@@ -173,5 +174,5 @@ def predict_smooth_surface(
     rough_share = np.minimum((rms_values / half_mm).max(axis=0) / _SMOOTH, 1.0) ** 2
     roughness = np.stack([structure.roughness_mm(shortest), structure.roughness_mm(4 * shortest)])
     scale = np.sqrt((ceiling - floor) ** 2 + (2 * rms) ** 2 + roughness[0] ** 2)
-    scale = np.where(has, np.minimum(scale, _OPEN * max_rms) * rough_share, scale)
+    scale: NDArray[np.float64] = np.where(has, np.minimum(scale, _OPEN * max_rms) * rough_share, scale)
     return SmoothSurface(straight + share * bend, scale + _TINY_MM, share, roughness)

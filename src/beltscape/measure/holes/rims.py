@@ -105,7 +105,8 @@ def find_lowest_line(
     directions = np.deg2rad(np.array(_TURNS_DEG))[:, None] + np.array([np.pi, 0.0])  # both sides
     down, across = np.sin(directions).reshape(-1, 1), np.cos(directions).reshape(-1, 1)
     met = load().first_hits(np.isfinite(rim_mm), cells, down, across, _LONGEST_CELLS)
-    at, steps = (part.reshape(*directions.shape, -1) for part in met)
+    at = met.cell.reshape(*directions.shape, -1)
+    steps = met.steps.reshape(*directions.shape, -1)
     height = np.where(at >= 0, rim_mm.ravel()[at], np.nan)
     fixed = [np.stack([line.near_mm, line.far_mm, line.near_at_mm, line.far_at_mm]) for line in lines[1:]]
     turned = np.concatenate([height, steps * cell_mm], axis=1)
@@ -153,17 +154,19 @@ def trace_lines(
         height = np.where(met, rim_mm.ravel()[ends.cell], np.nan)
         x, y = (np.where(met, part.ravel()[ends.cell], 0.0) for part in gradient)
         rise = x * direction[1] + y * direction[0]
-        return Line(*height, *(ends.steps * step_mm), *np.hypot(x, y), *rise, ray_slope, straight_down)
+        ends_of_line = (height, ends.steps * step_mm, np.hypot(x, y), rise)
+        pairs: list[NDArray[np.float64]] = [end for pair in ends_of_line for end in pair]
+        return Line(*pairs, ray_slope=ray_slope, is_vertical=straight_down)
 
     measured, both = np.isfinite(rim_mm), np.array([-1.0, 1.0])[:, None]
     farthest = max(measured.shape) - 1
     own = load().first_hits(measured, cells, both * down, both * across, farthest)
     lines = [line(own, cell_mm, (down, across), tangent)]
     directions = (both[:, 0] * np.array(_DIRECTIONS)[..., None]).transpose(1, 0, 2).reshape(2, -1, 1)
-    met = load().first_hits(measured, cells, *directions, farthest)
+    met = load().first_hits(measured, cells, directions[0], directions[1], farthest)
     for k, direction in enumerate(_DIRECTIONS):
         length = float(np.hypot(*direction))
         ray_slope = (tan_x * direction[1] + tan_y * direction[0]) / length
-        ends = FirstHits(*(part[2 * k : 2 * k + 2] for part in met))
+        ends = FirstHits(met.cell[2 * k : 2 * k + 2], met.steps[2 * k : 2 * k + 2])
         lines.append(line(ends, cell_mm * length, (direction[0] / length, direction[1] / length), ray_slope))
     return lines

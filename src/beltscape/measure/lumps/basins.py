@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ def find_basins(field: NDArray[np.float32], floor: float) -> NDArray[np.int64]:
     ``floor`` form one minimum.
     """
     rows, columns = field.shape
-    index = np.arange(rows * columns).reshape(rows, columns)
+    index = np.arange(int(rows * columns)).reshape(rows, columns)
     around = np.pad(field, 1, constant_values=np.inf)
     lowest, to = field.copy(), index.copy()
     for down, right in _NEIGHBOURS:
@@ -40,7 +41,7 @@ def find_basins(field: NDArray[np.float32], floor: float) -> NDArray[np.int64]:
         lower = beside < lowest
         lowest[lower] = beside[lower]
         to[lower] = index[lower] + (down * columns + right)
-    pools, count = ndimage.label(field <= floor)  # pyright: ignore[reportGeneralTypeIssues]
+    pools, count = ndimage.label(field <= floor)
     first = np.full(count + 1, rows * columns, np.int64)
     np.minimum.at(first, pools.ravel(), index.ravel())
     to = np.where(pools > 0, first[pools], to).ravel()
@@ -54,12 +55,13 @@ def find_basins(field: NDArray[np.float32], floor: float) -> NDArray[np.int64]:
 def find_borders(regions: NDArray[np.int64], field: NDArray[np.float32]) -> Borders:
     """Return the borders of regions (R, C) numbered from 0, between four-neighbours."""
     number = int(regions.max()) + 1
-    keys, heights = [], []
+    keys: list[NDArray[np.int64]] = []
+    heights: list[NDArray[np.float32]] = []
     for one, two in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
         a, b = regions[one], regions[two]
         apart = a != b
         keys.append(np.minimum(a[apart], b[apart]) * number + np.maximum(a[apart], b[apart]))
         heights.append(np.maximum(field[one], field[two])[apart])
     key, which = np.unique(np.concatenate(keys), return_inverse=True)
-    total = np.bincount(which, np.concatenate(heights), len(key))
+    total = cast("NDArray[np.float64]", np.bincount(which, np.concatenate(heights), len(key)))
     return Borders(key // number, key % number, total, np.bincount(which, minlength=len(key)))

@@ -41,7 +41,7 @@ def compute_features(height_px: Plane, measured: NDArray[np.bool_]) -> Plane:
     return np.stack(planes_of_features, axis=-1)
 
 
-def _compress(values: Plane) -> Plane:
+def _compress(values: NDArray[np.floating]) -> Plane:
     """Return values compressed to -1..1, so that the size of large values does not matter."""
     return np.asarray(values / np.sqrt(1 + values * values), np.float32)
 

@@ -56,6 +56,6 @@ def measure_rims(raster: Raster, labels: NDArray[np.int64], outline: NDArray[np.
 
 def _border_gap_mask(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the unmeasured cells (R, C) that are connected to the border of the frame."""
-    gaps, _ = ndimage.label(~measured)  # pyright: ignore[reportGeneralTypeIssues]
+    gaps, _ = ndimage.label(~measured)
     edge = np.unique(np.concatenate([gaps[0], gaps[-1], gaps[:, 0], gaps[:, -1]]))
     return np.isin(gaps, edge[edge > 0])

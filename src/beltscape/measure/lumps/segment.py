@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import cv2
 import numpy as np
@@ -63,7 +64,7 @@ def segment_lumps(
     usable = raster.measured if allowed is None else raster.measured & allowed
     hidden = measure_rims(raster, regions, outline, int(regions.max())).hidden_share
     keep = _lump_mask(regions, probabilities[..., 1], usable, hidden, smallest_px)
-    number = np.cumsum(keep) * keep
+    number = cast("NDArray[np.int64]", np.cumsum(keep) * keep)
     labels = _remove_spurs(number[regions], hidden[keep])
     present, labels = np.unique(np.append(0, labels.ravel()), return_inverse=True)
     return Segmentation(labels[1:].reshape(regions.shape), outline, len(present) - 1)

@@ -91,7 +91,7 @@ def compute_profiles(
     """Return the mean cross-sections of equal stretches, no longer than ``every_mm``, that tile the box."""
     number = max(1, int(np.ceil((box.along_mm[1] - box.along_mm[0]) / every_mm - 1e-9)))
     ends = np.linspace(*box.along_mm, number + 1)
-    result = []
+    result: list[BeltProfile] = []
     for start, end in pairwise(ends):
         weights = Box(box.across_mm, (float(start), float(end))).integration_weights(grid)
         own = weights.across > 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,8 +78,10 @@ def _interpolate_load(
 ) -> NDArray[np.float64]:
     """Return the load (Ny, Nx) interpolated between its cells' centres, constant beyond the outermost."""
     load = volume.load
-    across = np.array([np.interp(x_mm, load.x_mm, row) for row in load.height_mm])
-    return np.array([np.interp(y_mm, load.y_mm, column) for column in across.T]).T
+    rows = cast("list[NDArray[np.float64]]", list(load.height_mm))
+    across = np.array([np.interp(x_mm, load.x_mm, row) for row in rows])
+    columns = cast("list[NDArray[np.float64]]", list(across.T))
+    return np.array([np.interp(y_mm, load.y_mm, column) for column in columns]).T
 
 
 def _stack_points(

@@ -96,7 +96,7 @@ def _compute_hole_sigma(sigma_mm3: NDArray[np.float64], hole: NDArray[np.bool_])
     """Return σ of a sum over holes: fully correlated within each block of a hole, with a share common to all."""
     label = np.zeros(hole.shape, np.int32)
     ndimage.label(hole, np.ones((3, 3)), output=label)
-    rows, columns = hole.shape
+    rows, columns = int(hole.shape[0]), int(hole.shape[1])
     block = (np.arange(rows)[:, None] // _PATCH_CELLS) * (columns // _PATCH_CELLS + 1) + np.arange(columns)[
         None
     ] // _PATCH_CELLS

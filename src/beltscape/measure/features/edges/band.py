@@ -161,7 +161,7 @@ def _select_pixels(
     at = (rows * view.label.shape[1] + columns)[near][keep]
     off = (depth_mm.ravel()[at] - plane.depth_mm[near][keep]).astype(np.float32)
     beyond = keep & (across > 0.7) & (across < _NEXT_PX[1])
-    crease = bool(beyond.any()) and float(np.mean(labels[beyond] == label)) > _SIDE_SHARE
+    crease = bool(beyond.any()) and float(np.mean(np.equal(labels[beyond], label))) > _SIDE_SHARE
     kind = "round" if shapes.shape[1] == 2 else "crease" if crease else "outline"
     reach = min(MATCHER_REACH_PX * plane.scale + 2, WIDE_PX)
     clear = ((last < -reach) & (next_part > reach))[bins[keep]]

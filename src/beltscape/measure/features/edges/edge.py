@@ -65,7 +65,7 @@ def locate_edge(band: Band, grey: NDArray[np.floating] | None, nuisances: NDArra
             return edge if rim is None else _inflate_for_conflict(edge, rim)
     if rim is None:
         return None
-    return Edge(rim, RIM_SIGMA_PX, RIM_SIGMA_PX, np.zeros(band.shapes.shape[1]), len(band.index), False)
+    return Edge(rim, RIM_SIGMA_PX, RIM_SIGMA_PX, np.zeros(int(band.shapes.shape[1])), len(band.index), False)
 
 
 def _inflate_for_conflict(edge: Edge, rim: float) -> Edge:

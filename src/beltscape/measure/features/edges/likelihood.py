@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +154,7 @@ def _sum_squared_residuals(
     """Return weighted residual squares (F,) of ridge regressions: design (F, n, p), weight and value (F, n)."""
     normal = np.einsum("gni,gn,gnj->gij", design, weight, design) + ridge + 1e-9 * np.eye(design.shape[-1])
     right = np.einsum("gni,gn->gi", design, weight * value)
-    answer = np.linalg.solve(normal, right[..., None])[..., 0]
+    answer = cast("NDArray[np.float64]", np.linalg.solve(normal, right[..., None]))[..., 0]
     return np.maximum(square - np.einsum("gi,gi->g", answer, right), 0)
 
 
@@ -170,8 +171,11 @@ def _compute_quantile_likelihood(
     for level, a, b in zip(_LEVELS, inner[:, mid], outer[:, mid], strict=True):
         losses = np.empty_like(total)
         for m, nuisance in enumerate(nuisances):
-            share = ndtr((t[None] - pixels.shapes[mid] @ nuisance - OFFSETS_PX[:, None]) / BLUR_PX)
-            off = y - (a + (b - a) * share)
+            beyond: NDArray[np.float64] = (
+                t[None] - pixels.shapes[mid] @ nuisance - OFFSETS_PX[:, None]
+            ) / BLUR_PX
+            share = ndtr(beyond)
+            off: NDArray[np.float64] = y - (a + (b - a) * share)
             losses[:, m] = (np.maximum(off, 0) * level + np.maximum(-off, 0) * (1 - level)).dot(edges).T
         least = losses.sum(axis=0).min() / len(y) + 0.1 * pixels.noise
         total -= losses / least / len(_LEVELS)

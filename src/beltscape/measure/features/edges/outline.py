@@ -90,10 +90,12 @@ def measure_circle(
     angle = np.linspace(-np.pi, np.pi, 73)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     located = ring * (diameter_mm / 2 + edge.offset_px * band.px_mm) + edge.nuisance * band.px_mm
-    lines = [_project_onto_face(scene, face, center, flat) for flat in (located, ring * diameter_mm / 2)]
+    measured, nominal = (
+        _project_onto_face(scene, face, center, flat) for flat in (located, ring * diameter_mm / 2)
+    )
     sigma = 2 * edge.sigma_px * band.px_mm
     extent = Extent(diameter_mm + 2 * edge.offset_px * band.px_mm, sigma, edge.points)
-    return extent, [EdgeLine(name, *lines, sigma / 2, edge.by_image)]
+    return extent, [EdgeLine(name, measured, nominal, sigma / 2, edge.by_image)]
 
 
 def _make_coordinates(

@@ -53,7 +53,7 @@ def _find_largest_plane(blocks: BlockPlanes) -> tuple[NDArray[np.float64], float
     """Return the plane with most blocks: normal, offset mm, and which blocks lie on it."""
     normals, centers = blocks.normals, blocks.centers_mm
     tries = np.unique(np.linspace(0, len(normals) - 1, 400).astype(int))
-    counts = [int(_member_mask(blocks, normals[i], normals[i] @ centers[i]).sum()) for i in tries]
+    counts = [int(_member_mask(blocks, normals[i], float(normals[i] @ centers[i])).sum()) for i in tries]
     best = tries[int(np.argmax(counts))]
     normal, offset = normals[best], float(normals[best] @ centers[best])
     members = _member_mask(blocks, normal, offset)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +66,7 @@ def find_module(depth: DepthMap, camera: Camera, module: Module) -> ModuleMatch:
     step = max(int(np.sqrt(depth.measured.sum() / _SAMPLES)), 1)
     points = depth.points_mm(camera)[::step, ::step]
     points = points[np.isfinite(points[..., 2])]
-    turns = np.arange(2 * _COARSE) * (np.pi / _COARSE)
+    turns = np.arange(2 * _COARSE, dtype=np.float64) * (np.pi / _COARSE)
     best, on = ModuleMatch(Pose.identity(), 0.0, -1.0), planes[0]
     for plane in _sort_by_area(planes, module):
         match = _match_on_plane(points, module, plane, turns, _COARSE)
@@ -73,7 +74,7 @@ def find_module(depth: DepthMap, camera: Camera, module: Module) -> ModuleMatch:
             best, on = match, plane
         if best.agreement > _CLEAR_AGREEMENT:
             break
-    near = best.turn_rad + np.arange(-3, 4) * (np.pi / _COARSE / 4)
+    near = best.turn_rad + np.arange(-3, 4, dtype=np.float64) * (np.pi / _COARSE / 4)
     best = _match_on_plane(points, module, on, near, _FINE)
     if best.agreement < _MIN_AGREEMENT:
         raise MeasureError(
@@ -114,9 +115,10 @@ def _match_on_plane(
     best = ModuleMatch(core_from_plane, 0.0, -1.0)
     for turn in turns:
         levels, middle = _quantise_module(module, float(turn), cell, count)
-        footprint = levels.any(axis=0)
+        footprint = cast("NDArray[np.bool_]", levels.any(axis=0))
         pattern = np.conj(_compute_spectrum(levels, size))
-        correlation = np.asarray(fft.irfft2(np.einsum("kij,kij->ij", scene, pattern), size))
+        product = cast("NDArray[np.complexfloating]", np.einsum("kij,kij->ij", scene, pattern))
+        correlation = fft.irfft2(product, size)
         covered = np.asarray(
             fft.irfft2(measured_spectrum * np.conj(_compute_spectrum(footprint, size)), size)
         )
@@ -134,7 +136,7 @@ def _make_plane_frame(plane: CandidatePlane) -> Pose:
     z = plane.normal
     x = np.array([1.0, 0.0, 0.0]) - z[0] * z
     x /= np.linalg.norm(x)
-    return Pose(np.stack([x, np.cross(z, x), z], axis=1), z * plane.offset_mm)
+    return Pose(np.stack([x, cast("NDArray[np.float64]", np.cross(z, x)), z], axis=1), z * plane.offset_mm)
 
 
 def _compute_spectrum(maps: NDArray[np.generic], size: tuple[int, ...]) -> NDArray[np.complexfloating]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,7 +43,9 @@ def refine_pose(depth: DepthMap, camera: Camera, module: Module, start: Pose) ->
         )
         weighted = slopes * weight[:, None]
         damping = 1e-9 * np.trace(weighted.T @ slopes) * np.eye(6)
-        answer = np.linalg.solve(weighted.T @ slopes + damping, -weighted.T @ off)
+        answer = cast(
+            "NDArray[np.float64]", np.linalg.solve(weighted.T @ slopes + damping, -weighted.T @ off)
+        )
         pose = pose @ _make_motion(answer * np.array([1 / reach] * 3 + [1.0] * 3)).inverse()
     return pose
 

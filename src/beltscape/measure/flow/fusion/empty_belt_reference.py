@@ -81,7 +81,12 @@ class EmptyBeltReference:
     def coarse(self, depth: DepthMap, times: int) -> NDArray[np.float64]:
         """Return the load (n, m) on the static grid with cells and pixels ``times`` coarser, for registration."""
         camera, part = self.camera, slice(None, None, times)
-        fewer = DepthMap(*(values[part, part] for values in _planes(depth)))
+        fewer = DepthMap(
+            depth.depth_mm[part, part],
+            depth.sigma_mm[part, part],
+            depth.views[part, part],
+            depth.confidence[part, part],
+        )
         rows, columns = fewer.depth_mm.shape
         thinned = replace(
             camera,
@@ -139,10 +144,6 @@ def _confident(depth: DepthMap) -> DepthMap:
     planes = (np.where(sure, plane, np.nan) for plane in (depth.depth_mm, depth.sigma_mm))
     depth_mm, sigma_mm = (plane.astype(np.float32) for plane in planes)
     return replace(depth, depth_mm=depth_mm, sigma_mm=sigma_mm)
-
-
-def _planes(depth: DepthMap) -> tuple[NDArray[np.float32], ...]:
-    return depth.depth_mm, depth.sigma_mm, depth.views, depth.confidence  # pyright: ignore[reportReturnType]
 
 
 def is_in_image(

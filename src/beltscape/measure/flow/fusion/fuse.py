@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,8 +111,9 @@ def _fuse_stack(
         # weights are 1/σ²: the variance of the weighted mean of independent values is Σ w² v / (Σ w)²
         own = np.sqrt((kept**2 * np.where(agrees, sigma, 0) ** 2).sum(axis=0)) / total
         shared = np.sqrt((kept**2 * np.where(agrees, noise, 0) ** 2).sum(axis=0)) / total
-    parts = (part.astype(np.float32) for part in (mean, own, shared))
-    layer = Layer(first, *parts, close_pinholes(known.any(axis=0)).mean(axis=1), ray_slope)
+    height_mm, sigma_mm, noise_mm = (part.astype(np.float32) for part in (mean, own, shared))
+    measured = close_pinholes(cast("NDArray[np.bool_]", known.any(axis=0)))
+    layer = Layer(first, height_mm, sigma_mm, noise_mm, measured.mean(axis=1), ray_slope)
     return layer, _compute_scatter(height, sigma, kept, agrees, known, mean, total)
 
 

@@ -36,5 +36,12 @@ class Layer:
     def rows(self, first: int, end: int) -> Layer:
         """Return the part of the layer that lies in a range of rows."""
         part = slice(max(first, self.first) - self.first, max(min(end, self.end) - self.first, 0))
-        parts = (self.height_mm, self.sigma_mm, self.noise_mm, self.share, self.ray_slope)
-        return Layer(max(first, self.first), *(values[part] for values in parts), frame=self.frame)
+        return Layer(
+            max(first, self.first),
+            self.height_mm[part],
+            self.sigma_mm[part],
+            self.noise_mm[part],
+            self.share[part],
+            self.ray_slope[part],
+            frame=self.frame,
+        )

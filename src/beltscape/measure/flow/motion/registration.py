@@ -8,7 +8,8 @@ heights refines it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,18 @@ class Shift:
     """Correlation of the two frames' high-pass heights, 0..1."""
     clear: bool = True
     """Whether no other shift fits nearly as well; else it was selected by the predicted motion."""
+    support: float = 1.0
+    """Share of the view's cells on which both frames have a load at this shift, 0..1."""
+
+
+@dataclass(frozen=True, slots=True)
+class PredictedMatch:
+    """The similarity of two frames at the predicted motion."""
+
+    score: float
+    """Correlation of their high-pass heights; NaN without a common load."""
+    support: float
+    """Share of the view's cells on which both frames have a load."""
 
 
 def register(
@@ -65,18 +78,35 @@ def register(
     """
     if not (before.has_load and after.has_load):
         return None
-    shifts, score = correlate_along(before, after, least_overlap)
-    peak = _select_peak(shifts * before.cell_mm, score, near_mm)
+    shifts, score, support = correlate_along(before, after, least_overlap)
+    shifts_mm = cast("NDArray[np.float64]", shifts * before.cell_mm)
+    peak = _select_peak(shifts_mm, score, near_mm)
     if peak is None:
         return None
-    clear = _select_peak(shifts * before.cell_mm, score, None) is not None
-    return _refine(before, after, int(shifts[peak]), float(score[peak]), clear)
+    clear = _select_peak(shifts_mm, score, None) is not None
+    shift = _refine(before, after, int(shifts[peak]), float(score[peak]), clear)
+    return None if shift is None else replace(shift, support=float(support[peak]))
+
+
+def match_prediction(
+    before: HighPassHeights, after: HighPassHeights, *, least_overlap: float, near_mm: float
+) -> PredictedMatch:
+    """Return how well two frames match at a predicted motion along y."""
+    shifts, score, support = correlate_along(before, after, least_overlap)
+    near = (np.abs(shifts * before.cell_mm - near_mm) <= _compute_tolerance_mm(near_mm)) & (score > -1)
+    if not near.any():
+        return PredictedMatch(float("nan"), 0.0)
+    best = int(np.argmax(np.where(near, score, -1.0)))
+    return PredictedMatch(float(score[best]), float(support[best]))
 
 
 def correlate_along(
     before: HighPassHeights, after: HighPassHeights, least_overlap: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the shifts along y in cells, and the masked normalised correlation; -1 without enough overlap."""
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the shifts along y in cells, the masked normalised correlation (-1 without enough overlap), the support.
+
+    The support is the share of the view's cells on which both frames have a load.
+    """
     rows, columns = before.load.shape
     reach = int(rows * (1 - least_overlap))
     size = fft.next_fast_len(rows + reach, real=True)
@@ -89,7 +119,8 @@ def correlate_along(
 
     def correlate(i: int, j: int) -> NDArray[np.float64]:
         """Return Σ over cells of before_i(y) · after_j(y + shift), for all shifts."""
-        return np.asarray(fft.irfft((one[i].conj() * two[j]).sum(axis=1), size))
+        spectrum = cast("NDArray[np.complex128]", (one[i].conj() * two[j]).sum(axis=1))
+        return np.asarray(fft.irfft(spectrum, size))
 
     number = np.maximum(np.rint(correlate(0, 0)), 0)
     shifts = np.arange(-reach, reach + 1)
@@ -109,7 +140,7 @@ def correlate_along(
     enough = number >= 0.004 * rows * columns
     with np.errstate(invalid="ignore", divide="ignore"):
         score = (ab - a * b / safe) / np.sqrt(spread)
-    return shifts, np.where(enough & (spread > 0), score, -1.0)
+    return shifts, np.where(enough & (spread > 0), score, -1.0), number / (rows * columns)
 
 
 def _select_peak(
@@ -124,11 +155,16 @@ def _select_peak(
         return best
     if near_mm is None:
         return None
-    near = np.abs(shifts_mm - near_mm) <= max(0.1 * abs(near_mm), 0.5 * _NEXT_MM)
+    near = np.abs(shifts_mm - near_mm) <= _compute_tolerance_mm(near_mm)
     if not near.any():
         return None
     local = int(np.argmax(np.where(near, score, -1.0)))
     return local if score[local] >= max(_LEAST_SCORE, score[best] - _CLEAR_MARGIN) else None
+
+
+def _compute_tolerance_mm(near_mm: float) -> float:
+    """Return the distance from a predicted motion within which a shift agrees with it."""
+    return max(0.1 * abs(near_mm), 0.5 * _NEXT_MM)
 
 
 def _refine(
@@ -185,7 +221,7 @@ def _solve_robustly(design: NDArray[np.float64], residual: NDArray[np.float64]) 
         normal = (design * weight) @ design.T
         if np.linalg.cond(normal) > _WORST_CONDITION:
             return None
-        change = -np.linalg.solve(normal, (design * weight) @ residual)
+        change = -cast("NDArray[np.float64]", np.linalg.solve(normal, (design * weight) @ residual))
         left = residual + change @ design
         solved = _Solution(change, weight * left, normal)
     return solved
@@ -202,7 +238,7 @@ def _warp(values: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.
 
 def _shift_cells(values: NDArray[np.float64], cells: int, axis: int) -> NDArray[np.float64]:
     """Return values displaced by whole cells along an axis; NaN from outside."""
-    size = values.shape[axis]
+    size: int = values.shape[axis]
     places = np.arange(size) + cells
     out = np.take(values, np.clip(places, 0, size - 1), axis=axis)
     lost = (places < 0) | (places >= size)

@@ -32,7 +32,7 @@ def belt_json(tmp_path_factory):
     return path
 
 
-def test_a_belt_fits_the_distorted_rig_that_it_was_reconstructed_with(belt_json):
+def test_belt_is_accepted_with_the_distorted_rig_of_its_reconstruction(belt_json):
     ground = read_reference(belt_json, rig(LENS), 4.0, Silent())
     np.testing.assert_array_equal(ground.camera.distortion, LENS.distortion)
     half = scale_rig(rig(LENS), 0.5)
@@ -48,6 +48,6 @@ def test_a_belt_fits_the_distorted_rig_that_it_was_reconstructed_with(belt_json)
     ],
     ids=["core", "focal length", "principal point"],
 )
-def test_a_belt_of_another_rig_is_refused(belt_json, core):
+def test_belt_of_another_rig_is_refused(belt_json, core):
     with pytest.raises(InputError, match=r"belt\.json: reconstructed with another rig"):
         read_reference(belt_json, rig(core), 4.0, Silent())

@@ -48,7 +48,7 @@ def frame(tmp_path_factory):
     folder = tmp_path_factory.mktemp("module")
     cubes = [cube.model_dump() for cube in module().cube[:2]]
     seen = DepthCameraView(module(cube=cubes), module_pose(5, -5, -30))
-    depth, image = seen.depth(), np.clip(seen.brightness(), 0, 255).astype(np.uint8)
+    depth, image = seen.depth(), np.clip(seen.render_brightness(), 0, 255).astype(np.uint8)
     camera = rig().core_camera
     cloud = cloud_from_depth(depth, camera, None)
     write_frame(folder / "000", depth, cloud, np.zeros((4, 4, 3), np.uint8), image)

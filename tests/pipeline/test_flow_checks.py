@@ -9,7 +9,7 @@ import pytest
 from beltscape.core.errors import MeasureError
 from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.measure.flow.motion.evidence import MotionEvidence
+from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion.registration import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
 from beltscape.pipeline.measuring.flow_checks import (
@@ -17,45 +17,45 @@ from beltscape.pipeline.measuring.flow_checks import (
     require_consistent_motion,
     warn_of_motion_conflicts,
 )
-from tests.measure.flow.moving_belt import ground
+from tests.measure.flow.moving_belt import make_empty_belt
 
 ENCODER = Path("encoder.csv")
 STEP_MM = 200.0
 
 
 def meter_with(
-    told: Direction, along_mm: list[float], encoder_mm: list[float] | None, clear: bool = True
+    given: Direction, along_mm: list[float], encoder_mm: list[float] | None, clear: bool = True
 ) -> FlowMeter:
     """A meter that saw these motions of the material, beside these steps of an encoder."""
-    meter = FlowMeter(ground(), FlowSettings(direction=told))
+    meter = FlowMeter(make_empty_belt(), FlowSettings(direction=given))
     steps = encoder_mm or [None] * len(along_mm)
     for along, step in zip(along_mm, steps, strict=True):
         meter.evidence.add(Shift(along, 0.05, 0.0, 0.9, clear), meter.direction, step)
     return meter
 
 
-def refusal(meter: FlowMeter, told: str | None, encoder: Path | None = ENCODER) -> str:
+def refusal(meter: FlowMeter, given: str | None, encoder: Path | None = ENCODER) -> str:
     with pytest.raises(MeasureError) as refused:
-        require_consistent_motion(meter, told, encoder, done=True)
+        require_consistent_motion(meter, given, encoder, done=True)
     assert "\n" not in str(refused.value)
     return str(refused.value)
 
 
 @pytest.mark.parametrize("encoder", [None, [STEP_MM] * 7])
-@pytest.mark.parametrize(("told", "way", "other"), [("-y", 1, "+y"), ("+y", -1, "-y")])
-def test_a_direction_against_the_material_is_refused(
-    encoder: list[float] | None, told: Direction, way: int, other: str
+@pytest.mark.parametrize(("given", "way", "other"), [("-y", 1, "+y"), ("+y", -1, "-y")])
+def test_direction_against_the_material_is_refused(
+    encoder: list[float] | None, given: Direction, way: int, other: str
 ) -> None:
-    meter = meter_with(told, [way * STEP_MM] * 7, encoder)
-    text = refusal(meter, told, None if encoder is None else ENCODER)
-    assert text.startswith(f"--direction {told}: the material moves towards {other} in 7 of 7 frame pairs")
+    meter = meter_with(given, [way * STEP_MM] * 7, encoder)
+    text = refusal(meter, given, None if encoder is None else ENCODER)
+    assert text.startswith(f"--direction {given}: the material moves towards {other} in 7 of 7 frame pairs")
     assert f"--direction {other}" in text
 
 
 @pytest.mark.parametrize(
     ("factor", "name"), [(0.001, "metres"), (0.1, "centimetres"), (1000, "micrometres"), (1 / 25.4, "inches")]
 )
-def test_an_encoder_in_other_units_is_refused_with_its_unit(factor: float, name: str) -> None:
+def test_encoder_in_another_unit_is_refused_with_that_unit(factor: float, name: str) -> None:
     meter = meter_with("+y", [STEP_MM] * 5, [factor * STEP_MM] * 5)
     text = refusal(meter, "+y")
     assert text.startswith("encoder.csv: belt_position_mm grows by")
@@ -63,7 +63,7 @@ def test_an_encoder_in_other_units_is_refused_with_its_unit(factor: float, name:
     assert "5 of 5 frame pairs" in text
 
 
-def test_one_that_stands_still_or_counts_on() -> None:
+def test_encoder_that_stands_still_or_counts_on_is_refused() -> None:
     assert "the encoder stands still" in refusal(
         meter_with("+y", [STEP_MM] * 5, [0.0, 0.1, -0.1, 0, 0]), "+y"
     )
@@ -71,7 +71,7 @@ def test_one_that_stands_still_or_counts_on() -> None:
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.9, 1.1, 0.998])
-def test_a_sound_or_slipping_encoder_is_not_refused(factor: float) -> None:
+def test_sound_or_slipping_encoder_is_accepted(factor: float) -> None:
     meter = meter_with("+y", [STEP_MM] * 9, [factor * STEP_MM] * 9)
     require_consistent_motion(meter, "+y", ENCODER, done=True)
     reporter = Silent()
@@ -79,7 +79,7 @@ def test_a_sound_or_slipping_encoder_is_not_refused(factor: float) -> None:
     assert not reporter.warnings
 
 
-def test_empty_or_ambiguous_belt_is_no_contradiction() -> None:
+def test_empty_or_ambiguous_belt_contradicts_nothing() -> None:
     require_consistent_motion(meter_with("-y", [], None), "-y", None, done=True)
     require_consistent_motion(
         meter_with("-y", [STEP_MM] * 9, [STEP_MM] * 9, clear=False), "-y", ENCODER, done=True
@@ -87,7 +87,7 @@ def test_empty_or_ambiguous_belt_is_no_contradiction() -> None:
     require_consistent_motion(meter_with("-y", [STEP_MM] * 2, [STEP_MM] * 2), "-y", ENCODER, done=True)
 
 
-def test_a_belt_that_rolls_back_at_first_is_not_refused_before_the_end() -> None:
+def test_belt_that_rolls_back_at_first_is_accepted_before_the_end() -> None:
     meter = meter_with("+y", [-STEP_MM] * 4, None)
     require_consistent_motion(meter, "+y", None, done=False)
     for _ in range(9):
@@ -114,4 +114,4 @@ def test_statement_names_the_evidence_of_the_direction() -> None:
     )
     assert describe_motion(meter, None) == "towards +y: so the material moves in 5 of 5 frame pairs"
     assert "no frame pair shows it" in describe_motion(meter_with("+y", [], None), "+y")
-    assert "unknown" in describe_motion(FlowMeter(ground(), FlowSettings()), None)
+    assert "unknown" in describe_motion(FlowMeter(make_empty_belt(), FlowSettings()), None)

@@ -15,14 +15,14 @@ from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.pipeline.measuring.flow import Flow
 from beltscape.pipeline.measuring.flow_files import write_flow_result
-from tests.measure.flow.moving_belt import Heap, depth_map, ground
+from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-900, end_mm=-300)
 
 
 def measured(density: Density, *, timed: bool = True, heap: Heap | None = HEAP) -> Flow:
-    picture, steps, records = BeltPicture(ground()), list[FramePlacement](), list[FlowRecord]()
-    meter = FlowMeter(ground(), density=density, watch_belt=picture.add, watch_step=steps.append)
+    picture, steps, records = BeltPicture(make_empty_belt()), list[FramePlacement](), list[FlowRecord]()
+    meter = FlowMeter(make_empty_belt(), density=density, watch_belt=picture.add, watch_step=steps.append)
     for k in range(10):
         depth = depth_map(heap, 130.0 * k)
         records += meter.push(depth, round(k * 1e8) if timed else None, 130.0 * k, frame=f"{k:03d}")

@@ -101,9 +101,9 @@ def engine_of(
     historian, watcher, reporter = history(folder), Watcher(), Silent()
     resume = historian.ledger_end
     state = LedgerState(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
-    made = make_context()
+    context = make_context()
     if matcher is not None:
-        object.__setattr__(made, "matcher", matcher)
+        object.__setattr__(context, "matcher", matcher)
     writers = [Writer("historian", historian, notify_records(watcher, historian))]
     if sink is not None:
         writers.append(Writer("other", sink))  # type: ignore[arg-type]
@@ -111,12 +111,12 @@ def engine_of(
         source=feed,
         encoder=None,
         queue=FrameQueue(2, blocking=blocking),
-        measurement=MeasurementRun(made, state, CAMERAS, time.time_ns, reporter),
+        measurement=MeasurementRun(context, state, CAMERAS, time.time_ns, reporter),
         historian=historian,
         writers=writers,
         recorder=None,
         board=AlarmBoard(AlarmSettings()),
-        inspector=PeriodicInspector(made.ground.belt, CAMERA, 0.0, 0.0),
+        inspector=PeriodicInspector(context.empty_belt.belt, CAMERA, 0.0, 0.0),
         gauges=Gauges(1e5),
         observer=watcher,
         reporter=reporter,

@@ -45,12 +45,12 @@ def check(entries: Sequence[BeltRecord]) -> None:
         assert (entry.reason == "") == (entry.standing == "valid")
 
 
-def places(start: float, stop: float, step: float = STEP_MM) -> list[float]:
+def positions(start: float, stop: float, step: float = STEP_MM) -> list[float]:
     return [float(place) for place in np.arange(start, stop, step)]
 
 
-def test_one_run_counts_the_encoders_millimetres_and_the_heap() -> None:
-    track = places(0, 3300)
+def test_run_counts_the_encoders_travel_and_the_heap() -> None:
+    track = positions(0, 3300)
     entries = measured(LedgerState(1, 0, None), [frames(p, 5000 + p) for p in track])
     check(entries)
     assert len(entries) == len(track)
@@ -67,44 +67,44 @@ def test_one_run_counts_the_encoders_millimetres_and_the_heap() -> None:
     assert area == pytest.approx(loaded.strip.area_mm2, rel=0.02)
 
 
-def test_a_run_measures_what_the_command_does() -> None:
-    sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in places(0, 3300)]
-    made = make_context()
-    chain = FlowChain(made.matcher, FlowMeter(made.ground, made.flow, density=made.density))
+def test_run_gives_the_records_of_the_command() -> None:
+    sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in positions(0, 3300)]
+    context = make_context()
+    chain = FlowChain(context.matcher, FlowMeter(context.empty_belt, context.flow, density=context.density))
     offline = [r for one in sets for r in chain.push(one, Silent(), whole=bool(one.images)).records]
     offline += chain.finish()
     entries = measured(LedgerState(1, 0, None), sets)
     assert [repr(e.strip) for e in entries] == [repr(r) for r in offline]
 
 
-def test_a_frame_without_one_camera_is_degraded_and_says_why() -> None:
-    sets = [frames(p, p, cameras=("cam0",) if 900 <= p < 1100 else CAMERAS) for p in places(0, 3000)]
+def test_frame_without_one_camera_is_degraded_with_the_reason() -> None:
+    sets = [frames(p, p, cameras=("cam0",) if 900 <= p < 1100 else CAMERAS) for p in positions(0, 3000)]
     entries = measured(LedgerState(1, 0, None), sets)
     check(entries)
     degraded = [e for e in entries if e.standing == "degraded"]
     assert {e.reason for e in degraded} == {"without cam1"}
-    assert len(degraded) == sum(900 <= p < 1100 for p in places(0, 3000))
+    assert len(degraded) == sum(900 <= p < 1100 for p in positions(0, 3000))
     assert all(e.cameras == 1 for e in degraded)
 
 
 def test_belt_measured_with_inconsistent_cameras_is_degraded() -> None:
-    made = make_context()
+    context = make_context()
     matcher = FakeMatcher()
-    chain = FlowChain(matcher, FlowMeter(made.ground, made.flow, density=made.density))
+    chain = FlowChain(matcher, FlowMeter(context.empty_belt, context.flow, density=context.density))
     records = []
-    for place in places(0, 1500):
+    for place in positions(0, 1500):
         matcher.is_inconsistent = 600 <= place < 800
         records += chain.push(frames(place, place), Silent(), whole=True).records
     records += chain.finish()
     is_inconsistent = [record.frame for record in records if record.quality == "degraded"]
-    assert is_inconsistent == [f"{place}" for place in places(0, 1500) if 600 <= place < 800]
+    assert is_inconsistent == [f"{place}" for place in positions(0, 1500) if 600 <= place < 800]
 
 
-def test_a_graceful_stop_loses_nothing() -> None:
-    first = measured(LedgerState(1, 0, None), [frames(p, p) for p in places(0, 1500)])
+def test_graceful_stop_loses_nothing() -> None:
+    first = measured(LedgerState(1, 0, None), [frames(p, p) for p in positions(0, 1500)])
     state = reopened(first, 2)
     # the belt stood still meanwhile
-    second = measured(state, [frames(p, p) for p in places(1440, 3300)])
+    second = measured(state, [frames(p, p) for p in positions(1440, 3300)])
     check([*first, *second])
     assert "nothing measured while it passed" not in {e.reason for e in second}
     total = sum(e.volume_mm3 for e in [*first, *second])
@@ -112,8 +112,8 @@ def test_a_graceful_stop_loses_nothing() -> None:
 
 
 def test_belt_that_passed_while_nothing_ran_is_missing() -> None:
-    first = measured(LedgerState(1, 0, None), [frames(p, p) for p in places(0, 900)])
-    second = measured(reopened(first, 2), [frames(p, p) for p in places(2400, 3300)])
+    first = measured(LedgerState(1, 0, None), [frames(p, p) for p in positions(0, 900)])
+    second = measured(reopened(first, 2), [frames(p, p) for p in positions(2400, 3300)])
     check([*first, *second])
     gap = second[0]
     assert (gap.standing, gap.strip, gap.reason) == ("missing", None, "nothing measured while it passed")
@@ -121,13 +121,13 @@ def test_belt_that_passed_while_nothing_ran_is_missing() -> None:
     assert gap.length_mm == pytest.approx(2400 - 840 - window, abs=1.0)
 
 
-def test_a_killed_run_leaves_what_was_finished_and_the_rest_is_measured_again() -> None:
-    first = measured(LedgerState(1, 0, None), [frames(p, p) for p in places(0, 1500)], killed=True)
+def test_killed_run_keeps_finished_records_and_the_rest_is_measured_again() -> None:
+    first = measured(LedgerState(1, 0, None), [frames(p, p) for p in positions(0, 1500)], killed=True)
     state = reopened(first, 2)
-    second = measured(state, [frames(p, p) for p in places(1500, 3300)])
+    second = measured(state, [frames(p, p) for p in positions(1500, 3300)])
     entries = [*first, *second]
     check(entries)
-    # what had left the view but was not finished is lost, and said to be: about two blocks and a frame's step
+    # what had left the view but was not finished is lost and reported as missing: about two blocks and a frame's step
     (gap,) = (e for e in entries if e.standing == "missing")
     assert 0 < gap.length_mm < 300 + STEP_MM
     lost = HEAP.volume_between_mm3(-gap.belt_mm[1], -gap.belt_mm[0])
@@ -135,7 +135,7 @@ def test_a_killed_run_leaves_what_was_finished_and_the_rest_is_measured_again() 
 
 
 def test_encoder_reset_continues_in_the_ledger() -> None:
-    sets = [frames(p, 90_000 + p if p < 1500 else p - 1500) for p in places(0, 3000)]
+    sets = [frames(p, 90_000 + p if p < 1500 else p - 1500) for p in positions(0, 3000)]
     entries = measured(LedgerState(1, 0, None), sets)
     check(entries)
     assert {e.offset_mm for e in entries} != {0.0}
@@ -147,16 +147,16 @@ def test_encoder_reset_continues_in_the_ledger() -> None:
 
 
 def test_encoder_reset_between_runs_continues_in_the_ledger() -> None:
-    first = measured(LedgerState(1, 0, None), [frames(p, 90_000 + p) for p in places(0, 900)])
-    second = measured(reopened(first, 2), [frames(p, p) for p in places(900, 1500)])
-    third = measured(reopened([*first, *second], 3), [frames(p, p) for p in places(1500, 2100)])
+    first = measured(LedgerState(1, 0, None), [frames(p, 90_000 + p) for p in positions(0, 900)])
+    second = measured(reopened(first, 2), [frames(p, p) for p in positions(900, 1500)])
+    third = measured(reopened([*first, *second], 3), [frames(p, p) for p in positions(1500, 2100)])
     check([*first, *second, *third])
     assert "nothing measured while it passed" not in {e.reason for e in [*second, *third]}
 
 
-def test_without_an_encoder_the_material_counts() -> None:
-    first = measured(LedgerState(1, 0, None), [frames(p, None) for p in places(900, 1800)])
-    second = measured(reopened(first, 2), [frames(p, None) for p in places(1800, 2700)])
+def test_motion_of_the_material_is_used_without_an_encoder() -> None:
+    first = measured(LedgerState(1, 0, None), [frames(p, None) for p in positions(900, 1800)])
+    second = measured(reopened(first, 2), [frames(p, None) for p in positions(1800, 2700)])
     check([*first, *second])
     lengths = [sum(e.length_mm for e in part) for part in (first, second)]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.02)
@@ -165,11 +165,11 @@ def test_without_an_encoder_the_material_counts() -> None:
 
 def test_failure_leaves_a_gap_and_measuring_continues() -> None:
     measurement = run(LedgerState(1, 0, None))
-    entries = [entry for p in places(0, 1200) for entry in measurement.push(frames(p, p)).entries]
+    entries = [entry for p in positions(0, 1200) for entry in measurement.push(frames(p, p)).entries]
     with pytest.raises(ValueError, match="could not convert"):
         measurement.push(replace(frames(1200, 1200), frame="a frame that the matcher cannot read"))
     measurement.reset()
-    entries += [entry for p in places(1260, 3300) for entry in measurement.push(frames(p, p)).entries]
+    entries += [entry for p in positions(1260, 3300) for entry in measurement.push(frames(p, p)).entries]
     entries += measurement.finish().entries
     check(entries)
     (gap,) = (e for e in entries if e.standing == "missing")
@@ -177,7 +177,7 @@ def test_failure_leaves_a_gap_and_measuring_continues() -> None:
 
 
 def test_flushing_changes_no_record_and_returns_them_earlier() -> None:
-    sets = [frames(p, p) for p in places(0, 2400)]
+    sets = [frames(p, p) for p in positions(0, 2400)]
     plain, settled = run(LedgerState(1, 0, None)), run(LedgerState(1, 0, None))
     late, early, ahead = [], [], 0
     for number, one in enumerate(sets):
@@ -194,8 +194,8 @@ def test_flushing_changes_no_record_and_returns_them_earlier() -> None:
     check(early)
 
 
-def test_an_encoder_that_comes_later_takes_over() -> None:
-    sets = [frames(p, None if p < 1500 else 40_000 + p) for p in places(900, 2700)]
+def test_encoder_that_starts_later_takes_over() -> None:
+    sets = [frames(p, None if p < 1500 else 40_000 + p) for p in positions(900, 2700)]
     check(measured(LedgerState(1, 0, None), sets))
 
 

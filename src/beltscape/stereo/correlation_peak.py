@@ -23,12 +23,12 @@ def refine_peak(match: NDArray[np.float32], least: float) -> tuple[float, float]
         others[top : row + _PEAK_PX + 1, left : column + _PEAK_PX + 1] = -1
         if float(others.max()) > best - _LEAST_LEAD:
             return None
-    along_u = _vertex(match[row, column - 1], match[row, column], match[row, column + 1])
-    along_v = _vertex(match[row - 1, column], match[row, column], match[row + 1, column])
+    along_u = _find_vertex(match[row, column - 1], match[row, column], match[row, column + 1])
+    along_v = _find_vertex(match[row - 1, column], match[row, column], match[row + 1, column])
     return column + along_u, row + along_v
 
 
-def _vertex(before: np.float32, at: np.float32, after: np.float32) -> float:
+def _find_vertex(before: np.float32, at: np.float32, after: np.float32) -> float:
     """Return the offset of the vertex of the parabola through three neighbours, within ±0.5."""
     bend = float(before) - 2 * float(at) + float(after)
     return float(np.clip(0.5 * (float(before) - float(after)) / bend, -0.5, 0.5)) if bend < 0 else 0.0

@@ -91,7 +91,7 @@ class RigConsistency:
 
     @property
     def is_sound(self) -> bool:
-        """Whether no auxiliary is inconsistent."""
+        """Return whether every auxiliary is consistent or was not measured."""
         return not self.inconsistent
 
 

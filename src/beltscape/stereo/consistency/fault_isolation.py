@@ -106,7 +106,7 @@ def isolate_faults(tie_points: TiePoints, residuals: FrameResiduals, tolerance: 
 def _is_confirmed(
     sound: tuple[str, ...], contradicting: tuple[str, ...], conflicts: set[tuple[str, str]]
 ) -> bool:
-    """Whether the sound set has more than one auxiliary: a single one also agrees with a core that moved.
+    """Return whether the sound set has more than one auxiliary: a single one also agrees with a core that moved.
 
     A single auxiliary is confirmed by another one off its epipolar lines if their depths agree.
     """
@@ -116,7 +116,7 @@ def _is_confirmed(
 
 
 def exceeds_tolerance(residual: SystematicResidual, tolerance_px: float) -> bool:
-    """Whether a systematic residual significantly exceeds its tolerance; False where it was not measured."""
+    """Return whether a systematic residual significantly exceeds its tolerance; False where it was not measured."""
     return bool(
         np.isfinite(residual.rms_px)
         and residual.inlier_share >= _LEAST_INLIERS

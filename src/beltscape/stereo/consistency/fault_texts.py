@@ -27,7 +27,7 @@ def describe_faults(
             f"{_list_residuals(inconsistent)}; {_FIX}"
         ]
     contradicting = [each for each in inconsistent if each.state == "contradicting"]
-    lines = []
+    lines: list[str] = []
     if contradicting and (consistency.ambiguous or not consistency.find_auxiliaries("sound")):
         lines.append(_describe_without_sound_set(contradicting, rig, consistency))
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import cast
 
 import cv2
 import numpy as np
@@ -39,7 +40,8 @@ def match_guided(
     planes, is_smooth = _fit_planes(depth.depth_mm, centres)
     centres, planes = centres[is_smooth].astype(np.float64), planes[is_smooth]
     templates = _sample_patches(frame_set.images[rig.core], _distort_to_core(rig, centres, planes), _HALF_PX)
-    observed, searched = {}, {}
+    observed: dict[str, Array] = {}
+    searched: dict[str, NDArray[np.bool_]] = {}
     for name in auxiliaries:
         observed[name], searched[name] = _search(
             frame_set.images[name], rig, name, centres, planes, templates
@@ -60,7 +62,8 @@ def _fit_planes(depth_mm: NDArray[np.float32], centres: NDArray[np.int64]) -> tu
     basis = np.stack([np.ones_like(u), u, v], axis=1)
     weight = measured.astype(np.float64)
     normal = np.einsum("np,pi,pj->nij", weight, basis, basis) + 1e-9 * np.eye(3)
-    planes = np.linalg.solve(normal, np.einsum("np,pi->ni", inverse, basis)[..., None])[..., 0]
+    right = np.einsum("np,pi->ni", inverse, basis)[..., None]
+    planes = cast("NDArray[np.float64]", np.linalg.solve(normal, right))[..., 0]
     deviation = np.abs(inverse - planes @ basis.T) * weight
     scatter = deviation.sum(axis=1) / np.maximum(weight.sum(axis=1), 1)
     is_smooth = (weight.mean(axis=1) >= _MEASURED) & (scatter < _SMOOTH * np.abs(planes[:, 0]))

@@ -31,7 +31,7 @@ _INLIER_PX = 3.0
 
 @dataclass(frozen=True, slots=True)
 class SystematicResidual:
-    """What the residuals of an image have in common."""
+    """Common part of the residuals of an image."""
 
     rms_px: float
     """RMS of the block medians without the share of the noise; NaN: too few points."""
@@ -68,7 +68,11 @@ def estimate_systematic_residual(
     values = residual_px[good]
     column, row = (np.clip((pixels[good] / size_px * _BLOCKS).astype(int), 0, np.array(_BLOCKS) - 1)).T
     block_index = column + _BLOCKS[0] * row
-    medians, variances, weights, scatters, inliers = [], [], [], [], 0
+    medians: list[float] = []
+    variances: list[float] = []
+    weights: list[int] = []
+    scatters: list[float] = []
+    inliers = 0
     for block in np.unique(block_index):
         own = values[block_index == block]
         if len(own) >= _LEAST_IN_BLOCK:

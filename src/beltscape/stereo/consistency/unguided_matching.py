@@ -34,7 +34,8 @@ def match_unguided(
     factor = min(1.0, _WIDTH_PX / rig.core_camera.size_px[0])
     small = scale_rig(rig, factor)
     core = _shrink(frame_set.images[rig.core], small.core_camera.size_px)
-    observed, searched = {}, {}
+    observed: dict[str, Array] = {}
+    searched: dict[str, NDArray[np.bool_]] = {}
     for name in auxiliaries:
         auxiliary = _shrink(frame_set.images[name], small.cameras[name].size_px)
         observed[name], searched[name] = _search(small, name, core, auxiliary, depth_range_mm, points_px, rig)

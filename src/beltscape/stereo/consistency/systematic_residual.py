@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from beltscape.core.statistics import MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA
 from beltscape.stereo.consistency.tie_points import Array
 
 LEAST_POINTS = 12
@@ -21,10 +22,6 @@ _BLOCKS = (4, 3)
 """Columns and rows of blocks over the image."""
 _LEAST_IN_BLOCK = 5
 """A block with fewer residuals is left out."""
-_MEDIAN = 1.2533
-"""Standard deviation of a median over that of a mean, for normal errors: √(π/2)."""
-_MAD = 1.4826
-"""Standard deviation over the median absolute deviation, for normal errors."""
 _INLIER_PX = 3.0
 """An inlier is nearer than this to its block's median; false matches scatter over the search area."""
 
@@ -77,9 +74,9 @@ def estimate_systematic_residual(
         own = values[block_index == block]
         if len(own) >= _LEAST_IN_BLOCK:
             median = float(np.median(own))
-            scatter = _MAD * float(np.median(np.abs(own - median)))
+            scatter = MAD_TO_SIGMA * float(np.median(np.abs(own - median)))
             medians.append(median)
-            variances.append(_MEDIAN**2 * scatter**2 / len(own))
+            variances.append(MEDIAN_TO_MEAN_SIGMA**2 * scatter**2 / len(own))
             weights.append(len(own))
             scatters.append(scatter)
             inliers += int((np.abs(own - median) < _INLIER_PX * pixel_scale).sum())

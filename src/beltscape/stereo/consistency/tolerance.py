@@ -22,6 +22,7 @@ _SIGMAS = 3.0
 _LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 _POSE = ("turn_x_rad", "turn_y_rad", "turn_z_rad", "shift_x_mm", "shift_y_mm", "shift_z_mm")
 _GRID = (5, 4)
+"""Columns and rows of the points over an image at which tolerances are computed."""
 
 
 @dataclass(frozen=True, slots=True)

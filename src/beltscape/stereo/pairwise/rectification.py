@@ -20,7 +20,9 @@ from beltscape.core.rig import Rig
 _STEP = 16
 """The number of disparities of OpenCV's SGBM is a multiple of 16."""
 _BORDER_SAMPLES = 33
+"""Points along each border of an image by which its rectified extent is found."""
 _STRIP_ROWS = 32
+"""Rows of the maps computed at a time; a strip stays in the cache."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +133,7 @@ def count_upright_turns(pair: RectifiedPair) -> int:
     """
     right, down = pair.rectified_from_core.rotation[:2, 0]
     # the core's +u axis points right in the upright image
-    return int(np.round(np.arctan2(down, right) / (np.pi / 2))) % 4
+    return int(np.round(float(np.arctan2(down, right)) / (np.pi / 2))) % 4
 
 
 def _align_to_baseline(rig: Rig, auxiliary: str) -> tuple[Pose, Pose, float]:
@@ -161,7 +163,7 @@ def _find_common_view(
         raise ReconstructionError(f"camera {auxiliary} stands nearly in the view of {rig.core}; leave it out")
     core_from_aux = rig.cam_from_core[auxiliary].inverse()
     aux_rays = core_from_aux.rotation @ _border_rays(rig.cameras[auxiliary], distorted=True).T
-    seen = []
+    seen: list[NDArray[np.float64]] = []
     for depth in depth_range_mm:
         scale = (depth - core_from_aux.translation_mm[2]) / aux_rays[2]
         points = core_from_aux.translation_mm + (aux_rays * np.where(scale > 0, scale, np.nan)).T

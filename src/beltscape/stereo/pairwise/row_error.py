@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.statistics import MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA
 from beltscape.stereo.correlation_peak import refine_peak
 
 HALF_PX = 8
@@ -62,9 +63,11 @@ def measure_row_error(core: NDArray[np.uint8], auxiliary: NDArray[np.uint8], dis
     if len(rows) < MIN_MATCHES:
         return RowError(len(rows), searched, np.nan, np.nan, np.nan)
     median = float(np.median(rows))
-    scatter = 1.4826 * float(np.median(np.abs(rows - median)))
-    rms = 1.4826 * float(np.median(np.abs(rows)))
-    return RowError(len(rows), searched, median, rms, 1.2533 * scatter / float(np.sqrt(len(rows))))
+    scatter = MAD_TO_SIGMA * float(np.median(np.abs(rows - median)))
+    rms = MAD_TO_SIGMA * float(np.median(np.abs(rows)))
+    return RowError(
+        len(rows), searched, median, rms, MEDIAN_TO_MEAN_SIGMA * scatter / float(np.sqrt(len(rows)))
+    )
 
 
 def match_rows(

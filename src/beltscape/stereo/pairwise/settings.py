@@ -8,7 +8,9 @@ from beltscape.core.errors import SettingsError
 from beltscape.stereo.checked_settings import CheckedSettings
 
 _TARGET_WIDTH_PX = 1536
+"""Width up to which narrower images are enlarged before matching."""
 _MAX_OVERSAMPLING = 1.5
+"""Largest factor of this enlargement."""
 
 
 class PairwiseSettings(CheckedSettings):

@@ -5,6 +5,8 @@ It is computed in px of rectified disparity, in which SGBM's errors do not depen
 
 from __future__ import annotations
 
+from typing import cast
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +30,7 @@ _PRIOR_PIXELS = 5.0
 _LOCAL_FREEDOM = 4.0
 """Weight of the neighbourhood's spread beside the pixel's own, as degrees of freedom."""
 _RELIEF_RADIUS_PX = 3.0
+"""Gaussian σ of the smoothing from which local relief is measured."""
 _MEAN_OF_ROOT = (0.798, 0.886, 0.921, 0.940, 0.952, 0.959, 0.965)
 """E[s]/σ of a standard deviation with 1, 2, … degrees of freedom (c4)."""
 
@@ -49,7 +52,7 @@ def estimate_sigma(fused: FusedDepth, scale_mm_px: float) -> NDArray[np.float32]
     mm_per_px = np.where(measured, fused.depth_mm, 1.0) ** 2 / np.float32(scale_mm_px)
     scatter = np.where(measured, fused.scatter_mm2 / mm_per_px**2, 0).astype(np.float32)
     freedom = np.maximum(fused.views.astype(np.float32) - 1.0, 0.0)
-    relief2 = _measure_relief(fused.depth_mm, mm_per_px) ** 2
+    relief2 = _measure_relief(fused.depth_mm, cast("NDArray[np.float32]", mm_per_px)) ** 2
     guess = np.sqrt(_FLOOR_PX**2 + _ROUGHNESS**2 * relief2).astype(np.float32)
     local = _pool_spread(scatter, fused.views, guess)
     single = (_LOCAL_FREEDOM * local**2 + scatter) / (_LOCAL_FREEDOM + freedom)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 _WINDOW_PX = 5
+"""Side of the window in which the slopes are fitted."""
 _STEP = 0.01
 """Relative difference of neighbouring depths beyond which they lie on different surfaces."""
 _REACH_PX = _WINDOW_PX // 2 + 1
@@ -40,7 +43,7 @@ def compute_normals(
     x, y = rays[0], rays[1][rows, None]
     fx, fy = focal_px.astype(np.float32)
     with np.errstate(invalid="ignore"):
-        inverse = 1 / depth_mm[around]
+        inverse = cast("NDArray[np.float32]", 1 / depth_mm[around])
         a = fx * _gradient(inverse, axis=1)[own]
         b = fy * _gradient(inverse, axis=0)[own]
         c = inverse[own] - a * x - b * y

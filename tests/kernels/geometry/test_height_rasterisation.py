@@ -1,4 +1,4 @@
-"""The view from above: each level against the reference to the bit, and what it must say of planes and layers."""
+"""Height rasterisation: each level equals the reference to the bit; planes and layers have known heights."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_native_is_the_reference_to_the_bit(level, seed, height, width, rows, co
     shift=st.tuples(st.floats(-0.9, 0.9), st.floats(-0.9, 0.9)),
     scale=st.floats(0.4, 2.5),
 )
-def test_a_plane_is_met_exactly_wherever_its_points_lie(name, slope, shift, scale):
+def test_a_plane_is_reproduced_exactly_wherever_its_points_lie(name, slope, shift, scale):
     matrix = np.zeros((3, 4))
     matrix[0, [0, 3]], matrix[1, [1, 3]] = (scale, shift[0]), (scale, shift[1])
     matrix[2] = slope @ matrix[:2]
@@ -142,7 +142,7 @@ def test_of_two_layers_the_upper_one_counts(name, turned, step):
 
 @everything
 @both_ways
-def test_of_layers_of_one_height_the_least_certain_counts(name, turned):
+def test_of_layers_of_one_height_the_largest_variance_counts(name, turned):
     depth, sigma, matrix = two_layers(turned)
     matrix[2] = 0, 0, 0, 7
     top = above(name, depth, matrix, 1.0, (2, 10), sigma=sigma)
@@ -152,7 +152,7 @@ def test_of_layers_of_one_height_the_least_certain_counts(name, turned):
 
 @everything
 def test_what_is_upright_or_a_single_row_has_no_area(name):
-    upright = [[1, 0, 0, 0], [2, 0, 0, 0], [0, 1, 0, 0]]
+    upright = np.array([[1, 0, 0, 0], [2, 0, 0, 0], [0, 1, 0, 0]])
     assert np.isnan(above(name, np.ones((6, 6)), upright, 1.0, (12, 12))).all()
     assert np.isnan(above(name, np.ones((1, 6)), FOUR_NODES_A_PIXEL, 1.0, (4, 4))).all()
 

@@ -1,4 +1,4 @@
-"""Each native level is held against the reference, on rigs and views of every shape."""
+"""Triangulation: each level agrees with the reference, on rigs and views of every shape."""
 
 from __future__ import annotations
 

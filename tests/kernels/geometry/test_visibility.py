@@ -1,4 +1,4 @@
-"""Nearness buffers and visibility: each level against the reference, and what they must say of a step."""
+"""Inverse-depth buffers and visibility: each level agrees with the reference; a step hides a known part."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from beltscape.kernels.reference.view import project
-from tests.kernels.grids import WIDTHS, surface, view_of_seed
+from tests.kernels.grids import WIDTHS, project_grid, surface, view_of_seed
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds
 
@@ -23,9 +23,9 @@ STRAIGHT = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0,
 """A view that sees core pixel (u, v) at (u + s, v), as near as the core does."""
 
 
-def on_a_brink(view: np.ndarray, s: np.ndarray, half: float) -> np.ndarray:
+def near_a_border(view: np.ndarray, s: np.ndarray, half: float) -> np.ndarray:
     """(H, W) where a pixel is seen within 1e-3 px of what rounding parts."""
-    u, v, _ = project(view, *np.indices(s.shape)[::-1], s)
+    u, v = project_grid(view, s)
     return np.minimum(*(np.abs(a - half - np.round(a - half)) for a in (u, v))) < 1e-3
 
 
@@ -33,7 +33,7 @@ def on_a_brink(view: np.ndarray, s: np.ndarray, half: float) -> np.ndarray:
 @given(seeds, widths, widths, st.integers(1, 50), st.integers(1, 50))
 def test_native_buffers_agree_with_the_reference(level, seed, height, width, buffer_width, buffer_height):
     view, s = view_of_seed(seed), surface(seed, height, width)
-    s[on_a_brink(view, s, 0.0)] = np.nan
+    s[near_a_border(view, s, 0.0)] = np.nan
     sizes = [(buffer_width, buffer_height)]
     (expected,) = load("reference").inverse_depth_buffers(s, view[None], sizes)
     (found,) = load(level).inverse_depth_buffers(s, view[None], sizes)
@@ -49,7 +49,7 @@ def test_native_visibility_agrees_with_the_reference(level, seed, height, width)
     expected = load("reference").visible(s, view, buffer, 0.5)
     found = load(level).visible(s, view, buffer, 0.5)
     assert found.dtype == np.uint8
-    close = on_a_brink(view, s, 0.5)
+    close = near_a_border(view, s, 0.5)
     for tolerance in (0.4999, 0.5001):  # nor where the tolerance itself decides
         close |= load("reference").visible(s, view, buffer, tolerance) != expected
     assert not found[np.isnan(s)].any()

@@ -1,4 +1,4 @@
-"""Neighbours: each level against the reference, and what does not fit."""
+"""Gathering: each level equals the reference; input that does not fit is refused."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def test_native_is_the_reference(level, seed, height, width, count, pixels, move
 
 
 @everything
-def test_beyond_the_edge_the_edge_stands_in(name):
+def test_beyond_the_edge_it_is_repeated(name):
     plane = np.arange(12.0).reshape(3, 4)
     found = load(name).gather(
         [plane, -plane], np.array([3]), np.array([1]), np.array([[0, 0], [2, 0], [-1, -9]])

@@ -11,8 +11,7 @@ from scipy.ndimage import map_coordinates, spline_filter
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from beltscape.kernels.reference.view import project
-from tests.kernels.grids import WIDTHS, surface, texture, view_of_seed
+from tests.kernels.grids import WIDTHS, project_grid, surface, texture, view_of_seed
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds
 
@@ -79,7 +78,7 @@ def test_native_warps_agree_with_the_reference(level, seed, height, width):
     expected, expected_slope = load("reference").warp(s, view, coefficients)
     value, slope = load(level).warp(s, view, coefficients)
     assert value.dtype == slope.dtype == np.float32
-    u, v, _ = project(view, *np.indices(s.shape)[::-1], s)
+    u, v = project_grid(view, s)
     brink = np.minimum.reduce([np.abs(u - 1), np.abs(u - 46), np.abs(v - 1), np.abs(v - 38)]) < 1e-3
     np.testing.assert_array_equal(np.isnan(value)[~brink], np.isnan(expected)[~brink])
     np.testing.assert_array_equal(slope[np.isnan(value)], 0)
@@ -98,7 +97,7 @@ def test_nothing_is_seen_behind_the_auxiliary(name):
 
 @everything
 @pytest.mark.parametrize("far", [1e9, -1e9, 3e38, np.inf, -np.inf, np.nan])
-def test_the_farthest_nearness_is_outside(name, far):
+def test_the_smallest_inverse_depth_is_outside(name, far):
     with np.errstate(all="ignore"):
         value, slope = load(name).warp(np.full((3, 21), far), STRAIGHT, np.ones((4, 4)))
     assert np.isnan(value).all()

@@ -28,7 +28,7 @@ def test_whole_numbers_that_overflow_in_the_table_are_exact_in_windows() -> None
     assert WindowSums(field).at(place, 3)[0, 0] == 9 * 2**56
 
 
-def test_bands_hold_every_place_once_with_the_rows_about_it() -> None:
+def test_bands_hold_every_cell_once_with_the_rows_about_it() -> None:
     random = np.random.default_rng(3)
     place = (random.integers(40, 900, 300), random.integers(0, 10, 300))
     found = list(bands(place, 50, 920))

@@ -1,4 +1,4 @@
-"""Planes around pixels: each level against the reference, and the laws of a fit."""
+"""Local fit: each level agrees with the reference; planes, steps and variances are as the theory states."""
 
 from __future__ import annotations
 
@@ -72,14 +72,14 @@ def test_native_agrees_with_the_reference(level, seed, height, width, radii, tol
     assert found.s.dtype == found.variance.dtype == np.float32
     same, there = found.scale == expected.scale, np.isfinite(expected.s)
     agree(found, expected, same)
-    assert (same | on_the_brink(fit[0], radii)).all()
+    assert (same | near_a_decision(fit[0], radii)).all()
     if len(radii) > 1:  # told by values that are rounded: as far as those may be off
         spread = np.sqrt(fit[0](radii=radii[:-1], confidence_width=1e9).variance)
         apart = np.sqrt([f.disagreement for f in (found, expected)])
         np.testing.assert_array_less(np.abs(apart[0] - apart[1])[there] * spread[there], 3e-4)
 
 
-def on_the_brink(fit, radii) -> np.ndarray:
+def near_a_decision(fit, radii) -> np.ndarray:
     """(H, W) where the choice between two windows is not clear by 1e-3 of their intervals."""
     chosen = [fit(radii=radii, confidence_width=width).scale for width in (1.998, 2.0, 2.002)]
     return (chosen[0] != chosen[1]) | (chosen[2] != chosen[1])
@@ -174,14 +174,15 @@ def test_the_variance_is_that_of_the_value(name):
     rng = np.random.default_rng(5)
     information = rng.exponential(20, (9, 9)) + 2
     none, noise = np.zeros((9, 9)), rng.normal(size=(400, 9, 9))
-    values = []
-    for sample in noise:
-        fit = load(name).local_fit(
+    fits = [
+        load(name).local_fit(
             information, sample * np.sqrt(information), none + 50, none, none, radii=((4, 2.0),),
             tolerance=1e3, prior_information=0.0,
-        )  # fmt: skip
-        values.append(fit.s[4, 4])
-    assert 0.85 < np.var(values) / fit.variance[4, 4] < 1.15
+        )
+        for sample in noise
+    ]  # fmt: skip
+    values = [fit.s[4, 4] for fit in fits]
+    assert 0.85 < np.var(values) / fits[-1].variance[4, 4] < 1.15
 
 
 @everything
@@ -199,7 +200,7 @@ def test_windows_disagree_on_what_is_not_plane(name):
 
 
 @everything
-def test_a_curved_surface_takes_smaller_windows_the_more_is_known(name):
+def test_a_curved_surface_takes_smaller_windows_with_more_information(name):
     v, u = np.indices((40, 40)) - 20.0
     s, none = np.full((40, 40), 200.0), np.zeros((40, 40))
     scales = []
@@ -213,7 +214,7 @@ def test_a_curved_surface_takes_smaller_windows_the_more_is_known(name):
 
 
 @everything
-def test_where_nothing_is_known_nothing_changes(name):
+def test_without_information_nothing_changes(name):
     s = surface(3, 12, 17, holes=0.2)
     rng, none = np.random.default_rng(3), np.zeros_like(s)
     slopes = rng.normal(size=(2, *s.shape)).astype(np.float32)
@@ -229,7 +230,7 @@ def test_where_nothing_is_known_nothing_changes(name):
 
 @everything
 @pytest.mark.parametrize("nothing", [np.nan, np.inf, -np.inf])
-def test_a_missing_pixel_counts_for_none(name, nothing):
+def test_a_missing_pixel_has_no_weight(name, nothing):
     """What it says besides is not asked, and it stays missing."""
     information, pull, s, *slopes = scene(8, 20, 21)
     s[5:8, 6:9] = nothing

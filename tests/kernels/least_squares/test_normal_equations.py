@@ -1,8 +1,9 @@
-"""Normal equations: each level against the reference, and what a least squares of images must know."""
+"""Normal equations: each level agrees with the reference; the pull leads to the true surface."""
 
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +13,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from beltscape.kernels.reference.view import project
-from tests.kernels.grids import WIDTHS, surface, texture, view_of_seed
+from tests.kernels.grids import WIDTHS, project_grid, surface, texture, view_of_seed
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds
 
@@ -23,8 +23,8 @@ widths = st.sampled_from(WIDTHS)
 
 STRAIGHT = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0], np.float32)
 """A view that sees core pixel (u, v) at (u + s, v)."""
-SETTINGS = {"floor": 4.0, "noise_variance": 1.5, "model_variance": 0.0025}
-LENIENT = {"floor": 4.0, "noise_variance": 50.0, "model_variance": 1.0}
+SETTINGS: dict[str, Any] = {"floor": 4.0, "noise_variance": 1.5, "model_variance": 0.0025}
+LENIENT: dict[str, Any] = {"floor": 4.0, "noise_variance": 50.0, "model_variance": 1.0}
 """So that textures that have nothing to do with each other pass the gate."""
 
 
@@ -34,7 +34,7 @@ def scene(seed: int, height: int, width: int, count: int = 2):
     core[np.random.default_rng(seed).random(core.shape) < 0.03] = np.nan
     views = np.stack([view_of_seed(seed + k) for k in range(count)])
     for view in views:
-        u, v, _ = project(view, *np.indices(s.shape)[::-1], s)
+        u, v = project_grid(view, s)
         away = np.minimum.reduce([np.abs(u - 1), np.abs(u - 46), np.abs(v - 1), np.abs(v - 38)])
         s[~(away > 1e-3)] = np.nan
     return s, core, [texture(seed + k + 1, 40, 48) for k in range(count)], views
@@ -166,7 +166,7 @@ def test_a_hole_reaches_no_farther_than_the_windows(name, seed, window, residual
 
 
 @everything
-def test_flat_images_know_nothing(name):
+def test_textureless_images_give_no_information(name):
     flat = np.full((20, 30), 100.0)
     found = load(name).normal_equations(flat * 0 + 2, flat, [flat], STRAIGHT[None], **SETTINGS)
     np.testing.assert_allclose(found.information, 0, atol=1e-6)
@@ -205,7 +205,7 @@ def test_neither_threads_nor_levels_change_a_byte(level, threads):
 
 @every_level
 @given(seeds, st.integers(1, 4), st.integers(0, 4))
-def test_a_band_ends_unseen(level, seed, window, residual_window):
+def test_bands_of_rows_leave_no_seam(level, seed, window, residual_window):
     """Rows far below do not change the rows above, wherever the grid is cut into bands."""
     s, views = surface(seed, 140, 20), np.stack([view_of_seed(seed, 20, 140)])
     core, images = texture(seed, 140, 20), [texture(seed + 1, 140, 20)]

@@ -1,4 +1,4 @@
-"""Messages: each level against the reference, and what does not fit."""
+"""Message passing: each level agrees with the reference; input that does not fit is refused."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_native_agrees_with_the_reference(level, seed, length, received, own, pi
 
 
 @everything
-def test_words_come_one_after_the_other_and_then_what_is_kept(name):
+def test_inputs_are_the_messages_by_component_and_then_the_state(name):
     messages, senders = np.array([[1, 2, 3], [4, 5, 6]], np.float32), np.array([[2], [0]], np.int32)
     each = np.hstack([np.eye(5), np.zeros((5, 1))]).astype(np.float32)
     found = load(name).pass_messages(messages, senders, np.array([[7.0]], np.float32), [each])
@@ -51,7 +51,7 @@ def test_words_come_one_after_the_other_and_then_what_is_kept(name):
 
 
 @every_level
-def test_pixels_do_not_depend_on_who_is_asked_beside_them_nor_on_threads(level):
+def test_pixels_depend_neither_on_others_in_the_call_nor_on_threads(level):
     messages, senders, state, layers = example(3, 4, 9, 7, 3000, [11, 3])
     whole = load(level).pass_messages(messages, senders, state, layers, threads=1)
     assert load(level).pass_messages(messages, senders, state, layers, threads=3).tobytes() == whole.tobytes()

@@ -1,4 +1,4 @@
-"""The perceptron: each level against the reference, and laws that hold for any network."""
+"""Small networks: each level agrees with the reference; properties that hold for any network."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def network(seed: int, planes: int, *units: int) -> tuple[np.ndarray, list[np.nd
     return limits, [layer.astype(np.float32) for layer in layers]
 
 
-def evidence(seed: int, planes: int, height: int, width: int) -> list[np.ndarray]:
+def features(seed: int, planes: int, height: int, width: int) -> list[np.ndarray]:
     """Planes at random, some of their pixels NaN."""
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(planes, height, width)).astype(np.float32)
@@ -41,7 +41,7 @@ def evidence(seed: int, planes: int, height: int, width: int) -> list[np.ndarray
 @every_level
 @given(seeds, widths, widths, st.integers(1, 80), st.lists(st.integers(1, 19), min_size=1, max_size=4))
 def test_native_agrees_with_the_reference(level, seed, height, width, planes, units):
-    net, x = network(seed, planes, *units), evidence(seed, planes, height, width)
+    net, x = network(seed, planes, *units), features(seed, planes, height, width)
     expected = load("reference").evaluate_network(x, *net)
     found = load(level).evaluate_network(x, *net, threads=2)
     assert len(found) == units[-1]
@@ -52,7 +52,7 @@ def test_native_agrees_with_the_reference(level, seed, height, width, planes, un
 
 @given(seeds, widths, st.integers(1, 4))
 def test_levels_that_round_alike_and_any_threads_give_the_same_bytes(seed, width, threads):
-    net, x = network(seed, 7, 9, 5, 2), evidence(seed, 7, 37, width)
+    net, x = network(seed, 7, 9, 5, 2), features(seed, 7, 37, width)
     for level in levels():
         first = load(first_alike(level)).evaluate_network(x, *net, threads=1)
         for a, b in zip(load(level).evaluate_network(x, *net, threads=threads), first, strict=True):
@@ -61,8 +61,8 @@ def test_levels_that_round_alike_and_any_threads_give_the_same_bytes(seed, width
 
 @everything
 @given(seeds)
-def test_beyond_the_limits_nothing_changes_and_pixels_do_not_know_each_other(name, seed):
-    (limits, layers), x = network(seed, 4, 3, 1), evidence(seed, 4, 9, 21)
+def test_beyond_the_limits_nothing_changes_and_pixels_are_independent(name, seed):
+    (limits, layers), x = network(seed, 4, 3, 1), features(seed, 4, 9, 21)
     (one,) = load(name).evaluate_network(x, limits, layers)
     held = [np.clip(np.nan_to_num(p, nan=a), a, b) for p, a, b in zip(x, *limits, strict=True)]
     (two,) = load(name).evaluate_network(held, limits, layers)

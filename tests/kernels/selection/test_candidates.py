@@ -1,4 +1,4 @@
-"""Candidates and likenesses: each level against the reference, and laws that hold for any surface."""
+"""Candidates and photo-consistency: each level agrees with the reference; properties of any surface."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ sizes = st.sampled_from(WIDTHS)
 
 
 def field(seed: int, height: int, width: int, count: int) -> dict[str, Any]:
-    """What `rivals` is given: a rough surface with holes, half of it reliable, pixels at random."""
+    """Input of `candidate_surfaces`: a rough surface with holes, half of it reliable, pixels at random."""
     rng = np.random.default_rng(seed)
     slopes = rng.normal(0, 0.8, (2, height, width)).astype(np.float32)
     slopes[rng.random(slopes.shape) < 0.05] = np.nan
@@ -56,7 +56,7 @@ def cameras(seed: int, height: int, width: int, views: int) -> dict[str, Any]:
 
 @every_level
 @given(seeds, sizes, sizes, st.integers(1, 40), st.integers(1, 9))
-def test_native_rivals_are_the_references(level, seed, height, width, count, reach):
+def test_native_candidates_equal_the_reference(level, seed, height, width, count, reach):
     given_ = field(seed, height, width, count)
     expected = load("reference").candidate_surfaces(**given_, reach=reach, separation=1.0)
     found = load(level).candidate_surfaces(**given_, reach=reach, separation=1.0, threads=2)
@@ -70,7 +70,7 @@ def test_native_rivals_are_the_references(level, seed, height, width, count, rea
 @every_level
 @settings(max_examples=40)
 @given(seeds, sizes, sizes, st.integers(1, 40), st.integers(1, 4))
-def test_native_likenesses_are_the_references(level, seed, height, width, count, views):
+def test_native_photo_consistency_agrees_with_the_reference(level, seed, height, width, count, views):
     there = field(seed, height, width, count)
     u, v = there["u"], there["v"]
     planes = load("reference").candidate_surfaces(**there, reach=5, separation=1.0)
@@ -100,7 +100,7 @@ def test_levels_that_round_alike_and_any_threads_give_the_same_bytes(seed, width
 
 @everything
 @given(seeds, st.floats(-0.9, 0.9), st.floats(-0.9, 0.9))
-def test_on_a_plane_all_rivals_say_the_same(name, seed, across, down):
+def test_on_a_plane_all_candidates_are_equal(name, seed, across, down):
     there = field(seed, 30, 31, 50)
     v, u = np.mgrid[:30, :31]
     there |= {"s": 20 + across * u + down * v, "slope_u": np.full(u.shape, across)}
@@ -115,7 +115,7 @@ def test_on_a_plane_all_rivals_say_the_same(name, seed, across, down):
 
 
 @everything
-def test_nobody_trusted_leaves_a_pixel_its_own(name):
+def test_without_reliable_pixels_only_the_own_candidate_remains(name):
     there = field(1, 20, 20, 12)
     there["reliable"] = np.zeros((20, 20), np.uint8)
     found = load(name).candidate_surfaces(**there, reach=20, separation=1.0)
@@ -125,7 +125,7 @@ def test_nobody_trusted_leaves_a_pixel_its_own(name):
 
 
 @everything
-def test_what_a_view_sees_as_bright_as_the_gain_says_is_alike(name):
+def test_levels_that_match_after_the_gain_do_not_differ(name):
     height, width, shift, gain = 20, 40, 4, 0.8
     image = texture(3, height, width + 10)
     core = gain * image[:, shift : shift + width]

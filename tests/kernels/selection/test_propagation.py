@@ -1,4 +1,4 @@
-"""Candidate propagation: each level against the reference, and what must come of a step."""
+"""Propagation: each level agrees with the reference; a smeared step returns to its edge."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_threads_and_levels_do_not_change_a_byte(partly):
 
 
 @everything
-def test_a_step_that_was_smeared_finds_back_to_its_edge(name):
+def test_a_smeared_step_returns_to_its_edge(name):
     height, width, edge = 40, 64, 32
     truth = np.broadcast_to(np.where(np.arange(width) < edge, 6, 12), (height, width)).astype(np.float32)
     flat, core = np.zeros_like(truth), texture(3, height, width)
@@ -143,7 +143,8 @@ def test_a_step_that_was_smeared_finds_back_to_its_edge(name):
 @given(seeds)
 @settings(max_examples=10)
 def test_without_an_active_pixel_everything_stays(name, seed):
-    given_ = scene(seed, 20, 33, 2) | {"active": np.zeros((20, 33), bool)}
+    given_ = scene(seed, 20, 33, 2)
+    given_["active"] = np.zeros((20, 33), bool)
     found = load(name).propagate(**given_)
     np.testing.assert_array_equal(found.s, given_["s"])
     np.testing.assert_array_equal(found.slope_u, np.nan_to_num(given_["slope_u"]))
@@ -169,13 +170,14 @@ def test_a_hole_is_filled_from_the_side(name):
     given_["s"][10:12, 20:22] = np.nan
     found = load(name).propagate(**given_)
     np.testing.assert_array_equal(found.s, 10)
-    none = load(name).propagate(**given_ | {"offsets": np.zeros((0, 2), int)})
+    given_["offsets"] = np.zeros((0, 2), int)
+    none = load(name).propagate(**given_)
     np.testing.assert_array_equal(none.s, given_["s"])
     np.testing.assert_array_equal(np.isnan(none.cost), np.isnan(given_["s"]))
 
 
 @everything
-def test_where_no_view_sees_a_pixel_it_costs_what_was_said(name):
+def test_a_pixel_that_no_view_sees_has_the_unseen_cost(name):
     given_ = scene(2, 9, 17, 2)
     given_["unseen_cost"] = 0.25
     given_["s"] = np.full((9, 17), 10, np.float32)

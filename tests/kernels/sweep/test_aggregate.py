@@ -1,4 +1,4 @@
-"""Semi-global aggregation: each level against the reference, and both against what it must obey."""
+"""Semi-global aggregation: each level equals the reference; properties of any costs."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_native_is_the_reference(seed, rows, width, planes, jumps):
 
 @everything
 @given(seeds, st.sampled_from(PLANES))
-def test_without_a_price_of_jumps_the_least_cost_wins(name, seed, planes):
+def test_without_a_cost_of_jumps_the_least_cost_is_selected(name, seed, planes):
     cost = np.minimum(costs(seed, 4, 5, planes), 120)
     index, margin = load(name).aggregate(cost, 0, 0)
     least = cost.argmin(axis=2)
@@ -67,14 +67,14 @@ def test_mirrored_costs_give_the_mirrored_result(name, seed, jumps, rows, column
 
 
 @everything
-def test_a_few_wrong_pixels_are_outvoted_and_a_step_stays(name):
+def test_a_few_wrong_pixels_are_corrected_and_a_step_stays(name):
     rng = np.random.default_rng(2)
     truth = np.where(np.arange(24) < 12, 5, 14) + np.zeros((18, 1), int)
     cost = np.minimum(40 * abs(np.arange(20) - truth[..., None]), 120)
     wrong = rng.random(truth.shape) < 0.1
     cost[wrong] = np.where(np.arange(20) == 10, 80, 120)
     index, margin = load(name).aggregate(cost.astype(np.uint8), 12, 90)
-    inner = np.s_[1:-1, 1:-1]  # a corner hears three paths only
+    inner = np.s_[1:-1, 1:-1]  # only three paths reach a corner
     np.testing.assert_allclose(index[inner], truth[inner], atol=0.5)
     assert margin[~wrong].min() > margin[wrong].mean() > 0
 

@@ -1,4 +1,4 @@
-"""The plane sweep: each level against the reference, and both against what a sweep must obey."""
+"""Plane sweep: each level agrees with the reference; properties of any scene."""
 
 from __future__ import annotations
 

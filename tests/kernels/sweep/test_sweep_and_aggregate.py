@@ -1,4 +1,4 @@
-"""Sweep and aggregation in bands: they are what they are made of, and find a surface."""
+"""Sweep and aggregation in bands equal sweep and aggregation of each band."""
 
 from __future__ import annotations
 

@@ -57,11 +57,11 @@ def collect_view(source: Path, *, belt: Path | None, features: Path | None) -> V
     labels: list[tuple[str, str, NDArray[np.float64]]] = []
     surfaces: list[tuple[str, str, NDArray[np.float64]]] = []
     if rig is not None:
-        cameras = make_rig_scene(rig, length_mm=0.2 * _viewing_distance(rig, clouds, up))
+        cameras = make_rig_scene(rig, length_mm=0.2 * _estimate_viewing_distance(rig, clouds, up))
         lines += [("cameras", color, up.apply(line)) for color, line in cameras.lines]
         labels += [("cameras", text, up.apply(where)) for text, where in cameras.labels]
     if belt is not None:
-        triangles = make_belt_triangles(document, _extent_along(clouds))
+        triangles = make_belt_triangles(document, _find_extent_along(clouds))
         if triangles is None:
             raise InputError(f"{belt}: holds no cross-section x_mm, z_mm; give the belt.json of measure belt")
         surfaces.append(("belt", _BELT, triangles))
@@ -141,7 +141,7 @@ def _rotate_upright(name: str, cloud: PointCloud, up: Pose) -> ViewerCloud:
     )
 
 
-def _viewing_distance(rig: Rig, clouds: Sequence[ViewerCloud], up: Pose) -> float:
+def _estimate_viewing_distance(rig: Rig, clouds: Sequence[ViewerCloud], up: Pose) -> float:
     """Return the distance from the core camera to the surface, estimated from the baselines without a cloud."""
     if clouds and len(clouds[0].points_mm):
         return float(np.median(np.linalg.norm(clouds[0].points_mm - up.translation_mm, axis=1)))
@@ -150,7 +150,7 @@ def _viewing_distance(rig: Rig, clouds: Sequence[ViewerCloud], up: Pose) -> floa
     return 2.5 * apart if apart else 500.0
 
 
-def _extent_along(clouds: Sequence[ViewerCloud]) -> tuple[float, float]:
+def _find_extent_along(clouds: Sequence[ViewerCloud]) -> tuple[float, float]:
     """Return the range of the points along the belt."""
     along = [np.quantile(cloud.points_mm[:, 1], [0.005, 0.995]) for cloud in clouds if len(cloud.points_mm)]
     return (float(min(a for a, _ in along)), float(max(b for _, b in along))) if along else (-300.0, 300.0)

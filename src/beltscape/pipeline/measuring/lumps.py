@@ -82,8 +82,8 @@ def make_lumps_document(lumps: Lumps) -> Mapping[str, Any]:
         "smallest_mm": lumps.smallest_mm,
         "cell_mm": lumps.cell_mm,
         "fines_share": lumps.fines_share,
-        "distribution": _distribution(lumps.all),
-        "distribution_fully_visible": _distribution(lumps.whole),
+        "distribution": _make_distribution_document(lumps.all),
+        "distribution_fully_visible": _make_distribution_document(lumps.whole),
         "bias": BIAS,
         "oversize": None
         if alarm is None
@@ -96,7 +96,7 @@ def make_lumps_document(lumps: Lumps) -> Mapping[str, Any]:
     }
 
 
-def _distribution(sizes: SizeDistribution) -> dict[str, Any]:
+def _make_distribution_document(sizes: SizeDistribution) -> dict[str, Any]:
     values = zip(_SHARES, sizes.d_mm, sizes.d_sigma_mm, strict=True)
     return {
         "count": sizes.count,

@@ -13,7 +13,7 @@ from beltscape.stereo.markers.detection import MarkerDetections, detect_markers
 from beltscape.stereo.markers.lattice import apply_homography, find_lattice, fit_homography
 
 SIDE = 4
-"""MarkerDetections to a side: blocks of the pattern (the paper's Eq. 6)."""
+"""Markers per side: blocks of the pattern (the paper's Eq. 6)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,14 +48,14 @@ class MarkerGrid:
 
     def list_numberings(self) -> list[MarkerGrid]:
         """Return the grid in every possible numbering: four turns, and all shifts that missing markers allow."""
-        options = []
+        options: list[MarkerGrid] = []
         for turn in range(4):
             turned = MarkerGrid(
                 self.size_px,
-                *(
-                    np.rot90(a, turn, axes=(0, 1))
-                    for a in (self.center_px, self.detected, self.radius_px, self.confidence)
-                ),
+                np.rot90(self.center_px, turn, axes=(0, 1)),
+                np.rot90(self.detected, turn, axes=(0, 1)),
+                np.rot90(self.radius_px, turn, axes=(0, 1)),
+                np.rot90(self.confidence, turn, axes=(0, 1)),
             )
             rows, columns = (np.flatnonzero(turned.detected.any(axis=k)) for k in (1, 0))
             for down in range(-int(rows[0]), SIDE - int(rows[-1])):

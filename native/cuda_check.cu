@@ -117,24 +117,24 @@ __global__ void check_normal_equations(NormalSettings settings, const float* cor
     equations_row<float>(settings, &view, 1, normals.part, width, out);
 }
 
-// A thread takes a pixel: a candidate from an offset, what one view says of it, its place, and one path's
-// step.
+// A thread takes a pixel: a candidate from an offset, its cost in one view, its place, and one path's step.
 __global__ void check_propagate(Surface surface, Offset offset, View view, Image image, const float* buffer,
-                                float tolerance, Places places, Before before, Jumps jumps, float* tolls) {
+                                float tolerance, CandidatePlaces places, PreviousCandidates before,
+                                Jumps jumps, float* tolls) {
     const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x), y = static_cast<int>(blockIdx.y);
-    const float s = handed<float>(surface, offset, x, y);
-    const Sighting<float> seen = sight(view, image, to_float(x), to_float(y), s);
-    const float clear = unhidden(buffer, &seen.row, seen.spot.u, seen.inverse_depth, tolerance);
-    Agreement<float> agreement;
-    agreement.add(bilinear(image, &seen.spot.index, seen.spot.u, seen.spot.v), clear);
-    keep(places, s, agreement.cost(0.35f), 1, 0.4f, finite(s));
-    tolls[x] = brought(before, s, finite_or_zero(surface.slope_u[x]), jumps);
+    const float s = shifted_candidate<float>(surface, offset, x, y);
+    const SampledPoint<float> seen = sample_point(view, image, to_float(x), to_float(y), s);
+    const float clear = unoccluded(buffer, &seen.row, seen.spot.u, seen.inverse_depth, tolerance);
+    MultiviewCost<float> multiview_cost;
+    multiview_cost.add(bilinear(image, &seen.spot.index, seen.spot.u, seen.spot.v), clear);
+    insert_candidate(places, s, multiview_cost.cost(0.35f), 1, 0.4f, finite(s));
+    tolls[x] = least_path_cost(before, s, finite_or_zero(surface.slope_u[x]), jumps);
     level_out<float>(tolls, places.count, places.stride);
 }
 
 // A thread takes a pixel.
 __global__ void check_perceptron(Network net, const float* const* planes, float* const* out) {
-    perceptron_row<float>(net, planes, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
+    evaluate_network_row<float>(net, planes, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
 }
 
 // A thread takes a pixel.
@@ -148,7 +148,7 @@ __global__ void check_neighbours(const float* plane, int width, int height, cons
     neighbours<float>(plane, width, height, u + pixel, v + pixel, offsets->dx, offsets->dy, 1, out + pixel);
 }
 
-// A thread takes a pixel: all its candidates, then how like the images each is.
+// A thread takes a pixel: all its candidates, then the photo-consistency of each.
 __global__ void check_candidates(CandidateSearch search, PhotoConsistencyProblem in, Planes at,
                                  CandidateRows candidates, float* out) {
     const size_t pixel = blockIdx.x * blockDim.x + threadIdx.x;

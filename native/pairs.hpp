@@ -41,7 +41,7 @@ struct MakeLanes<0, lane...> {
 template <int count>
 using LanesTo = typename MakeLanes<count>::Type;
 
-// `pairs` pairs of floats, each carried as a double; GCC makes the best of halves that are joined.
+// Loads `pairs` pairs of floats, each as a double; GCC optimises halves that are joined best.
 template <int pairs>
 inline auto load_pairs(const float* base, const std::int32_t* index) {
     if constexpr (pairs == 2) {

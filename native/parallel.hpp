@@ -1,5 +1,6 @@
-// A fixed list of jobs on a few threads. Which thread takes which job is left to chance, so a job may write
-// only what is its own and the cut into jobs may not depend on the threads: then neither does the result.
+// A fixed list of jobs on a few threads. Any thread may take any job. A job writes only its own results and
+// the cut into jobs does not depend on the threads, so the result does not depend on them either. Device code
+// may include this file; for it the file is empty.
 #pragma once
 
 #ifndef __CUDACC__

@@ -1,4 +1,4 @@
-// Workspaces for jobs: as many as jobs run at once, each reused by the next job.
+// Workspaces for jobs: one for each job that runs at the same time, reused by the next job.
 #pragma once
 
 #include <memory>
@@ -10,7 +10,7 @@ namespace beltscape {
 template <class Workspace>
 class Pool {
 public:
-    // A workspace that goes back into the pool at the end of its scope.
+    // A workspace that returns to the pool at the end of its scope.
     class Taken {
     public:
         Taken(Pool& pool, std::unique_ptr<Workspace> workspace)
@@ -27,7 +27,7 @@ public:
         std::unique_ptr<Workspace> workspace_;
     };
 
-    // A free one, or a new one from make().
+    // Returns a free workspace, or a new one from make().
     template <class Make>
     Taken take(const Make& make) {
         std::unique_ptr<Workspace> workspace;

@@ -1,4 +1,4 @@
-// Lanes: the number type F a kernel is written over, and the few operations a kernel needs of it. F is a GCC
+// Lanes: the number type F over which a kernel is written, and the operations that kernels need. F is a GCC
 // vector (Floats, Doubles) on the CPU and a plain float or double in CUDA; one template text serves both:
 //
 //   template <class F>
@@ -27,7 +27,7 @@ using size_t = decltype(sizeof 0);  // NVRTC has no standard headers
 inline constexpr float kNotANumber = __builtin_bit_cast(float, 0x7fc00000);
 inline constexpr float kInfinity = __builtin_bit_cast(float, 0x7f800000);
 
-// How many points one value of F carries, the types of its integers and masks, and how one lane is reached.
+// The number of lanes of F, the types of its integers and masks, and access to one lane.
 template <class F>
 struct Lane;
 
@@ -137,7 +137,7 @@ BELTSCAPE_INLINE F load_first(const T* from, int count) {
     return lanes;
 }
 
-// ... and only as many written.
+// Writes only the first `count` lanes.
 template <class F, class T>
 BELTSCAPE_INLINE void store_first(T* to, F lanes, int count) {
     if (count >= Lane<F>::count) return store(to, lanes);

@@ -1,4 +1,4 @@
-// How an auxiliary camera sees the pixels of the core's undistorted grid, by their inverse depth s.
+// Projection of the pixels of the core's undistorted grid, with inverse depth s, into an auxiliary camera.
 //
 // s is inverse depth in units that a stage chooses so that a step of 1 is about a pixel of disparity. A core
 // pixel (u, v) at inverse depth s lies, up to scale, at  direction (u, v, 1) + shift s  in the auxiliary's
@@ -16,13 +16,13 @@ struct View {
     float k1, k2, p1, p2, k3;
 };
 
-// Where it is seen, and how near to the auxiliary (in units of s; larger is nearer).
+// The projected pixel, and the inverse depth from the auxiliary (in units of s).
 template <class F>
 struct Seen {
     F u, v, inverse_depth;
 };
 
-// Where it is seen, and how that moves with s.
+// The projected pixel, and its derivatives by s.
 template <class F>
 struct Moving {
     F u, v, du, dv;
@@ -49,13 +49,13 @@ struct Pixel {
     F u, v;
 };
 
-// Of a direction r² off the axis.
+// The radial distortion of a direction at r².
 template <class F>
 BELTSCAPE_INLINE F radial_of(const View& view, F rr) {
     return multiply_add(rr, multiply_add(rr, multiply_add(rr, view.k3, view.k2), view.k1), 1.0f);
 }
 
-// A direction (x, y, 1), x² = xx and so on, as the lens bends it.
+// The distorted direction of (x, y, 1), where xx = x² and so on.
 template <class F>
 BELTSCAPE_INLINE Pixel<F> distorted(const View& view, F x, F y, F xx, F xy, F yy, F radial) {
     const F rr = xx + yy;

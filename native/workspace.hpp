@@ -1,5 +1,5 @@
-// Workspace that a thread reuses in its next call, up to kMostBytes: fresh pages cost as much as writing to
-// them.
+// Workspace of up to kMostBytes that a thread reuses in its next call, because new pages cost as much time as
+// writing to them.
 #pragma once
 
 #include <cstddef>

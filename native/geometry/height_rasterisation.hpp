@@ -1,6 +1,6 @@
-// A depth map as a mesh of triangles, seen from straight above (kernels/geometry/height_rasterisation.py says
-// which triangles there are and which of them counts). The mesh is never kept: two rows of points at a time
-// are joined square by square, and each triangle raises the nodes below it. For the CPU alone.
+// Orthographic projection of a depth map's triangles, which kernels/geometry/height_rasterisation.py defines.
+// The mesh is not stored: two rows of points at a time are connected square by square, and each triangle
+// raises the nodes below it. For the CPU alone.
 #pragma once
 
 #include <algorithm>
@@ -77,7 +77,7 @@ inline void place_row(const RasterisationInput& in, int v, int columns, int rows
     }
 }
 
-// Grids (rows, columns) of the uppermost values so far; -inf where there is none.
+// Grids (rows, columns) of the highest values so far; -inf where there is none.
 struct TopViewOutput {
     double *height, *variance;
     int columns;

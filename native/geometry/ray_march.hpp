@@ -1,5 +1,6 @@
-// The first measured cell along lines over a grid (kernels/ray_march.py). A line skips as many steps
-// as no measured cell is near: a step moves by one cell at most, in rows and in columns. For the CPU alone.
+// The first measured cell along lines over a grid (kernels/geometry/ray_march.py). A line skips as many steps
+// as the nearest measured cell is away, because a step moves by one row and one column at most. For the CPU
+// alone.
 #pragma once
 
 #include <algorithm>
@@ -29,7 +30,7 @@ struct RayMarchInput {
 inline constexpr std::size_t kMargin = 16;             // cells about the grid, none measured
 inline constexpr std::uint8_t kFar = 2 * kMargin - 1;  // farther cells count as that far
 
-// How far the nearest measured cell is from each, the larger of rows and columns.
+// The distance of each cell from the nearest measured one, the larger of rows and columns.
 struct Clearances {
     Clearances(const bool* measured, std::size_t height, std::size_t width)
         : columns(width),
@@ -53,8 +54,8 @@ private:
     static std::uint8_t less(std::uint8_t a, std::uint8_t b) { return a < b ? a : b; }
     static std::uint8_t plus(std::uint8_t a, std::size_t step) { return static_cast<std::uint8_t>(a + step); }
 
-    // A cell is at most one farther than those beside it in the next row, and s farther than those s columns
-    // off.
+    // A cell's distance is at most one more than its neighbours' in the next row, and at most s more than
+    // that of cells s columns away.
     void spread(std::uint8_t* to, const std::uint8_t* beside) {
         const std::size_t count = columns;  // bytes that are written may be anything's, but not a local's
         for (std::size_t u = 0; u < count; ++u)
@@ -72,7 +73,7 @@ private:
     std::vector<std::uint8_t> cells, spare;
 };
 
-// One line; gives the cell's flat index or -1, and the steps to it.
+// Follows one line; returns the cell's flat index or -1, and the number of steps to it.
 inline std::int64_t march(const RayMarchInput& in, const Clearances& far, std::int64_t row,
                           std::int64_t column, double down, double across, double& steps) {
     const auto is_in = [](std::int64_t x, int end) { return x >= 0 && x < end; };

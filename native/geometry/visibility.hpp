@@ -1,5 +1,5 @@
-// Visibility of the core's surface from an auxiliary: a buffer of the largest inverse depth, and which of the
-// core's pixels are that nearest.
+// Visibility of the core's surface from an auxiliary: a buffer of the largest inverse depth, and the mask of
+// the core's pixels that it does not hide.
 #pragma once
 
 #include "array.hpp"
@@ -7,7 +7,7 @@
 
 namespace beltscape {
 
-// The core's pixels from (x, v) on as an auxiliary sees them, one F of them.
+// Projects the core's pixels from (x, v) on, one F of them, into an auxiliary.
 template <class F>
 BELTSCAPE_INLINE Seen<F> seen_from(const View& view, const float* s, int v, int x, int end) {
     const F u = to_float(broadcast<IntOf<F>>(x) + lane_numbers<F>());
@@ -15,7 +15,7 @@ BELTSCAPE_INLINE Seen<F> seen_from(const View& view, const float* s, int v, int 
 }
 
 #ifdef __CUDA_ARCH__
-// Other threads raise the same pixel; what is above 0 is ordered like its bits.
+// Other threads may raise the same pixel; positive floats are ordered like their bits.
 __device__ inline void raise(float& nearest, float inverse_depth) {
     atomicMax(reinterpret_cast<int*>(&nearest), __float_as_int(inverse_depth));
 }
@@ -25,7 +25,7 @@ BELTSCAPE_INLINE void raise(float& nearest, float inverse_depth) {
 }
 #endif
 
-// Raises the 2x2 pixels of `buffer` from each place on; all of them lie in it.
+// Raises the 2x2 pixels of `buffer` from each index on, all of which lie in it.
 template <class F>
 BELTSCAPE_INLINE void raise_squares(IntOf<F> places, F inverse_depth, int width, float* buffer) {
     int at[Lane<F>::count];

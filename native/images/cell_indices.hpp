@@ -1,4 +1,4 @@
-// Places on a field, and the cut into bands of rows whose places share tables of running sums
+// Cells of a field, and the cut into bands of rows whose cells share summed-area tables
 // (kernels/images/window_statistics.py). For the CPU alone.
 #pragma once
 
@@ -28,7 +28,7 @@ struct WindowsInput {
     }
 };
 
-// Places, by number, and the rows first ... end - 1 that their windows reach.
+// Indices of cells, and the rows first ... end - 1 that their windows reach.
 struct PlaceBand {
     std::vector<std::size_t> own;
     std::int64_t first = 0, end = 0;

@@ -1,4 +1,4 @@
-// Values at offsets from given pixels; beyond the image, those of its edge.
+// Values at offsets from given pixels; beyond the image its edge is repeated.
 #pragma once
 
 #include "array.hpp"
@@ -6,7 +6,7 @@
 
 namespace beltscape {
 
-// Of the plane (height, width), at most `count` pixels (u, v) moved by (du, dv), into out.
+// Writes the values of a plane (height, width) at no more than `count` pixels (u + du, v + dv).
 template <class F>
 BELTSCAPE_INLINE void neighbours(const float* plane, int width, int height, const float* u, const float* v,
                                  int du, int dv, int count, float* out) {

@@ -1,6 +1,6 @@
 // Slopes of planes through the measured cells about each cell (kernels/images/window_statistics.py); sums run
-// in SciPy's order, from the window's ends to its middle, so what is mirrored has mirrored slopes. For the
-// CPU alone.
+// in SciPy's order, from the window's ends to its middle, so that a mirrored field has mirrored slopes. For
+// the CPU alone.
 #pragma once
 
 #include <algorithm>

@@ -1,5 +1,5 @@
 // Running sums of powers of a band's cells, for quadratics in windows (kernels/images/window_statistics.py);
-// they run in the reference's order. For the CPU alone.
+// their order is the reference's. For the CPU alone.
 #pragma once
 
 #include <array>
@@ -16,7 +16,7 @@ struct Power {
     int x, y;
 };
 inline constexpr std::array<Power, kTerms> kTerm = {{{0, 0}, {1, 0}, {0, 1}, {2, 0}, {1, 1}, {0, 2}}};
-// x^i y^j of degree 4 or less is the power of this number.
+// The number of the power x^i y^j of degree 4 or less.
 inline constexpr int power_at(int i, int j) { return 5 * i - i * (i - 1) / 2 + j; }
 inline constexpr std::array<Power, kPowers> kPower = [] {
     std::array<Power, kPowers> powers{};
@@ -25,8 +25,8 @@ inline constexpr std::array<Power, kPowers> kPower = [] {
     return powers;
 }();
 
-// Running sums of a band: cell (v, u) holds what is above and before it. Whole numbers may overflow: what
-// windows sum to is exact all the same.
+// Summed-area tables of a band: cell (v, u) holds the sum above and left of it. Whole numbers may overflow;
+// sums of windows are exact nevertheless.
 struct PowerTables {
     using Counts = std::array<std::uint64_t, kPowers + 1>;
     using Heights = std::array<double, kSums + 1>;

@@ -1,9 +1,9 @@
 // The coefficients of the cubic B-spline that passes through an image: two recursive filters along each axis
-// (Unser, Aldroubi & Eden, IEEE Trans. Signal Process. 41(2), 1993, doi:10.1109/78.193221). The image goes on
-// beyond its edges mirrored about the centres of its outermost pixels.
+// (Unser, Aldroubi & Eden, IEEE Trans. Signal Process. 41(2), 1993, doi:10.1109/78.193221). Beyond its edges
+// the image is mirrored about the centres of its outermost pixels.
 //
-// Both axes work in place. `rows` rows are filtered side by side, so that the processor has something to do
-// while a recursion waits for itself; columns are filtered as whole rows, added to the row before.
+// Both axes work in place. `rows` rows are filtered together, because each recursion alone is limited by
+// latency; columns are filtered together as whole rows.
 #pragma once
 
 #include "array.hpp"
@@ -16,14 +16,13 @@ inline constexpr float kGain = 6.0f;                                // (1 - pole
 inline constexpr float kLastGain = kPole / (kPole * kPole - 1.0f);  // of the mirrored end
 inline constexpr int kHorizon = 16;                                 // pole^16 < 2^-30
 
-// Pixel i >= 0 of a line of n > 1 that goes on mirrored.
+// The index of pixel i >= 0 in a mirrored line of n > 1.
 BELTSCAPE_INLINE int mirrored(int i, int n) {
     const int in_period = i % (2 * n - 2);
     return lesser(in_period, 2 * n - 2 - in_period);
 }
 
-// out = `gain` times the image, filtered along its rows of n pixels; a single pixel has nothing to filter
-// along.
+// out = `gain` times the image, filtered along its rows of n pixels; rows of one pixel are only scaled.
 template <int rows>
 BELTSCAPE_INLINE void prefilter_rows(const float* image, int n, float gain, float* out) {
     if (n == 1) {
@@ -54,7 +53,7 @@ BELTSCAPE_INLINE void prefilter_rows(const float* image, int n, float gain, floa
         }
 }
 
-// `count` columns of an image with n rows, `step` apart.
+// Filters `count` columns of an image with n rows, `step` apart.
 template <class F>
 BELTSCAPE_INLINE void prefilter_columns(float* image, int n, size_t step, int count) {
     if (n == 1) return;

@@ -1,5 +1,5 @@
-// Least-squares quadratics in windows about places (kernels/images/window_statistics.py); the step order is
-// the reference's. For the CPU alone.
+// Least-squares quadratics in windows about cells (kernels/images/window_statistics.py); the order of
+// operations is the reference's. For the CPU alone.
 #pragma once
 
 #include <array>
@@ -27,8 +27,8 @@ inline void for_each_together(const Each& each) {
     for (std::size_t i = 0; i < kTogether; ++i) each(i);
 }
 
-// Sums of a window about each of some places, of powers about the field's middle; x, y: powers of minus the
-// places.
+// Sums over a window about each of some cells, of powers about the field's middle; x, y: powers of the
+// negated cell indices.
 struct WindowSums {
     std::array<Together<std::uint64_t>, kPowers> counts;
     std::array<Together<double>, kSums> heights;
@@ -61,9 +61,9 @@ inline void sum_windows(const PowerTables& tables, const std::size_t* places, st
     });
 }
 
-// The sum of a power about the places themselves, by the binomial theorem.
+// The sum of a power about the cells themselves, by the binomial theorem.
 template <class T, class Of>
-inline Together<T> moved(const WindowSums& sums, Power power, const Of& of) {
+inline Together<T> shifted_moment(const WindowSums& sums, Power power, const Of& of) {
     Together<T> total = of(power.x, power.y);
     for (int a = 0; a <= power.x; ++a) {
         for (int b = 0; b <= power.y; ++b) {
@@ -118,11 +118,11 @@ inline void factorise(std::array<Column, kTerms>& a) {
     }
 }
 
-struct Fitted {
+struct QuadraticFit {
     Together<double> value, miss, leverage;
 };
 
-inline Fitted fitted(const WindowSums& sums, double half) {
+inline QuadraticFit fit_quadratic(const WindowSums& sums, double half) {
     double scale[5] = {1};
     for (int i = 1; i < 5; ++i) scale[i] = scale[i - 1] * half;
     std::array<Together<double>, kPowers> mass;
@@ -130,7 +130,7 @@ inline Fitted fitted(const WindowSums& sums, double half) {
         const auto of = [&](int i, int j) -> const auto& {
             return sums.counts[static_cast<std::size_t>(power_at(i, j))];
         };
-        const Together<std::uint64_t> whole = moved<std::uint64_t>(sums, kPower[p], of);
+        const Together<std::uint64_t> whole = shifted_moment<std::uint64_t>(sums, kPower[p], of);
         for_each_together([&](std::size_t n) {
             mass[p][n] =
                 static_cast<double>(static_cast<std::int64_t>(whole[n])) / scale[kPower[p].x + kPower[p].y];
@@ -142,7 +142,7 @@ inline Fitted fitted(const WindowSums& sums, double half) {
             const std::size_t term = static_cast<std::size_t>(i + j == 0 ? 0 : i + j == 1 ? 1 + j : 3 + j);
             return sums.heights[term];
         };
-        right[t] = moved<double>(sums, kTerm[t], of);
+        right[t] = shifted_moment<double>(sums, kTerm[t], of);
         for_each_together([&](std::size_t n) { right[t][n] /= scale[kTerm[t].x + kTerm[t].y]; });
     }
     const Together<double>& number = mass[0];
@@ -158,19 +158,19 @@ inline Fitted fitted(const WindowSums& sums, double half) {
     solution = right;
     solve(normal, solution);
     solve(normal, unit);
-    Fitted found;
+    QuadraticFit fit;
     for_each_together([&](std::size_t n) {
         constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
-        double told = 0;
-        for (std::size_t t = 0; t < kTerms; ++t) told += solution[t][n] * right[t][n];
-        const double rest = std::max(sums.heights[kTerms][n] - told, 0.0);
+        double explained = 0;
+        for (std::size_t t = 0; t < kTerms; ++t) explained += solution[t][n] * right[t][n];
+        const double rest = std::max(sums.heights[kTerms][n] - explained, 0.0);
         const double leverage = unit[0][n] * number[n];
         const bool sound = number[n] > kFewest - 0.5 && leverage > 0 && leverage < kMostLeverage;
-        found.value[n] = sound ? solution[0][n] : kNone;
-        found.miss[n] = sound ? std::sqrt(rest / std::max(number[n], 1.0)) : kNone;
-        found.leverage[n] = sound ? leverage : kNone;
+        fit.value[n] = sound ? solution[0][n] : kNone;
+        fit.miss[n] = sound ? std::sqrt(rest / std::max(number[n], 1.0)) : kNone;
+        fit.leverage[n] = sound ? leverage : kNone;
     });
-    return found;
+    return fit;
 }
 
 // value, miss, leverage: (sizes, count).
@@ -190,11 +190,10 @@ inline void quadratics(const WindowsInput& in, std::size_t threads, Grid<double>
                 for (std::size_t k = 0; k < in.sizes(); ++k) {
                     WindowSums sums;
                     sum_windows(tables, places.data(), in.sides[k], sums);
-                    const Fitted found = fitted(sums, 0.5 * static_cast<double>(in.sides[k]));
+                    const QuadraticFit fit = fit_quadratic(sums, 0.5 * static_cast<double>(in.sides[k]));
                     for_each_together([&](std::size_t n) {
                         const std::size_t to = k * in.count() + places[n];
-                        value[to] = found.value[n], miss[to] = found.miss[n],
-                        leverage[to] = found.leverage[n];
+                        value[to] = fit.value[n], miss[to] = fit.miss[n], leverage[to] = fit.leverage[n];
                     });
                 }
             }

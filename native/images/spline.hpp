@@ -15,8 +15,8 @@ struct Sample {
     F value, du, dv;
 };
 
-// A place's 4x4 coefficients: the index of the first, and how far the place lies past the second one's
-// centre.
+// The 4x4 coefficients about a position: the index of the first, and the position relative to the second
+// one's centre.
 template <class F>
 struct Footprint {
     IntOf<F> first;
@@ -35,7 +35,7 @@ BELTSCAPE_INLINE Footprint<F> footprint(const Spline& spline, F u, F v) {
     return {(y - 1) * spline.width + x - 1, near_u - to_float(x), near_v - to_float(y), inside};
 }
 
-// What the four coefficients of a row or column count for, `at` 0 ... 1 past the second, and its derivative.
+// The weights of the four coefficients of a row or column at 0 ... 1 past the second, and their derivatives.
 template <class F>
 struct Weights {
     F value[4], slope[4];

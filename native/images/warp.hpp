@@ -1,4 +1,4 @@
-// An auxiliary's image where the core's pixels are seen, at an inverse depth each.
+// An auxiliary's image at the projections of the core's pixels with their inverse depth.
 #pragma once
 
 #include "array.hpp"
@@ -7,8 +7,8 @@
 
 namespace beltscape {
 
-// Rows of the core's grid; s, value and slope begin at `row` and are `width` wide.
-// slope: of the value by s. NaN and 0 where s is NaN or the spline's footprint leaves the image.
+// Warps columns begin ... end - 1 of a row; s, value and slope start at its first pixel. slope is the
+// derivative of the value by s. They are NaN and 0 where s is NaN or the spline's footprint leaves the image.
 template <class F>
 BELTSCAPE_INLINE void warp_row(const View& view, const Spline& spline, const float* s, int row, int begin,
                                int end, float* value, float* slope) {

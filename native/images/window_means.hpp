@@ -1,5 +1,5 @@
-// Means and minima of the measured cells in windows about places (kernels/images/window_statistics.py). For
-// the CPU alone.
+// Means and minima of the measured cells in windows about given cells (kernels/images/window_statistics.py).
+// For the CPU alone.
 #pragma once
 
 #include <cmath>
@@ -13,7 +13,7 @@ namespace beltscape {
 
 inline constexpr double kLeastShare = 1e-3;  // kernels/images/window_statistics.py LEAST_SHARE
 
-// Running sums over a band whose borders go on outside.
+// Running sums over a band whose border is repeated outside.
 struct MeanTable {
     struct Sum {
         std::int64_t count = 0;
@@ -78,7 +78,7 @@ inline void window_means(const WindowsInput& in, std::size_t threads, Grid<doubl
     });
 }
 
-// The least in squares whose sides double, in place, then four of them that cover a window. least: (sizes,
+// Computes minima of squares whose sides double, in place; four of them cover a window. least: (sizes,
 // count).
 inline void window_minima(const WindowsInput& in, std::size_t /* runs on one thread */, Grid<double> least) {
     constexpr double kNothing = std::numeric_limits<double>::infinity();
@@ -107,7 +107,7 @@ inline void window_minima(const WindowsInput& in, std::size_t /* runs on one thr
                     found < kNothing ? found : std::numeric_limits<double>::quiet_NaN();
             }
         }
-        // squares that reach beyond the border are of no use
+        // squares that reach beyond the border are not needed
         for (std::int64_t v = 0; v + 2 * size <= height; ++v) {
             double* const row = square.data() + v * width;
             const double* const below = row + size * width;

@@ -1,5 +1,5 @@
-// Sums over square windows, as sums of columns and then across. Every sum is taken anew and in one order:
-// nothing depends on where a part of the grid begins, and no rounding is carried along.
+// Sums over square windows, as sums of columns and then across. Every sum is computed anew in one order, so
+// that results do not depend on where a part of the grid begins and rounding errors do not accumulate.
 //
 // A row begins at its first pixel and has `margin` more at its left; at its right, a vector more than that.
 #pragma once
@@ -8,7 +8,7 @@
 
 namespace beltscape {
 
-// The row goes on as its outermost pixels.
+// Repeats the outermost pixels of a row.
 BELTSCAPE_INLINE void repeat_ends(float* row, int width, int margin) {
     for (int i = 1; i <= margin; ++i) row[-i] = row[0], row[width - 1 + i] = row[width - 1];
 }
@@ -23,7 +23,7 @@ BELTSCAPE_INLINE void column_sums(const float* const* rows, int count, int width
     }
 }
 
-// ... and the sums of their squares.
+// Computes also the sums of squares.
 template <class F>
 BELTSCAPE_INLINE void column_sums(const float* const* rows, int count, int width, int margin, float* sums,
                                   float* squares) {
@@ -37,7 +37,7 @@ BELTSCAPE_INLINE void column_sums(const float* const* rows, int count, int width
     }
 }
 
-// The sum of a window, of its columns' sums about one.
+// The sum of a window from the sums of its columns.
 template <class F>
 BELTSCAPE_INLINE F across(const float* column, int radius) {
     F sum{};

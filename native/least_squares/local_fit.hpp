@@ -1,12 +1,12 @@
-// A plane fitted to every pixel's surroundings by weighted least squares, over several nested windows at
-// once; of these the largest is taken that does not yet contradict the smaller ones.
+// A plane fitted to every pixel's neighbourhood by weighted least squares, over several nested windows at
+// once; the largest window that agrees with all smaller ones is taken.
 //
-// Pixel q counts with  gauss(q - p) (1 - (e / tolerance)²)₊² information(q),  e being how far its s lies off
-// the plane that p had so far. What is fitted is e + pull / information: the plane comes out as a change.
+// Pixel q has the weight  gauss(q - p) (1 - (e / tolerance)²)₊² information(q),  where e is the distance of
+// its s from the plane of p so far. The plane is fitted to e + pull / information: the result is a change.
 //
-// The Gaussian is the product of one across and one down, so that a row of a window comes first: what its
-// pixels weigh without the Gaussian is found once for all windows, in pairs left and right of p, since the
-// even and the odd moments need only a pair's sum and its difference.
+// The Gaussian is separable, so rows are summed first. The weights without the Gaussian are computed once for
+// all windows, in pairs left and right of p, because even and odd moments need only a pair's sum and its
+// difference.
 #pragma once
 
 #include "simd.hpp"
@@ -154,7 +154,7 @@ BELTSCAPE_INLINE Fit<F> solve_fit(const Moments<F>& sums) {
             IntOf<F>{}};
 }
 
-// How far the larger of two windows leaves the smaller, squared, over that one's variance.
+// The squared difference of two windows' values over the smaller one's variance.
 template <class F>
 BELTSCAPE_INLINE F disagreement(const Fit<F>& smaller, const Fit<F>& larger) {
     const F apart = larger.change - smaller.change;
@@ -162,7 +162,7 @@ BELTSCAPE_INLINE F disagreement(const Fit<F>& smaller, const Fit<F>& larger) {
                   broadcast<F>(kMostDisagreement));
 }
 
-// The windows' fits as they follow, as long as all their confidence intervals share a value.
+// The fit of the largest window up to which all confidence intervals share a value.
 template <class F>
 BELTSCAPE_INLINE Fit<F> largest_consistent(const FitWindows& windows, const Moments<F>* sums) {
     Fit<F> taken = solve_fit(sums[0]), before = taken;
@@ -240,8 +240,8 @@ BELTSCAPE_INLINE void fit_row(const FitField& field, const FitWindows& windows, 
     }
 }
 
-// A row of a field from what was given, `width` wide: nothing where s is not finite, and
-// only the prior where one of the others is not.
+// Prepares a row of a field, `width` wide: 0 where s is not finite, and only the prior where information or
+// pull is not.
 template <class F>
 BELTSCAPE_INLINE void field_row(const float* information, const float* pull, const float* s, float prior,
                                 int width, float* out_information, float* out_pull, float* out_s) {

@@ -10,7 +10,7 @@
 
 namespace beltscape {
 
-// A window as Python lists it.
+// A window of the Python record.
 struct WindowInput {
     int radius;
     std::vector<double> taps;

@@ -1,5 +1,5 @@
-// The normal equations of a band of rows: it goes down the grid once, every stage a few rows behind the one
-// before, so that a row's intermediates are still in the cache when they are used and then make place.
+// The normal equations of a band of rows: one pass over the rows, in which every stage is a few rows behind
+// the previous one, so that a row's intermediate results are still in the cache when they are used.
 #pragma once
 
 #include <algorithm>
@@ -24,7 +24,7 @@ struct NormalProblem {
     Equations out;
 };
 
-// The last few rows of something, with the margins of box_sums.hpp.
+// A ring buffer of rows, with the margins of box_sums.hpp.
 class Ring {
 public:
     Ring(int rows, int width, int margin)
@@ -84,7 +84,7 @@ private:
         return static_cast<std::size_t>(row) * static_cast<std::size_t>(problem_.width);
     }
 
-    // The rows of a window about one, those beyond the image its outermost ones.
+    // The rows of a window about a row; beyond the image its outermost rows are repeated.
     std::vector<const float*> about(Ring& rows, int centre, int radius) const {
         std::vector<const float*> found;
         for (int y = centre - radius; y <= centre + radius; ++y)

@@ -1,12 +1,12 @@
-// The normal equations of one row of pixels for a change of s: from every view, its information about s
-// and where it draws s to (pull); the best change of s by itself is pull / information.
+// The normal equations of one row of pixels for a change of s: from every view its information about s and
+// its pull; the least-squares change of one pixel alone is pull / information.
 //
 // With I the core and J a view's warp, both normalised in a window to
 //   n = (value - mean) / sqrt(variance + floor),
 // and r = n_I - n_J, a view's part is  w (dn_J/ds)²  and  w (dn_J/ds) r. Its weight is Cauchy's,
 //   w = 1 / (var(r) (1 + (q / gate)²)),
-// with q the mean of r² / var(r) in a smaller window. The windows leave out where the core is NaN, and go on
-// beyond the image as its outermost pixels. Rows are those of box_sums.hpp.
+// with q the mean of r² / var(r) in a smaller window. The windows leave out pixels where the core is NaN;
+// beyond the image its outermost pixels are repeated. Rows are those of box_sums.hpp.
 #pragma once
 
 #include "least_squares/box_sums.hpp"
@@ -36,7 +36,8 @@ BELTSCAPE_INLINE void core_row(const float* core, int width, float* grey, float*
     }
 }
 
-// A view's warp, in place: where it is NaN or the core is, the core's grey, and NaN as slope.
+// Completes a view's warp in place: where it or the core is NaN, the value becomes the core's and the slope
+// NaN.
 template <class F>
 BELTSCAPE_INLINE void complete_row(const float* grey, const float* there, int width, float* value,
                                    float* slope) {
@@ -49,7 +50,7 @@ BELTSCAPE_INLINE void complete_row(const float* grey, const float* there, int wi
     }
 }
 
-// part: one over a window's pixels that are there, of their columns' sums; 0 for none.
+// part: one over the number of a window's valid pixels, from the sums of its columns; 0 where there are none.
 template <class F>
 BELTSCAPE_INLINE void part_row(const float* columns, int radius, int width, float* part) {
     const F zero{};
@@ -113,7 +114,7 @@ BELTSCAPE_INLINE void residuals_row(const NormalSettings& settings, const CoreNo
     }
 }
 
-// All views' parts added up; `misfit` of a view are its columns' sums here.
+// Sums over all views; here a view's `misfit` holds the sums of columns.
 struct Equations {
     float *information, *pull;
     unsigned char* used;

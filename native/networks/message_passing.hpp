@@ -27,10 +27,10 @@ BELTSCAPE_INLINE void transpose_messages(const float* from, size_t senders, int 
                 w < length ? from[static_cast<size_t>(w) * senders + a] : 0.0F;
 }
 
-// Fills vector `x` of the network's inputs for the pixels from `at` on: number by number the received
-// messages, then the state.
+// Fills vector `x` of the network's inputs for the pixels from `at` on: the received messages, component by
+// component, then the state.
 template <class F>
-BELTSCAPE_INLINE void receive(const Messages& messages, size_t at, int count, int x, Known<F>& in) {
+BELTSCAPE_INLINE void gather_inputs(const Messages& messages, size_t at, int count, int x, Units<F>& in) {
     for (int k = 0; k < messages.received; ++k) {
         const IntOf<F> sender = load_first<IntOf<F>>(messages.senders + k * messages.pixels + at, count);
         for (int q = 0; q < messages.quads; ++q) {
@@ -45,16 +45,16 @@ BELTSCAPE_INLINE void receive(const Messages& messages, size_t at, int count, in
         own[k][x] = load_first<F>(messages.state + k * messages.pixels + at, count);
 }
 
-// At most `count` pixels from `at` on, and no more than kWide.
+// Evaluates at most `count` pixels from `at` on, and at most kWide.
 template <class F>
 BELTSCAPE_INLINE void pass_messages_lanes(const Network& net, const Messages& messages, size_t at, int count,
                                           float* const* out) {
     constexpr int lanes = Lane<F>::count;
-    Known<F> in, put;
+    Units<F> in, outputs;
     for (int x = 0; x < kBeside<F>; ++x)
-        receive<F>(messages, at + lesser(x * lanes, count), lesser(count - x * lanes, lanes), x, in);
-    answer<F>(net, in, put);
-    put_answers<F>(net, put, at, count, out);
+        gather_inputs<F>(messages, at + lesser(x * lanes, count), lesser(count - x * lanes, lanes), x, in);
+    evaluate_layers<F>(net, in, outputs);
+    store_outputs<F>(net, outputs, at, count, out);
 }
 
 #ifndef __CUDACC__

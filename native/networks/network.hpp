@@ -1,4 +1,5 @@
-// A small network of rectified layers, at every pixel of a row: planes of evidence in, planes of answers out.
+// A small network of rectified layers, evaluated at every pixel of a row: planes of features in, planes of
+// outputs out.
 #pragma once
 
 #include "array.hpp"
@@ -8,7 +9,7 @@ namespace beltscape {
 
 inline constexpr int kMostUnits = 256;  // of a layer, and planes of evidence
 
-// `rows` (units, inputs + 1) end with their constants.
+// `rows` (units, inputs + 1): weights, and in the last column the biases.
 struct Layer {
     const float* rows;
     int inputs, units;
@@ -21,22 +22,22 @@ struct Network {
     int layer_count;
 };
 
-// Units whose sums do not wait for each other, and vectors of pixels that share the reading of weights: as
-// many sums as 16 registers hold beside what is read. One vector alone: v3 47 instead of 84 GFLOP/s, v4 as
-// much.
+// Units that are summed independently, and vectors of pixels that share the loads of weights: as many sums as
+// fit 16 registers beside the operands. With one vector, v3 reaches 47 instead of 84 GFLOP/s and v4 the same
+// as now.
 inline constexpr int kAbreast = 4;
 template <class F>
 inline constexpr int kBeside = Lane<F>::count > 1 ? 3 : 1;
 template <class F>
 inline constexpr int kWide = kBeside<F> * Lane<F>::count;
 
-// The inputs of kBeside vectors of pixels, number by number.
+// The inputs or outputs of a layer for kBeside vectors of pixels.
 template <class F>
-using Known = F[kMostUnits][kBeside<F>];
+using Units = F[kMostUnits][kBeside<F>];
 
-// Units k ... k + count - 1.
+// Evaluates units k ... k + count - 1.
 template <int count, class F>
-BELTSCAPE_INLINE void weigh_units(const Layer& layer, const Known<F>& in, int k, Known<F>& out) {
+BELTSCAPE_INLINE void apply_units(const Layer& layer, const Units<F>& in, int k, Units<F>& out) {
     const int stride = layer.inputs + 1;
     const float* const row = layer.rows + k * stride;
     F unit[count][kBeside<F>];
@@ -51,41 +52,41 @@ BELTSCAPE_INLINE void weigh_units(const Layer& layer, const Known<F>& in, int k,
 }
 
 template <class F>
-BELTSCAPE_INLINE void weigh(const Layer& layer, const Known<F>& in, Known<F>& out) {
+BELTSCAPE_INLINE void apply_layer(const Layer& layer, const Units<F>& in, Units<F>& out) {
     int k = 0;
-    for (; k + kAbreast <= layer.units; k += kAbreast) weigh_units<kAbreast, F>(layer, in, k, out);
-    for (; k < layer.units; ++k) weigh_units<1, F>(layer, in, k, out);
+    for (; k + kAbreast <= layer.units; k += kAbreast) apply_units<kAbreast, F>(layer, in, k, out);
+    for (; k < layer.units; ++k) apply_units<1, F>(layer, in, k, out);
 }
 
-// Of all layers, whose last one's units are put; `in` is used up.
+// Evaluates all layers; the last one's units are the outputs, and `in` is overwritten.
 template <class F>
-BELTSCAPE_INLINE void answer(const Network& net, Known<F>& in, Known<F>& put) {
+BELTSCAPE_INLINE void evaluate_layers(const Network& net, Units<F>& in, Units<F>& outputs) {
     for (int l = 0; l < net.layer_count - 1; ++l) {
-        weigh<F>(net.layers[l], in, put);
+        apply_layer<F>(net.layers[l], in, outputs);
         for (int k = 0; k < net.layers[l].units; ++k)
-            for (int x = 0; x < kBeside<F>; ++x) in[k][x] = greater(put[k][x], F{});
+            for (int x = 0; x < kBeside<F>; ++x) in[k][x] = greater(outputs[k][x], F{});
     }
-    weigh<F>(net.layers[net.layer_count - 1], in, put);
+    apply_layer<F>(net.layers[net.layer_count - 1], in, outputs);
 }
 
-// Of at most `count` pixels from `at` on.
+// Stores the outputs of at most `count` pixels from `at` on.
 template <class F>
-BELTSCAPE_INLINE void put_answers(const Network& net, const Known<F>& put, size_t at, int count,
-                                  float* const* out) {
+BELTSCAPE_INLINE void store_outputs(const Network& net, const Units<F>& outputs, size_t at, int count,
+                                    float* const* out) {
     constexpr int lanes = Lane<F>::count;
     for (int a = 0; a < net.layers[net.layer_count - 1].units; ++a)
         for (int x = 0; x < kBeside<F> && x * lanes < count; ++x)
-            store_first(out[a] + at + x * lanes, put[a][x], count - x * lanes);
+            store_first(out[a] + at + x * lanes, outputs[a][x], count - x * lanes);
 }
 
 inline constexpr int kTogether = 4;  // times kBeside vectors of a plane that are read in one go
 
-// Pixels `at` ... `at + count - 1` of all planes; sums run in the order of inputs.
+// Evaluates the network at pixels `at` ... `at + count - 1`; sums run in the order of the inputs.
 template <class F>
-BELTSCAPE_INLINE void perceptron_row(const Network& net, const float* const* planes, size_t at, int count,
-                                     float* const* out) {
+BELTSCAPE_INLINE void evaluate_network_row(const Network& net, const float* const* planes, size_t at,
+                                           int count, float* const* out) {
     constexpr int lanes = Lane<F>::count, wide = kWide<F>;
-    Known<F> read[kTogether], put;
+    Units<F> read[kTogether], outputs;
     for (int from = 0; from < count; from += kTogether * wide) {
         const int end = lesser(count, from + kTogether * wide);
         for (int p = 0; p < net.layers[0].inputs; ++p)
@@ -93,8 +94,8 @@ BELTSCAPE_INLINE void perceptron_row(const Network& net, const float* const* pla
                 read[(x - from) / wide][p][(x - from) / lanes % kBeside<F>] =
                     clamp(load_first<F>(planes[p] + at + x, count - x), net.low[p], net.high[p]);
         for (int x = from; x < end; x += wide) {
-            answer<F>(net, read[(x - from) / wide], put);
-            put_answers<F>(net, put, at + x, end - x, out);
+            evaluate_layers<F>(net, read[(x - from) / wide], outputs);
+            store_outputs<F>(net, outputs, at + x, end - x, out);
         }
     }
 }
@@ -127,8 +128,8 @@ inline void evaluate_network(const NetworkInput& in, std::size_t threads,
     const std::size_t width = in.planes[0].shape[1];
     for_bands(0, in.planes[0].height(), kRowsPerJob, threads, [&](int first, int end) {
         for (int v = first; v < end; ++v)
-            perceptron_row<Floats>(net, from.data(), static_cast<std::size_t>(v) * width,
-                                   static_cast<int>(width), to.data());
+            evaluate_network_row<Floats>(net, from.data(), static_cast<std::size_t>(v) * width,
+                                         static_cast<int>(width), to.data());
     });
 }
 #endif

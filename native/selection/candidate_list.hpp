@@ -1,4 +1,4 @@
-// Candidates of a pixel: its own inverse depth and those its surroundings hand on, and the few of them it
+// Candidates of a pixel: its own inverse depth and those of its neighbours, and the few of them that it
 // keeps.
 #pragma once
 
@@ -26,7 +26,7 @@ inline Surface surface_of(const SurfaceInput& in) {
 }
 #endif
 
-// A candidate at p comes from the pixel at p - (dx, dy), or the edge's next to that.
+// A candidate at p comes from the pixel at p - (dx, dy), or from the nearest pixel of the edge.
 struct Offset {
     int dx, dy;
 };
@@ -42,15 +42,14 @@ BELTSCAPE_INLINE F finite_or_zero(F a) {
 }
 
 template <class F>
-BELTSCAPE_INLINE F extrapolated(F s, F slope_u, F slope_v, F across, float down) {
+BELTSCAPE_INLINE F extrapolate(F s, F slope_u, F slope_v, F across, float down) {
     return s + clamp(multiply_add(finite_or_zero(slope_v), down, finite_or_zero(slope_u) * across),
                      -kFarthestStep, kFarthestStep);
 }
 
-// What an offset hands to pixels x, x + 1, ... of row y; where these leave the surface, its edge stands for
-// them.
+// The candidates of an offset at pixels x, x + 1, ... of row y; beyond the surface its edge is repeated.
 template <class F>
-BELTSCAPE_INLINE F handed(const Surface& surface, const Offset& offset, int x, int y) {
+BELTSCAPE_INLINE F shifted_candidate(const Surface& surface, const Offset& offset, int x, int y) {
     const int row = clamp(y - offset.dy, 0, surface.height - 1), first = x - offset.dx;
     const float down = to_float(y - row);
     const size_t at = static_cast<size_t>(row) * static_cast<size_t>(surface.width);
@@ -58,27 +57,27 @@ BELTSCAPE_INLINE F handed(const Surface& surface, const Offset& offset, int x, i
                        *const slope_v = surface.slope_v + at;
     const int last = Lane<F>::count - 1, edge = surface.width - 1;
     if (first >= 0 && first + last <= edge && x >= 0 && x + last <= edge)
-        return extrapolated(load<F>(s + first), load<F>(slope_u + first), load<F>(slope_v + first),
-                            broadcast<F>(to_float(offset.dx)), down);
+        return extrapolate(load<F>(s + first), load<F>(slope_u + first), load<F>(slope_v + first),
+                           broadcast<F>(to_float(offset.dx)), down);
     const IntOf<F> to = clamp(broadcast<IntOf<F>>(x) + lane_numbers<F>(), 0, edge);
     const IntOf<F> from = clamp(to - offset.dx, 0, edge);
-    return extrapolated(gather(s, from), gather(slope_u, from), gather(slope_v, from), to_float(to - from),
-                        down);
+    return extrapolate(gather(s, from), gather(slope_u, from), gather(slope_v, from), to_float(to - from),
+                       down);
 }
 
 // The places of some pixels' candidates: `count` rows, `stride` apart.
-struct Places {
+struct CandidatePlaces {
     float *s, *cost;
     int* source;  // the number of the offset that it comes from
     int count;
     size_t stride;
 };
 
-// Keeps a candidate where `allowed`: in the first place nearer than `separation`, or else the dearest, if it
-// is cheaper than what is there.
+// Inserts a candidate where `allowed`, if it is cheaper: in the first place closer than `separation`, or else
+// in the most expensive one.
 template <class F>
-BELTSCAPE_INLINE void keep(const Places& places, F s, F cost, int source, float separation,
-                           MaskOf<F> allowed) {
+BELTSCAPE_INLINE void insert_candidate(const CandidatePlaces& places, F s, F cost, int source,
+                                       float separation, MaskOf<F> allowed) {
     IntOf<F> place{}, near_place{};
     MaskOf<F> is_near{};
     F dearest = load<F>(places.cost), near_cost{};

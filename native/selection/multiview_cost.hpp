@@ -1,4 +1,5 @@
-// How an auxiliary sees a surface given by its inverse depth, row by row, and how several that see it agree.
+// Samples of an auxiliary at a surface given by its inverse depth, row by row, and the mean dissimilarity of
+// several views.
 #pragma once
 
 #include "parallel.hpp"
@@ -27,7 +28,7 @@ inline std::vector<Auxiliary> auxiliaries_of(const std::vector<Grid<const float>
 // Where it sees a point: the footprint of a sample, of whose pixels the upper or lower left one is in the
 // nearest row, and the inverse depth to it (NaN: not inside).
 template <class F>
-struct Sighting {
+struct SampledPoint {
     Spot<F> spot;
     IntOf<F> row;
     F inverse_depth;
@@ -41,7 +42,7 @@ BELTSCAPE_INLINE IntOf<F> nearest_pixel(const Spot<F>& spot, const Image& image)
 
 // Columns x of row y at inverse depth s.
 template <class F>
-BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, float y, F s) {
+BELTSCAPE_INLINE SampledPoint<F> sample_point(const View& view, const Image& image, F x, float y, F s) {
     const float* d = view.direction;
     const float from_x = d[1] * y + d[2], from_y = d[4] * y + d[5], from_z = d[7] * y + d[8];
     const F inverse_depth = 1.0f / multiply_add(s, view.shift[2], multiply_add(x, d[6], from_z));
@@ -55,14 +56,14 @@ BELTSCAPE_INLINE Sighting<F> sight(const View& view, const Image& image, F x, fl
 
 // 1 where the buffer at the nearest pixel exceeds the point's inverse depth by at most `tolerance`, else 0.
 template <class F>
-BELTSCAPE_INLINE F unhidden(const float* buffer, const int* row, F u, F inverse_depth, float tolerance) {
+BELTSCAPE_INLINE F unoccluded(const float* buffer, const int* row, F u, F inverse_depth, float tolerance) {
     const auto [left, right] = gather_pair<F>(buffer, row);
     return select(select(u >= 0.5f, right, left) <= inverse_depth + tolerance, broadcast<F>(1.0f), F{});
 }
 
 // The dissimilarities of the views that see a point: their mean, from three views on without the worst.
 template <class F>
-struct Agreement {
+struct MultiviewCost {
     F views{}, sum{}, worst{};
 
     BELTSCAPE_INLINE void add(F dissimilarity, F seen) {

@@ -27,7 +27,7 @@ struct Planes {
     const float *u, *v, *s, *slope_u, *slope_v;
 };
 
-// Of several views' values, those that count.
+// Order statistics of the values of the views that see a point.
 template <class F>
 struct Ordered {
     F least = broadcast<F>(kMostDissimilar), second = broadcast<F>(kMostDissimilar), sum{}, most{};
@@ -48,7 +48,7 @@ struct Ordered {
     }
 };
 
-// Where a view sees points (u, v) at inverse depth s, and how near to it they are.
+// The projection of points (u, v) at inverse depth s into a view, and their inverse depth from it.
 template <class F>
 struct Sampled {
     Spot<F> spot;
@@ -72,11 +72,11 @@ template <class F>
 BELTSCAPE_INLINE F clear_at(const Auxiliary& by, const Sampled<F>& sample, float tolerance) {
     int nearest[Lane<F>::count];
     store(nearest, nearest_pixel(sample.spot, by.image));
-    const F seen = unhidden(by.buffer, nearest, sample.spot.u, sample.inverse_depth, tolerance);
+    const F seen = unoccluded(by.buffer, nearest, sample.spot.u, sample.inverse_depth, tolerance);
     return select(sample.spot.u >= 0.0f, seen, F{});
 }
 
-// Of at most `count` planes; out: point least, second, mean, most; cross the same; views.
+// Evaluates at most `count` planes; out: point least, second, mean, most; cross the same; views.
 template <class F>
 BELTSCAPE_INLINE void photo_consistency_lanes(const PhotoConsistencyProblem& in, const Planes& at, int count,
                                               float* out, size_t stride) {

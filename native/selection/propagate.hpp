@@ -1,5 +1,5 @@
 // Candidate propagation over a band of rows on the CPU: all candidates of the band and a halo around it, then
-// the choice. Paths begin at the halo's edge.
+// the selection. Paths begin at the halo's edge.
 #pragma once
 
 #include <optional>

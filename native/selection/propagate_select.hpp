@@ -1,6 +1,6 @@
-// The choice among the candidates of a band of rows on the CPU: eight paths by semi_global.hpp. Down and up,
-// lanes are columns; along the rows, lanes are rows. A pixel with one candidate hands on nothing of what lies
-// before it (its toll is 0 whatever it was), so blocks without an active pixel need no path.
+// The selection among the candidates of a band of rows on the CPU, on eight paths by semi_global.hpp. For
+// paths down and up, lanes are columns; along the rows, lanes are rows. A pixel with one candidate passes on
+// nothing from before (its toll is always 0), so blocks without an active pixel need no path.
 #pragma once
 
 #include "selection/propagate_tile.hpp"
@@ -48,7 +48,7 @@ public:
             }
     }
 
-    // A tile's row becomes the band's; without an active pixel the first places are all.
+    // Copies a tile's row into the band; without an active pixel only the first places are used.
     void take(const Tile& tile, int tile_row, int row, int left, int columns) {
         int places = 1;  // all, where a block is active that may reach into the next tile: it is read whole
         for (int block = left / kBlock; block <= (left + columns - 1) / kBlock; ++block)
@@ -118,7 +118,7 @@ private:
     struct Slopes {
         Floats u, v;
     };
-    // Of candidates at columns x ... of a row, by their offset.
+    // The slopes of candidates at columns x ... of a row, by their offsets.
     Slopes slopes(Floats sources, int row, int x) const {
         const Ints source = to_int(sources);
         const Ints dx = to_int(gather(offset_x_.data(), source)),
@@ -179,12 +179,14 @@ private:
             for (int k = 0; k < in_.candidates; ++k) {
                 Floats toll{};
                 if (before)
-                    toll = select(
-                        comes,
-                        brought(Before{before->s(0) + x - dx, before->rise(path, 0) + x - dx,
-                                       before->toll(path, 0) + x - dx, in_.candidates, before->stride},
-                                load<Floats>(line.s(k) + x), load<Floats>(line.rise(path, k) + x), jumps),
-                        toll);
+                    toll =
+                        select(comes,
+                               least_path_cost(
+                                   PreviousCandidates{before->s(0) + x - dx, before->rise(path, 0) + x - dx,
+                                                      before->toll(path, 0) + x - dx, in_.candidates,
+                                                      before->stride},
+                                   load<Floats>(line.s(k) + x), load<Floats>(line.rise(path, k) + x), jumps),
+                               toll);
                 if (kept) store(score(row, k) + x, load<Floats>(score(row, k) + x) + toll);
                 store(line.toll(path, k) + x, load<Floats>(cost_.get() + at(row, k) + x) + toll);
             }
@@ -240,8 +242,9 @@ private:
             Floats cost = load_rows(cost_.get() + place, count), toll{};
             if (k > 0) cost = select(chosen, cost, kNoCost - Floats{});
             if (!starts)
-                toll = brought(Before{before.s, before.rise, before.toll, in_.candidates, kFloatLanes}, s,
-                               rise, jumps);
+                toll = least_path_cost(
+                    PreviousCandidates{before.s, before.rise, before.toll, in_.candidates, kFloatLanes}, s,
+                    rise, jumps);
             for (int lane = 0; lane < count; ++lane) score(row + lane, k)[x] += toll[lane];
             store(column.s + k * kFloatLanes, s), store(column.rise + k * kFloatLanes, rise);
             store(column.toll + k * kFloatLanes, cost + toll);

@@ -1,7 +1,6 @@
 // The candidates of a tile of pixels on the CPU. Offsets go outermost; within one, rows stream through all
-// views, so that three sampled rows per view are all that the 3x3 windows need, and the tile's candidates
-// stay in the second-level cache. What is not wanted (no active pixel in or beside it) is passed over in
-// blocks.
+// views, so that the 3x3 windows need only three sampled rows per view and the tile's candidates stay in the
+// second-level cache. Blocks without an active pixel in or beside them are skipped.
 #pragma once
 
 #include <algorithm>
@@ -69,9 +68,9 @@ public:
         for (int number = 0; number < in_.offset_count; ++number) {
             for (int row = -1; row <= rows_; ++row) {
                 const bool* const wanted = wanted_[number == 0][row + 1];
-                give(number, row, wanted);
-                for (int i = 0; i < in_.auxiliary_count; ++i) look(i, row, wanted);
-                if (row > 0) judge(number, row - 1);
+                shift_candidates(number, row, wanted);
+                for (int i = 0; i < in_.auxiliary_count; ++i) sample_view(i, row, wanted);
+                if (row > 0) compare_windows(number, row - 1);
             }
             if (number == 0 && !any_active_) break;
         }
@@ -112,8 +111,8 @@ private:
             for (int block = 0; block < kTileBlocks; ++block) {
                 const float* const first = active + block * kBlock;
                 const bool found = std::find(first, first + kBlock, 1.0f) != first + kBlock;
-                judged_[0][row][block] = found;
-                judged_[1][row][block] = row < rows_ && block * kBlock < columns_;
+                compared_[0][row][block] = found;
+                compared_[1][row][block] = row < rows_ && block * kBlock < columns_;
                 any_active_in_[row] |= found;
             }
             any_active_ |= any_active_in_[row];
@@ -123,7 +122,7 @@ private:
                 for (int block = 0; block < kTileBlocks; ++block) {
                     bool& wanted = wanted_[own][row + 1][block] = false;
                     for (int near = std::max(row - 1, 0); near <= std::min(row + 1, kTileRows - 1); ++near)
-                        wanted |= judged_[own][near][block];
+                        wanted |= compared_[own][near][block];
                 }
     }
 
@@ -155,26 +154,26 @@ private:
         return wanted[block] || (block > 0 && wanted[block - 1]);
     }
 
-    void give(int number, int row, const bool* wanted) {
+    void shift_candidates(int number, int row, const bool* wanted) {
         for (int block = 0; block < kTileBlocks; ++block)
             if (sampled(wanted, block))
                 for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes)
-                    store(given(row) + x,
-                          handed<Floats>(in_.surface, in_.offsets[number], left_ - 1 + x, row_of(row)));
+                    store(given(row) + x, shifted_candidate<Floats>(in_.surface, in_.offsets[number],
+                                                                    left_ - 1 + x, row_of(row)));
     }
 
-    void look(int auxiliary, int row, const bool* wanted) {
+    void sample_view(int auxiliary, int row, const bool* wanted) {
         const Auxiliary& by = in_.auxiliaries[auxiliary];
         const float y = to_float(row_of(row));
         for (int block = 0; block < kTileBlocks; ++block) {
             if (!sampled(wanted, block)) continue;
             for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
                 const Ints column = clamp(left_ - 1 + x + lane_numbers<Floats>(), 0, in_.surface.width - 1);
-                const Sighting<Floats> sighting =
-                    sight(by.view, by.image, to_float(column), y, load<Floats>(given(row) + x));
-                store(index_ + x, sighting.spot.index), store(nearest_ + x, sighting.row);
-                store(u_ + x, sighting.spot.u), store(v_ + x, sighting.spot.v);
-                store(sums(auxiliary, row, 3) + x, sighting.inverse_depth);
+                const SampledPoint<Floats> sampled_point =
+                    sample_point(by.view, by.image, to_float(column), y, load<Floats>(given(row) + x));
+                store(index_ + x, sampled_point.spot.index), store(nearest_ + x, sampled_point.row);
+                store(u_ + x, sampled_point.spot.u), store(v_ + x, sampled_point.spot.v);
+                store(sums(auxiliary, row, 3) + x, sampled_point.inverse_depth);
             }
         }
         for (int block = 0; block < kTileBlocks; ++block) {
@@ -183,7 +182,7 @@ private:
                 const Floats u = load<Floats>(u_ + x);
                 store(grey_.data() + x, bilinear(by.image, index_ + x, u, load<Floats>(v_ + x)) - in_.level);
                 float* const seen = sums(auxiliary, row, 3) + x;
-                store(seen, unhidden(by.buffer, nearest_ + x, u, load<Floats>(seen), in_.costs.tolerance));
+                store(seen, unoccluded(by.buffer, nearest_ + x, u, load<Floats>(seen), in_.costs.tolerance));
             }
         }
         const float* const core = core_.data() + (row + 1) * kTileSpan;
@@ -207,16 +206,16 @@ private:
                load<Floats>(sums(auxiliary, row + 1, which) + x);
     }
 
-    void judge(int number, int row) {
+    void compare_windows(int number, int row) {
         for (int block = 0; block < kTileBlocks; ++block) {
-            if (!judged_[number == 0][row][block]) continue;
+            if (!compared_[number == 0][row][block]) continue;
             for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
                 const std::size_t pixel = static_cast<std::size_t>(row * kTileSpan + x);
                 const CoreWindow<Floats> core{load<Floats>(mean_.data() + pixel),
                                               load<Floats>(energy_.data() + pixel)};
-                Agreement<Floats> agreement;
+                MultiviewCost<Floats> multiview_cost;
                 for (int i = 0; i < in_.auxiliary_count; ++i)
-                    agreement.add(
+                    multiview_cost.add(
                         dissimilarity(WindowSums<Floats>{window_sum(i, row, 0, x), window_sum(i, row, 1, x),
                                                          window_sum(i, row, 2, x)},
                                       core, in_.costs.floor),
@@ -225,9 +224,10 @@ private:
                 const Ints allowed =
                     number == 0 ? finite(s) : finite(s) & (load<Floats>(active_.data() + pixel) > 0.5f);
                 const std::size_t place = at(row, 0) + static_cast<std::size_t>(x);
-                keep(Places{s_.data() + place, cost_.data() + place, source_.data() + place, in_.candidates,
-                            kTileSpan},
-                     s, agreement.cost(in_.costs.unseen_cost), number, in_.costs.separation, allowed);
+                insert_candidate(CandidatePlaces{s_.data() + place, cost_.data() + place,
+                                                 source_.data() + place, in_.candidates, kTileSpan},
+                                 s, multiview_cost.cost(in_.costs.unseen_cost), number, in_.costs.separation,
+                                 allowed);
             }
         }
     }
@@ -235,9 +235,9 @@ private:
     const PropagationProblem& in_;
     int left_ = 0, top_ = 0, columns_ = 0, rows_ = 0;
     bool any_active_ = false, any_active_in_[kTileRows] = {};
-    // Blocks whose pixels are judged, and whose window sums are wanted for that: [0] by all offsets, [1] by
-    // the pixel's own.
-    bool judged_[2][kTileRows][kTileBlocks] = {}, wanted_[2][kTileRows + 2][kTileBlocks] = {};
+    // Blocks whose pixels are compared, and whose window sums are needed for that: [0] for all offsets, [1]
+    // for the pixel's own.
+    bool compared_[2][kTileRows][kTileBlocks] = {}, wanted_[2][kTileRows + 2][kTileBlocks] = {};
     std::vector<float> core_, mean_, energy_, active_;
     std::vector<float> given_, grey_, sums_;                 // of the present row and the two before it
     alignas(64) int index_[kTileSpan], nearest_[kTileSpan];  // of a row's samples

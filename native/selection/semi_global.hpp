@@ -1,7 +1,7 @@
 // Semi-global selection among the candidates of neighbours: a path passes to each candidate of a pixel the
 // least cost of coming from any candidate of the pixel before, as in H. Hirschmüller, IEEE TPAMI 30(2),
-// 328-341, 2008, doi:10.1109/TPAMI.2007.1166, with candidates for disparities and slopes for a preference of
-// level ground.
+// 328-341, 2008, doi:10.1109/TPAMI.2007.1166, with candidates in place of disparities and slopes in place of
+// a preference of constant depth.
 #pragma once
 
 #include "simd.hpp"
@@ -10,13 +10,13 @@ namespace beltscape {
 
 inline constexpr float kSteepestStep = 1.0f;  // largest step that slopes may explain between neighbours
 
-// small px of inverse depth cost small · px, and never more than large.
+// A step of x px costs small · x, and at most large.
 struct Jumps {
     float small, large;
 };
 
 // The candidates of the pixels a path comes from: `count` rows, `stride` apart.
-struct Before {
+struct PreviousCandidates {
     const float *s, *rise;  // rise: half of the slopes' step along the path
     const float* toll;      // of the path up to each, the least of a pixel's being 0
     int count;
@@ -25,7 +25,7 @@ struct Before {
 
 // The least cost that a path passes to a candidate with inverse depth s and `rise`.
 template <class F>
-BELTSCAPE_INLINE F brought(const Before& before, F s, F rise, const Jumps& jumps) {
+BELTSCAPE_INLINE F least_path_cost(const PreviousCandidates& before, F s, F rise, const Jumps& jumps) {
     F least = broadcast<F>(jumps.large);
     for (int k = 0; k < before.count; ++k) {
         const size_t at = static_cast<size_t>(k) * before.stride;
@@ -36,7 +36,7 @@ BELTSCAPE_INLINE F brought(const Before& before, F s, F rise, const Jumps& jumps
     return least;
 }
 
-// Takes the least of `count` rows of tolls off each.
+// Subtracts the least of `count` rows of tolls from each.
 template <class F>
 BELTSCAPE_INLINE void level_out(float* tolls, int count, size_t stride) {
     F least = load<F>(tolls);

@@ -27,8 +27,8 @@ inline bool fits_bytes(int small_jump, int large_jump) {
 using Word = std::uint16_t;
 using Words16 = Cells<Word>;
 
-// Rows of costs (rows, width, planes); read up to `end`. Of the result only rows keep_first ... keep_last - 1
-// are wanted, the others lead to them.
+// Rows of costs (rows, width, planes); read up to `end`. Only rows keep_first ... keep_last - 1 of the result
+// are kept.
 struct CostBand {
     const std::uint8_t *cost, *end;
     int rows, keep_first, keep_last;
@@ -86,7 +86,7 @@ private:
         Cell *slot, *least;
     };
 
-    // Where the sums keep a plane: of bytes, even and odd ones lie apart.
+    // The position of a plane in the sums; for bytes, even and odd planes are apart.
     int place(int plane) const {
         if constexpr (kParts == 1) return plane;
         const int in = plane % kCount;
@@ -100,7 +100,7 @@ private:
         return {slots_.data() + kCount + slot * stride_, leasts_.data() + slot};
     }
 
-    // From nothing: every step is 0.
+    // Starts a path: every step is 0.
     void begin(const Path& path) const {
         std::fill_n(path.slot, vectors_ * kCount, Cell{0});
         *path.least = 0;
@@ -141,7 +141,8 @@ private:
         return line;
     }
 
-    // Two rows at a time where a pixel has few vectors: then a path along a row mostly waits for itself.
+    // Processes two rows at a time where a pixel has few vectors, because a path along one row is then
+    // limited by latency.
     template <Mode mode>
     void run(const CostBand& band, const Rows& rows, float* index = nullptr, float* margin = nullptr) {
         const int at_once = vectors_ <= kFewVectors ? 2 : 1;
@@ -183,7 +184,7 @@ private:
         return __builtin_convertvector(least_cells(bytes, bytes * 0 + kMaxCost), V);
     }
 
-    // All paths one pixel on: `paths` hold the pixel before and then this one.
+    // Advances all paths by one pixel: `paths` hold the previous pixel, then this one.
     template <Mode mode>
     void pixel(const std::uint8_t* cost, const Path (&paths)[kPaths], Word* sums) {
         V left[kPaths], before[kPaths], limit[kPaths], least[kPaths], step[kPaths];
@@ -234,8 +235,8 @@ private:
         }
     }
 
-    // The least total, to a part of a plane by two lines of equal slope, and how far off the next other one
-    // is.
+    // Finds the plane of the least total, interpolated by two lines of equal slope, and the margin to the
+    // next other plane.
     void decide(float* index, float* margin) const {
         const int words = vectors_ * kCount;
         const Words16 none = Words16{} + 65535;

@@ -1,5 +1,5 @@
-// Whole numbers side by side, as wide as the level's registers: the cells of a pixel's planes. CPU only;
-// exact, so that every width gives the same.
+// Vectors of whole numbers as wide as the level's registers: the cells of a pixel's planes. For the CPU
+// alone; exact, so that every width gives the same result.
 #pragma once
 
 #if __has_include(<sys/mman.h>)
@@ -47,7 +47,7 @@ inline auto shifted(V cells, Lanes<lane...>) {
     return __builtin_shufflevector(cells, cells, (lane + shift) % (sizeof(V) / sizeof(cells[0]))...);
 }
 
-// The least of 16 bytes' cells, `left` of them still apart.
+// The least of the cells of 16 bytes, of which `left` remain to be compared.
 template <class Cell, int left, class V>
 inline Cell least_within(V cells) {
     if constexpr (left == 1)
@@ -68,8 +68,8 @@ inline Cell least_cell(V cells) {
     }
 }
 
-// Room for `count` cells that starts on a cache line; much of it on large pages, which come many times
-// faster.
+// Memory of `count` cells aligned to a cache line; large buffers are on huge pages, which are allocated many
+// times faster.
 template <class Cell>
 class CellBuffer {
 public:

@@ -1,9 +1,10 @@
-// How well the auxiliaries agree with the core at one plane of the sweep, a row at a time: 3x3 windows on the
+// The dissimilarity of auxiliaries and core on one plane of the sweep, a row at a time: 3x3 windows on the
 // core's grid, a centred normalised sum of squared differences per view, the best few views averaged.
 //
-// With I the core and J the auxiliary where a plane puts it, both centred in the window,
+// With I the core and J the auxiliary warped by the plane, both centred in the window,
 //   sum (I - J)^2 / (sum I^2 + sum J^2 + 18 floor)  =  1 - 2 (sum I J + 9 floor) / (the same),
-// so that three window sums per view are enough. NaN (nothing seen) runs through the sums and ends as 1.
+// so that three window sums per view are enough. NaN (nothing seen) propagates through the sums and becomes
+// 1.
 #pragma once
 
 #include "array.hpp"
@@ -23,8 +24,8 @@ BELTSCAPE_INLINE Image image_of(const Grid<const float>& grid) {
     return {grid.data, grid.width(), grid.height()};
 }
 
-// Where a sample lies: the pixel of its footprint's upper left corner, and how far on it is (NaN: not
-// inside).
+// The position of a sample: the upper left pixel of its footprint, and the fractional offsets from it (NaN:
+// not inside).
 template <class F>
 struct Spot {
     IntOf<F> index;
@@ -63,7 +64,7 @@ BELTSCAPE_INLINE F bilinear(const Image& image, const int* index, F u, F v) {
     return multiply_add(v, below - above, above);
 }
 
-// Three neighbours' part of a window's sum of products.
+// The sum of products of three neighbours.
 template <class F>
 BELTSCAPE_INLINE F three_products(F a, F b, F c, F i, F j, F k) {
     return multiply_add(c, k, multiply_add(b, j, a * i));
@@ -87,7 +88,7 @@ BELTSCAPE_INLINE CoreWindow<F> core_window(F sum, F sum_of_squares, float floor)
     return {mean, sum_of_squares - sum * mean + 18.0f * floor};
 }
 
-// 0 (the same but for brightness) ... 1 (unlike, or not seen).
+// 0 (equal except for the mean level) ... 1 (dissimilar, or not seen).
 template <class F>
 BELTSCAPE_INLINE F dissimilarity(const WindowSums<F>& sums, const CoreWindow<F>& core, float floor) {
     const F aux_energy = multiply_add(sums.aux, sums.aux * (-1.0f / 9.0f), sums.aux_squared);

@@ -1,6 +1,6 @@
 // Sweep and aggregation of an image in bands of rows: a band is aggregated together with a halo on either
 // side, and only its middle is kept. The costs of several bands (a slab) are held at once, so that each row
-// is swept once; how many does not change the result.
+// is swept once; their number does not change the result.
 #pragma once
 
 #include <cstring>
@@ -57,7 +57,7 @@ private:
         return costs_.data() + static_cast<std::size_t>(y - first_) * row_size_;
     }
 
-    // Holds the costs of rows first ... last - 1; those of before that are among them are moved.
+    // Computes the costs of rows first ... last - 1, and moves those that are already there.
     void sweep_to(int first, int last) {
         std::memmove(costs_.data(), row(first), static_cast<std::size_t>(last_ - first) * row_size_);
         first_ = first;

@@ -1,6 +1,6 @@
 // The plane sweep over a band of rows on the CPU. A strip of kStripRows rows is swept plane by plane, and
-// within a plane row by row through all views, so that three sampled rows per view (in L1) are all that the
-// windows need. Costs gather plane by plane and are turned to plane-innermost in blocks.
+// within a plane row by row through all views, so that windows need only three sampled rows per view (in L1).
+// Costs are computed plane by plane and transposed to plane-innermost in blocks.
 #pragma once
 
 #include <cstdint>
@@ -15,7 +15,7 @@ namespace beltscape {
 inline constexpr int kStripRows = 32;
 inline constexpr int kBlockPlanes = 32;
 
-// What `sweep` and `sweep_and_aggregate` have in common.
+// The fields that `sweep` and `sweep_and_aggregate` have in common.
 struct PlanesInput {
     Grid<const float> core;
     std::vector<Grid<const float>> images;
@@ -32,7 +32,7 @@ struct PlanesInput {
     }
 };
 
-// The mean of the measured cells.
+// The mean of the finite pixels.
 inline float mean_level(const Image& image) {
     double sum = 0, count = 0;
     const std::size_t pixels = static_cast<std::size_t>(image.width) * static_cast<std::size_t>(image.height);
@@ -138,7 +138,7 @@ private:
         const float *above, *here, *below;
     };
 
-    // Three rows of J and of I become one of each sum, its ends repeated for the windows there.
+    // Sums three rows of J and of I into one row of each sum, and repeats its ends for the windows there.
     void sum_rows(Three aux, Three core) {
         for (int x = 0; x < width_; x += kFloatLanes) {
             const Floats a = load<Floats>(aux.above + x), b = load<Floats>(aux.here + x),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -156,8 +157,12 @@ def _matching_calls(case: Case) -> dict[str, Call]:
     buffers = native.inverse_depth_buffers(s, p.views, sizes)
     planes = case.first, case.step, case.planes, floor
     cost = native.sweep(p.core, p.images, p.views, *planes)
-    offsets = list_propagation_offsets(MultiviewSettings().distances_px)
-    noise = {"floor": floor, "noise_variance": p.noise.levels, "model_variance": p.noise.model}
+    offsets = list_propagation_offsets(tuple(int(d) for d in MultiviewSettings().distances_px))
+    noise: dict[str, Any] = {
+        "floor": floor,
+        "noise_variance": p.noise.levels,
+        "model_variance": p.noise.model,
+    }
     equations = native.normal_equations(s, p.core, p.coefficients, p.views, **noise)
     return {
         "spline_coefficients": lambda k, n: k.spline_coefficients(p.core, threads=n),
@@ -187,9 +192,13 @@ def _selection_calls(case: Case) -> dict[str, Call]:
     buffers = native.inverse_depth_buffers(s, p.views, [image.shape[::-1] for image in p.images])
     uncertain, reliable = _uncertain(s)
     candidates = native.candidate_surfaces(s, slope_u, slope_v, reliable, *uncertain, reach=8, separation=1.0)
-    photometry = {"core": p.core, "variance": compute_difference_variance(p.core, p.noise), "images": p.images}
+    photometry = {
+        "core": p.core,
+        "variance": compute_difference_variance(p.core, p.noise),
+        "images": p.images,
+    }
     photometry |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
-    network, around_one = load_network("confidence"), np.stack(np.mgrid[-2:3, -2:3], -1).reshape(-1, 2)
+    network, around_one = load_network("confidence"), np.moveaxis(np.mgrid[-2:3, -2:3], 0, -1).reshape(-1, 2)
     features = [s] * len(network.names)
     first_round, (messages, neighbours, states) = load_message_rounds()[0], _messages(~reliable)
     return {

@@ -73,14 +73,14 @@ def test_a_sloping_plane_has_its_slope(name, seed, by_u, by_v):
 @every_level
 @given(seeds, widths, widths)
 def test_native_warps_agree_with_the_reference(level, seed, height, width):
-    """To 1e-4 px of movement; a pixel on the brink of the image may fall to either side."""
+    """To 1e-4 px of movement; a pixel on the edge of the image may fall to either side."""
     view, s, coefficients = view_of_seed(seed), surface(seed, height, width), texture(seed, 40, 48)
     expected, expected_slope = load("reference").warp(s, view, coefficients)
     value, slope = load(level).warp(s, view, coefficients)
     assert value.dtype == slope.dtype == np.float32
     u, v = project_grid(view, s)
-    brink = np.minimum.reduce([np.abs(u - 1), np.abs(u - 46), np.abs(v - 1), np.abs(v - 38)]) < 1e-3
-    np.testing.assert_array_equal(np.isnan(value)[~brink], np.isnan(expected)[~brink])
+    at_edge = np.minimum.reduce([np.abs(u - 1), np.abs(u - 46), np.abs(v - 1), np.abs(v - 38)]) < 1e-3
+    np.testing.assert_array_equal(np.isnan(value)[~at_edge], np.isnan(expected)[~at_edge])
     np.testing.assert_array_equal(slope[np.isnan(value)], 0)
     both = np.isfinite(value) & np.isfinite(expected)
     np.testing.assert_allclose(value[both], expected[both], atol=0.02)

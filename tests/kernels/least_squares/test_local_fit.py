@@ -42,7 +42,7 @@ def planar(seed: int, size: int) -> tuple[np.ndarray, float, float]:
     return (300 + offset + by_u * u + by_v * v).astype(np.float32), by_u, by_v
 
 
-def agree(found, expected, where=True):
+def assert_fits_match(found, expected, where=True):
     # A variance is an element of an inverse: a corner's window of few pixels multiplies float32's rounding.
     for name, rtol, atol in (
         ("s", 2e-4, 1e-4), ("slope_u", 2e-4, 1e-4), ("slope_v", 2e-4, 1e-4), ("variance", 1e-3, 1e-5)
@@ -71,7 +71,7 @@ def test_native_agrees_with_the_reference(level, seed, height, width, radii, tol
     expected, found = (f(radii=radii) for f in fit)
     assert found.s.dtype == found.variance.dtype == np.float32
     same, there = found.scale == expected.scale, np.isfinite(expected.s)
-    agree(found, expected, same)
+    assert_fits_match(found, expected, same)
     assert (same | near_a_decision(fit[0], radii)).all()
     if len(radii) > 1:  # told by values that are rounded: as far as those may be off
         spread = np.sqrt(fit[0](radii=radii[:-1], confidence_width=1e9).variance)

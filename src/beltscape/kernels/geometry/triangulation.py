@@ -24,7 +24,7 @@ class TriangulationKernels(KernelFamily):
     """Kernel of points from rays."""
 
     def triangulate(
-        self, projections: NDArray[np.float64], pixels: NDArray[np.float64], *, threads: int = 0
+        self, projections: NDArray[np.floating], pixels: NDArray[np.floating], *, threads: int = 0
     ) -> NDArray[np.float64]:
         """Return N points seen by any subset of n cameras, in the least-squares sense.
 
@@ -55,7 +55,7 @@ class TriangulationKernels(KernelFamily):
         return points
 
 
-def _checked(projections: NDArray[np.float64], pixels: NDArray[np.float64]) -> TriangulationInput:
+def _checked(projections: NDArray[np.floating], pixels: NDArray[np.floating]) -> TriangulationInput:
     """Return contiguous float64 (n, 3, 4) projections and (n, N, 2) pixels, or raise KernelError."""
     projections = np.ascontiguousarray(projections, dtype=np.float64)
     pixels = np.ascontiguousarray(pixels, dtype=np.float64)

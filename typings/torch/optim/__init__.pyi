@@ -1,0 +1,13 @@
+from collections.abc import Iterable
+
+from torch.nn import Parameter
+from torch.optim import lr_scheduler as lr_scheduler
+
+class Optimizer:
+    def zero_grad(self) -> None: ...
+    def step(self) -> None: ...
+
+class AdamW(Optimizer):
+    def __init__(
+        self, params: Iterable[Parameter], lr: float = ..., *, weight_decay: float = ...
+    ) -> None: ...

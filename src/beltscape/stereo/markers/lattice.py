@@ -91,9 +91,8 @@ def fit_homography(cells: NDArray[np.floating], points_px: NDArray[np.float64]) 
 def apply_homography(homography: NDArray[np.float64], cells: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the points (..., 2) of cells (..., 2)."""
     mapped = cells @ homography[:, :2].T + homography[:, 2]
-    return mapped[..., :2] / np.maximum(
-        mapped[..., 2:], 1e-6
-    )  # cells behind the horizon become distant points
+    # cells behind the horizon become distant points
+    return mapped[..., :2] / np.maximum(mapped[..., 2:], 1e-6)
 
 
 def _find_seeds(markers: MarkerDetections) -> list[Cells]:
@@ -122,7 +121,7 @@ def _list_corners(markers: MarkerDetections) -> list[Cells]:
     radii = distance / np.maximum(radius[:, None], radius)
     near = (radii > _STEP_RADII[0]) & (radii < _STEP_RADII[1])
     along, across = (np.abs(step[..., k]) > np.cos(np.deg2rad(_TURN_DEG)) * distance for k in (0, 1))
-    seeds = []
+    seeds: list[Cells] = []
     for corner in range(len(at)):
         for a in _list_nearest(distance[corner], near[corner] & along[corner]):
             for b in _list_nearest(distance[corner], near[corner] & across[corner]):
@@ -159,6 +158,7 @@ def _grow_lattice(markers: MarkerDetections, seed: Cells, size: tuple[int, int])
 
 
 def _grow_cells(markers: MarkerDetections, cells: Cells, size: tuple[int, int]) -> Cells:
+    """Return the cells with all detections near a predicted free cell, from the nearest neighbours outwards."""
     cells = dict(cells)
     span = max(size)
     while True:
@@ -191,7 +191,7 @@ def _predict_cells(
     free[index] = False
     if not free.any():
         return []
-    predicted = []
+    predicted: list[tuple[float, int, tuple[int, int]]] = []
     for cell in _list_free_cells(cells, size, gap):
         beside = np.abs(occupied - cell).max(axis=1) == gap
         known = occupied[beside]

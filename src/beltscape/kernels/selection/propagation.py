@@ -102,7 +102,7 @@ class PropagationKernels(KernelFamily):
         `PropagationInput` and `PropagationCosts` describe the arguments. From every offset a pixel p has the
         candidate s_q + slope_q · (p - q), at most 3 from s_q, of q = p - offset (or the grid's nearest pixel to it).
         A view's dissimilarity over 3 × 3 pixels is that of `sweep`, each pixel with its own candidate of the offset.
-        The cost is the mean over the views that see p inside the image unoccluded, of three or more without the worst.
+        The cost is the mean over the views that see p inside the image unoccluded, of three or more but the worst.
 
         A candidate replaces a kept one closer than ``separation``, or else the most expensive one, if it is cheaper.
         A semi-global selection on eight paths then takes the least sum of cost and the paths' mean cost. A step from

@@ -31,7 +31,7 @@ def float32(name: str, array: NDArray[np.floating], shape: tuple[int | str, ...]
 
 def flags(name: str, array: NDArray[np.uint8], shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return contiguous uint8 of a shape, from uint8 or bool, or raise KernelError."""
-    if array.shape != shape or array.dtype not in (np.uint8, np.bool_):
+    if array.shape != shape or array.dtype not in (np.dtype(np.uint8), np.dtype(np.bool_)):
         raise KernelError(f"{name} must be uint8 or bool {shape}, not {array.dtype} {array.shape}")
     return np.ascontiguousarray(array).view(np.uint8)
 

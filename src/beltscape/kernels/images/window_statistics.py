@@ -84,7 +84,7 @@ class WindowStatisticsKernels(KernelFamily):
         """
         given = _checked_windows(field, cells, sides)
         out = np.empty((3, len(sides), len(given.rows)))
-        return Quadratics(*self._run("quadratics", given, out, threads))
+        return Quadratics(*self._run("quadratics", given, list(out), threads))
 
     def window_means(
         self, field: NDArray[np.float64], cells: CellIndices, sides: tuple[int, ...], *, threads: int = 0
@@ -92,7 +92,7 @@ class WindowStatisticsKernels(KernelFamily):
         """Return the means of the measured cells; the field's border is repeated outside."""
         given = _checked_windows(field, cells, sides)
         out = np.empty((2, len(sides), len(given.rows)))
-        return WindowMeans(*self._run("window_means", given, out, threads))
+        return WindowMeans(*self._run("window_means", given, list(out), threads))
 
     def window_minima(
         self, field: NDArray[np.float64], cells: CellIndices, sides: tuple[int, ...], *, threads: int = 0

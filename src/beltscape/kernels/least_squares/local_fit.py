@@ -125,7 +125,14 @@ class LocalFitKernels(KernelFamily):
         demand_within("confidence_width", confidence_width, 0, inf)
         demand_within("prior_information", prior_information, 0, inf)
         demand_within("flatten", flatten, 0, 1)
-        given = LocalFitInput(*checked, windows, tolerance, confidence_width, prior_information, flatten)
+        given = LocalFitInput(
+            *checked,
+            windows=windows,
+            tolerance=tolerance,
+            confidence_width=confidence_width,
+            prior_information=prior_information,
+            flatten=flatten,
+        )
         out = *(np.empty(shape, np.float32) for _ in range(5)), np.empty(shape, np.uint8)
         return LocalFit(*self._run("local_fit", given, out, threads))
 
@@ -139,7 +146,7 @@ def fit_windows(radii: Sequence[tuple[int, float]]) -> list[FitWindow]:
         raise KernelError(
             f"radii must ascend within 1 to {WINDOW_LIMIT} px, not {', '.join(map(str, sizes))}"
         )
-    windows = []
+    windows: list[FitWindow] = []
     for radius, sigma in radii:
         demand_within("a window's sigma", sigma, 1e-3, inf)
         taps = np.exp(-0.5 * (np.arange(radius + 1) / sigma) ** 2)

@@ -72,7 +72,7 @@ def network_layers(
     _check_number(what, inputs)
     if not layers:
         raise KernelError("layers must be at least one")
-    weights = []
+    weights: list[NDArray[np.float32]] = []
     for i, layer in enumerate(layers):
         weights.append(float32(f"layers[{i}]", layer, ("k", inputs + 1)))
         inputs = len(weights[-1])

@@ -51,4 +51,5 @@ class ReferenceBackend:
                 return rasterise_heights(given, out[0].shape)  # pyright: ignore[reportArgumentType]
             case "inverse_depth_buffers":
                 return inverse_depth_buffers(given, [(b.shape[1], b.shape[0]) for b in out])  # pyright: ignore[reportArgumentType]
-        return _KERNELS[kernel](given)
+            case _:
+                return _KERNELS[kernel](given)

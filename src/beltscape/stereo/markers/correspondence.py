@@ -101,7 +101,7 @@ def _reprojection_errors_px(
     points_mm: NDArray[np.float64], pixels: NDArray[np.float64], rig: Rig, names: list[str]
 ) -> NDArray[np.float64]:
     """Return the (n, N) distance of undistorted pixels from the projected points; inf behind a camera."""
-    errors = []
+    errors: list[NDArray[np.float64]] = []
     for name, measured in zip(names, pixels, strict=True):
         local = rig.cam_from_core[name].apply(points_mm)
         camera = rig.cameras[name]

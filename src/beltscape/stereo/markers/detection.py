@@ -96,7 +96,7 @@ def _resize_for_search(image: Image) -> tuple[Image, float]:
         return image, factor
     size = (int(image.shape[1] * factor), int(image.shape[0] * factor))
     interpolation = cv2.INTER_CUBIC if factor > 1 else cv2.INTER_AREA
-    return cast(Image, cv2.resize(image, size, interpolation=interpolation)), factor
+    return cv2.resize(image, size, interpolation=interpolation), factor
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ def _find_discs(response: MarkerResponse, radii_px: tuple[float, float], min_ful
     wanted = (areas >= 0.5 * np.pi * smallest**2) & (areas <= 1.3 * np.pi * largest**2)
     wanted[0] = False
     largest_first = np.argsort(-areas[wanted], kind="stable")[: 4 * _MAX_DETECTIONS]
-    discs = []
+    discs: list[_Disc] = []
     for label in np.flatnonzero(wanted)[largest_first]:
         disc = _measure_disc(response, labels, int(label), boxes[label], min_fullness)
         if disc is not None and smallest <= disc.radius <= largest:
@@ -140,7 +140,7 @@ def _measure_disc(
     plateau = cv2.dilate(np.where(own, response.strength[near], 0), np.ones((7, 7), np.uint8))
     share = response.strength[near] / np.maximum(0.95 * plateau, np.float32(1e-6))
     weight = np.where(around, np.clip(share, 0, 1), 0).astype(np.float64)
-    v, u = np.indices(own.shape)
+    v, u = cast("NDArray[np.int64]", np.indices(own.shape))
     area = float(weight.sum())
     cu, cv = float((weight * u).sum() / area), float((weight * v).sum() / area)
     suu = float((weight * (u - cu) ** 2).sum() / area)

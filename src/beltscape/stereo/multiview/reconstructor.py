@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar
+from typing import TypeVar, cast
 
 import cv2
 import numpy as np
@@ -179,7 +179,13 @@ def _make_depth_map(state: MatcherState, estimate: DepthEstimate, least_confiden
     parts = depth, sigma_mm, np.where(accepted, views, 0), np.where(accepted, confidence, 0)
     for plane, part in zip(planes, parts, strict=True):
         plane[: part.shape[0], : part.shape[1]] = part
-    return DepthMap(*planes)
+    depth_plane, sigma_plane, views_plane, confidence_plane = planes
+    return DepthMap(
+        cast("NDArray[np.float32]", depth_plane),
+        cast("NDArray[np.float32]", sigma_plane),
+        cast("NDArray[np.uint8]", views_plane),
+        cast("NDArray[np.float32]", confidence_plane),
+    )
 
 
 _EMPTY = ((np.nan, np.float32), (np.nan, np.float32), (0, np.uint8), (0, np.float32))

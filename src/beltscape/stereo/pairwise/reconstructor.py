@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.arguments import require_depth_range
 from beltscape.core.depth import DepthMap
@@ -48,7 +51,8 @@ class PairwiseReconstructor:
         self.depth_range_mm = depth_range_mm
         self.settings = settings
         with ThreadPoolExecutor(settings.threads or os.cpu_count() or 1) as pool:
-            matchers = pool.map(lambda name: make_pair_matcher(rig, name, depth_range_mm, settings), names)
+            make_matcher = partial(make_pair_matcher, rig, depth_range_mm=depth_range_mm, settings=settings)
+            matchers = pool.map(make_matcher, names)
             self._matchers: Mapping[str, PairMatcher] = dict(zip(names, matchers, strict=True))
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
@@ -63,10 +67,10 @@ class PairwiseReconstructor:
         names = list_usable_auxiliaries(self.rig, frame_set, tuple(self._matchers))
         core_root = take_square_root(frame_set.images[core])
 
-        def match(name: str) -> np.ndarray:
+        def match(name: str) -> NDArray[np.float32]:
             return self._matchers[name].compute_depth(core_root, take_square_root(frame_set.images[name]))
 
-        depths = []
+        depths: list[NDArray[np.float32]] = []
         with ThreadPoolExecutor(self.settings.threads or os.cpu_count() or 1) as pool:
             for depth in pool.map(match, names):
                 depths.append(depth)
@@ -76,7 +80,9 @@ class PairwiseReconstructor:
         agreement = self.settings.agreement_px
         fused = fuse_depths(np.stack(depths), None if agreement is None else agreement / scale)
         confidence = fused.views / np.float32(len(names))  # the share of pairs that agree
-        return DepthMap(fused.depth_mm, estimate_sigma(fused, scale), fused.views, confidence)
+        return DepthMap(
+            fused.depth_mm, estimate_sigma(fused, scale), fused.views, cast("NDArray[np.float32]", confidence)
+        )
 
 
 def reconstruct_pairwise(

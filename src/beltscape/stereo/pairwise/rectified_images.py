@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import cast
 
 import cv2
 
@@ -27,7 +26,5 @@ def rectify_images(frame_set: FrameSet, pair: RectifiedPair) -> RectifiedImages:
     """Return both images of a pair on their common rows, interpolated once from the distorted images."""
     core = cv2.remap(frame_set.images[pair.core], pair.core_map, None, cv2.INTER_CUBIC)
     auxiliary = cv2.remap(frame_set.images[pair.auxiliary], pair.aux_map, None, cv2.INTER_CUBIC)
-    left, right = (quantise_root(cast(Image, image)) for image in (core, auxiliary))
-    return RectifiedImages(
-        pair, cast(Image, core), cast(Image, auxiliary), measure_row_error(left, right, pair.disparities)
-    )
+    left, right = (quantise_root(image) for image in (core, auxiliary))
+    return RectifiedImages(pair, core, auxiliary, measure_row_error(left, right, pair.disparities))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ def _buffer(
     s: NDArray[np.floating], view: NDArray[np.floating], size: tuple[int, int]
 ) -> NDArray[np.float64]:
     width, height = size
-    y, x = np.indices(s.shape)
+    y, x = cast("NDArray[np.int64]", np.indices(s.shape))
     u, v, inverse_depth = (a[np.isfinite(a)] for a in project(view, x, y, s.astype(np.float64)))
     framed = np.zeros((height + 2, width + 2))  # a pixel all around, for what is seen half outside
     near = (u >= -1) & (u < width) & (v >= -1) & (v < height)
@@ -34,7 +35,7 @@ def _buffer(
 def visible(given: VisibleInput) -> tuple[NDArray[np.uint8]]:
     """Return (H, W) 1 where a pixel is seen."""
     s, view, buffer, tolerance = given
-    y, x = np.indices(s.shape)
+    y, x = cast("NDArray[np.int64]", np.indices(s.shape))
     u, v, inverse_depth = project(view, x, y, s.astype(np.float64))
     column, row = np.floor(u + 0.5), np.floor(v + 0.5)
     inside = (column >= 0) & (column < buffer.shape[1]) & (row >= 0) & (row < buffer.shape[0])

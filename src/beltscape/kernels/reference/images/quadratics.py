@@ -22,7 +22,7 @@ def quadratics(given: WindowsInput) -> list[NDArray[np.float64]]:
     found = np.empty((3, len(sides), len(cells[0])))
     half = np.array(sides)[:, None] / 2
     for own, near in bands(cells, max(sides) // 2, len(field)):
-        x, y = (np.arange(count) - count // 2 for count in (field.shape[1], near.stop - near.start))
+        x, y = (np.arange(int(count)) - count // 2 for count in (field.shape[1], near.stop - near.start))
         masses = WindowSums(_weighted(measured[near].astype(np.int64), x, y, _POWERS))
         heights = WindowSums(_weighted(height[near], x, y, TERMS))
         squares = WindowSums(height[near][None] ** 2)
@@ -77,7 +77,7 @@ def _cholesky_solved(
         lower[j, j] = np.sqrt(np.maximum(pivot, 1e-30))
         for i in range(j + 1, size):
             lower[i, j] = (matrix[i, j] - (lower[i, :j] * lower[j, :j]).sum(axis=0)) / lower[j, j]
-    found = []
+    found: list[NDArray[np.float64]] = []
     for right in rights:
         part = np.empty_like(right)
         for j in range(size):

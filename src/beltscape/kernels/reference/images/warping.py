@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,7 +36,7 @@ def _values(n: int) -> Array:
 def warp(given: WarpInput) -> tuple[Array, Array]:
     """Return value and slope, (H, W) each."""
     s, view, taps = np.asarray(given.s, np.float64), given.view, np.asarray(given.coefficients, np.float64)
-    y, x = np.indices(s.shape)
+    y, x = cast("NDArray[np.int64]", np.indices(s.shape))
     u, v, _ = project(view, x, y, s)
     ahead, behind = project(view, x, y, s + STEP), project(view, x, y, s - STEP)
     value, by_u, by_v = sample(taps, u, v)

@@ -33,7 +33,7 @@ class _Plane:
 
 def local_fit(given: LocalFitInput) -> tuple[NDArray[Any], ...]:
     """Return the fields of LocalFit, (H, W) each."""
-    fits = [_fitted(given, window) for window in given.windows]
+    fits = [_fit_window(given, window) for window in given.windows]
     taken, scale = _largest_consistent(fits, given.confidence_width)
     missing = ~np.isfinite(given.s)
     moved = given.s + np.clip(taken.change, -LARGEST_STEP, LARGEST_STEP)
@@ -61,7 +61,7 @@ def _disagreement(planes: list[_Plane]) -> Array:
     return np.minimum(apart**2 / np.maximum(smaller.variance, LEAST_VARIANCE), MOST_DISAGREEMENT)
 
 
-def _fitted(given: LocalFitInput, window: FitWindow) -> _Plane:
+def _fit_window(given: LocalFitInput, window: FitWindow) -> _Plane:
     """Return the weighted least squares of one window, with all its taps at once."""
     information, pull, s, slope_u, slope_v = (np.asarray(field, np.float64) for field in given[:5])
     there, known = np.isfinite(s), np.isfinite(information) & np.isfinite(pull)
@@ -83,7 +83,7 @@ def _fitted(given: LocalFitInput, window: FitWindow) -> _Plane:
     return _solved(weight, pulled, closeness * weight, u, v, slope_u, slope_v)
 
 
-def _neighbours(field: NDArray, offsets: list[tuple[int, int]]) -> NDArray:
+def _neighbours(field: NDArray[np.float64], offsets: list[tuple[int, int]]) -> NDArray[np.float64]:
     """Return (taps, H, W) the field at every offset (v, u) from each pixel; 0 beyond the image."""
     margin = max(max(abs(v), abs(u)) for v, u in offsets)
     padded, (height, width) = np.pad(field, margin), field.shape

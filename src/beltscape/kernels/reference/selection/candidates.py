@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -75,9 +77,10 @@ def _by_view(given: PhotoConsistencyInput) -> list[tuple[Array, Array, NDArray[n
     u, v = given.u.astype(np.float64), given.v.astype(np.float64)
     s, slope_u, slope_v = (plane.astype(np.float64) for plane in given.planes)
     at = given.v.astype(int), given.u.astype(int)
-    found = []
+    found: list[tuple[Array, Array, NDArray[np.bool_]]] = []
     for image, view, buffer, gain in zip(given.images, given.views, given.buffers, given.gains, strict=True):
-        each, seen = [], np.zeros(s.shape, bool)
+        each: list[Array] = []
+        seen: NDArray[np.bool_] = np.zeros(s.shape, bool)
         for du, dv in CROSS:
             own = np.clip(at[0] + dv, 0, height - 1), np.clip(at[1] + du, 0, width - 1)
             x, y, inverse_depth = project(view, u + du, v + dv, s + slope_u * du + slope_v * dv)
@@ -94,7 +97,7 @@ def _order_statistics(unlike: Array, seen: NDArray[np.bool_]) -> list[NDArray[np
     """Return least, second, mean and most (C, N) of the views (n, C, N) that see the point."""
     views, none = seen.sum(axis=0), ~seen.any(axis=0)
     ranked = np.sort(np.where(seen, unlike, MOST_UNLIKE), axis=0)
-    second = np.where(views > 1, ranked[min(1, len(ranked) - 1)], ranked[0])
+    second = cast("NDArray[np.float64]", np.where(views > 1, ranked[min(1, len(ranked) - 1)], ranked[0]))
     counted = np.where(seen, unlike, 0)
     mean = np.where(none, MOST_UNLIKE, counted.sum(axis=0) / np.maximum(views, 1))
     most = np.where(none, MOST_UNLIKE, counted.max(axis=0))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,9 +22,9 @@ HALO_ROWS = 12
 
 def propagate(given: PropagationInput) -> tuple[NDArray[np.floating], ...]:
     """Return the fields of Propagated, (H, W) each."""
-    kept = _kept(given)
+    kept = _select_candidates(given)
     height = given.core.shape[0]
-    bands = []
+    bands: list[list[NDArray[np.floating]]] = []
     for first in range(0, height, BAND_ROWS):
         end = min(height, first + BAND_ROWS)
         above, below = max(0, first - HALO_ROWS), min(height, end + HALO_ROWS)
@@ -31,7 +33,7 @@ def propagate(given: PropagationInput) -> tuple[NDArray[np.floating], ...]:
     return tuple(np.concatenate(parts) for parts in zip(*bands, strict=True))
 
 
-def _kept(given: PropagationInput) -> Kept:
+def _select_candidates(given: PropagationInput) -> Kept:
     """Return the candidates (H, W, K) that the pixels keep."""
     s, slope_u, slope_v = given.surface
     shape = (*s.shape, given.candidates)
@@ -59,7 +61,7 @@ def shifted_candidate(given: PropagationInput, dx: int, dy: int) -> tuple[Array,
     """Return the candidate of an offset and its slopes, (H, W) each."""
     s, slope_u, slope_v = given.surface
     height, width = s.shape
-    y, x = np.indices(s.shape)
+    y, x = cast("NDArray[np.int64]", np.indices(s.shape))
     from_y, from_x = np.clip(y - dy, 0, height - 1), np.clip(x - dx, 0, width - 1)
     slope_u, slope_v = finite_or_zero(slope_u[from_y, from_x]), finite_or_zero(slope_v[from_y, from_x])
     step = np.clip(slope_u * (x - from_x) + slope_v * (y - from_y), -FARTHEST_STEP, FARTHEST_STEP)
@@ -68,9 +70,10 @@ def shifted_candidate(given: PropagationInput, dx: int, dy: int) -> tuple[Array,
 
 def dissimilarity(given: PropagationInput, s: Array) -> Array:
     """Return (H, W) dissimilarity of the surface s over the views that see each pixel."""
-    y, x = np.indices(s.shape)
+    y, x = cast("NDArray[np.int64]", np.indices(s.shape))
     core = centred_windows(given.core.astype(np.float64))
-    each, seen = [], []
+    each: list[Array] = []
+    seen: list[NDArray[np.bool_]] = []
     for image, view, buffer in zip(given.images, given.views, given.buffers, strict=True):
         u, v, inverse_depth = project(view, x, y, s)
         aux = centred_windows(bilinear(image.astype(np.float64), u, v))
@@ -85,7 +88,8 @@ def _agreement(each: Array, seen: NDArray[np.bool_], unseen_cost: float) -> Arra
     """Return (H, W) the mean of the visible views' dissimilarities (n, H, W), without the worst of three or more."""
     views, counted = seen.sum(axis=0), np.where(seen, each, 0)
     total, worst = counted.sum(axis=0), counted.max(axis=0)
-    mean = np.where(views > 2, (total - worst) / np.maximum(views - 1, 1), total / np.maximum(views, 1))
+    without_worst, with_worst = (total - worst) / np.maximum(views - 1, 1), total / np.maximum(views, 1)
+    mean = cast("NDArray[np.float64]", np.where(views > 2, without_worst, with_worst))
     return np.where(views > 0, mean, unseen_cost)
 
 
@@ -102,7 +106,9 @@ def _keep(
     """Insert a candidate (s, slope_u, slope_v, cost), (H, W) each, where it is cheaper than the one it replaces."""
     s, cost = candidate[0], candidate[3]
     near = np.abs(kept.s - s[..., None]) < separation
-    place = np.where(near.any(axis=2), near.argmax(axis=2), kept.cost.argmax(axis=2))
+    place = cast(
+        "NDArray[np.int64]", np.where(near.any(axis=2), near.argmax(axis=2), kept.cost.argmax(axis=2))
+    )
     there = np.take_along_axis(kept.cost, place[..., None], axis=2)[..., 0]
     y, x = np.nonzero(allowed & (cost < there))
     for field, value in zip(kept, candidate, strict=True):

@@ -37,7 +37,7 @@ def _path(cost: Array, dy: int, dx: int, small_jump: int, large_jump: int) -> Ar
 
 def _decide(sums: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return planes and margins (rows, W) from sums (rows, W, D)."""
-    planes = np.arange(sums.shape[2])
+    planes = np.arange(int(sums.shape[2]))
     best = sums.argmin(axis=2)
     at = best[..., None]
     least = np.take_along_axis(sums, at, axis=2)

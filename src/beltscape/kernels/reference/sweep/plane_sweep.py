@@ -22,7 +22,7 @@ def sweep(given: SweepInput, rows: int) -> tuple[NDArray[np.uint8]]:
 
 def sweep_and_aggregate(given: SweepAndAggregateInput) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return plane and margin (H, W) each."""
-    kept = []
+    kept: list[list[NDArray[np.float32]]] = []
     for band in bands(len(given.core)):
         (cost,) = sweep(SweepInput(*given[:8], band.first), band.last - band.first)
         middle = slice(band.keep_first - band.first, band.keep_last - band.first)
@@ -37,9 +37,9 @@ def _plane(given: SweepInput, s: float) -> NDArray[np.uint8]:
     height, width = given.core.shape
     v, u = np.mgrid[:height, :width].astype(np.float64)
     core = centred_windows(given.core.astype(np.float64))
-    each = []
+    each: list[NDArray[np.float64]] = []
     for image, view in zip(given.images, given.views, strict=True):
-        seen_u, seen_v, _ = project(view, u, v, np.full(u.shape, s))
+        seen_u, seen_v, _ = project(view, u, v, np.full((height, width), s))
         aux = centred_windows(bilinear(image.astype(np.float64), seen_u, seen_v))
         energy = (core**2).sum(axis=0) + (aux**2).sum(axis=0) + 18 * given.floor
         c = ((core - aux) ** 2).sum(axis=0) / energy

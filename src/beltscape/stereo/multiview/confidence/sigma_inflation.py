@@ -77,7 +77,7 @@ def _accumulate_tiles(s: Array, prepared: PreparedFrame, rows: slice) -> tuple[A
     levels_px, side = context.windows.levels_px, compute_tile_side(context.scale)
     core = np.ascontiguousarray(prepared.core[rows])
     smooth = ~detect_depth_steps(fill_nan(band))
-    sums = []
+    sums: list[list[Array]] = []
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
         equations = context.kernels.normal_equations(
             band, core, [coefficients], crop_projection(view, 0, rows.start)[None], window=levels_px,
@@ -120,7 +120,8 @@ def _estimate_groups(log_information: Array, squares: Array) -> Inflation:
     if len(squares) < _LEAST_TILES:
         return Inflation(np.empty(0), np.empty(0), np.nan)
     edges = np.quantile(log_information, _GROUPS)
-    centres, ratios = [], []
+    centres: list[float] = []
+    ratios: list[float] = []
     for low, high in pairwise(edges):
         group = (log_information >= low) & (log_information <= high)
         if group.sum() >= _LEAST_TILES:

@@ -14,10 +14,14 @@ Other = TypeVar("Other")
 def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Result]:
     """Return the jobs' results in order; the jobs are independent, so the number of threads changes nothing."""
     threads = min(threads or os.cpu_count() or 1, len(jobs))
+
+    def call(job: Callable[[], Result]) -> Result:
+        return job()
+
     if threads < 2:
         return [job() for job in jobs]
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(lambda job: job(), jobs))
+        return list(pool.map(call, jobs))
 
 
 def run_pair(first: Callable[[], Result], second: Callable[[], Other], threads: int) -> tuple[Result, Other]:

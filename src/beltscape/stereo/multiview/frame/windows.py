@@ -42,8 +42,8 @@ class Windows:
 def choose_windows(width_px: int) -> Windows:
     """Return the window sizes for a grid of this width."""
     scale = float(np.clip(width_px / _WIDTH_PX, *_SCALE))
-    radii = (_choose_radii(sigmas_px, scale) for sigmas_px in (_NARROW_PX, _FIRM_PX, _WIDE_PX))
-    return Windows(*radii, max(3, round(_LEVELS_PX * scale)), scale)
+    narrow, firm, wide = (_choose_radii(sigmas_px, scale) for sigmas_px in (_NARROW_PX, _FIRM_PX, _WIDE_PX))
+    return Windows(narrow, firm, wide, max(3, round(_LEVELS_PX * scale)), scale)
 
 
 def scale_window(window_px: float, scale: float) -> tuple[int, int]:

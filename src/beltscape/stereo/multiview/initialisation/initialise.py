@@ -104,7 +104,7 @@ def _compute_block_ranges(
     A block without either takes the range of all finite s; without any finite s it takes all of ``s_range``.
     """
     overall = compute_robust_range(s[np.isfinite(s)]) or s_range
-    ranges = []
+    ranges: list[tuple[float, float]] = []
     for block, matched in zip(blocks, matches, strict=True):
         here = s[block]
         candidates = compute_robust_range(here[np.isfinite(here)]), compute_robust_range(matched)

@@ -73,7 +73,7 @@ def _find_holes(missing: NDArray[np.bool_], tile: int) -> list[Block]:
 
 def _reduce_to_tiles(mask: NDArray[np.bool_], tile: int, axis: int) -> NDArray[np.bool_]:
     """Return which tiles along an axis contain an element of the mask."""
-    return np.logical_or.reduceat(mask, np.arange(0, mask.shape[axis], tile), axis=axis)
+    return np.logical_or.reduceat(mask, np.arange(0, int(mask.shape[axis]), tile), axis=axis)
 
 
 def _slice_tile(first: int, last: int, tile: int, size: int) -> slice:

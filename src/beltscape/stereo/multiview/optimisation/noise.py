@@ -33,7 +33,7 @@ _SCALE = (1 / 16, 64.0)
 def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
     """Return the prepared frame's noise, scaled to the residuals of all views on a few bands of rows."""
     noise = prepared.noise
-    residuals = []
+    residuals: list[Array] = []
     for first in np.linspace(0, max(0, len(surface.s) - _ROWS), _BANDS).astype(int):
         residuals += _compute_squared_residuals(surface.s, prepared, int(first))
     ratios = np.concatenate(residuals)
@@ -51,7 +51,7 @@ def _compute_squared_residuals(s: Array, prepared: PreparedFrame, first: int) ->
     core_level, core_variance = _normalise(core, noise.floor)
     textured = np.isfinite(prepared.core[rows]) & (core_variance >= np.median(core_variance))
     band = np.ascontiguousarray(s[rows])
-    residuals = []
+    residuals: list[Array] = []
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
         warped, _ = context.kernels.warp(
             band, crop_projection(view, 0, first), coefficients, threads=context.threads

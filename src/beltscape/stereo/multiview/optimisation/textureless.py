@@ -6,7 +6,7 @@ fitted robustly to s in a ring around it. Where the ring is one smooth surface, 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -121,7 +121,7 @@ def _fit_quadratic(
         weighted = ring_terms * weight[:, None]  # sums by einsum: BLAS's depend on the number of threads
         moments, pull = np.einsum("ni,nj->ij", weighted, ring_terms), np.einsum("ni,n->i", weighted, target)
         moments[np.diag_indices(6)] += _RIDGE * np.trace(moments)
-        previous, coefficients = coefficients, np.linalg.solve(moments, pull)
+        previous, coefficients = coefficients, cast("NDArray[np.float64]", np.linalg.solve(moments, pull))
         off = np.abs(target - ring_terms @ coefficients)
         spread = MAD_TO_SIGMA * _compute_quantile(off, 0.5)
         if np.abs(coefficients - previous).max() < _SETTLED_PX:

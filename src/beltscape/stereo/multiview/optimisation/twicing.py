@@ -7,8 +7,11 @@ remains in the images as residuals that neighbours have in common. W of it is ad
 
 from __future__ import annotations
 
+from typing import cast
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.nan import fill_nan
@@ -41,7 +44,7 @@ def apply_twicing(surface: Surface, prepared: PreparedFrame, tolerance: float) -
     noise = cv2.blur(np.minimum(fill_nan(fit.variance), _MOST_PX**2), window)
     share = np.maximum(1 - noise / np.maximum(energy, np.float32(1e-12)), 0)
     return Surface(
-        surface.s + share * shift,
-        surface.slope_u + share * (fit.slope_u - surface.slope_u),
-        surface.slope_v + share * (fit.slope_v - surface.slope_v),
+        cast("NDArray[np.float32]", surface.s + share * shift),
+        cast("NDArray[np.float32]", surface.slope_u + share * (fit.slope_u - surface.slope_u)),
+        cast("NDArray[np.float32]", surface.slope_v + share * (fit.slope_v - surface.slope_v)),
     )

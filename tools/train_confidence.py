@@ -1,6 +1,6 @@
 """Train the networks of confidence, sigma and candidate selection on simulated captures with truth.
 
-    python tools/train_confidence.py NETWORK CAPTURE…
+    python tools/train_confidence.py NETWORK CAPTURE… [--out FOLDER]
 
 NETWORK is initial_confidence, candidates, pairwise_ranking, confidence, sigma or fast_confidence. Each CAPTURE is
 what ``beltscape simulate SCENE --out CAPTURE`` wrote: loaded belts, modules and empty belts, with and without
@@ -8,13 +8,13 @@ speckle, of several rigs, image sizes and seeds, with rough stones and with even
 it is and with augmentations (tools/augmentation.py); one named twice counts twice, with other augmentations. The
 first four depend on each other in this order, and train_refinement.py on them. ``sigma`` trains only the sigma of
 ``confidence`` again; ``fast_confidence`` is for the preset ``fast``. Each is written to a file of its name in
-data/. Assess the result on captures that are not among them.
+FOLDER, without it to data/, from where the program reads it. Assess the result on captures that are not among them.
 """
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -23,11 +23,13 @@ import numpy as np
 from scipy.linalg import block_diag
 
 import beltscape
-from adam import Schedule, Slopes, fitted
+from adam import Gradient, Schedule, fit_layers
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.stereo.multiview.networks import load_network
 from pixel_samples import Sample, pixel_samples, selection_samples
 
+DATA = Path(beltscape.__file__).parent / "data"
+"""Folder from which the program reads the networks."""
 GROSS_MM = 4.0
 """Error from which on a surface is false."""
 RIGHT_PX = 1.25
@@ -64,60 +66,72 @@ PLANS = {
 }
 RATE = 4e-3
 
+Layers = list[np.ndarray]
+"""(outputs, inputs + 1) weights and offsets of each layer, as in the files."""
 
-def train_candidates(folders: list[Path]) -> None:
+
+class TrainedNetwork(NamedTuple):
+    """A trained network."""
+
+    name: str
+    features: tuple[str, ...]
+    limits: np.ndarray
+    """(2, n) limits to which the features are clipped."""
+    layers: Layers
+
+
+def train_candidates(folders: list[Path]) -> TrainedNetwork:
     """Train the logit of the probability that a candidate is right."""
     features, right = [], []
+    names: tuple[str, ...] = ()
     for frame in selection_samples(folders):
         for _, candidates, values, ds in frame.draw():
             finite = np.isfinite(candidates.s)
             features.append(np.stack([plane[finite] for plane in values.values()], -1).astype(np.float32))
             right.append(np.abs(ds[finite]) <= RIGHT_PX)
             names = tuple(values)
-    train_logits("candidates", names, np.concatenate(features), np.concatenate(right)[:, None])
+    return train_logits("candidates", names, np.concatenate(features), np.concatenate(right)[:, None])
 
 
-def train_pairwise_ranking(folders: list[Path]) -> None:
+def train_pairwise_ranking(folders: list[Path]) -> TrainedNetwork:
     """Train the logits of the probabilities that the top two candidates are right."""
     features, right = [], []
+    names: tuple[str, ...] = ()
     for frame in selection_samples(folders):
         for at, candidates, values, ds in frame.draw():
             first, second, score = frame.selector.rank_top_two(candidates, values)
             paired = np.flatnonzero(second >= 0)
             pair = first[paired], second[paired]
-            pairs = frame.selector.pairwise_features(at, candidates, {**values, "score": score}, paired, pair)
+            pairs = frame.selector.compute_pairwise_features(at, candidates, {**values, "score": score}, paired, pair)
             features.append(np.concatenate(list(pairs.values())).T.astype(np.float32))
             right.append(np.stack([np.abs(ds[index, paired]) <= RIGHT_PX for index in pair], -1))
             names = tuple(pairs)
-    train_logits("pairwise_ranking", names, np.concatenate(features), np.concatenate(right))
+    return train_logits("pairwise_ranking", names, np.concatenate(features), np.concatenate(right))
 
 
-def train_logits(network: str, names: tuple[str, ...], x: np.ndarray, right: np.ndarray) -> None:
+def train_logits(network: str, names: tuple[str, ...], x: np.ndarray, right: np.ndarray) -> TrainedNetwork:
     """Train a network for the logits of ``right`` (n, m) from features (n, names)."""
-    limits, right = limits_of(x), right.astype(np.float32)
-    slopes = cross_entropy_slopes(right, np.ones_like(right))
-    write(network, names, limits, fit(x, limits, slopes, right.shape[1], PLANS[network]))
+    limits, right = compute_limits(x), right.astype(np.float32)
+    gradient = cross_entropy_gradient(right, np.ones_like(right))
+    layers = fit_clipped(x, limits, gradient, right.shape[1], PLANS[network])
+    return TrainedNetwork(network, names, limits, layers)
 
 
-Layers = list[np.ndarray]
-"""As the perceptron takes them."""
-
-
-def cross_entropy_slopes(right: np.ndarray, weight: np.ndarray) -> Slopes:
-    """Return the slopes of the cross-entropy: the outputs (n, m) become the logits of the share that is right."""
+def cross_entropy_gradient(right: np.ndarray, weight: np.ndarray) -> Gradient:
+    """Return the gradient of the cross-entropy: the outputs (n, m) become the logits of the share that is right."""
     return lambda out, at: (weight[at] * (1 / (1 + np.exp(-out)) - right[at]) / np.float32(len(at))).astype(
         np.float32
     )
 
 
-def deviation_slopes(log_size: np.ndarray, weight: np.ndarray) -> Slopes:
-    """Return the slopes of the absolute deviation: the output becomes the median of the logarithm."""
+def deviation_gradient(log_size: np.ndarray, weight: np.ndarray) -> Gradient:
+    """Return the gradient of the absolute deviation: the output becomes the median of the logarithm."""
     return lambda out, at: (
         weight[at, None] * np.clip((out - log_size[at, None]) / ROUND, -1, 1) / np.float32(len(at))
     ).astype(np.float32)
 
 
-def limits_of(x: np.ndarray) -> np.ndarray:
+def compute_limits(x: np.ndarray) -> np.ndarray:
     """Return the (2, n) limits to which features (N, n) are clipped."""
     mean, spread = np.nanmean(x, axis=0, dtype=float), np.nanstd(x, axis=0, dtype=float)
     low, high = mean - LIMIT * spread, mean + LIMIT * spread
@@ -125,10 +139,10 @@ def limits_of(x: np.ndarray) -> np.ndarray:
     return limits.astype(np.float32)
 
 
-def fit(
+def fit_clipped(
     x: np.ndarray,
     limits: np.ndarray,
-    slopes: Slopes,
+    gradient: Gradient,
     outputs: int,
     plan: Plan,
     start: float = 0.0,
@@ -139,12 +153,14 @@ def fit(
     mean, spread = within.mean(axis=0, dtype=float), within.std(axis=0, dtype=float) + 1e-6
     within -= mean.astype(np.float32)
     within /= spread.astype(np.float32)
-    how = Schedule(plan.hidden, plan.epochs, plan.batch, RATE, 1e-6, 0.3)
+    schedule = Schedule(plan.hidden, plan.epochs, plan.batch, RATE, 1e-6, 0.3)
 
-    def shifted(out: np.ndarray, at: np.ndarray) -> np.ndarray:
-        return slopes(out + np.float32(start), at)
+    def shifted_gradient(out: np.ndarray, at: np.ndarray) -> np.ndarray:
+        return gradient(out + np.float32(start), at)
 
-    (weights, offset), *others = fitted(within, outputs, shifted, how, np.random.default_rng(0))
+    (weights, offset), *others = fit_layers(
+        within, outputs, shifted_gradient, schedule, np.random.default_rng(0)
+    )
     first = np.hstack([weights.T / spread, (offset - (mean / spread) @ weights)[:, None]])
     layers = [first, *(np.hstack([weights.T, offset[:, None]]) for weights, offset in others)]
     layers[-1][:, -1] += start
@@ -159,59 +175,62 @@ def evaluate(x: np.ndarray, limits: np.ndarray, layers: Layers) -> np.ndarray:
     return found @ layers[-1][0, :-1] + layers[-1][0, -1]
 
 
-def centred_errors(sample: Sample) -> np.ndarray:
+def centre_errors(sample: Sample) -> np.ndarray:
     """Return the (n,) errors in px around their median; sigma is their spread."""
     counted = sample.interior & (np.abs(sample.dz_mm) <= MOST_MM)
     return sample.ds_px - np.median(sample.ds_px[counted]) if counted.any() else sample.ds_px
 
 
-def train_pixels(found: list[Sample], network: str) -> None:
+def train_pixels(samples: list[Sample], network: str) -> TrainedNetwork:
     """Train the logit of a pixel's confidence and, except for the initial one, the logarithm of its sigma."""
-    names = found[0].names
-    x = np.concatenate([sample.features for sample in found])
-    dz = np.abs(np.concatenate([sample.dz_mm for sample in found]))
-    limits = limits_of(x)
-    occluded = np.concatenate([s.occluded for s in found])
+    names = samples[0].names
+    x = np.concatenate([sample.features for sample in samples])
+    dz = np.abs(np.concatenate([sample.dz_mm for sample in samples]))
+    limits = compute_limits(x)
+    occluded = np.concatenate([s.occluded for s in samples])
     right = ((dz <= GROSS_MM) & ~occluded).astype(np.float32)
     weight = np.where(occluded, PLANS[network].occluded, 1).astype(np.float32)
-    confidence = fit(x, limits, cross_entropy_slopes(right[:, None], weight[:, None]), 1, PLANS[network])
+    confidence = fit_clipped(
+        x, limits, cross_entropy_gradient(right[:, None], weight[:, None]), 1, PLANS[network]
+    )
     if network == "initial_confidence":
-        write(network, names, limits, confidence)
-    else:
-        write(network, names, limits, merge(confidence, train_sigma(found, x, limits, confidence)))
+        return TrainedNetwork(network, names, limits, confidence)
+    layers = merge_networks(confidence, train_sigma(samples, x, limits, confidence))
+    return TrainedNetwork(network, names, limits, layers)
 
 
-def retrain_sigma(found: list[Sample]) -> None:
+def retrain_sigma(samples: list[Sample]) -> TrainedNetwork:
     """Train only the sigma of ``confidence`` again; the logit stays as it is, also with additional features."""
-    names, shipped = found[0].names, load_network("confidence")
-    x = np.concatenate([sample.features for sample in found])
+    names, shipped = samples[0].names, load_network("confidence")
+    x = np.concatenate([sample.features for sample in samples])
     columns = [names.index(name) for name in shipped.names]
-    limits = limits_of(x)
+    limits = compute_limits(x)
     limits[:, columns] = shipped.limits
     (units, output), own = shipped.layers, PLANS["confidence"].hidden[0]
     first = np.zeros((own, len(names) + 1))
     first[:, [*columns, -1]] = units[:own]
     confidence = [first, np.hstack([output[:1, :own], output[:1, -1:]]).astype(float)]
-    write("confidence", names, limits, merge(confidence, train_sigma(found, x, limits, confidence)))
+    layers = merge_networks(confidence, train_sigma(samples, x, limits, confidence))
+    return TrainedNetwork("confidence", names, limits, layers)
 
 
-def train_sigma(found: list[Sample], x: np.ndarray, limits: np.ndarray, confidence: Layers) -> Layers:
+def train_sigma(samples: list[Sample], x: np.ndarray, limits: np.ndarray, confidence: Layers) -> Layers:
     """Return layers for the logarithm of sigma, px, fitted to accepted pixels that are not false."""
     dz, ds = (
-        np.abs(np.concatenate(part)) for part in ([s.dz_mm for s in found], [*map(centred_errors, found)])
+        np.abs(np.concatenate(part)) for part in ([s.dz_mm for s in samples], [*map(centre_errors, samples)])
     )
     used = (dz <= MOST_MM) & (evaluate(x, limits, confidence) > np.log(ACCEPTED / (1 - ACCEPTED)))
     sizes = np.log(MAD_TO_SIGMA * np.maximum(ds[used], 1e-6)).astype(np.float32)
-    weight = np.where(np.concatenate([s.interior for s in found])[used], 1, NEAR).astype(np.float32)
-    size = found[0].names.index("log grid scale")  # with it, sigma would fit single captures of that size
-    units, output = fit(
-        np.delete(x[used], size, axis=1), np.delete(limits, size, axis=1), deviation_slopes(sizes, weight),
+    weight = np.where(np.concatenate([s.interior for s in samples])[used], 1, NEAR).astype(np.float32)
+    size = samples[0].names.index("log grid scale")  # with it, sigma would fit single captures of that size
+    units, output = fit_clipped(
+        np.delete(x[used], size, axis=1), np.delete(limits, size, axis=1), deviation_gradient(sizes, weight),
         1, PLANS["sigma"], float(np.median(sizes)),
     )  # fmt: skip
     return [np.insert(units, size, 0, axis=1), output]
 
 
-def merge(*networks: Layers) -> Layers:
+def merge_networks(*networks: Layers) -> Layers:
     """Return networks with one hidden layer each as one network with all their outputs."""
     hidden, outputs = zip(*networks, strict=True)
     constants = np.concatenate([output[:, -1:] for output in outputs])
@@ -219,19 +238,15 @@ def merge(*networks: Layers) -> Layers:
     return [np.concatenate(hidden), output]
 
 
-def write(network: str, names: tuple[str, ...], limits: np.ndarray, layers: Layers) -> None:
-    """Write a network to data/, one row a line."""
+def write_network(network: TrainedNetwork, folder: Path) -> None:
+    """Write a network to a file of its name, one row a line."""
     parts = {
-        "names": table(names),
-        "limits": format_rows(limits),
-        "layers": f"[{', '.join(map(format_rows, layers))}]",
+        "names": table(network.features),
+        "limits": format_rows(network.limits),
+        "layers": f"[{', '.join(map(format_rows, network.layers))}]",
     }
-    write_text(network, "{" + ",\n".join(f'"{name}": {text}' for name, text in parts.items()) + "}\n")
-
-
-def write_text(network: str, text: str) -> None:
-    """Write a file of data/."""
-    (Path(beltscape.__file__).parent / "data" / f"{network}.json").write_text(text, "utf-8")
+    text = "{" + ",\n".join(f'"{name}": {text}' for name, text in parts.items()) + "}\n"
+    (folder / f"{network.name}.json").write_text(text, "utf-8")
 
 
 def format_rows(rows: np.ndarray) -> str:
@@ -244,17 +259,25 @@ def table(rows: Sequence[object]) -> str:
     return "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]"
 
 
-def main() -> None:
-    """Match the captures, train a network and write it."""
-    network, folders = sys.argv[1], [Path(folder) for folder in sys.argv[2:]]
+def train(network: str, folders: list[Path]) -> TrainedNetwork:
+    """Match the captures and train a network."""
     if network == "candidates":
-        train_candidates(folders)
-    elif network == "pairwise_ranking":
-        train_pairwise_ranking(folders)
-    elif network == "sigma":
-        retrain_sigma(list(pixel_samples(folders, "confidence")))
-    else:
-        train_pixels(list(pixel_samples(folders, network)), network)
+        return train_candidates(folders)
+    if network == "pairwise_ranking":
+        return train_pairwise_ranking(folders)
+    if network == "sigma":
+        return retrain_sigma(list(pixel_samples(folders, "confidence")))
+    return train_pixels(list(pixel_samples(folders, network)), network)
+
+
+def main() -> None:
+    """Train a network and write it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("network", choices=PLANS)
+    parser.add_argument("captures", nargs="+", type=Path)
+    parser.add_argument("--out", type=Path, default=DATA)
+    arguments = parser.parse_args()
+    write_network(train(arguments.network, arguments.captures), arguments.out)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,10 @@
 """Train the refinement of uncertain pixels: the refinement network and the rounds of message passing.
 
     python tools/refinement_samples.py TILES CAPTURE…
-    python tools/train_refinement.py TILES
+    python tools/train_refinement.py TILES [FOLDER]
 
-It writes refinement.json and message_passing.json of data/, which depend on the networks of train_confidence.py. Only
+It writes refinement.json and message_passing.json to FOLDER, without it to data/, from where the program reads them.
+They depend on the networks of train_confidence.py. Only
 this tool needs PyTorch (``pip install torch``). Assess the result on captures that are not among them.
 """
 
@@ -19,18 +20,19 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.stereo.multiview.confidence.message_passing import OFFSETS
 from refinement_samples import Tile, join_tiles, read_tiles
 from train_confidence import (
     ACCEPTED,
+    DATA,
     GROSS_MM,
-    MAD,
     MOST_MM,
     ROUND,
+    TrainedNetwork,
+    compute_limits,
     format_rows,
-    limits_of,
-    write,
-    write_text,
+    write_network,
 )
 
 UNITS = 96, 48
@@ -53,13 +55,13 @@ class RefinementNetwork(nn.Module):
 
     def __init__(self, features: Tensor) -> None:
         super().__init__()
-        limits = limits_of(features.numpy())
+        limits = compute_limits(features.numpy())
         self.limits = torch.from_numpy(limits)
         within = features.clamp(*self.limits)
         self.mean, self.spread = within.mean(0), within.std(0) + 1e-6
         state, inputs = MESSAGE + OWN, len(OFFSETS) * MESSAGE + OWN
-        self.state_layers = layered(features.shape[1], *UNITS, state)
-        self.rounds = nn.ModuleList(layered(inputs, ROUND_UNITS, k) for k in (*[state] * (ROUNDS - 1), 3))
+        self.state_layers = make_layers(features.shape[1], *UNITS, state)
+        self.rounds = nn.ModuleList(make_layers(inputs, ROUND_UNITS, k) for k in (*[state] * (ROUNDS - 1), 3))
         self.fixed_messages = nn.ParameterList(torch.zeros(2, MESSAGE) for _ in self.rounds)
 
     def forward(self, features: Tensor, neighbours: Tensor) -> Tensor:
@@ -73,13 +75,13 @@ class RefinementNetwork(nn.Module):
         return state
 
 
-def layered(*sizes: int) -> nn.Sequential:
+def make_layers(*sizes: int) -> nn.Sequential:
     """Return linear layers, all but the last rectified."""
     layers = [part for a, b in pairwise(sizes) for part in (nn.Linear(a, b), nn.ReLU())]
     return nn.Sequential(*layers[:-1])
 
 
-def loss(prediction: Tensor, tile: Tile) -> Tensor:
+def compute_loss(prediction: Tensor, tile: Tile) -> Tensor:
     """Return the weighted mean loss of confidence, sigma and shift."""
     error, mm_per_px, weight, occluded = map(torch.from_numpy, tile[2:])
     logit, log_sigma, shift = prediction.T
@@ -88,7 +90,7 @@ def loss(prediction: Tensor, tile: Tile) -> Tensor:
         seen = error.isfinite() & ~occluded
         right = seen & (left.abs() * mm_per_px <= GROSS_MM)
         near = seen & (left.abs() * mm_per_px <= MOST_MM)
-        log_size = torch.log(MAD * torch.where(near, left.abs(), 1.0).clamp(min=1e-4))
+        log_size = torch.log(MAD_TO_SIGMA * torch.where(near, left.abs(), 1.0).clamp(min=1e-4))
         measured = near & (torch.sigmoid(logit) > ACCEPTED)
         movable = seen & (left.abs() < FARTHEST_PX)
     zero = torch.zeros(())
@@ -106,19 +108,19 @@ def huber(deviation: Tensor, corner: float) -> Tensor:
     )
 
 
-def batches(tiles: list[Tile], rng: np.random.Generator) -> list[list[Tile]]:
-    """Return all tiles in random order, several to a batch."""
-    found: list[list[Tile]] = []
+def draw_batches(tiles: list[Tile], rng: np.random.Generator) -> list[list[Tile]]:
+    """Return the tiles in random order, several to a batch; an incomplete last one is left out, unless it is all."""
+    complete: list[list[Tile]] = []
     some: list[Tile] = []
     for i in rng.permutation(len(tiles)):
         some.append(tiles[i])
         if sum(len(tile.off_px) for tile in some) >= BATCH:
-            found.append(some)
+            complete.append(some)
             some = []
-    return found
+    return complete or [some]
 
 
-def fit(tiles: list[Tile]) -> RefinementNetwork:
+def fit_networks(tiles: list[Tile]) -> RefinementNetwork:
     """Return the networks of least loss."""
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
@@ -133,22 +135,22 @@ def fit(tiles: list[Tile]) -> RefinementNetwork:
     began = time.monotonic()
     for epoch in range(EPOCHS):
         losses = []
-        for some in batches(tiles, rng):
+        for some in draw_batches(tiles, rng):
             batch = join_tiles(some)
-            found = loss(
+            loss = compute_loss(
                 model(torch.from_numpy(batch.features).float(), torch.from_numpy(batch.neighbours)), batch
             )
             adam.zero_grad()
-            found.backward()
+            loss.backward()
             adam.step()
             rate.step()
-            losses.append(float(found.detach()))
+            losses.append(float(loss.detach()))
         print(f"{epoch + 1} of {EPOCHS}: {np.mean(losses):.4f}, {time.monotonic() - began:.0f} s", flush=True)
     return model
 
 
-def weights(layers: nn.Sequential) -> list[np.ndarray]:
-    """Return the layers as the perceptron takes them."""
+def export_layers(layers: nn.Sequential) -> list[np.ndarray]:
+    """Return the (outputs, inputs + 1) weights and offsets of each layer, as in the files."""
     linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
     return [
         torch.cat([layer.weight, layer.bias[:, None]], 1).detach().numpy().astype(float) for layer in linear
@@ -163,22 +165,24 @@ def main() -> None:
         names, found = read_tiles(path)
         tiles += found
     print(len(tiles), "tiles,", sum(len(tile.off_px) for tile in tiles), "pixels", flush=True)
-    model = fit(tiles)
-    first, *others = weights(model.state_layers)
+    model = fit_networks(tiles)
+    first, *others = export_layers(model.state_layers)
     mean, spread = (part.numpy().astype(float) for part in (model.mean, model.spread))
     own = np.hstack([first[:, :-1] / spread, first[:, -1:] - first[:, :-1] @ (mean / spread)[:, None]])
-    write("refinement", names, model.limits.numpy(), [own, *others])
-    write_rounds(model)
+    folder = Path(sys.argv[2]) if len(sys.argv) > 2 else DATA
+    write_network(TrainedNetwork("refinement", names, model.limits.numpy(), [own, *others]), folder)
+    write_rounds(model, folder)
 
 
-def write_rounds(model: RefinementNetwork) -> None:
+def write_rounds(model: RefinementNetwork, folder: Path) -> None:
     """Write message_passing.json."""
     rounds = [
         f'{{"fixed_messages": {format_rows(fixed.detach().numpy())},\n'
-        f'"layers": [{", ".join(map(format_rows, weights(layers)))}]}}'
+        f'"layers": [{", ".join(map(format_rows, export_layers(layers)))}]}}'
         for fixed, layers in zip(model.fixed_messages, model.rounds, strict=True)
     ]
-    write_text("message_passing", '{"rounds": [\n' + ",\n".join(rounds) + "\n]}\n")
+    text = '{"rounds": [\n' + ",\n".join(rounds) + "\n]}\n"
+    (folder / "message_passing.json").write_text(text, "utf-8")
 
 
 if __name__ == "__main__":

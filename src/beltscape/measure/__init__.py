@@ -1,6 +1,8 @@
 """Measuring in depth maps: the empty belt, volume, flow, lumps, and the features of a calibration module.
 
 `belt` determines the belt frame and the empty belt; `surface` makes height maps in it; `holes` fills their occlusion
-holes; `volume` and `flow` measure loads, `lumps` their top layer, and `features` a calibration module. Constants
-without another source were chosen on simulated captures; docs/constants.md shows what halving and doubling each changes.
+holes; `volume` and `flow` measure loads, `lumps` their top layer, and `features` a calibration module.
+
+Constants that name no source have no recorded experiment; docs/constants.md shows what halving and doubling each of
+them changes.
 """

@@ -29,7 +29,7 @@ SHELL = sorted(EXAMPLES.rglob("*.sh"))
 PYTHON = sorted(EXAMPLES.rglob("*.py"))
 
 
-def told(path: Path) -> list[list[str]]:
+def read_commands(path: Path) -> list[list[str]]:
     """Arguments of each call of the program in a shell script."""
     text = path.read_text().replace("\\\n", " ")
     lines = [line.strip() for line in text.splitlines() if line.strip().startswith("beltscape ")]
@@ -39,12 +39,12 @@ def told(path: Path) -> list[list[str]]:
 @pytest.mark.parametrize("scene", SCENES, ids=lambda path: path.stem)
 def test_every_scene_is_taken_and_small(scene):
     scenario = read_scenario(str(scene), {})
-    stage = SimulatedScene(scenario)
-    assert stage.station.rig.core_camera.size_px[0] <= 612
-    assert stage.frame_count <= 16
+    scene = SimulatedScene(scenario)
+    assert scene.station.rig.core_camera.size_px[0] <= 612
+    assert scene.frame_count <= 16
     faults = scenario.faults
     for fault in (*faults.dirt, *faults.moved_camera, *faults.over_exposure, *faults.missing_frames):
-        assert fault.camera in stage.station.rig.cameras
+        assert fault.camera in scene.station.rig.cameras
 
 
 def test_scenes_show_every_kind_but_the_empty_belt_and_every_fault_but_the_dead_projector():
@@ -68,8 +68,8 @@ def test_the_plan_is_taken():
 
 
 @pytest.mark.parametrize("script", SHELL, ids=lambda path: path.parent.name)
-def test_every_command_told_is_one_that_the_program_has(script):
-    calls = told(script)
+def test_every_documented_command_exists(script):
+    calls = read_commands(script)
     assert calls
     for command, *arguments in calls:
         assert command in COMMANDS
@@ -122,12 +122,12 @@ def models(model: type[BaseModel], name: str = "") -> dict[str, type[BaseModel]]
     return found
 
 
-def shown(value: object) -> str:
+def format_default(value: object) -> str:
     """A default as the manual has it."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, tuple):
-        return "[" + ", ".join(shown(one) for one in value) + "]"
+        return "[" + ", ".join(format_default(one) for one in value) + "]"
     if isinstance(value, float):
         return f"{value:.0f}" if value >= 1e6 else f"{value:g}"
     return f'"{value}"' if isinstance(value, str) else str(value)
@@ -147,7 +147,7 @@ def test_the_manual_has_every_key_with_its_default(name, model):
         if field.is_required()
         else "—"
         if field.default is None
-        else f"`{shown(field.default)}`"
+        else f"`{format_default(field.default)}`"
         for key, field in keys.items()
     }
     assert rows == expected

@@ -58,7 +58,7 @@ def test_every_section_that_ships_states_its_commit(results):
     assert titles and [s.title for s in results.read_results(ROOT / "benchmarks" / "RESULTS.md")] == titles
 
 
-def test_uncommitted_changes_are_told_by_a_plus(results, monkeypatch):
+def test_uncommitted_changes_are_marked_by_a_plus(results, monkeypatch):
     said = {"status": " M src/x.py", "rev-parse": "abc1234"}
     monkeypatch.setattr(results, "_git", lambda *words: said[words[0]])
     assert results.current_commit() == "abc1234+"

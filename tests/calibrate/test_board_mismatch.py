@@ -10,7 +10,7 @@ from beltscape.calibrate.detection.board_mismatch import describe_shown_board
 from beltscape.target.board import Board, CharucoBoard, Chessboard
 from tests.synthetic.boards import Print, board_poses, camera, view
 
-TOLD = CharucoBoard(squares=(5, 4), square_mm=30, marker_mm=20, dictionary="DICT_7X7_50")
+EXPECTED_BOARD = CharucoBoard(squares=(5, 4), square_mm=30, marker_mm=20, dictionary="DICT_7X7_50")
 
 
 def views(board: Board, how: Print | None = None) -> list[np.ndarray]:
@@ -18,7 +18,7 @@ def views(board: Board, how: Print | None = None) -> list[np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("dictionary", "squares", "legacy", "inverted", "said"),
+    ("dictionary", "squares", "legacy", "inverted", "message"),
     [
         (
             "DICT_4X4_50",
@@ -43,23 +43,23 @@ def views(board: Board, how: Print | None = None) -> list[np.ndarray]:
         ),
     ],
 )
-def test_another_charuco_board_is_recognised(dictionary, squares, legacy, inverted, said):
+def test_another_charuco_board_is_recognised(dictionary, squares, legacy, inverted, message):
     board = CharucoBoard(squares=squares, square_mm=45, marker_mm=34, dictionary=dictionary)
-    assert describe_shown_board(views(board, Print(legacy, inverted)), TOLD) == said
+    assert describe_shown_board(views(board, Print(legacy, inverted)), EXPECTED_BOARD) == message
 
 
 @pytest.mark.parametrize("corners", [(8, 5), (5, 8), (7, 6), (6, 4)])
 def test_a_chessboard_is_recognised_longer_side_first(corners):
     board = Chessboard(corners=corners, square_mm=40)
-    said = f"a chessboard of {max(corners)}×{min(corners)} inner corners"
-    assert describe_shown_board(views(board), TOLD) == said
+    message = f"a chessboard of {max(corners)}×{min(corners)} inner corners"
+    assert describe_shown_board(views(board), EXPECTED_BOARD) == message
 
 
 @pytest.mark.parametrize("blur_px", [0.5, 2, 4, 8])
 def test_texture_is_not_reported_as_a_board(blur_px):
     rng = np.random.default_rng(7)
     noise = [rng.integers(0, 255, (400, 480)).astype(np.uint8) for _ in range(4)]
-    assert describe_shown_board([cv2.GaussianBlur(n, (0, 0), blur_px) for n in noise], TOLD) is None
+    assert describe_shown_board([cv2.GaussianBlur(n, (0, 0), blur_px) for n in noise], EXPECTED_BOARD) is None
 
 
 def test_the_described_board_itself_is_not_reported():

@@ -39,7 +39,7 @@ def test_a_flat_board_stays_flat_and_the_noise_is_estimated(adjusted):
     _, _, found = adjusted
     assert not found.shape_mm.any()
     np.testing.assert_allclose(found.sigma_px, NOISE_PX, rtol=0.1)
-    assert found.kept.mean() > 0.99
+    assert found.used.mean() > 0.99
 
 
 def test_wrong_corners_are_left_out(rig, board, poses):
@@ -53,8 +53,8 @@ def test_wrong_corners_are_left_out(rig, board, poses):
     o = found.bundle.observations
     camera = list(found.rig.cameras).index(first)
     of_view = (o.camera == camera) & (o.frame == found.frames.index("03"))
-    assert not found.kept[of_view][4]
-    assert found.kept[of_view].sum() == of_view.sum() - 1
+    assert not found.used[of_view][4]
+    assert found.used[of_view].sum() == of_view.sum() - 1
 
 
 def test_depth_sigma_equals_the_scatter_of_many_rigs(rig, board, poses, adjusted):

@@ -94,9 +94,9 @@ def test_what_is_wrong_is_one_line(monkeypatch, capsys, words, said, line):
     except SystemExit as left:
         code = left.code
     assert code == 2
-    told = capsys.readouterr().err
-    assert told.startswith(line)
-    assert told.count("\n") == 1
+    message = capsys.readouterr().err
+    assert message.startswith(line)
+    assert message.count("\n") == 1
 
 
 def test_a_data_folder_that_is_not_there(monkeypatch, capsys, desk):

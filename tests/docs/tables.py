@@ -52,17 +52,17 @@ def check_table(block: Block, folder: Path) -> None:
 
 
 def check_project_tables(path: Path, values: Mapping[str, Any], *, defaults: bool) -> None:
-    """Some tables of a project.toml, beside a camera that any project needs; told as defaults they are these."""
+    """Some tables of a project.toml, beside a camera that any project needs; defaults as defaults they are these."""
     least = {"cameras": {"devices": {"cam0": "192.168.10.11"}}}
     settings = validate(path, ProjectSettings, {**least, **values})
     if defaults:
         own = ProjectSettings().model_dump()
-        told = settings.model_dump()
+        documented = settings.model_dump()
         for name in values:
             if name != "cameras":
                 demand(
-                    told[name] == own[name],
-                    f"[{name}] says to hold defaults: {told[name]} against {own[name]}",
+                    documented[name] == own[name],
+                    f"[{name}] says to hold defaults: {documented[name]} against {own[name]}",
                 )
 
 
@@ -75,5 +75,5 @@ def recorded_project(text: str) -> str:
     while lines[start].startswith("# "):
         lines[start] = lines[start].removeprefix("# ")
         start += 1
-    told = [line for line in lines if not line.startswith("loop = ")]
-    return "\n".join(told).replace("[web]", "[web]\nport = 0")
+    defaults = [line for line in lines if not line.startswith("loop = ")]
+    return "\n".join(defaults).replace("[web]", "[web]\nport = 0")

@@ -23,8 +23,8 @@ def squares() -> np.ndarray:
     return rock
 
 
-def lump(number: int, size: float, **told: bool) -> Lump:
-    known = {"occluded": False, "cut": False} | told
+def lump(number: int, size: float, **flags: bool) -> Lump:
+    known = {"occluded": False, "cut": False} | flags
     return Lump(
         number,
         (0.0, 0.0, 0.0),
@@ -47,8 +47,8 @@ def lumps_of(labels: np.ndarray, found: list[Lump]) -> Lumps:
     return Lumps(tuple(found), labels.astype(np.uint16), "core", 1.0, 8.0, np.nan, sizes, sizes, None)
 
 
-def score(labels: np.ndarray, found: list[Lump], **told):
-    return score_lumps(lumps_of(labels, found), squares(), SIZES, VOLUMES, pixel_mm=1.0, **told)
+def score(labels: np.ndarray, found: list[Lump], **options):
+    return score_lumps(lumps_of(labels, found), squares(), SIZES, VOLUMES, pixel_mm=1.0, **options)
 
 
 def test_the_truth_itself_is_perfect():

@@ -17,21 +17,21 @@ from beltscape.simulate.truth.core_truth import label_rocks, trace_core_view
 @pytest.fixture(scope="module")
 def heap():
     """Score and lumps of a heap of a few large rocks, in 612 × 512 px."""
-    told = {
+    values = {
         "seed": 905,
         "rig": {"scale": 0.25},
         "heap": {"rocks": 60, "sizes": {"smallest_mm": 30, "largest_mm": 110, "median_mm": 70}},
     }
-    stage = SimulatedScene(read_scenario("belt_loaded", told))
-    world, camera = stage.world_at(0), stage.station.rig.core_camera
-    view = trace_core_view(world, stage.station)
-    assert stage.heap is not None
+    scene = SimulatedScene(read_scenario("belt_loaded", values))
+    world, camera = scene.world_at(0), scene.station.rig.core_camera
+    view = trace_core_view(world, scene.station)
+    assert scene.heap is not None
     known = np.isfinite(view.depth_mm)
     sigma = np.where(known, 0.05, np.nan).astype(np.float32)
     depth = DepthMap(
         view.depth_mm.astype(np.float32), sigma, known.astype(np.uint8), known.astype(np.float32)
     )
-    rock, rocks = label_rocks(view, world.solids, stage.heap), stage.heap.rocks
+    rock, rocks = label_rocks(view, world.solids, scene.heap), scene.heap.rocks
     found = measure_lumps(depth, camera, LumpSettings(oversize_mm=60))
     pixel_mm = float(np.nanmedian(view.depth_mm)) / float(camera.focal_px.mean())
     return found, score_lumps(found, rock, rocks.size_mm, rocks.volume_mm3, pixel_mm=pixel_mm)

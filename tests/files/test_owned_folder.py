@@ -23,7 +23,7 @@ def put(out: Path, *names: str, command: str = "reconstruct", text: str = "new")
             write_text(staging / name, text)
 
 
-def held(out: Path) -> dict[str, str]:
+def read_files(out: Path) -> dict[str, str]:
     """Relative path → text of everything below but the manifest."""
     files = (path for path in out.rglob("*") if path.is_file() and path.name != MANIFEST)
     return {path.relative_to(out).as_posix(): path.read_text() for path in files}
@@ -37,7 +37,7 @@ def test_a_run_replaces_what_the_earlier_one_wrote_and_keeps_the_users_files(tmp
     (out / "volume").mkdir()
     (out / "volume" / "volume.json").write_text("mine")
     put(out, "rig.json", "000/depth.tiff")
-    assert held(out) == {
+    assert read_files(out) == {
         "rig.json": "new",
         "000/depth.tiff": "new",
         "notes.txt": "mine",
@@ -59,7 +59,7 @@ def test_a_failure_changes_nothing_and_leaves_no_folder(tmp_path):
             write_text(staging / "rig.json", "new")
             raise ZeroDivisionError
     assert sorted(tmp_path.rglob("*")) == before
-    assert held(tmp_path / "kept") == {"rig.json": "old"}
+    assert read_files(tmp_path / "kept") == {"rig.json": "old"}
 
 
 def test_the_same_files_give_the_same_bytes(tmp_path):
@@ -90,7 +90,7 @@ def test_a_foreign_folder_is_refused_and_stays_as_it_was(tmp_path, names, messag
         put(tmp_path / "out", "rig.json")
     assert str(error.value).startswith(f"{tmp_path / 'out'}: ")
     assert message in str(error.value)
-    assert held(tmp_path / "out") == dict.fromkeys(names, "theirs")
+    assert read_files(tmp_path / "out") == dict.fromkeys(names, "theirs")
 
 
 def test_the_folder_of_another_command_is_refused(tmp_path):
@@ -112,7 +112,7 @@ def test_a_users_file_in_the_way_is_not_replaced(tmp_path):
     (tmp_path / "report.html").write_text("mine")
     with pytest.raises(OutputError, match=r"report\.html: lies where beltscape reconstruct writes"):
         put(tmp_path, "rig.json", "report.html")
-    assert held(tmp_path) == {"rig.json": "old", "report.html": "mine"}
+    assert read_files(tmp_path) == {"rig.json": "old", "report.html": "mine"}
 
 
 @pytest.mark.parametrize("manifest", ["", "[]", '{"format": "other/1"}', '{"format": "beltscape-output/1"}'])
@@ -156,13 +156,13 @@ def test_killed_run_is_never_read_as_a_result(tmp_path, moment, earlier):
     assert done.returncode == 9
     if moment == "writing" and earlier:
         require_finished(out)  # the earlier result is whole
-        assert {text for name, text in held(out).items() if STAGING not in name} == {"old"}
+        assert {text for name, text in read_files(out).items() if STAGING not in name} == {"old"}
     else:
         with pytest.raises(InputError, match="interrupted"):
             require_finished(out)
     put(out, "1.x", "2.x", "3.x", text="newest")
     require_finished(out)
-    assert held(out) == dict.fromkeys(("1.x", "2.x", "3.x"), "newest")
+    assert read_files(out) == dict.fromkeys(("1.x", "2.x", "3.x"), "newest")
 
 
 def test_two_runs_do_not_write_one_folder(tmp_path):
@@ -170,14 +170,14 @@ def test_two_runs_do_not_write_one_folder(tmp_path):
         write_text(staging / "first", "")
         with pytest.raises(OutputError, match="another beltscape command is writing there"):
             put(tmp_path, "second")
-    assert set(held(tmp_path)) == {"first"}
+    assert set(read_files(tmp_path)) == {"first"}
 
 
 def test_a_link_to_a_folder_is_followed_and_a_broken_one_named(tmp_path):
     (tmp_path / "real").mkdir()
     (tmp_path / "link").symlink_to("real")
     put(tmp_path / "link", "rig.json")
-    assert held(tmp_path / "real") == {"rig.json": "new"}
+    assert read_files(tmp_path / "real") == {"rig.json": "new"}
     (tmp_path / "broken").symlink_to("nowhere")
     with pytest.raises(OutputError, match="broken is a broken link"):
         put(tmp_path / "broken", "rig.json")
@@ -188,7 +188,7 @@ def test_continued_folder_is_reused_and_refused_to_other_commands(tmp_path):
     for text in ("one", "two"):
         with continued_folder(out, "replay") as place, (place / "history").open("a") as file:
             file.write(text)
-    assert held(out) == {"history": "onetwo"}
+    assert read_files(out) == {"history": "onetwo"}
     with pytest.raises(OutputError, match="beltscape replay wrote"):
         put(out, "rig.json")
     with pytest.raises(ZeroDivisionError), continued_folder(tmp_path / "x" / "y", "replay"):

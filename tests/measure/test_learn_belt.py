@@ -88,7 +88,7 @@ def test_a_belt_with_nothing_behind_it_has_no_ends_to_be_seen() -> None:
 
 
 @pytest.mark.parametrize("shift_mm", [-12.0, 9.0])
-def test_a_belt_that_runs_off_under_load_is_told(shift_mm: float) -> None:
+def test_lateral_belt_run_off_under_load_is_reported(shift_mm: float) -> None:
     belt = learn_belt(frames(OPEN, 2, 0.1), OPEN.camera)
     # one end climbs, the trough stays
     rise = np.tan(np.deg2rad(25))

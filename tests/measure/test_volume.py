@@ -115,7 +115,7 @@ def test_an_empty_belt_holds_nothing_and_is_not_clipped() -> None:
     assert (volumes > 0).any()
 
 
-def test_without_a_box_the_measured_range_is_taken_and_told() -> None:
+def test_without_a_box_the_measured_range_is_used_and_reported() -> None:
     found = measured((Ball((0.0, 0.0, 20.0), 40.0),), {"across_mm": None, "along_mm": None})
     assert found.across_mm[0] < -320
     assert found.across_mm[1] > 320

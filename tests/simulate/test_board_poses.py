@@ -19,7 +19,7 @@ STATION = make_station(RigSpec())
 CORE = STATION.rig.core_camera
 
 
-def held(count: int, seed: int = 1, **spec) -> list:
+def draw_poses(count: int, seed: int = 1, **spec) -> list:
     """core_from_board of so many poses."""
     poses = sample_board_poses(BoardSpec(**spec), BOARD, STATION, count, seed)
     return [STATION.core_from_world @ pose for pose in poses]
@@ -27,7 +27,7 @@ def held(count: int, seed: int = 1, **spec) -> list:
 
 @given(st.integers(0, 2**40), st.floats(0, 60), st.floats(0, 1))
 def test_depth_and_tilt_of_the_centre_are_within_their_bounds(seed, tilt, reach):
-    poses = held(24, seed, tilt_deg=tilt, reach=reach, depth_mm=(500, 700))
+    poses = draw_poses(24, seed, tilt_deg=tilt, reach=reach, depth_mm=(500, 700))
     middles = np.array([pose.apply(MIDDLE) for pose in poses])
     assert (middles[:, 2] >= 500 - 1e-9).all()
     assert (middles[:, 2] <= 700 + 1e-9).all()
@@ -46,7 +46,7 @@ def test_every_corner_is_in_front_of_every_camera(seed):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_24_poses_are_spread_over_the_view(seed):
-    poses = held(24, seed)
+    poses = draw_poses(24, seed)
     middles = np.array([pose.apply(MIDDLE) for pose in poses])
     quadrant = (middles[:, 0] > 0) + 2 * (middles[:, 1] > 0)
     assert np.bincount(quadrant, minlength=4).min() >= 4
@@ -66,9 +66,9 @@ def test_24_poses_are_spread_over_the_view(seed):
 
 
 def test_same_seed_gives_the_same_poses_and_more_poses_are_appended():
-    few, many, other = held(3), held(5), held(3, seed=2)
+    few, many, other = draw_poses(3), draw_poses(5), draw_poses(3, seed=2)
     for i in range(3):
         np.testing.assert_array_equal(few[i].rotation, many[i].rotation)
         np.testing.assert_array_equal(few[i].translation_mm, many[i].translation_mm)
         assert (few[i].translation_mm != other[i].translation_mm).all()
-    assert held(0) == []
+    assert draw_poses(0) == []

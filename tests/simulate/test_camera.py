@@ -244,10 +244,10 @@ def test_cosines_are_estimated_from_depth_where_none_are_given():
     along = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1)
     cosine = along @ normal / np.linalg.norm(along, axis=-1)
     albedo = np.full(depth.shape, 0.4)
-    told, found = (
+    expected, found = (
         simulate_tof_frame(TofTruth(depth, albedo, c), camera, 0).amplitude_e for c in (cosine, None)
     )
-    np.testing.assert_allclose(found, told, rtol=1e-6)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_arrays_of_other_shapes_are_refused():

@@ -31,7 +31,7 @@ def solid(mesh: Mesh, label: int = 2) -> Solid:
     return Solid("solid", label, mesh.vertices_mm, mesh.faces, (0.5, 0.5, 0.5))
 
 
-def ground(z: float = 0.0) -> Mesh:
+def make_ground(z: float = 0.0) -> Mesh:
     ends = np.array([-2000.0, 2000.0])
     return triangulate_height_field(ends, ends, np.full((2, 2), z))
 
@@ -61,7 +61,7 @@ def test_points_are_projected_as_opencv_projects_them(camera, pose, seed):
 def test_depth_of_a_plane_is_exact(distorted):
     pose = tilted()
     rays = compute_pixel_rays(LENS, pose, distorted=distorted)
-    hits = RayScene([solid(ground(12.0))]).cast(pose.center_mm, rays)
+    hits = RayScene([solid(make_ground(12.0))]).cast(pose.center_mm, rays)
     expected = (12.0 - pose.center_mm[2]) / rays[:, 2]
     np.testing.assert_allclose(hits.distance, expected, rtol=0, atol=1e-9)
     points = pose.center_mm + hits.distance[:, None] * rays
@@ -169,16 +169,18 @@ def test_no_ray_passes_between_triangles_and_the_nearer_of_two_close_surfaces_is
 
 
 def test_ray_with_nan_hits_nothing():
-    hits = RayScene([solid(ground())]).cast(np.array([0.0, 0, 9]), np.array([[np.nan, 0, -1], [0, 0, -1.0]]))
+    hits = RayScene([solid(make_ground())]).cast(
+        np.array([0.0, 0, 9]), np.array([[np.nan, 0, -1], [0, 0, -1.0]])
+    )
     assert np.isinf(hits.distance[0])
     assert hits.distance[1] == pytest.approx(9)
     assert hits.face[0] == -1
-    nowhere = RayScene([solid(ground())]).cast(np.zeros(3), np.full((2, 3), np.nan))
+    nowhere = RayScene([solid(make_ground())]).cast(np.zeros(3), np.full((2, 3), np.nan))
     assert np.isinf(nowhere.distance).all()
 
 
 def test_wall_hides_what_is_behind_it():
-    scene = RayScene([solid(ground()), solid(make_box([10.0, 400, 50]))])
+    scene = RayScene([solid(make_ground()), solid(make_box([10.0, 400, 50]))])
     eye = np.array([100.0, 0, 100])
     x = np.array([60.0, -20, -94, -96, -150])  # the shadow of the wall's top edge at x = -5 … ends at -110
     points = np.column_stack([x, np.zeros(5), np.zeros(5)])

@@ -15,7 +15,7 @@ _ROOT = Path(__file__).parents[2]
 _NAMESPACE = ["unshare", "--mount", "--map-root-user"]
 
 
-def seen_by(module: str, folder: Path) -> dict[str, Any]:
+def run_with_small_disk(module: str, folder: Path) -> dict[str, Any]:
     """Return the output of a module that may mount at ``folder``; the test is skipped without that right."""
     if not shutil.which("unshare") or _run([*_NAMESPACE, "true"]).returncode:
         pytest.skip("no mount namespace: unshare --mount is not allowed here")

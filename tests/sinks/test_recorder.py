@@ -17,7 +17,7 @@ from beltscape.sinks import recorder as recorder_module
 from beltscape.sinks.recorder import Recorder
 from beltscape.sinks.recording.capture_writer import CaptureWriter
 from beltscape.sinks.settings import RecordingSettings
-from tests.sinks.namespaces import seen_by
+from tests.sinks.namespaces import run_with_small_disk
 
 CAMERAS = ("cam0", "cam1")
 
@@ -211,7 +211,7 @@ def test_an_error_while_writing_pauses_too(tmp_path, clock, monkeypatch):
 
 
 def test_full_disk_loses_nothing_that_was_acknowledged(tmp_path):
-    seen = seen_by("tests.sinks.recording.small_disk", tmp_path / "disk")
+    seen = run_with_small_disk("tests.sinks.recording.small_disk", tmp_path / "disk")
     assert "No space left on device" in seen["trouble"]
     assert 5 < seen["paused_at"] < 100
     assert seen["goes_on_at"] < 10_000

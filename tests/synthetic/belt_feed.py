@@ -17,7 +17,7 @@ from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
-from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, ground
+from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-2600, end_mm=-450)
 CAMERAS = ("cam0", "cam1")
@@ -27,7 +27,7 @@ IMAGE = np.zeros(CAMERA.size_px[::-1], np.uint8)
 
 @cache
 def empty_belt() -> EmptyBeltReference:
-    return ground()
+    return make_empty_belt()
 
 
 @cache

@@ -68,7 +68,7 @@ class DepthCameraView:
         ones = np.ones(z.shape, np.float32)
         return DepthMap(z, sigma_mm * ones, 4 * ones.astype(np.uint8), ones)
 
-    def brightness(self, fine: int = 3) -> NDArray[np.float32]:
+    def render_brightness(self, fine: int = 3) -> NDArray[np.float32]:
         """Return (H, W) diffuse light, from above and one side; a pixel is the mean of fine² rays."""
         camera = rig().core_camera
         whole = np.zeros(camera.size_px[::-1], np.float32)

@@ -68,7 +68,7 @@ def test_adam_fits_a_line(tool):
         x,
         1,
         lambda out, at: 2 * (out - 3 * x[at]) / len(at),
-        adam.Schedule((8,), 300, 2000, rate=0.03),
+        adam.Schedule((8,), 1500, 2000, rate=0.03),
         np.random.default_rng(0),
     )
     (first, offset), (last, end) = layers
@@ -124,7 +124,9 @@ def test_train_refinement_writes_networks_like_the_shipped_ones(tool, capture, t
     torch = pytest.importorskip("torch", reason="PyTorch is needed by this tool only")
     torch.set_num_threads(1)  # the tests run beside each other
     train_refinement = tool("train_refinement")
-    tool("refinement_samples").write_tiles(tmp_path / "000.npz", capture, 1)
+    samples = tool("refinement_samples")
+    monkeypatch.setattr(samples, "ENOUGH", 2000)
+    samples.write_tiles(tmp_path / "000.npz", capture, 1)
     monkeypatch.setattr(train_refinement, "EPOCHS", 1)
     monkeypatch.setattr(sys, "argv", ["", str(tmp_path), str(tmp_path)])
     train_refinement.main()

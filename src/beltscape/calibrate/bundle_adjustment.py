@@ -45,7 +45,7 @@ class BundleAdjustmentResult:
     geometry: Geometry
     frames: tuple[str, ...]
     """Frames in the order of the geometry's board poses."""
-    kept: NDArray[np.bool_]
+    used: NDArray[np.bool_]
     """(N,) which corners the final adjustment used."""
     sigma_px: Array
     """(C,) one standard deviation of a corner's coordinate, by camera."""

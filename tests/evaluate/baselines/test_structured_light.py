@@ -72,28 +72,28 @@ ONE = FringeSettings(fringes=(1.0,), steps=3)
 
 
 @pytest.fixture(scope="module")
-def stage() -> SimulatedScene:
+def scene() -> SimulatedScene:
     return SimulatedScene(
         tiny("module", projector={"size_px": (320, 200), "position_mm": (250.0, 0.0, 744.0)})
     )
 
 
-def measured(stage: SimulatedScene, travel_mm: float) -> tuple[np.ndarray, np.ndarray]:
+def measured(scene: SimulatedScene, travel_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """(H, W) errors by a single broad fringe, and where the module is lit."""
-    light = make_projector(stage.scenario.projector)
+    light = make_projector(scene.scenario.projector)
     images = render_sequence(
-        stage, light, make_fringe_patterns(ONE, light.camera.size_px), travel_mm=travel_mm
+        scene, light, make_fringe_patterns(ONE, light.camera.size_px), travel_mm=travel_mm
     )
-    pose = light.projector_from_world @ stage.station.core_from_world.inverse()
+    pose = light.projector_from_world @ scene.station.core_from_world.inverse()
     settings = DecodeSettings(most_sigma_mm=100)
-    found = decode(images, stage.station.rig.core_camera, light.camera, pose, ONE, settings)
-    truth = trace_core_truth(replace(stage.world_at(0), projector=light), stage.station)
+    found = decode(images, scene.station.rig.core_camera, light.camera, pose, ONE, settings)
+    truth = trace_core_truth(replace(scene.world_at(0), projector=light), scene.station)
     return found.depth_mm - truth.depth_mm, truth.lit & (truth.label >= 10)
 
 
-def test_a_module_at_rest_is_measured_and_a_moving_one_is_not(stage: SimulatedScene):
-    rest, lit = measured(stage, 0.0)
-    moving, _ = measured(stage, 15.0)
+def test_a_module_at_rest_is_measured_and_a_moving_one_is_not(scene: SimulatedScene):
+    rest, lit = measured(scene, 0.0)
+    moving, _ = measured(scene, 15.0)
     assert np.isfinite(rest[lit]).mean() > 0.95
     assert np.nanmedian(np.abs(rest[lit])) < 5
     assert np.nanmedian(rest[lit]) == pytest.approx(0, abs=1)

@@ -33,7 +33,7 @@ def errors(measured: MeasuredModule, *kinds: str) -> dict[str, float]:
 @pytest.fixture(scope="module")
 def exact() -> tuple[DepthMap, np.ndarray]:
     seen = DepthCameraView(module(), module_pose(12, -8, 25))
-    return seen.depth(), seen.brightness()
+    return seen.depth(), seen.render_brightness()
 
 
 def test_exact_depth_and_a_plain_image_give_every_dimension(exact):
@@ -85,7 +85,7 @@ def test_sizes_are_measured_not_copied_from_nominal():
     ]
     there = module(cube=larger, sphere=[{"name": "sphere70", "diameter_mm": 71, "center_mm": (90, -45)}])
     seen = DepthCameraView(there, module_pose(0, 0, -10))
-    found = errors(measure_module(seen.depth(), rig(), module(), plain=seen.brightness()))
+    found = errors(measure_module(seen.depth(), rig(), module(), plain=seen.render_brightness()))
     assert found["cube100 height"] == pytest.approx(0.7, abs=0.002)
     assert found["cube60 height"] == pytest.approx(-0.8, abs=0.002)
     assert found["cube100 edge"] == pytest.approx(0.7, abs=0.25)
@@ -106,7 +106,7 @@ def test_the_base_is_measured_where_cubes_hide_most_of_a_rim():
     depth = seen.depth()
     step = ndimage.maximum_filter(depth.depth_mm, 7) - ndimage.minimum_filter(depth.depth_mm, 7)
     left = replace(depth, depth_mm=np.where(step > 20, np.float32(np.nan), depth.depth_mm))
-    measured = measure_module(left, rig(), there, plain=seen.brightness())
+    measured = measure_module(left, rig(), there, plain=seen.render_brightness())
     found = {(q.name, q.quantity): q for q in measured.quantities}
     for key in (("base", "length"), ("base", "width"), ("cube100", "edge"), ("cube80", "edge")):
         assert abs(found[key].measured_mm - found[key].nominal_mm) < 0.2

@@ -83,7 +83,7 @@ def depth_map(
     )
 
 
-def ground() -> EmptyBeltReference:
+def make_empty_belt() -> EmptyBeltReference:
     """The empty belt's floor."""
     empty = depth_map(None, 0.0, seed=99)
     return make_reference(find_belt(empty, CAMERA), CAMERA)

@@ -9,7 +9,7 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.measure.flow.meter import FlowMeter
-from tests.measure.flow.moving_belt import Heap, depth_map, ground
+from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-900, end_mm=-300)
 FALSE_MM = 25.0
@@ -27,7 +27,7 @@ def with_bridges(depth: DepthMap, confidence: float, seed: int) -> DepthMap:
 
 
 def total_mm3(confidence: float) -> float:
-    meter = FlowMeter(ground())
+    meter = FlowMeter(make_empty_belt())
     for k, place in enumerate(np.arange(0.0, 1300.0, 130.0)):
         depth = with_bridges(depth_map(HEAP, place), confidence, k)
         meter.push(depth, round(k * 1e8), place)
@@ -42,6 +42,6 @@ def test_doubtful_bridges_do_not_raise_the_total() -> None:
 def test_a_frame_without_a_trusted_pixel_measures_nothing() -> None:
     depth = depth_map(HEAP, 500.0)
     doubtful = replace(depth, confidence=np.full(depth.depth_mm.shape, 0.6, np.float32))
-    layer = ground().layer(doubtful, 500.0, 1)
+    layer = make_empty_belt().layer(doubtful, 500.0, 1)
     assert not np.isfinite(layer.height_mm).any()
-    assert np.isfinite(ground().layer(depth, 500.0, 1).height_mm).mean() > 0.9
+    assert np.isfinite(make_empty_belt().layer(depth, 500.0, 1).height_mm).mean() > 0.9

@@ -16,7 +16,7 @@ from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReferenc
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
-from tests.measure.flow.moving_belt import Heap, depth_map, ground
+from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-1150, end_mm=-450)
 """Comes in from -y."""
@@ -27,7 +27,7 @@ PASSED_MM = 1500.0
 
 @cache
 def floor() -> EmptyBeltReference:
-    return ground()
+    return make_empty_belt()
 
 
 @cache
@@ -51,12 +51,12 @@ def measure(
     """Push a capture frame by frame; ``encoder`` True: the true places, None: none."""
     steps: list[FramePlacement] = []
     meter = FlowMeter(floor(), settings, density=density, watch_step=steps.append)
-    told = list(places) if encoder is True else encoder
+    counts = list(places) if encoder is True else encoder
     heap = HEAP if direction == 1 else BACK
     records: list[FlowRecord] = []
     for k, place in enumerate(places):
         depth = None if k in lost else seen(heap, place, direction)
-        records += meter.push(depth, round(k * 1e8), told[k] if told else None, frame=f"{k:03d}")
+        records += meter.push(depth, round(k * 1e8), counts[k] if counts else None, frame=f"{k:03d}")
     return meter, records + meter.finish(), steps
 
 
@@ -127,7 +127,7 @@ def test_a_slipping_belt_is_measured_by_its_material() -> None:
     assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.006)
 
 
-def test_the_encoder_says_which_way_when_told_nothing_else() -> None:
+def test_direction_is_taken_from_the_encoder_by_default() -> None:
     meter, _, _ = measure(positions(120.0), direction=-1)
     assert meter.direction == -1
     assert meter.totals.volume_mm3 == pytest.approx(BACK.volume_mm3, rel=0.006)

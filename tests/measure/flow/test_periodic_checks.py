@@ -45,7 +45,7 @@ def test_an_empty_belt_has_none(belt):
     assert 0 < sigma < 40
 
 
-def test_where_nothing_is_measured_nothing_is_told(belt):
+def test_no_deviation_is_reported_where_nothing_is_measured(belt):
     blind = depth_map(np.full(CAMERA.size_px[::-1], np.nan))
     assert np.isnan(measure_largest_lump(blind, CAMERA, belt)).all()
     assert np.isnan(measure_belt_offset(blind, CAMERA, belt)).all()
@@ -64,7 +64,7 @@ def test_depth_of_another_camera_is_refused(belt):
 
 
 @pytest.mark.parametrize("shift_mm", [-15.0, 8.0])
-def test_a_belt_that_runs_off_under_stones_is_told(belt, shift_mm):
+def test_lateral_belt_run_off_under_stones_is_reported(belt, shift_mm):
     rise = np.tan(np.deg2rad(25))
     moved = TROUGH.copy()
     moved[0] += [shift_mm, -rise * shift_mm]

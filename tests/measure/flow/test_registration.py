@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
 from beltscape.measure.flow.motion.high_pass import HighPassHeights, compute_high_pass
 from beltscape.measure.flow.motion.registration import register
-from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, ground
+from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-1500, end_mm=1500)
-GROUND = ground()
+GROUND = make_empty_belt()
 OVERLAP = 0.12
 
 

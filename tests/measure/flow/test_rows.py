@@ -9,13 +9,13 @@ from beltscape.measure.flow.fusion.fuse import fuse
 from beltscape.measure.flow.fusion.layer import Layer
 from beltscape.measure.flow.fusion.rows import BeltPiece, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
-from tests.measure.flow.moving_belt import ground
+from tests.measure.flow.moving_belt import make_empty_belt
 
 
 def filled(height_mm: NDArray[np.float32], frames: int) -> NDArray[np.float32]:
     """The belt made of so many frames alike."""
     pieces: list[BeltPiece] = []
-    filler = RowFiller(ground(), FlowSettings(), pieces.append)
+    filler = RowFiller(make_empty_belt(), FlowSettings(), pieces.append)
     sigma = np.where(np.isfinite(height_mm), np.float32(0.1), np.float32(np.nan))
     share = np.isfinite(height_mm).mean(axis=1)
     layer = Layer(0, height_mm, sigma, sigma, share, np.zeros(len(share)))
@@ -26,7 +26,7 @@ def filled(height_mm: NDArray[np.float32], frames: int) -> NDArray[np.float32]:
 
 def bumps(level_mm: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """A rough load with a hole, on the meter's own columns."""
-    columns = ground().grid.shape[1]
+    columns = make_empty_belt().grid.shape[1]
     noise = 8 * np.random.default_rng(0).standard_normal((40, columns))
     height = (level_mm + np.abs(noise)).astype(np.float32)
     hole = np.zeros(height.shape, bool)
@@ -49,13 +49,13 @@ def test_holes_are_not_lowered_below_the_belt() -> None:
 
 def test_rows_beside_a_gap_that_show_only_the_belts_sides_are_not_counted() -> None:
     """Of a tall load the image's edge shows the bare sides only: no cross-section ends there."""
-    columns = ground().grid.shape[1]
+    columns = make_empty_belt().grid.shape[1]
     height = np.full((120, columns), 80.0, np.float32)
     height[:, :8] = height[:, -8:] = 0
     bare = height.copy()
     bare[:, 8:-8] = np.nan
-    filler, rows = RowFiller(ground(), FlowSettings(), None), []
-    gap = round(FlowSettings().margin_mm / ground().cell_mm) + 10
+    filler, rows = RowFiller(make_empty_belt(), FlowSettings(), None), []
+    gap = round(FlowSettings().margin_mm / make_empty_belt().cell_mm) + 10
     before = np.concatenate([height, bare[:6]])
     after = np.concatenate([bare[:6], height])
     for first, part in ((0, before), (len(before) + gap, after)):
@@ -64,7 +64,7 @@ def test_rows_beside_a_gap_that_show_only_the_belts_sides_are_not_counted() -> N
         layer = Layer(first, part, sigma, sigma, seen.mean(axis=1), np.zeros(len(part)))
         rows += filler.add(fuse([layer], first, first + len(part)))
     rows += filler.close()
-    full = ground().cell_mm * height[0].sum()
+    full = make_empty_belt().cell_mm * height[0].sum()
     counted = np.concatenate([row.first + np.arange(len(row)) for row in rows])
     np.testing.assert_array_equal(
         counted, [*range(120), *range(len(before) + gap + 6, len(before) + gap + 126)]

@@ -53,7 +53,7 @@ def make_application(access: Access, **more: Any) -> FastAPI:
     app = FastAPI()
 
     @app.get("/look")
-    def look(user: Annotated[User, Depends(require_role("viewer"))]) -> dict[str, str]:
+    def read_page(user: Annotated[User, Depends(require_role("viewer"))]) -> dict[str, str]:
         return {"name": user.name, "role": user.role}
 
     @app.post("/alarms/{name}/acknowledge")

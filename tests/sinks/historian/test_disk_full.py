@@ -11,7 +11,7 @@ from beltscape.core.errors import OutputError
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import ledger, same
-from tests.sinks.namespaces import seen_by
+from tests.sinks.namespaces import run_with_small_disk
 
 ALWAYS = (0, 1 << 62)
 SETTINGS = HistorySettings(reserve_mib=1)
@@ -130,7 +130,7 @@ def test_a_locked_database_is_no_full_disk(historian, tmp_path):
 
 
 def test_full_disk_loses_nothing_that_was_acknowledged(tmp_path):
-    seen = seen_by("tests.sinks.historian.small_disk", tmp_path / "disk")
+    seen = run_with_small_disk("tests.sinks.historian.small_disk", tmp_path / "disk")
     assert seen["well"] == ["", 200]
     trouble, full = seen["full"]
     assert "disk is full" in trouble

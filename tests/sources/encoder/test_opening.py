@@ -15,7 +15,7 @@ from beltscape.sources.encoder.settings import EncoderSettings
 from tests.optional import require
 
 
-def until(true, seconds=5.0):
+def wait_until(true, seconds=5.0):
     """Whether something becomes true in time."""
     end = monotonic() + seconds
     while monotonic() < end:
@@ -52,11 +52,11 @@ def test_datagrams_are_received(udp):
     encoder, send = udp()
     assert encoder.position_at(monotonic_ns(), "f") is None
     send("100.5")
-    assert until(lambda: encoder.silent_s < 0.5 and encoder._track._times_ns)
+    assert wait_until(lambda: encoder.silent_s < 0.5 and encoder._track._times_ns)
     first = monotonic_ns()
     sleep(0.01)
     send("110.5\n")
-    assert until(lambda: encoder._track._times_ns[-1] > first)
+    assert wait_until(lambda: encoder._track._times_ns[-1] > first)
     position = encoder.position_at(first, "f")
     assert 100.5 <= position <= 110.5
     assert encoder.trouble == ""
@@ -70,21 +70,21 @@ def test_datagrams_that_are_no_readings_are_reported(udp):
         except OSError:  # larger than the system lets through
             continue
     send("1")
-    assert until(lambda: bool(encoder._track._times_ns))
+    assert wait_until(lambda: bool(encoder._track._times_ns))
     assert "cannot be read" in encoder.trouble
 
 
 def test_datagrams_of_other_senders_are_ignored(udp):
     encoder, send = udp(sender="127.0.0.2")
     send("1")
-    assert until(lambda: "127.0.0.1" in encoder.trouble)
+    assert wait_until(lambda: "127.0.0.1" in encoder.trouble)
     assert encoder.position_at(monotonic_ns(), "f") is None
 
 
 def test_datagram_may_have_several_lines(udp):
     encoder, send = udp()
     send("0.00,5\n0.01,6\n0.02,7\n")
-    assert until(lambda: encoder._track._positions_mm == [7.0])  # their times are not known yet
+    assert wait_until(lambda: encoder._track._positions_mm == [7.0])  # their times are not known yet
     assert encoder.trouble == ""
 
 
@@ -106,12 +106,12 @@ def test_growing_file_is_followed(tmp_path):
             for k in range(5):
                 file.write(f"f{k},{100 + 0.01 * k},{1000 + 20 * k}\n")
                 file.flush()
-        assert until(lambda: encoder.position_at(monotonic_ns(), "f4") == 1080)
+        assert wait_until(lambda: encoder.position_at(monotonic_ns(), "f4") == 1080)
         assert encoder.position_at(monotonic_ns(), "f2") == 1040
         assert encoder.position_at(monotonic_ns(), "old") is None
         path.rename(tmp_path / "encoder.csv.1")
         path.write_text("frame,timestamp_s,belt_position_mm\nf5,100.05,1100\n")
-        assert until(lambda: encoder.position_at(monotonic_ns(), "f5") == 1100)
+        assert wait_until(lambda: encoder.position_at(monotonic_ns(), "f5") == 1100)
         assert encoder.trouble == ""
     finally:
         encoder.close()
@@ -120,7 +120,7 @@ def test_growing_file_is_followed(tmp_path):
 def test_folder_in_place_of_the_file_is_refused(tmp_path):
     encoder = require(open_encoder(EncoderSettings(kind="file", path=".", poll_s=0.002), tmp_path))
     try:
-        assert until(lambda: "cannot be read" in encoder.trouble)
+        assert wait_until(lambda: "cannot be read" in encoder.trouble)
     finally:
         encoder.close()
 

@@ -93,16 +93,16 @@ def test_a_frame_waits_for_the_reading_after_it():
 
 def test_silent_or_closed_track_is_not_waited_for():
     silent = track([(0, 0.0), (10, 1.0)])
-    begun = monotonic_ns()
+    start_ns = monotonic_ns()
     assert silent.position_at(monotonic_ns(), wait_ns=5_000 * MS) is None
     active = PositionTrack(10_000 * MS)
-    active.add(begun, 0.0)
-    waiting = Thread(target=active.position_at, args=(begun + 1, 60_000 * MS))
+    active.add(start_ns, 0.0)
+    waiting = Thread(target=active.position_at, args=(start_ns + 1, 60_000 * MS))
     waiting.start()
     active.close()
     waiting.join(2)
     assert not waiting.is_alive()
-    assert monotonic_ns() - begun < 2_000 * MS
+    assert monotonic_ns() - start_ns < 2_000 * MS
 
 
 @given(st.lists(st.integers(0, 50), min_size=2, max_size=60), st.integers(-(10**12), 10**12))

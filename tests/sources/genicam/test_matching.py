@@ -28,7 +28,7 @@ class Wire:
     jitter_ns: int = 0
     """Its instants are off by at most this."""
     first_id: int = 1
-    lost: set[int] = field(default_factory=set)
+    dropped: set[int] = field(default_factory=set)
     duplicates: set[int] = field(default_factory=set)
     delays_ns: dict[int, int] = field(default_factory=dict)
     """Instant → delay beyond the usual."""
@@ -47,7 +47,7 @@ class Wire:
             earliest = max([earliest, taken + latency, *ends])  # a camera's images come in their order
             shot = CameraImage(name, frame_id, camera_ns, earliest, k)
             frame_id = frame_id % 65535 + 1
-            if k not in self.lost:
+            if k not in self.dropped:
                 out.append(shot)
                 if k in self.duplicates:
                     out.append(shot)
@@ -66,15 +66,15 @@ def played(
     ]
     given_out: list[tuple[int, MatchedInstant[int]]] = []
 
-    def until(now_ns: int) -> None:
+    def advance_to(now_ns: int) -> None:
         while (deadline := matcher.deadline_ns()) is not None and deadline <= now_ns:
             given_out.extend((deadline, one) for one in matcher.pop_due(deadline))
 
     for shot in sorted(shots, key=lambda s: s.arrival_ns):
-        until(shot.arrival_ns)
+        advance_to(shot.arrival_ns)
         matcher.add(shot, shot.arrival_ns)
         given_out.extend((shot.arrival_ns, one) for one in matcher.pop_due(shot.arrival_ns))
-    until(2**62)
+    advance_to(2**62)
     return matcher, given_out
 
 
@@ -96,7 +96,7 @@ wires = st.builds(
     drift_ppm=st.floats(-100, 100),
     jitter_ns=st.integers(0, 2 * MS),
     first_id=st.integers(1, 65535),
-    lost=st.sets(st.integers(10, 60), max_size=30),
+    dropped=st.sets(st.integers(10, 60), max_size=30),
     duplicates=st.sets(st.integers(10, 60), max_size=5),
     delays_ns=st.dictionaries(st.integers(10, 60), st.integers(0, 3000 * MS), max_size=12),
     stalls=st.lists(st.tuples(st.integers(10, 60), st.integers(1, 25)), max_size=2),
@@ -131,7 +131,7 @@ def test_drift_is_estimated():
 
 
 def test_an_instant_waits_no_longer_than_allowed_and_only_once():
-    wires = {"cam0": Wire(), "cam1": Wire(10**15), "cam2": Wire(10**12, lost=set(range(40, 80)))}
+    wires = {"cam0": Wire(), "cam1": Wire(10**15), "cam2": Wire(10**12, dropped=set(range(40, 80)))}
     matcher, given_out = played(wires, 80)
     waits = {next(iter(one.shots.values())).payload: now - one.time_ns for now, one in given_out}
     assert waits[40] == pytest.approx(300 * MS, abs=10 * MS)
@@ -143,10 +143,10 @@ def test_an_instant_waits_no_longer_than_allowed_and_only_once():
 
 def test_first_camera_waits_for_the_others_at_the_start():
     rules = MatchingRules(40 * MS, 5 * MS, 300 * MS, start_ns=2000 * MS)
-    late = Wire(lost=set(range(10, 20)))
+    late = Wire(dropped=set(range(10, 20)))
     _, given_out = played({"cam0": Wire(), "cam1": late}, 40, rules)
     assert set(given_out[0][1].shots) == {"cam0", "cam1"}
-    _, given_out = played({"cam0": Wire(), "cam1": Wire(lost=set(range(10, 60)))}, 60, rules)
+    _, given_out = played({"cam0": Wire(), "cam1": Wire(dropped=set(range(10, 60)))}, 60, rules)
     assert given_out[0][1].shots["cam0"].payload == pytest.approx(10 + 5 + 20, abs=2)
 
 
@@ -169,7 +169,11 @@ def test_reopened_camera_has_a_new_clock_and_count():
 
 
 def test_core_may_be_absent_while_time_increases():
-    wires = {"cam0": Wire(10**17, 50, lost=set(range(200, 300))), "cam1": Wire(3, -50), "cam2": Wire(10**9)}
+    wires = {
+        "cam0": Wire(10**17, 50, dropped=set(range(200, 300))),
+        "cam1": Wire(3, -50),
+        "cam2": Wire(10**9),
+    }
     _, given_out = played(wires, 400)
     assert_laws(given_out)
     steps = np.diff([one.time_ns for _, one in given_out])

@@ -46,8 +46,8 @@ def _leave_out_frames(adjustment: BundleAdjustmentResult, count: int) -> Array:
     observed = bundle.observations.frame
     changes: list[Array] = []
     with single_thread():
-        for frame in np.unique(observed[adjustment.kept]):
-            weights = (adjustment.kept & (observed != frame)).astype(np.float64)
+        for frame in np.unique(observed[adjustment.used]):
+            weights = (adjustment.used & (observed != frame)).astype(np.float64)
             rest = Bundle(bundle.observations, bundle.prior, weights)
             changes.append(rest.linearise(adjustment.geometry).solve_step(0.0)[:count])
     return np.array(changes)

@@ -196,7 +196,7 @@ def _join_groups(link: _Link) -> _Group:
     first_from_second = link.consensus.second_from_first.inverse()
     instants = dict(link.first.instants)
     for k, views in link.second.instants.items():
-        turn = link.consensus.turns.get(k - link.shift, 0)
+        turn = link.consensus.quarter_turns.get(k - link.shift, 0)
         moved = tuple(
             replace(
                 view,

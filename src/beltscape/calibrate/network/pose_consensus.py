@@ -31,7 +31,7 @@ class PoseConsensus:
     """The relative pose of two groups that most views agree on."""
 
     second_from_first: Pose
-    turns: dict[int, int]
+    quarter_turns: dict[int, int]
     """Instant → quarter turns to apply to the second group's numbering."""
     instants: int
     """Number of instants that agree."""

@@ -15,17 +15,12 @@ from beltscape.measure.flow.fusion.buffer import LayerBuffer
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.fuse import Scatter
 from beltscape.measure.flow.fusion.rows import PieceCallback, RowFiller
-from beltscape.measure.flow.motion.belt_motion import (
-    MAX_DISAGREEMENT,
-    BeltMotion,
-    BeltPosition,
-    MotionObservation,
-)
+from beltscape.measure.flow.motion.belt_motion import BeltMotion, BeltPosition
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
-from beltscape.measure.flow.motion.evidence import MotionEvidence
-from beltscape.measure.flow.motion.high_pass import HighPassHeights, compute_high_pass
+from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion.prediction import MotionPrediction
-from beltscape.measure.flow.motion.registration import Shift, register
+from beltscape.measure.flow.motion.registration import Shift
+from beltscape.measure.flow.motion.tracker import Location, MotionTracker
 from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.records.fault_attribution import FaultAttribution
@@ -35,12 +30,8 @@ from beltscape.measure.flow.records.totals import FlowTotals, Sums
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.flow.strip_cutter import StripCutter
 
-_COARSE_CELLS = 2
-"""Cells of the registration are coarser by this factor."""
 _PATIENCE = 8
 """Number of frames held back until the first motion is detected."""
-_LEAST_MOTION_MM = 2.0
-"""A shorter motion does not determine the direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +42,8 @@ class FramePlacement:
     place: BeltPosition
     shift: Shift | None
     """Motion of the material since the key frame."""
+    is_encoder_trusted: bool = True
+    """Whether encoder and material agree as far as both are known."""
 
 
 class FlowMeter:
@@ -62,7 +55,7 @@ class FlowMeter:
 
     def __init__(
         self,
-        ground: EmptyBeltReference,
+        reference: EmptyBeltReference,
         settings: FlowSettings | None = None,
         *,
         density: Density | None = None,
@@ -75,29 +68,26 @@ class FlowMeter:
         ``front_mm`` is a belt coordinate up to which the belt is counted already: of the belt in view at the first
         frame, only the part beyond it is new. It requires an encoder that continued to count.
         """
-        self.ground = ground
+        self.reference = reference
         self.settings = settings or FlowSettings()
-        self.motion = BeltMotion()
-        self.evidence = MotionEvidence()
-        given_direction = self.settings.direction
-        self._direction = 0 if given_direction is None else 1 if given_direction == "+y" else -1
-        self._assumed = False
         self._watch_step = watch_step
         self._waiting: list[PushedFrame] = []
-        self._key_high_pass: HighPassHeights | None = None
         self._count = 0
         self._cutter = StripCutter(front_mm)
-        self._width_mm = ground.belt.across_mm[1] - ground.belt.across_mm[0]
-        self._sums = Sums(ground.belt.drift_mm, self._width_mm)
+        self._width_mm = reference.belt.across_mm[1] - reference.belt.across_mm[0]
+        self._sums = Sums(reference.belt.drift_mm, self._width_mm)
         self._strips = Strips(self._sums, density or make_unknown_density())
-        self._profile = Profile(ground.cell_mm, self.settings.bridge_mm)
-        self._buffer = LayerBuffer(ground, self.settings, RowFiller(ground, self.settings, watch_belt))
+        self._profile = Profile(reference.cell_mm, self.settings.bridge_mm)
+        self._buffer = LayerBuffer(reference, self.settings, RowFiller(reference, self.settings, watch_belt))
         self._faults = FaultAttribution(self._strips, self._buffer)
+        self._tracker = MotionTracker(reference, self.settings, self._buffer.step_mm)
+        self.findings: tuple[Finding, ...] = ()
+        """The findings about the encoder of the frames that the last call of `push` placed."""
 
     @property
     def direction(self) -> int:
         """Return the direction of travel: +1 towards +y, -1 towards -y, 0 if not known yet."""
-        return 0 if self._assumed else self._direction
+        return 0 if self._tracker.is_assumed else self._tracker.direction
 
     @property
     def totals(self) -> FlowTotals:
@@ -115,13 +105,24 @@ class FlowMeter:
         return self.motion.scale
 
     @property
+    def motion(self) -> BeltMotion:
+        """Return the belt's position and speed."""
+        return self._tracker.motion
+
+    @property
+    def evidence(self) -> MotionEvidence:
+        """Return the evidence for direction and encoder so far."""
+        return self._tracker.evidence
+
+    @property
+    def encoder_deviation(self) -> tuple[float, float]:
+        """Return encoder over material less 1 over the last metres, and its σ; NaN before they were compared."""
+        return self._tracker.check.deviation
+
+    @property
     def prediction(self) -> MotionPrediction | None:
         """Return the prediction of the motion after the last frame; None if unknown."""
-        motion = self.motion
-        if motion.last is None or not self._direction or self._waiting:
-            return None
-        along = self._direction * self.ground.belt.belt_from_core.rotation[1]
-        return MotionPrediction(along, motion.scale.ratio, motion.speed)
+        return None if self._waiting else self._tracker.prediction
 
     def push(
         self,
@@ -146,15 +147,24 @@ class FlowMeter:
         if worst_effect(findings) == "missing":
             depth = None
         if depth is not None:
-            require_depth_of(self.ground.camera, depth, f"frame {name}")
+            require_depth_of(self.reference.camera, depth, f"frame {name}")
             self._sums.add_systematic(depth.systematic_mm)
         pushed = PushedFrame(
-            name, depth, time_ns, clock, position_mm, self._filter(depth), whole, self._count, list(findings)
+            name,
+            depth,
+            time_ns,
+            clock,
+            position_mm,
+            self._tracker.filter(depth),
+            whole,
+            self._count,
+            list(findings),
         )
         self._faults.add_findings(self._count, findings, self._waiting)
         self._count += 1
+        self.findings = ()
         self._waiting.append(pushed)
-        if not self._can_locate():
+        if not self._tracker.can_locate(self._waiting):
             return self._process_oldest()
         out = [record for one in self._waiting for record in self._process(one)]
         self._waiting = []
@@ -164,37 +174,13 @@ class FlowMeter:
         """Return the remaining records after the last frame."""
         out: list[FlowRecord] = []
         if self._waiting:
-            self._direction, self._assumed = self._direction or 1, not self._direction
+            self._tracker.is_assumed = not self._tracker.direction
+            self._tracker.direction = self._tracker.direction or 1
             out = [record for one in self._waiting for record in self._process(one)]
             self._waiting = []
         for rows in self._buffer.close():
             self._profile.add(rows)
         return out + self._strips.pop_finished(self._profile, np.inf)
-
-    def _filter(self, depth: DepthMap | None) -> HighPassHeights | None:
-        if depth is None:
-            return None
-        height = self.ground.coarse(depth, _COARSE_CELLS)
-        return compute_high_pass(height, _COARSE_CELLS * self.ground.cell_mm, self.ground.belt.noise_mm)
-
-    def _can_locate(self) -> bool:
-        """Return whether frames can be placed: by a known motion, by an encoder, or by a first motion found now."""
-        newest = self._waiting[-1]
-        if self.motion.key is not None:
-            return True
-        if self._direction and newest.encoder_mm is not None:
-            return True
-        before = next((one for one in self._waiting[-2::-1] if one.high_pass is not None), None)
-        if before is None or before.high_pass is None or newest.high_pass is None:
-            return False
-        shift = register(before.high_pass, newest.high_pass, least_overlap=self.settings.least_overlap)
-        if shift is None or abs(shift.along_mm) < max(_LEAST_MOTION_MM, 3 * shift.sigma_mm):
-            return False
-        forward = 1 if newest.encoder_mm is None or newest.encoder_mm >= (before.encoder_mm or 0.0) else -1
-        self._direction = self._direction or forward * (1 if shift.along_mm > 0 else -1)
-        if newest.encoder_mm is None and newest.clock > before.clock:
-            self.motion.speed = self._direction * shift.along_mm / (newest.clock - before.clock)
-        return True
 
     def _process_oldest(self) -> list[FlowRecord]:
         """Process the oldest waiting frame without a first motion once too many frames wait."""
@@ -205,7 +191,7 @@ class FlowMeter:
             self._strips.add(self._cutter.make_unplaced_strip(oldest))
             return self._pop_finished()
         # an empty or standing belt: both directions are equivalent until the material determines one
-        self._direction, self._assumed = 1, True
+        self._tracker.direction, self._tracker.is_assumed = 1, True
         out = self._process(oldest)
         for one in self._waiting:
             out += self._process(one)
@@ -215,90 +201,50 @@ class FlowMeter:
     def _process(self, frame: PushedFrame) -> list[FlowRecord]:
         """Locate a frame, add its layer to the buffer, and cut its strip."""
         before = self.motion.last
-        shift = self._register(frame)
-        observation = MotionObservation(
-            frame.clock,
-            frame.encoder_mm,
-            None if shift is None else self._direction * shift.along_mm,
-            0.0 if shift is None else shift.sigma_mm,
-        )
-        place = None if before is None and frame.depth is None else self.motion.locate(observation)
+        location = self._tracker.locate(frame)
+        place = location.place
+        if location.has_turned:
+            self._buffer.clear()
         if place is None:
             self._strips.add(self._cutter.make_unplaced_strip(frame))
             return self._pop_finished()
         if self._watch_step is not None:
-            self._watch_step(FramePlacement(frame.frame, place, shift))
+            trusted = location.is_encoder_trusted
+            self._watch_step(FramePlacement(frame.frame, place, location.shift, trusted))
         view_start = np.inf
         if frame.depth is not None and frame.is_measured:
             blur = place.sigma_mm if place.source == "speed" else 0.0
-            layer = self.ground.layer(frame.depth, place.position_mm, self._direction, blur)
+            layer = self.reference.layer(frame.depth, place.position_mm, self._tracker.direction, blur)
             self._buffer.add(replace(layer, frame=frame.number), place.position_mm)
-            self._update_key(frame, place)
-            view_start = layer.first * self.ground.cell_mm
-        strip = self._cutter.cut(frame, place, before, self._convert_range(self.ground.window_mm))
+            self._tracker.update_key(frame, place)
+            view_start = layer.first * self.reference.cell_mm
+        strip = self._cutter.cut(frame, place, before, self._convert_range(self.reference.window_mm))
         self._faults.attach(strip, frame, view_start)
         self._strips.add(strip)
-        seen_until = place.position_mm + self._convert_range(self.ground.seen_mm)[0]
+        self._add_encoder_finding(frame, location)
+        seen_until = place.position_mm + self._convert_range(self.reference.seen_mm)[0]
         for rows in self._buffer.fuse_until(seen_until):
             self._profile.add(rows)
         return self._pop_finished(seen_until)
 
-    def _register(self, frame: PushedFrame) -> Shift | None:
-        """Return the motion since the key frame, and reverse a direction that was only assumed if necessary."""
-        if self._key_high_pass is None or frame.high_pass is None:
-            return None
-        expected = self.motion.predict_mm(frame.clock, frame.encoder_mm)
-        low, high = self.ground.seen_mm
-        reach = (1 - self.settings.least_overlap) * (high - low)
-        apart = frame.encoder_mm is not None and (1 - MAX_DISAGREEMENT) * abs(expected or 0.0) > reach
-        near = None if expected is None or self._assumed or apart else self._direction * expected
-        shift = register(
-            self._key_high_pass, frame.high_pass, least_overlap=self.settings.least_overlap, near_mm=near
-        )
-        if shift is None:
-            return None
-        if self._assumed and not apart and abs(shift.along_mm) > _LEAST_MOTION_MM:
-            self._assumed = False
-            if self._direction * shift.along_mm < 0:
-                self._direction = -self._direction
-                self._buffer.clear()
-        self._count_evidence(shift, frame, apart)
-        # by the encoder the views do not overlap: then a similar surface is other material
-        return None if apart else shift
-
-    def _count_evidence(self, shift: Shift, frame: PushedFrame, apart: bool) -> None:
-        """Count the motion since the key frame as evidence, together with the raw encoder's step."""
-        key = self.motion.key
-        step = None
-        if key is not None and key.encoder_mm is not None and frame.encoder_mm is not None:
-            step = frame.encoder_mm - key.encoder_mm
-        self.evidence.add(shift, self._direction, step, apart=apart)
-
-    def _update_key(self, frame: PushedFrame, place: BeltPosition) -> None:
-        """Make the frame the key frame once the belt has moved, unless only the old one has load and overlaps."""
-        key = self.motion.key
-        moved = abs(place.position_mm - key.position_mm) if key is not None else np.inf
-        low, high = self.ground.seen_mm
-        has_load = frame.high_pass is not None and frame.high_pass.has_load
-        kept = self._key_high_pass is not None and self._key_high_pass.has_load
-        is_out_of_view = moved > (1 - self.settings.least_overlap) * (high - low)
-        if (
-            self._key_high_pass is None
-            or (moved >= self._buffer.step_mm and (has_load or not kept))
-            or is_out_of_view
-        ):
-            self.motion.move_key()
-            self._key_high_pass = frame.high_pass
+    def _add_encoder_finding(self, frame: PushedFrame, location: Location) -> None:
+        """Attribute the encoder's finding to the frame's strip and to those before it that it concerns."""
+        if location.finding is None:
+            return
+        self.findings = (*self.findings, location.finding)
+        contradiction = location.contradiction
+        first = frame.number if contradiction is None else min(contradiction.first, frame.number)
+        self._faults.add_since(first, location.finding)
 
     def _convert_range(self, range_mm: tuple[float, float]) -> tuple[float, float]:
         """Return the ends of a range of y as belt coordinates of a frame at position 0, the older end first."""
-        low, high = sorted(-self._direction * y for y in range_mm)
+        low, high = sorted(-self._tracker.direction * y for y in range_mm)
         return low, high
 
     def _pop_finished(self, seen_until_mm: float = -np.inf) -> list[FlowRecord]:
         """Return the records whose strips are complete; a gap too long to bridge completes them at once."""
         end = self._profile.end_mm
-        until = -np.inf if end is None else end - self.ground.cell_mm
+        until = -np.inf if end is None else end - self.reference.cell_mm
         begins = min(seen_until_mm, self._buffer.open_mm)
         if end is not None and begins - end > self.settings.bridge_mm:
             until = begins

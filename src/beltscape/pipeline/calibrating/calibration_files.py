@@ -36,7 +36,7 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
         calibration.board,
         calibration.depth_sigma,
         calibration.next_best_view,
-        _rejected_images(calibration),
+        _read_rejected_images(calibration),
         held_out=calibration.held_out,
         training=calibration.training,
         fit=calibration.fit,
@@ -45,7 +45,7 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
     write_text(out / "report.html", page)
 
 
-def _rejected_images(calibration: Calibration) -> list[tuple[str, Image]]:
+def _read_rejected_images(calibration: Calibration) -> list[tuple[str, Image]]:
     """Return (caption, image) of the rejected views for the report."""
     rejected: list[tuple[str, Image]] = []
     for name, camera in calibration.hierarchy.monocular.items():
@@ -63,7 +63,7 @@ def make_calibration_document(calibration: Calibration) -> Mapping[str, Any]:
         "core": hierarchy.rig.core,
         "board": {
             **calibration.board.model_dump(),
-            **({} if calibration.board.kind == "chessboard" else _variant_document(calibration.variant)),
+            **({} if calibration.board.kind == "chessboard" else _make_variant_document(calibration.variant)),
             "off_drawing_rms_mm": np.sqrt((adjustment.shape_mm**2).mean(axis=0)),
         },
         "fit": calibration.fit.document(),
@@ -73,9 +73,9 @@ def make_calibration_document(calibration: Calibration) -> Mapping[str, Any]:
             {"depth_mm": s.depth_mm, "median": np.nanmedian(s.sigma_mm), "worst": np.nanmax(s.sigma_mm)}
             for s in calibration.depth_sigma
         ],
-        "next_pose": _next_document(calibration.next_best_view),
-        "cameras": {name: _camera_document(calibration, name) for name in calibration.rig.cameras},
-        "corners_left_out": _corners_left_out(adjustment),
+        "next_pose": _make_next_view_document(calibration.next_best_view),
+        "cameras": {name: _make_camera_document(calibration, name) for name in calibration.rig.cameras},
+        "corners_left_out": _list_excluded_corners(adjustment),
         "pairs": [
             {
                 "cameras": [pair.first, pair.second],
@@ -88,13 +88,13 @@ def make_calibration_document(calibration: Calibration) -> Mapping[str, Any]:
             }
             for pair in hierarchy.network.pairs
         ],
-        "path_errors": [_closure_document(error) for error in hierarchy.network.path_errors],
-        "loop_errors": [_closure_document(error) for error in hierarchy.network.loop_errors],
+        "path_errors": [_make_misclosure_document(error) for error in hierarchy.network.path_errors],
+        "loop_errors": [_make_misclosure_document(error) for error in hierarchy.network.loop_errors],
         "warnings": calibration.warnings,
     }
 
 
-def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
+def _make_camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
     camera, adjustment = calibration.hierarchy.monocular[name], calibration.adjustment
     final, index = calibration.rig.cameras[name], list(calibration.rig.cameras).index(name)
     covariance = calibration.covariance
@@ -116,7 +116,7 @@ def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
         "intrinsics": "given" if name in calibration.given else "estimated",
         "noise_px": adjustment.sigma_px[index],
         "corners": int(of_camera.sum()),
-        "corners_left_out": int((of_camera & ~adjustment.kept).sum()),
+        "corners_left_out": int((of_camera & ~adjustment.used).sum()),
         "intrinsics_from_own_views": name in adjustment.own_view_cameras,
         "monocular": {
             "rms_px": camera.rms_px,
@@ -130,7 +130,7 @@ def _camera_document(calibration: Calibration, name: str) -> Mapping[str, Any]:
     }
 
 
-def _next_document(pose: NextBestView | None) -> Mapping[str, Any] | None:
+def _make_next_view_document(pose: NextBestView | None) -> Mapping[str, Any] | None:
     if pose is None:
         return None
     return {
@@ -146,7 +146,7 @@ def _next_document(pose: NextBestView | None) -> Mapping[str, Any] | None:
     }
 
 
-def _closure_document(error: Misclosure) -> Mapping[str, Any]:
+def _make_misclosure_document(error: Misclosure) -> Mapping[str, Any]:
     return {
         "cameras": error.cameras,
         "rotation_deg": error.rotation_deg,
@@ -156,7 +156,7 @@ def _closure_document(error: Misclosure) -> Mapping[str, Any]:
     }
 
 
-def _corners_left_out(adjustment: BundleAdjustmentResult) -> list[Mapping[str, Any]]:
+def _list_excluded_corners(adjustment: BundleAdjustmentResult) -> list[Mapping[str, Any]]:
     """Return the corners that the final adjustment left out, with their errors."""
     o, names = adjustment.bundle.observations, list(adjustment.rig.cameras)
     off = np.linalg.norm(adjustment.bundle.compute_errors_px(adjustment.geometry), axis=1)
@@ -167,9 +167,9 @@ def _corners_left_out(adjustment: BundleAdjustmentResult) -> list[Mapping[str, A
             "corner": int(o.point[i]),
             "error_px": float(off[i]),
         }
-        for i in np.flatnonzero(~adjustment.kept)
+        for i in np.flatnonzero(~adjustment.used)
     ]
 
 
-def _variant_document(variant: PrintVariant) -> dict[str, bool]:
+def _make_variant_document(variant: PrintVariant) -> dict[str, bool]:
     return {"legacy": variant.legacy, "inverted": variant.inverted}

@@ -100,7 +100,7 @@ def assemble(project: Project[RunSettings], options: RunOptions, observer: Obser
     writers += [Writer("csv", table) for table in tables]
     recording = options.record and settings.recording.mode != "off"
     watch = settings.watch
-    belt, camera = context.ground.belt, context.rig.core_camera
+    belt, camera = context.empty_belt.belt, context.rig.core_camera
     components = EngineComponents(
         source=source,
         encoder=encoder,
@@ -135,10 +135,10 @@ def build_context(project: Project[RunSettings], rig: Rig, reporter: Reporter) -
     width = rig.core_camera.size_px[0]
     if matching.width_px is not None and matching.width_px < width:
         rig = scale_rig(rig, matching.width_px / width)
-    ground = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
-    near_far = compute_depth_range(ground, matching.load_mm)
+    empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
+    near_far = compute_depth_range(empty_belt, matching.load_mm)
     matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview())
-    return MeasurementContext(rig, ground, matcher, settings.flow, read_density(project))
+    return MeasurementContext(rig, empty_belt, matcher, settings.flow, read_density(project))
 
 
 def check_encoder(project: Project[RunSettings]) -> None:

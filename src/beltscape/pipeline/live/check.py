@@ -26,11 +26,11 @@ Check = tuple[str, Callable[[], str]]
 def list_checks(project: Project[RunSettings], reporter: Reporter) -> Iterator[Check]:
     """Yield the checks of all parts except the page, in the order in which a run opens them."""
     settings = project.settings
-    yield "rig", lambda: _rig_line(_rig(project, reporter))
-    yield "density", lambda: _density_line(project)
-    yield "empty", lambda: _empty_line(project, reporter)
-    yield "source", lambda: _source_line(project, reporter)
-    yield "encoder", lambda: _encoder_line(project)
+    yield "rig", lambda: _describe_rig(_read_rig(project, reporter))
+    yield "density", lambda: _describe_density(project)
+    yield "empty", lambda: _describe_empty_belt(project, reporter)
+    yield "source", lambda: _describe_source(project, reporter)
+    yield "encoder", lambda: _describe_encoder(project)
     yield "data", lambda: check_data(project.resolve(settings.data), settings.recording)
 
 
@@ -78,18 +78,18 @@ def _check_database(path: Path) -> None:
         connection.close()
 
 
-def _rig(project: Project[RunSettings], reporter: Reporter) -> Rig:
+def _read_rig(project: Project[RunSettings], reporter: Reporter) -> Rig:
     rig = read_rig(project.resolve(project.settings.rig))
     capture = project.settings.capture
     return rig if capture is None else scale_rig_to_capture(rig, project.resolve(capture.folder), reporter)
 
 
-def _rig_line(rig: Rig) -> str:
+def _describe_rig(rig: Rig) -> str:
     width, height = rig.core_camera.size_px
     return f"{len(rig.cameras)} cameras about {rig.core}, {width}×{height} px"
 
 
-def _density_line(project: Project[RunSettings]) -> str:
+def _describe_density(project: Project[RunSettings]) -> str:
     density = read_density(project)
     given = project.settings.density
     if given.kg_m3 is not None:
@@ -101,14 +101,14 @@ def _density_line(project: Project[RunSettings]) -> str:
     )
 
 
-def _empty_line(project: Project[RunSettings], reporter: Reporter) -> str:
-    belt = build_context(project, _rig(project, reporter), reporter).ground.belt
+def _describe_empty_belt(project: Project[RunSettings], reporter: Reporter) -> str:
+    belt = build_context(project, _read_rig(project, reporter), reporter).empty_belt.belt
     x0, x1 = belt.across_mm
     return f"x {x0:.0f} to {x1:.0f} mm, {belt.frames} frames"
 
 
-def _source_line(project: Project[RunSettings], reporter: Reporter) -> str:
-    settings, rig = project.settings, _rig(project, reporter)
+def _describe_source(project: Project[RunSettings], reporter: Reporter) -> str:
+    settings, rig = project.settings, _read_rig(project, reporter)
     if settings.cameras is not None:
         missing = [name for name in rig.cameras if name not in settings.cameras.devices]
         if missing:
@@ -121,7 +121,7 @@ def _source_line(project: Project[RunSettings], reporter: Reporter) -> str:
     return f"capture of {', '.join(source.cameras)}"
 
 
-def _encoder_line(project: Project[RunSettings]) -> str:
+def _describe_encoder(project: Project[RunSettings]) -> str:
     settings = project.settings
     encoder, capture = settings.encoder, settings.capture
     if encoder.kind == "udp" and is_running(project.resolve(settings.data)):

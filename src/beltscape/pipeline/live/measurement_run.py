@@ -24,11 +24,6 @@ from beltscape.pipeline.live.ledger import Ledger, LedgerState
 from beltscape.pipeline.live.sections import SectionBuffer
 from beltscape.pipeline.measuring.flow_chain import FlowChain, SequenceMatcher
 
-_FASTEST_MM_S = 20_000.0
-"""No belt is faster; a reading that implies a higher speed is from an encoder that was reset."""
-_JITTER_MM = 100.0
-"""Step that any belt may make, however short the time between two readings."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasurementContext:
@@ -36,7 +31,7 @@ class MeasurementContext:
 
     rig: Rig
     """At the image size that is matched."""
-    ground: EmptyBeltReference
+    empty_belt: EmptyBeltReference
     matcher: SequenceMatcher
     flow: FlowSettings
     density: Density
@@ -71,34 +66,32 @@ class MeasurementRun:
         self._cameras, self._wall_ns, self._reporter = tuple(cameras), wall_ns, reporter
         self._ledger = Ledger(state, cameras)
         self._stretches: list[BeltStretch] = []
-        self._sections = SectionBuffer(context.ground)
+        self._sections = SectionBuffer(context.empty_belt)
         self._chain: FlowChain | None = None
-        self._last: FrameSet | None = None
-        """The last frame set with an encoder reading."""
+        self._has_encoder = False
+        """Whether a frame set of the present meter had an encoder reading."""
         self._finished_sigma_mm3 = 0.0
         """σ of the finished meters of this run."""
 
     @property
     def encoder_ratio(self) -> tuple[float, float]:
-        """Ratio of the encoder's to the material's motion and its σ; NaN before they were compared."""
-        scale = None if self._chain is None else self._chain.meter.scale
-        return (
-            (scale.ratio, scale.sigma)
-            if scale is not None and scale.compared >= 3
-            else (float("nan"), float("nan"))
-        )
+        """Ratio of the encoder's to the material's motion over the last metres, and its σ; NaN before these."""
+        if self._chain is None:
+            return float("nan"), float("nan")
+        deviation, sigma = self._chain.meter.encoder_deviation
+        return 1 + deviation, sigma
 
     def push(self, frames: FrameSet) -> Outcome:
         """Measure the next frame set; without images it only gives the belt's position."""
         entries: list[BeltRecord] = []
         if self._chain is None:
-            self._chain = self._begin_meter(frames.position_mm, reset=False)
-        elif (reset := self._detect_reset(frames)) is not None:
+            self._chain = self._begin_meter(frames.position_mm)
+        elif frames.position_mm is not None and not self._has_encoder:
+            self._reporter.warn("an encoder now gives the belt's position; counting continues with it")
             entries += self._make_entries(self._chain.finish())
             self._finished_sigma_mm3 += self._chain.meter.totals.sigma_mm3
-            self._chain = self._begin_meter(frames.position_mm, reset=reset)
-        if frames.position_mm is not None:
-            self._last = frames
+            self._chain = self._begin_meter(frames.position_mm)
+        self._has_encoder |= frames.position_mm is not None
         whole = set(self._cameras) <= set(frames.images)
         self._ledger.push(frames.frame, frames.images.keys(), frames.position_mm)
         result = self._chain.push(self._resize(frames), self._reporter, whole=whole)
@@ -119,58 +112,41 @@ class MeasurementRun:
     def _without_frame(self, records: Sequence[FlowRecord]) -> Outcome:
         entries = self._make_entries(records)
         stretches, self._stretches = self._stretches, []
-        return Outcome(None, entries, stretches, float("nan"))
+        findings = () if self._chain is None else self._chain.pop_findings()
+        return Outcome(None, entries, stretches, float("nan"), findings)
 
     def reset(self) -> None:
         """Restart after a failure with the next frame set; belt whose record was not finished becomes missing."""
         if self._chain is not None:
             self._finished_sigma_mm3 += self._chain.meter.totals.sigma_mm3
-        self._chain, self._last, self._stretches = None, None, []
+        self._chain, self._has_encoder, self._stretches = None, False, []
         self._ledger.discard_pending()
 
-    def _begin_meter(self, encoder_mm: float | None, *, reset: bool) -> FlowChain:
+    def _begin_meter(self, encoder_mm: float | None) -> FlowChain:
         """Return the chain with a meter that counts from the ledger's end."""
         context = self.context
-        self._sections = SectionBuffer(context.ground)
+        self._sections = SectionBuffer(context.empty_belt)
         meter = FlowMeter(
-            context.ground,
+            context.empty_belt,
             context.flow,
             density=context.density,
             watch_belt=self._add_stretch,
             watch_step=self._set_position,
-            front_mm=self._ledger.begin_meter(encoder_mm, reset=reset),
+            front_mm=self._ledger.begin_meter(encoder_mm),
         )
         if self._chain is not None:
             self._chain.restart(meter)
             return self._chain
         return FlowChain(context.matcher, meter)
 
-    def _detect_reset(self, frames: FrameSet) -> bool | None:
-        """Return True if the encoder was reset, False if an encoder is new, None if the meter can continue."""
-        last, position = self._last, frames.position_mm
-        if position is None:
-            return None
-        if last is None or last.position_mm is None:
-            self._reporter.warn("an encoder now gives the belt's position; counting continues with it")
-            return False
-        seconds = 0.0
-        if frames.time_ns is not None and last.time_ns is not None:
-            seconds = max(frames.time_ns - last.time_ns, 0) * 1e-9
-        step = position - last.position_mm
-        if abs(step) <= _JITTER_MM + _FASTEST_MM_S * seconds:
-            return None
-        self._reporter.warn(
-            f"the encoder jumped from {last.position_mm:.0f} to {position:.0f} mm within {seconds:.2f} s; "
-            "counting continues from the new reading"
-        )
-        return True
-
     def _set_position(self, step: FramePlacement) -> None:
-        self._ledger.set_position(step.frame, step.place.position_mm)
+        self._ledger.set_position(
+            step.frame, step.place.position_mm, is_encoder_trusted=step.is_encoder_trusted
+        )
 
     def _add_stretch(self, piece: BeltPiece) -> None:
         joined = self._sections.add(piece)
-        cell = self.context.ground.cell_mm
+        cell = self.context.empty_belt.cell_mm
         stride = max(1, piece.measured.shape[1] // joined.shape[1])
         measured = piece.measured[:, ::stride][:, : joined.shape[1]]
         self._stretches.append(BeltStretch(cell * piece.first, cell, self._sections.x_mm, joined, measured))

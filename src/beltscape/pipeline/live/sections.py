@@ -25,18 +25,18 @@ class _Rows:
 class SectionBuffer:
     """Keeps the belt rows that unfinished strips may still need."""
 
-    def __init__(self, ground: EmptyBeltReference) -> None:
+    def __init__(self, reference: EmptyBeltReference) -> None:
         """Prepare for the columns of the empty-belt reference, joined to about 5 mm."""
-        self._cell_mm = ground.cell_mm
-        self._side = max(1, round(_CELL_MM / ground.cell_mm))
-        self._kept = ground.grid.shape[1] // self._side * self._side
-        x = ground.grid.x_mm[: self._kept]
+        self._cell_mm = reference.cell_mm
+        self._side = max(1, round(_CELL_MM / reference.cell_mm))
+        self._columns = reference.grid.shape[1] // self._side * self._side
+        x = reference.grid.x_mm[: self._columns]
         self.x_mm = x.reshape(-1, self._side).mean(axis=1).astype(np.float32)
         self._parts: deque[_Rows] = deque()
 
     def add(self, piece: BeltPiece) -> NDArray[np.float32]:
         """Add a finished piece; return its heights, (n, Nx) float32 mm, on the joined columns."""
-        height = piece.height_mm[:, : self._kept]
+        height = piece.height_mm[:, : self._columns]
         joined = height.reshape(len(height), -1, self._side).mean(axis=2).astype(np.float32)
         s = self._cell_mm * (piece.first + np.arange(len(joined), dtype=np.float64))
         self._parts.append(_Rows(s, joined))

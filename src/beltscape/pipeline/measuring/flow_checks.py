@@ -7,7 +7,7 @@ from pathlib import Path
 from beltscape.core.errors import MeasureError
 from beltscape.core.progress import Reporter
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.measure.flow.motion.evidence import LEAST_PAIRS, MotionEvidence
+from beltscape.measure.flow.motion.motion_evidence import LEAST_PAIRS, MotionEvidence
 
 _EARLY_PAIRS = 8
 """Number of contradicting pairs that ends a measurement before its last frame."""

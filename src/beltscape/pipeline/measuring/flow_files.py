@@ -14,7 +14,7 @@ from beltscape.files.documents.json_text import write_json
 from beltscape.files.folders.atomic import write_text
 from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.tables.flow_csv import write_flow
-from beltscape.measure.flow.motion.evidence import MotionEvidence
+from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
 from beltscape.measure.flow.records.density import Density
 from beltscape.pipeline.measuring.flow import Flow
 from beltscape.pipeline.measuring.flow_checks import describe_motion
@@ -47,12 +47,12 @@ def make_flow_document(flow: Flow, density: Density) -> dict[str, Any]:
         "direction_told": flow.given_direction,
         "motion_evidence": {
             "statement": describe_motion(meter, flow.given_direction),
-            **_evidence(meter.evidence),
+            **_describe_evidence(meter.evidence),
         },
         "motion_from": "encoder and material" if flow.by_encoder else "material",
-        "totals": _totals(flow),
-        "first_strip": _strip(records, totals.first_strip_mm),
-        "last_strip": _strip(records, totals.last_strip_mm),
+        "totals": _describe_totals(flow),
+        "first_strip": _describe_strip(records, totals.first_strip_mm),
+        "last_strip": _describe_strip(records, totals.last_strip_mm),
         "quality": {name: counts.get(name, 0) for name in QUALITIES},
         "encoder": {
             "compared": scale.compared,
@@ -61,12 +61,12 @@ def make_flow_document(flow: Flow, density: Density) -> dict[str, Any]:
             "scatter_mm": scale.scatter_mm if scale.compared > 1 else None,
             "conflicts": meter.evidence.conflicting,
         },
-        "fusion": _fusion(flow),
+        "fusion": _describe_fusion(flow),
         "density": {"product": density.name or None, "entries": len(density.time_ns)},
-        "cell_mm": meter.ground.cell_mm,
-        "window_mm": meter.ground.window_mm,
+        "cell_mm": meter.reference.cell_mm,
+        "window_mm": meter.reference.window_mm,
         "seconds_per_frame": flow.seconds_per_frame,
-        "drift_across": _drift(flow),
+        "drift_across": _compute_drift(flow),
         "places": [
             {
                 "frame": step.frame,
@@ -92,26 +92,26 @@ def make_flow_document(flow: Flow, density: Density) -> dict[str, Any]:
     }
 
 
-def _totals(flow: Flow) -> dict[str, Any]:
+def _describe_totals(flow: Flow) -> dict[str, Any]:
     """Return the totals of the run as plain values."""
     totals = flow.meter.totals
-    seconds, mean = _mean_flow(flow.records)
+    seconds, mean = _compute_mean_flow(flow.records)
     return {
         "volume_mm3": totals.volume_mm3,
         "sigma_mm3": totals.sigma_mm3,
-        "mass_t": _none_for_nan(totals.mass_kg * 1e-3),
-        "mass_sigma_t": _none_for_nan(totals.mass_sigma_kg * 1e-3),
+        "mass_t": _replace_nan(totals.mass_kg * 1e-3),
+        "mass_sigma_t": _replace_nan(totals.mass_sigma_kg * 1e-3),
         "length_mm": totals.length_mm,
         "seen_mm": totals.seen_mm,
         "bridged_mm": totals.bridged_mm,
         "not_counted_mm": totals.unseen_mm,
         "coverage": totals.share,
-        "seconds": _none_for_nan(seconds),
-        "mean_volume_flow_m3_h": _none_for_nan(mean),
+        "seconds": _replace_nan(seconds),
+        "mean_volume_flow_m3_h": _replace_nan(mean),
     }
 
 
-def _fusion(flow: Flow) -> dict[str, Any]:
+def _describe_fusion(flow: Flow) -> dict[str, Any]:
     """Return coverage and noise of single frames and of the fused belt."""
     totals, scatter = flow.meter.totals, flow.meter.scatter
     return {
@@ -124,12 +124,12 @@ def _fusion(flow: Flow) -> dict[str, Any]:
     }
 
 
-def _none_for_nan(value: float) -> float | None:
+def _replace_nan(value: float) -> float | None:
     """Return ``value``, None for NaN."""
     return float(value) if np.isfinite(value) else None
 
 
-def _evidence(evidence: MotionEvidence) -> dict[str, Any]:
+def _describe_evidence(evidence: MotionEvidence) -> dict[str, Any]:
     """Return the counts of frame pairs by the motion that the material showed."""
     return {
         "pairs_towards_plus_y": evidence.plus,
@@ -143,13 +143,13 @@ def _evidence(evidence: MotionEvidence) -> dict[str, Any]:
     }
 
 
-def _drift(flow: Flow) -> float | None:
+def _compute_drift(flow: Flow) -> float | None:
     """Return the material's motion across the belt frame per mm along it; None if it was not measured."""
     shifts = [step.shift for step in flow.steps if step.shift is not None and abs(step.shift.along_mm) > 1]
     return float(np.median([shift.across_mm / shift.along_mm for shift in shifts])) if shifts else None
 
 
-def _mean_flow(records: Sequence[FlowRecord]) -> tuple[float, float]:
+def _compute_mean_flow(records: Sequence[FlowRecord]) -> tuple[float, float]:
     """Return the seconds from the first to the last frame, and the mean volume flow between them in m³/h."""
     timed = [record for record in records if record.time_ns is not None]
     if len(timed) < 2 or timed[0].time_ns is None or timed[-1].time_ns is None:
@@ -158,7 +158,9 @@ def _mean_flow(records: Sequence[FlowRecord]) -> tuple[float, float]:
     return seconds, sum(record.volume_mm3 for record in timed[1:]) * 3600e-9 / seconds
 
 
-def _strip(records: Sequence[FlowRecord], strip_mm: tuple[float, float] | None) -> dict[str, Any] | None:
+def _describe_strip(
+    records: Sequence[FlowRecord], strip_mm: tuple[float, float] | None
+) -> dict[str, Any] | None:
     if strip_mm is None:
         return None
     frame = next((record.frame for record in records if record.strip_mm == strip_mm), None)

@@ -78,7 +78,7 @@ def make_edge_panels(
 ) -> Iterator[Panel]:
     """Yield each feature's upper face magnified, with its measured and nominal edges."""
     key = Swatches([("located", FOUND), ("perfect module", PERFECT)])
-    ground = to_rgb(image) if image is not None else _relief(depth)
+    ground = to_rgb(image) if image is not None else _shade_relief(depth)
     for name in dict.fromkeys(line.name for line in measured.edges):
         lines = [line for line in measured.edges if line.name == name]
         points = np.concatenate([_pixels(line.line_mm, camera) for line in lines])
@@ -144,7 +144,7 @@ def _color(label: int) -> Color:
     return _COLORS[label % len(_COLORS)]
 
 
-def _relief(depth: DepthMap) -> Rgb:
+def _shade_relief(depth: DepthMap) -> Rgb:
     z = depth.depth_mm
     low, high = np.nanquantile(z, [0.01, 0.99])
     grey = np.nan_to_num(np.clip((high - z) / max(high - low, 1e-6), 0, 1))

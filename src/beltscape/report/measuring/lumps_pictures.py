@@ -38,7 +38,9 @@ def make_lump_panels(lumps: Lumps, depth: DepthMap, picture: Image | None) -> li
     labels = lumps.labels[area]
     scale = Scale(*quantile_range(_sizes(lumps), 0.02), HEIGHT[40:])
     marks = _marks(lumps, labels)
-    sized = _draw_outlines(color_by_size(labels, lumps, _relief(depth)[area], scale), labels, lumps, _OUTLINE)
+    sized = _draw_outlines(
+        color_by_size(labels, lumps, _shade_relief(depth)[area], scale), labels, lumps, _OUTLINE
+    )
     panels = [Panel(sized, "size of the lumps, mm", scale, _key(labels, lumps), marks=marks)]
     if picture is not None:
         smooth = cv2.GaussianBlur(
@@ -128,7 +130,7 @@ def crop_to_lumps(lumps: Lumps) -> tuple[slice, slice]:
     return np.s_[max(top - rim, 0) : bottom + rim, max(left - rim, 0) : right + rim]
 
 
-def _relief(depth: DepthMap) -> NDArray[np.float64]:
+def _shade_relief(depth: DepthMap) -> NDArray[np.float64]:
     """Return the shading (H, W) of the surface lit from above left; 1 where it is level or not measured."""
     measured = depth.measured
     middle = float(np.median(depth.depth_mm[measured])) if measured.any() else 1.0

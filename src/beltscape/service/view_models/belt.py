@@ -156,7 +156,7 @@ class _OpenRow:
 
     number: int | None
     total: NDArray[np.float64]
-    known: NDArray[np.float64]
+    count: NDArray[np.float64]
     measured: NDArray[np.float64]
 
     @classmethod
@@ -166,10 +166,10 @@ class _OpenRow:
 
     def merge(self, other: _OpenRow) -> _OpenRow:
         return _OpenRow(
-            self.number, self.total + other.total, self.known + other.known, self.measured + other.measured
+            self.number, self.total + other.total, self.count + other.count, self.measured + other.measured
         )
 
     def encode(self) -> NDArray[np.uint16]:
         """Return the encoded means; a cell counts as measured if at least half of its source cells are."""
-        mean = np.divide(self.total, self.known, out=np.full(self.total.shape, np.nan), where=self.known > 0)
-        return encode_heights(mean, self.measured * 2 >= np.maximum(self.known, 1))
+        mean = np.divide(self.total, self.count, out=np.full(self.total.shape, np.nan), where=self.count > 0)
+        return encode_heights(mean, self.measured * 2 >= np.maximum(self.count, 1))

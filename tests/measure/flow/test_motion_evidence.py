@@ -7,20 +7,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.measure.flow.motion.evidence import MotionEvidence
+from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion.registration import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
-from tests.measure.flow.moving_belt import Heap, depth_map, ground
+from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 
 STEP_MM = 110.0
 HEAP = Heap(start_mm=-900, end_mm=500)
 
 
 def meter_of(
-    way: int, encoder_factor: float | None, told: Direction | None = None, heap: Heap | None = HEAP
+    way: int, encoder_factor: float | None, direction: Direction | None = None, heap: Heap | None = HEAP
 ) -> FlowMeter:
     """Push six frames of a belt that moves ``way``; the encoder counts by a factor, None: there is none."""
-    meter = FlowMeter(ground(), FlowSettings(direction=told))
+    meter = FlowMeter(make_empty_belt(), FlowSettings(direction=direction))
     for k in range(6):
         encoder = None if encoder_factor is None else encoder_factor * k * STEP_MM
         meter.push(depth_map(heap, k * STEP_MM, way), round(k * 1e8), encoder)
@@ -46,15 +46,15 @@ def test_an_encoder_of_a_larger_unit_conflicts_in_every_pair(factor: float) -> N
 
 
 @pytest.mark.parametrize("factor", [10.0, 1000.0])
-def test_one_by_which_the_views_have_nothing_in_common_is_still_compared(factor: float) -> None:
+def test_encoder_without_common_view_is_still_compared(factor: float) -> None:
     evidence = meter_of(1, factor).evidence
     assert evidence.apart == 5
     assert evidence.apart_ratios.median == pytest.approx(factor, rel=0.01)
     assert evidence.apart_ratios.spread < 0.02
 
 
-def test_a_belt_too_fast_for_its_frames_is_compared_with_other_material_and_accuses_nobody() -> None:
-    meter = FlowMeter(ground(), FlowSettings(direction="+y"))
+def test_belt_too_fast_for_its_frames_gives_no_conflict() -> None:
+    meter = FlowMeter(make_empty_belt(), FlowSettings(direction="+y"))
     heap = Heap(start_mm=-9000, end_mm=500)
     for k in range(9):
         meter.push(depth_map(heap, 900.0 * k), round(k * 1e8), 900.0 * k)
@@ -68,13 +68,13 @@ def test_a_slipping_encoder_is_no_conflict(factor: float) -> None:
     assert (evidence.agreeing, evidence.conflicting) == (5, 0)
 
 
-def test_a_told_direction_against_the_material() -> None:
+def test_configured_direction_against_the_material_is_counted() -> None:
     evidence = meter_of(1, 1.0, "-y").evidence
     assert (evidence.plus, evidence.minus, evidence.opposite) == (5, 0, 5)
     assert meter_of(1, None, "-y").evidence.plus == 5
 
 
-def test_a_standing_encoder() -> None:
+def test_standing_encoder_conflicts() -> None:
     assert meter_of(1, 0.0, "+y").evidence.encoder_still == 5
 
 
@@ -83,8 +83,8 @@ def test_an_empty_belt_is_no_evidence() -> None:
     assert (meter.evidence.moving, meter.evidence.compared) == (0, 0)
 
 
-def test_a_belt_whose_direction_was_only_assumed_has_none() -> None:
-    meter = FlowMeter(ground(), FlowSettings())
+def test_assumed_direction_gives_no_evidence() -> None:
+    meter = FlowMeter(make_empty_belt(), FlowSettings())
     for k in range(12):
         meter.push(depth_map(None, k * STEP_MM), round(k * 1e8), k * STEP_MM)
     meter.finish()

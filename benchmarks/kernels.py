@@ -27,6 +27,7 @@ from beltscape.stereo.multiview.selection.gain import compute_difference_varianc
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
 from timing import measure_seconds
+from triangulation import random_points
 
 PLANES = 64
 _JUMPS = 7, 40
@@ -218,7 +219,7 @@ def _selection_calls(case: Case) -> dict[str, Call]:
 
 def _field_calls(case: Case) -> dict[str, Call]:
     """Return calls of the kernels on depth maps, height maps and points."""
-    depth, (projections, pixels) = np.median(case.s) / case.s, _points(case.s.size)
+    depth, (projections, pixels) = np.median(case.s) / case.s, random_points(case.s.size)
     holed, place, turn = _add_holes(depth)
     return {
         "triangulate": lambda k, n: k.triangulate(projections, pixels, threads=n),
@@ -268,7 +269,7 @@ def _baselines(case: Case) -> dict[str, Callable[[], object]]:
     image = p.images[0]
     bytes_ = [np.nan_to_num(x).clip(0, 255).astype(np.uint8) for x in (p.core, image)]
     matcher = cv2.StereoSGBM_create(0, case.planes, 3, 72, 360, mode=cv2.StereoSGBM_MODE_HH)
-    projections, pixels = _points(case.s.size)
+    projections, pixels = random_points(case.s.size)
     first, second = pixels[0].T.copy(), pixels[1].T.copy()
 
     def remaps() -> None:
@@ -284,38 +285,3 @@ def _baselines(case: Case) -> dict[str, Callable[[], object]]:
         "aggregate": lambda: matcher.compute(*bytes_),
         "triangulate": lambda: cv2.triangulatePoints(projections[0], projections[1], first, second),
     }
-
-
-def _points(count: int, views: int = 5) -> tuple[np.ndarray, np.ndarray]:
-    """Return projections (views, 3, 4) and pixels (views, count, 2) of random points."""
-    rng = np.random.default_rng(1)
-    points = np.column_stack([rng.uniform((-300, -300, 400), (300, 300, 1000), (count, 3)), np.ones(count)])
-    poses = [np.column_stack([np.eye(3), rng.uniform(-300, 300, 3) * [1, 1, 0]]) for _ in range(views)]
-    projections = np.diag([1160.0, 1160.0, 1.0]) @ np.stack(poses)
-    pixels = np.einsum("cij,nj->cni", projections, points)
-    return projections, np.ascontiguousarray(pixels[..., :2] / pixels[..., 2:])
-
-
-def triangulation() -> list[str]:
-    """Return the triangulated points per second by instruction set, OpenCV's two-view function and the reference."""
-    projections, pixels = _points(200_000)
-    count = pixels.shape[1]
-    two, first, second = pixels[:2], pixels[0].T.copy(), pixels[1].T.copy()
-    base = measure_seconds(lambda: cv2.triangulatePoints(projections[0], projections[1], first, second))
-    rows = [f"| OpenCV triangulatePoints, 2 views | {count / base / 1e6:.2f} | 1 |"]
-    for level in levels():
-        for views, data in ((2, two), (5, pixels)):
-            for threads in (1, 2):
-                t = measure_seconds(
-                    lambda: load(level).triangulate(projections[: len(data)], data, threads=threads)  # noqa: B023
-                )
-                label = f"native {level}, {views} views, {threads} thread{'s' * (threads > 1)}"
-                rows.append(f"| {label} | {count / t / 1e6:.1f} | {base / t:.0f} |")
-    few = np.ascontiguousarray(pixels[:, :2000])
-    t = (
-        measure_seconds(lambda: load("reference").triangulate(projections, few), runs=3)
-        * count
-        / few.shape[1]
-    )
-    rows.append(f"| NumPy reference, 5 views | {count / t / 1e6:.3f} | {base / t:.3f} |")
-    return ["| triangulation | M points/s | × OpenCV |", "|---|---|---|", *rows]

@@ -30,6 +30,7 @@ from real import real_pairs
 from results import load_average, make_section, write_results
 from robustness import NOTES as ROBUSTNESS_NOTES
 from robustness import SCENES, robustness
+from triangulation import triangulation
 
 HERE = Path(__file__).parent
 
@@ -73,7 +74,7 @@ class Benchmarks:
     def kernels(self) -> list[str]:
         """Return the tables of single kernels compared with OpenCV."""
         modules = [scene for scene in self.scenes if scene.name == "module"]
-        return [kernels.NOTES, "", *kernels.kernels(modules), "", *kernels.triangulation()]
+        return [kernels.NOTES, "", *kernels.kernels(modules), "", *triangulation()]
 
 
 def main() -> None:

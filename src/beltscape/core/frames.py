@@ -1,9 +1,10 @@
-"""Frame sets: the images that all cameras took at one trigger instant."""
+"""Frame sets, the images that all cameras took at one trigger instant, and the interface of their sources."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,3 +47,16 @@ def saturated_fraction(image: Image) -> float:
     top = np.iinfo(image.dtype).max
     full = image >= top
     return float(np.mean(full if image.ndim == 2 else full.any(axis=-1)))
+
+
+class FrameSource(Protocol):
+    """Source of frame sets in the order of their trigger instants."""
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of its cameras."""
+        ...
+
+    def __iter__(self) -> Iterator[FrameSet]: ...
+
+    def __len__(self) -> int: ...

@@ -83,7 +83,7 @@ def test_flat_belt_takes_its_direction_from_its_edges() -> None:
     assert np.diff(found.across_mm)[0] == pytest.approx(500, abs=12)
 
 
-def test_flat_belt_without_edges_says_that_the_camera_gave_the_direction() -> None:
+def test_flat_belt_without_edges_reports_that_the_camera_gave_the_direction() -> None:
     scene = Scene(trough(2000), tilt_deg=(0.0, 3.0))
     found = find_belt(depth_map(scene.depth_mm(), noise_mm=0.2), scene.camera)
     assert (found.yaw_from, found.yaw_sigma_rad) == ("camera", None)

@@ -21,7 +21,7 @@ def frames(scene: Scene, number: int, noise_mm: float = 0.3, first: int = 0) -> 
     return [depth_map(exact, noise_mm=noise_mm, seed=first + k) for k in range(number)]
 
 
-def test_nine_frames_are_three_times_as_good_as_one_and_say_so() -> None:
+def test_nine_frames_have_a_third_of_the_error_and_sigma_of_one() -> None:
     scene = Scene(trough(300, (250, 25)))
     rise = np.tan(np.deg2rad(25))
     one = [learn_belt(frames(scene, 1, first=k), scene.camera) for k in range(4)]
@@ -44,7 +44,7 @@ def test_nine_frames_are_three_times_as_good_as_one_and_say_so() -> None:
     assert 0.6 < 1.4826 * np.median(np.abs(ratio)) < 1.6
 
 
-def test_what_lies_on_few_of_the_frames_does_not_count() -> None:
+def test_objects_on_few_frames_are_ignored() -> None:
     scene = Scene(TROUGH)
     clean = frames(scene, 6, 0.1)
     loaded = depth_map(Scene(TROUGH, (Block((0.0, 0.0), (80.0, 80.0, 40.0)),)).depth_mm(), noise_mm=0.1)

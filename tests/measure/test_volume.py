@@ -137,7 +137,7 @@ def test_load_is_the_height_over_the_belt() -> None:
     assert np.abs(np.median(found.load.height_mm[np.abs(x) > 200])) < 0.1
 
 
-def test_a_box_reaching_out_of_sight_says_so() -> None:
+def test_box_beyond_the_view_is_reported() -> None:
     body = Cone((10.0, -20.0), 90.0, 60.0)
     inside = measured((body,), MIDDLE)
     outside = measured((body,), {"across_mm": (-140.0, 140.0), "along_mm": (-150.0, 650.0)})

@@ -281,7 +281,7 @@ def test_without_webgl_the_belt_is_shown_from_above(site):
     page.context.close()
 
 
-def test_before_the_first_frame_the_page_says_so_and_shows_alarms(tmp_path, browser):
+def test_page_before_the_first_frame_states_this_and_shows_alarms(tmp_path, browser):
     made = Site(tmp_path, browser, frames=0)
     made.running.close()
     page = made.page()

@@ -67,7 +67,7 @@ def test_without_an_image_edges_are_those_of_the_depth_map_with_a_wide_sigma(exa
     turn=st.floats(-180, 180),
     tilt=st.floats(-4, 4),
 )
-def test_wherever_it_lies_the_dimensions_are_the_same(x, y, turn, tilt):
+def test_dimensions_do_not_depend_on_the_pose(x, y, turn, tilt):
     true = module_pose(x, y, turn, tilt)
     measured = measure_module(DepthCameraView(module(), true).depth(), rig(), module())
     off = true.inverse() @ measured.core_from_module

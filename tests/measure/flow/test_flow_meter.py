@@ -91,7 +91,7 @@ def test_cutting_the_run_in_two_loses_and_doubles_nothing() -> None:
 
 
 @pytest.mark.parametrize("direction", [1, -1])
-def test_without_an_encoder_the_material_tells_motion_and_direction(direction: int) -> None:
+def test_motion_and_direction_come_from_the_material_without_an_encoder(direction: int) -> None:
     places = positions(100.0)
     meter, records, steps = measure(places, direction=direction, encoder=None)
     heap = HEAP if direction == 1 else BACK

@@ -51,7 +51,7 @@ def test_no_deviation_is_reported_where_nothing_is_measured(belt):
     assert np.isnan(measure_belt_offset(blind, CAMERA, belt)).all()
 
 
-def test_a_coarser_look_tells_nearly_the_same(belt):
+def test_coarser_check_gives_nearly_the_same_deviation(belt):
     scene = Scene(TROUGH, stones(40.0, 55.0, 45.0, 50.0), floor_mm=-60.0)
     fine, _ = measure_largest_lump(seen(scene), CAMERA, belt)
     coarse, sigma = measure_largest_lump(seen(scene), CAMERA, belt, LumpSettings(raster_pixels=25_000))

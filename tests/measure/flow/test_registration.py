@@ -59,11 +59,11 @@ def test_tracking_images_finds_the_standing_pattern_heights_find_the_belt(step_m
     assert shift.along_mm == pytest.approx(step_mm, abs=0.2)
 
 
-def test_an_empty_belt_tells_no_motion() -> None:
+def test_empty_belt_gives_no_motion() -> None:
     assert register(seen(0.0, None), seen(100.0, None), least_overlap=OVERLAP) is None
 
 
-def test_a_belt_of_even_ribs_is_ambiguous_unless_one_knows_about_where() -> None:
+def test_even_ribs_are_ambiguous_without_a_prediction() -> None:
     x, y = np.meshgrid(np.arange(-150, 150, 4.0), np.arange(-300, 300, 4.0))
 
     def ribs(moved: float) -> HighPassHeights:

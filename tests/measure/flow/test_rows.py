@@ -35,7 +35,7 @@ def bumps(level_mm: float) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     return height, hole
 
 
-def test_what_several_frames_did_not_see_lies_deeper() -> None:
+def test_holes_missing_in_several_frames_are_filled_lower() -> None:
     height, hole = bumps(60.0)
     one, two, many = (filled(height, frames)[hole].mean() for frames in (1, 2, 6))
     assert many < two < one

@@ -34,7 +34,7 @@ SMOOTH = {
 
 @pytest.mark.parametrize("place", [(45, 45), (30, 52)])
 @pytest.mark.parametrize("surface", SMOOTH)
-def test_a_smooth_surface_goes_on_in_its_holes(surface: str, place: tuple[int, int]) -> None:
+def test_smooth_surface_continues_in_its_holes(surface: str, place: tuple[int, int]) -> None:
     truth = SMOOTH[surface]
     hole = np.hypot(X - place[0], Y - place[1]) < 8
     noise = 0.05 * np.random.default_rng(0).standard_normal(X.shape)
@@ -71,7 +71,7 @@ def test_a_mirrored_or_turned_field_is_filled_mirrored_or_turned(seed: int, turn
 
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 1000))
-def test_nothing_is_filled_above_what_lies_about_or_below_the_belt(seed: int) -> None:
+def test_filled_heights_lie_between_the_belt_and_the_neighbourhood(seed: int) -> None:
     field = rocks(seed)
     found = filled(field)
     assert found.value_mm[found.hole].max() <= np.nanmax(field)
@@ -80,7 +80,7 @@ def test_nothing_is_filled_above_what_lies_about_or_below_the_belt(seed: int) ->
     assert (found.sigma_mm[found.hole] > 0).all()
 
 
-def test_behind_a_step_lies_the_lower_side() -> None:
+def test_hole_behind_a_step_is_filled_at_the_lower_side() -> None:
     step = np.where(X < 45, 40.0, 0.0)
     hole = (X >= 45) & (X < 55)
     found = filled(np.where(hole, np.nan, step))
@@ -107,7 +107,7 @@ def test_one_flying_cell_on_the_rim_moves_no_hole() -> None:
     assert abs(filled(value).value_mm[25, 30] - clean) < 5
 
 
-def test_beyond_the_border_the_nearest_goes_on_and_doubt_grows() -> None:
+def test_border_is_extrapolated_with_growing_sigma() -> None:
     value = np.where(X < 60, 10.0 + Y, np.nan)
     found = filled(value)
     np.testing.assert_allclose(found.value_mm[25, 89], 35, atol=1)

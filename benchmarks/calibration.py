@@ -10,8 +10,8 @@ from beltscape.calibrate.assessment.cross_validation import cross_validate
 from beltscape.calibrate.bundle_adjustment import adjust_bundle
 from beltscape.calibrate.detection.detect_capture import detect_board
 from beltscape.calibrate.hierarchy import solve_hierarchy
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.evaluate.scores.rig import score_rig_against_truth
 from beltscape.files.capture import read_capture
 from beltscape.kernels import load

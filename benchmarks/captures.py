@@ -13,11 +13,11 @@ import cv2
 import numpy as np
 
 import beltscape
-from beltscape.core.camera import Camera
 from beltscape.core.frames import FrameSet
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
-from beltscape.core.scaling import scale_rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import scale_rig
 from beltscape.evaluate.truth.occluded_pixels import occluded_mask
 from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
 from beltscape.files.documents.json_text import read_json

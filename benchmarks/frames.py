@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.core.errors import BeltscapeError
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import measure_volume

@@ -21,7 +21,7 @@ import cv2
 
 import frames
 import kernels
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels.native import levels
 from calibration import calibration as benchmark_calibration
 from captures import Scene, demo_scenes, full_size_scene, rendered_scenes

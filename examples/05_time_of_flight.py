@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.world import World
 from beltscape.simulate.rig_and_projector import DOWN
 from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids

@@ -16,10 +16,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from beltscape.core.camera import Camera
 from beltscape.core.frames import to_grey
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.rasters.images import read_image

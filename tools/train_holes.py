@@ -23,7 +23,7 @@ from scipy.linalg import block_diag
 
 from adam import Layers, Schedule, fit_layers
 from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.files.reconstruction import read_frame
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.measure.holes.edge_fattening import find_edge_fattening

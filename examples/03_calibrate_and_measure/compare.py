@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.evaluate.scores.rig import score_rig_against_truth
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.reconstruction import read_frame

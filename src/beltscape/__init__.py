@@ -13,13 +13,13 @@ __version__ = "0.1.0"
 _HOME = {
     "BeltProfile": "beltscape.core.belt.height_map",
     "BeltscapeError": "beltscape.core.errors",
-    "Camera": "beltscape.core.camera",
+    "Camera": "beltscape.core.geometry.camera",
     "DepthMap": "beltscape.core.depth",
     "FrameSet": "beltscape.core.frames",
     "HeightMap": "beltscape.core.belt.height_map",
     "PointCloud": "beltscape.core.cloud",
-    "Pose": "beltscape.core.pose",
-    "Rig": "beltscape.core.rig",
+    "Pose": "beltscape.core.geometry.pose",
+    "Rig": "beltscape.core.geometry.rig",
 }
 
 __all__ = list(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]

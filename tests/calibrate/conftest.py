@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import CharucoBoard
 from tests.synthetic.boards import board_poses, row_of_cameras
 

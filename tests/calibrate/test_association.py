@@ -13,7 +13,7 @@ from beltscape.calibrate.intrinsics.zhang import calibrate_camera
 from beltscape.calibrate.network.association import associate_cameras, find_groups, select_core
 from beltscape.calibrate.network.pairs import Pair, calibrate_pairs
 from beltscape.calibrate.solver.se3 import exp
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
 from tests.synthetic.detections import make_detections

@@ -15,7 +15,7 @@ from beltscape.calibrate.intrinsics.zhang import calibrate_camera
 from beltscape.calibrate.network.board_symmetry import unify_numbering
 from beltscape.calibrate.network.quarter_turns import list_quarter_turns, make_board_turn, turn_corners
 from beltscape.calibrate.network.synchronisation import find_frame_misfits
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm
 from tests.synthetic.boards import board_poses, row_of_cameras

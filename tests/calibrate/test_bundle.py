@@ -17,8 +17,8 @@ from beltscape.calibrate.solver.projection import (
     project_points,
     project_with_jacobians,
 )
-from beltscape.core.camera import Camera
-from beltscape.core.pose import rotation_from_vector
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import rotation_from_vector
 from tests.synthetic.bundles import make_problem
 
 NOISE_PX = 0.1

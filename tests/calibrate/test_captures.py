@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from beltscape.calibrate.detection.detector import PrintVariant
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.files.documents.json_text import to_json
 from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import rig_document

@@ -12,7 +12,7 @@ from beltscape.calibrate.detection.detector import (
     find_chessboard,
     make_detector,
 )
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.target.board import Board, CharucoBoard, Chessboard, corner_points_mm
 from tests.synthetic.boards import Print, camera, facing, view
 

@@ -14,9 +14,9 @@ from beltscape.calibrate.network.association import LoopError, associate_cameras
 from beltscape.calibrate.network.fault_isolation import CameraFault, describe_fault, isolate_fault
 from beltscape.calibrate.network.pairs import Pair, calibrate_pairs
 from beltscape.calibrate.solver.se3 import exp
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.target.board import corner_points_mm
 from tests.optional import require
 from tests.synthetic.boards import board_poses, row_of_cameras

@@ -15,7 +15,7 @@ from beltscape.calibrate.network.global_optimisation import _make_constraints as
 from beltscape.calibrate.network.pairs import Pair
 from beltscape.calibrate.solver.levenberg_marquardt import Damping
 from beltscape.calibrate.solver.se3 import exp, log
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from tests.optional import require
 from tests.synthetic.boards import row_of_cameras
 

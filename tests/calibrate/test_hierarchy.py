@@ -9,7 +9,7 @@ import pytest
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import find_unsynchronised_pairs, solve_hierarchy
 from beltscape.core.errors import CalibrationError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
 from tests.optional import require

@@ -8,7 +8,7 @@ import pytest
 from beltscape.calibrate.intrinsics.zhang import PARAMETERS, MonocularCalibration, calibrate_camera
 from beltscape.calibrate.network.pairs import Pair, calibrate_pair, calibrate_pairs
 from beltscape.calibrate.solver.se3 import log
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
 from tests.optional import require

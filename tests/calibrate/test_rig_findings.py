@@ -9,8 +9,8 @@ import pytest
 
 from beltscape.calibrate.assessment.rig_findings import estimate_scale_factor, list_rig_findings
 from beltscape.calibrate.assessment.score import compute_rig_errors, summarise_errors
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import load
 from beltscape.target.board import corner_points_mm
 from tests.synthetic.detections import make_detections

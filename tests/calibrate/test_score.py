@@ -8,8 +8,8 @@ import pytest
 from beltscape.calibrate.assessment.cross_validation import cross_validate
 from beltscape.calibrate.assessment.score import compute_rig_errors, summarise_errors
 from beltscape.core.errors import CalibrationError
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import load
 from tests.synthetic.detections import make_detections
 

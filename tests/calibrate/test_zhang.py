@@ -10,7 +10,7 @@ import pytest
 
 from beltscape.calibrate.intrinsics.zhang import calibrate_camera
 from beltscape.core.errors import CalibrationError
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import corner_points_mm
 from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.detections import make_detections, replace_view

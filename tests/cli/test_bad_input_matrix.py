@@ -12,8 +12,8 @@ import pytest
 
 from beltscape.cli.main import main
 from beltscape.core.cloud import PointCloud
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
 from tests.synthetic.packings import camera, make_ellipsoids, render_depth_map

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from beltscape.cli.main import main
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.rig_json import write_rig

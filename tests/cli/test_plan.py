@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from beltscape.cli import main as program
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.files.rig_json import read_rig
 from tests.optional import require
 

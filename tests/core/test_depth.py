@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 from tests.strategies import seeds
 
 

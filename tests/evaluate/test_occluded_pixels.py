@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.truth.occluded_pixels import occluded_mask
 from beltscape.kernels import load
 

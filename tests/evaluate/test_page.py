@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.paper.density import compute_density_gains
 from beltscape.evaluate.paper.dimensions import tabulate_dimensions
 from beltscape.evaluate.paper.experiments import TRAVELS_MM, Paper, make_paper_document

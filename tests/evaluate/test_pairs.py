@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
 from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair, triangulate_depth_mm
 from beltscape.evaluate.real_pairs.subsets import find_subsets, fit_auxiliary_pose

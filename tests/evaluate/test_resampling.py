@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.testing import assert_allclose
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
 
 

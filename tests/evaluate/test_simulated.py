@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.truth.simulated import read_truth
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.rig_json import write_rig

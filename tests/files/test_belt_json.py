@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.files.belt_json import read_belt, write_belt
 
 CAMERA = Camera("cam0", (64, 48), np.array([60.1, 60.2]), np.array([31.5, 23.5]), np.zeros(5))

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.core.camera import Camera
 from beltscape.core.cloud import PointCloud
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.reconstruction import read_frame, write_frame
 from beltscape.files.rig_json import write_rig

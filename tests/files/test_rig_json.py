@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.files.documents.json_text import to_json
 from beltscape.files.rig_json import read_rig, rig_document, write_rig
 from beltscape.files.rig_limits import LEAST_BASELINE_MM

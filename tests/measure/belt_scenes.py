@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 
 Rays = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Origin (3,) and directions (N, 3) in the world: x across, y along, z up, origin on the belt's middle."""

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import scale_rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
-from beltscape.core.scaling import scale_rig
 from beltscape.files.belt_json import write_belt
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.pipeline.measuring.flow_chain import read_reference

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from beltscape.calibrate.hierarchy import solve_hierarchy
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Silent
 from beltscape.files.capture import Capture
 from beltscape.files.exchange import FORMATS, export_rig, read_intrinsics

@@ -10,7 +10,7 @@ import pytest
 
 from beltscape.calibrate.detection.detector import DEFAULT_VARIANT, make_detector
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
 from beltscape.files.documents.json_text import read_json

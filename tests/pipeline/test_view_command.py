@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from beltscape.core.cloud import PointCloud
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig

@@ -9,7 +9,7 @@ import numpy as np
 from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
 from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
 from beltscape.core.belt.height_map import HeightMap
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.measure.flow.meter import FramePlacement
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
 from beltscape.measure.flow.records.totals import FlowTotals

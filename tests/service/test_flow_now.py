@@ -54,6 +54,21 @@ def test_a_stopped_belt_has_no_flow_and_an_unknown_speed_keeps_it():
     assert flow.compute(nan).volume_m3_h > 0
 
 
+def test_a_flow_without_a_new_measured_record_is_unknown():
+    now_s = 100.0
+    flow = FlowAverage(1.0, 3.0, monotonic_s=lambda: now_s)
+    assert isnan(flow.compute(0.0).volume_m3_h)  # nothing measured yet
+    flow.add([make_record(1e7)] * 20)
+    now_s = 102.9
+    assert flow.compute(2000.0).volume_m3_h > 0
+    flow.add([make_record(0, standing="missing")])
+    now_s = 103.1
+    assert isnan(flow.compute(2000.0).volume_m3_h)
+    assert isnan(flow.compute(0.0).volume_m3_h)
+    flow.add([make_record(1e7, standing="degraded")])
+    assert flow.compute(0.0).standing == "degraded"
+
+
 def test_mass_flow_is_nan_without_a_density():
     flow = FlowAverage(1.0)
     flow.add([make_record(1e7, density=nan)] * 20)

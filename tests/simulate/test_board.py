@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import SettingsError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.ray_casting import RayScene
 from beltscape.simulate.geometry.shapes import Mesh
 from beltscape.simulate.solids.board import BLACK, WHITE, make_board_solid

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.time_of_flight.camera import (
     TofTruth,
     compute_subpixel_rays,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.faults import DeadProjector, Dirt, MissingFrames, MovedCamera, OverExposure
 from beltscape.simulate.geometry.world import World
 from beltscape.simulate.rendering.sensor import Sensor, expose

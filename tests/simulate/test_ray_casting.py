@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.ray_casting import RayScene
 from beltscape.simulate.geometry.shapes import (
     Mesh,

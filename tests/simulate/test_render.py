@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.world import World
 from beltscape.simulate.rendering.engine import resolve_engine
 from beltscape.simulate.rendering.optics import Optics

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.simulate.geometry.world import Station, World
 from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
 from beltscape.simulate.solids.module import make_module_solids

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.core.scaling import scale_camera
+from beltscape.core.geometry.scaling import scale_camera
 from beltscape.files.rig_json import write_rig
 from beltscape.simulate.rig_and_projector import make_projector, make_station
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.files.rig_json import read_rig
 from beltscape.simulate.solids.heap import HeapSettings, make_heap
 from beltscape.simulate.solids.module import make_module_solids, place_module

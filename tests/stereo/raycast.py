@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.frames import FrameSet
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 
 SIZE_PX = (400, 320)
 BOX = (np.array([-90.0, -50.0, 0.0]), np.array([-10.0, 30.0, 60.0]))

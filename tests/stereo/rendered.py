@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.core.camera import Camera
 from beltscape.core.frames import FrameSet
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.files.rasters.images import read_image
 
 RENDERED = Path(__file__).resolve().parents[3] / "shared/data/rendered"

@@ -9,10 +9,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from beltscape.core.camera import Camera
 from beltscape.core.frames import FrameSet
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.frames import FrameSet
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.frame import Noise, downsample
 from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale

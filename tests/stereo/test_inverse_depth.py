@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import load
 from beltscape.kernels.reference.view import project
 from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale, pack_projection

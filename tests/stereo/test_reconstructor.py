@@ -9,8 +9,8 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.evaluate.scores.depth import score_depth
 from beltscape.kernels import load
 from beltscape.kernels.native import levels

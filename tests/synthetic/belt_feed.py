@@ -8,9 +8,9 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
-from beltscape.core.rig import Rig
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.simulate.geometry.world import Label, Projector, Solid, Station
 
 DOWN = Pose.of([np.pi, 0, 0], [0, 0, 700])

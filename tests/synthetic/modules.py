@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.simulate.geometry.ray_casting import RayScene
 from beltscape.simulate.geometry.shapes import make_box
 from beltscape.simulate.geometry.world import Label, Solid

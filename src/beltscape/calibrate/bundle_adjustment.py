@@ -19,9 +19,9 @@ from beltscape.calibrate.solver.lens import compute_lens_prior, pack_intrinsics
 from beltscape.calibrate.solver.levenberg_marquardt import Damping, minimise
 from beltscape.calibrate.solver.robust import compute_student_weights, estimate_student_sigma, select_corners
 from beltscape.calibrate.solver.schur import LinearisedBundle
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import Board, corner_points_mm
 
 Array = NDArray[np.float64]

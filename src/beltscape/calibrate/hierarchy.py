@@ -13,10 +13,10 @@ from beltscape.calibrate.network.global_optimisation import optimise_network
 from beltscape.calibrate.network.pairs import Pair, calibrate_pairs
 from beltscape.calibrate.network.synchronisation import find_frame_misfits
 from beltscape.calibrate.solver.deterministic import single_thread
-from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.files.capture import natural_key
 from beltscape.target.board import Board, corner_points_mm
 

@@ -11,8 +11,8 @@ from beltscape.core.errors import InputError
 from beltscape.core.type_guards import is_mapping
 
 if TYPE_CHECKING:
-    from beltscape.core.camera import Camera
     from beltscape.core.depth import DepthMap
+    from beltscape.core.geometry.camera import Camera
 
 
 def require_image(image: Any, argument: str) -> None:

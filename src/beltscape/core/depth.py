@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
+from beltscape.core.geometry.camera import Camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 import beltscape
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
-from beltscape.core.rig import Rig
 from beltscape.evaluate.scores.depth import DepthScore, score_depth
 from beltscape.evaluate.scores.rig import RigScore, score_rig_against_truth
 from beltscape.files.documents.json_text import read_json

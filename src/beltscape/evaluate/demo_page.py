@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.demo import EVALUATE_WITHIN_MM, MAIN, METHODS, Demo
 from beltscape.evaluate.scores.depth import DepthScore
 from beltscape.files.meshes.ply_points import read_cloud

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.paths import AnyPath, as_path

@@ -14,7 +14,7 @@ from beltscape.core.cloud import PointCloud
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.atomic import ensure_output_folder

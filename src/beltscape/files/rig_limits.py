@@ -9,8 +9,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from beltscape.core.camera import Camera
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.rig import Rig
 
 FOCAL_OVER_DIAGONAL = (0.1, 100.0)
 """Fields of view of 157° and 0.6°: the limits of the lens model and of use."""

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.belt.height_map import HeightMap
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.kernels import load
 
 _GRAZING = float(np.tan(np.deg2rad(10.0)))

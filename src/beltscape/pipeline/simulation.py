@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.documents.plain_text import read_text

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_mapping
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.folders.atomic import write_text

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from beltscape.calibrate.assessment.covariance import DepthSigma
 from beltscape.calibrate.assessment.score import RigErrors
-from beltscape.core.camera import Camera
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.rig import Rig
 from beltscape.report.drawing.charts import Chart
 from beltscape.report.drawing.legend import DARK_IS_CERTAIN, UNCERTAINTY, Scale
 from beltscape.report.drawing.palette import light

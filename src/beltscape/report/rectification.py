@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import FrameSet
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.report.drawing.legend import PAPER, Rgb, draw_text, measure_text
 from beltscape.report.drawing.pictures import Panel, arrange_panels, to_rgb
 from beltscape.stereo.pairwise.rectification import count_upright_turns

@@ -114,7 +114,9 @@ class LiveState:
         self._point_count, self._point_s = 0, -inf
         self._images: dict[str, _CameraImage] = {}
         self._frame_s = self._health_s = -inf
-        self._flow = FlowAverage(self.settings.flow_window_s)
+        self._flow = FlowAverage(
+            self.settings.flow_window_s, self.settings.stale_s, monotonic_s=monotonic_s
+        )
         self._belt = BeltWindow(self.settings.belt_m, self.settings.belt_cell_mm)
         self.durations = DurationHistogram()
         """Histogram of the processing times of frame sets."""

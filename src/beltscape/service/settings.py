@@ -39,8 +39,8 @@ class WebSettings(BaseModel):
     """Rated flow of the belt; if given, the page shows the share that is used."""
     flow_window_s: Annotated[float, Field(ge=0.2, le=60)] = 3.0
     """Seconds of belt travel over which the current flow is averaged."""
-    stale_s: Annotated[float, Field(ge=0.5, le=600)] = 5.0
-    """Seconds without a frame after which numbers are no longer shown as current."""
+    stale_s: Annotated[float, Field(ge=0.5, le=600)] = 3.0
+    """Seconds without a frame, or without a measured record, after which numbers are no longer shown as current."""
     page_rate_hz: Annotated[float, Field(ge=0.2, le=25)] = 5.0
     """Most updates per second to an open page."""
     picture_px: Annotated[int, Field(ge=64, le=1280)] = 480

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.world import Station
 from beltscape.simulate.scenario import BoardSpec
 from beltscape.target.board import Board, corner_points_mm

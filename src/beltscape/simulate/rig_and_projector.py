@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
-from beltscape.core.scaling import scale_camera
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import scale_camera
 from beltscape.files.rig_json import read_rig
 from beltscape.simulate.geometry.world import Projector, Station
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec

@@ -11,7 +11,7 @@ import numpy as np
 
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.board_poses import sample_board_poses
 from beltscape.simulate.geometry.world import Projector, Solid, Station, World
 from beltscape.simulate.rendering.motion_blur import render_exposure, sample_exposure

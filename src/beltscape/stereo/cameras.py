@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from beltscape.core.errors import InputError, ReconstructionError
 from beltscape.core.frames import FrameSet
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 
 
 def check_auxiliaries(rig: Rig, wanted: tuple[str, ...] | None) -> tuple[str, ...]:

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.evaluate.baselines.structured_light import DecodeSettings, decode
 from beltscape.simulate.rig_and_projector import make_projector
 from beltscape.simulate.scene_assembly import SimulatedScene

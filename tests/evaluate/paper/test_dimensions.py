@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.evaluate.paper.dimensions import largest_error_mm, tabulate_dimensions
 from beltscape.evaluate.paper.features import map_paper_names
 from beltscape.evaluate.paper.numbers import Dimension, read_paper_numbers

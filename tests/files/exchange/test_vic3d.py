@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose, rotation_from_vector
+from beltscape.core.geometry.pose import Pose, rotation_from_vector
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.files.exchange import detect_format, export_rig, import_rig
 
 PROJECT = """<?xml version="1.0" encoding="ISO-8859-1"?>

@@ -11,11 +11,11 @@ import pytest
 import yaml
 from hypothesis import given, settings
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import BeltscapeError, InputError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.files.exchange import export_rig
 from beltscape.files.exchange.radtan import fit_without_k3
 from tests.strategies import cameras as some_cameras

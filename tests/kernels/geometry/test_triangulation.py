@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from tests.strategies import looking_rigs, seeds
@@ -150,8 +150,8 @@ def test_wrong_shapes_are_named(name, projections, pixels, message):
 
 def looking_rig() -> Rig:
     """Three fixed cameras about z = 1000 mm."""
-    from beltscape.core.camera import Camera
-    from beltscape.core.pose import Pose
+    from beltscape.core.geometry.camera import Camera
+    from beltscape.core.geometry.pose import Pose
 
     sides = {"left": -200.0, "core": 0.0, "right": 180.0}
     camera = {n: Camera(n, (640, 480), np.full(2, 800.0), np.array([320.0, 240]), np.zeros(5)) for n in sides}

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import to_grey
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.files.rasters.images import read_image
 from beltscape.measure.features.measure import measure_module
 from beltscape.stereo.pointcloud.cloud import undistort_image

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.measure.features.face import compute_rays
 from beltscape.measure.features.smoothing import Smoothing, detect_grid_step, estimate_smoothing
 from beltscape.measure.features.sphere import fit_sphere

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 

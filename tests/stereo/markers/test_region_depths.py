@@ -9,8 +9,8 @@ import pytest
 
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.kernels import load
 from beltscape.stereo.markers.correspondence import align_grids, triangulate_markers
 from beltscape.stereo.markers.grid import MarkerGrid, detect_marker_grid

@@ -7,8 +7,8 @@ import pytest
 
 from beltscape.core.errors import ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.evaluate.scores.depth import score_depth
 from beltscape.stereo.pairwise.reconstructor import (
     PairwiseReconstructor,

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import ReconstructionError
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.pairwise.rectification import RectifiedPair, count_upright_turns, rectify_pair
 from tests.stereo.raycast import make_camera, make_world_rig
 from tests.strategies import seeds

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
+from beltscape.core.geometry.camera import Camera
 from beltscape.stereo.pointcloud.cloud import CloudBuilder, cloud_from_depth, undistort_image
 from tests.stereo.raycast import make_camera
 

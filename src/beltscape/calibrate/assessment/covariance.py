@@ -12,7 +12,7 @@ from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibrate.solver.bundle import INTRINSICS
 from beltscape.calibrate.solver.lens import pack_intrinsics
 from beltscape.calibrate.solver.projection import differentiate_by_pose, project_with_jacobians
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from beltscape.calibrate.assessment.score import Score, compute_rig_errors, summ
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import solve_hierarchy
-from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Silent
 from beltscape.kernels import Kernels
 from beltscape.target.board import Board

@@ -12,7 +12,7 @@ from beltscape.calibrate.assessment.score import Score
 from beltscape.calibrate.hierarchy import HierarchyResult, find_unsynchronised_pairs
 from beltscape.calibrate.network.association import Misclosure
 from beltscape.calibrate.network.fault_isolation import describe_fault
-from beltscape.core.camera import Camera
+from beltscape.core.geometry.camera import Camera
 
 MAX_CHI2, MIN_OPEN_PX = 6.0, 0.25
 """A path or loop is open if its χ² per degree of freedom and its angle in the image exceed these.

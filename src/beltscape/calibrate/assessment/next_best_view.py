@@ -16,8 +16,8 @@ from beltscape.calibrate.assessment.covariance import (
     make_view_points,
 )
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult
-from beltscape.core.pose import Pose, rotation_from_vector
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose, rotation_from_vector
+from beltscape.core.geometry.rig import Rig
 
 Array = NDArray[np.float64]
 

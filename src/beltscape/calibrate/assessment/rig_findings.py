@@ -18,7 +18,7 @@ from beltscape.calibrate.assessment.fit_quality import (
 from beltscape.calibrate.assessment.score import RigErrors, Score, ViewResiduals, project_board
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.network.resection import fit_board_pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_dict
 from beltscape.target.board import Board
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from beltscape.calibrate.detection.corners import BoardDetections, Corners
 from beltscape.calibrate.network.resection import fit_board_pose
 from beltscape.core.errors import CalibrationError
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels
 from beltscape.target.board import Board, adjacent_corners, corner_points_mm
 

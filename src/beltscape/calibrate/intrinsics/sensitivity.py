@@ -12,7 +12,7 @@ from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.intrinsics.zhang import PARAMETERS, MonocularCalibration
 from beltscape.calibrate.solver.lens import pack_intrinsics
 from beltscape.calibrate.solver.projection import differentiate_by_pose, project_with_jacobians
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from beltscape.calibrate.solver.bundle import Bundle
 from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
 from beltscape.calibrate.solver.lens import pack_intrinsics
 from beltscape.calibrate.solver.levenberg_marquardt import minimise
-from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 
 MIN_VIEWS = 3
 """Zhang's equations need three views in general position."""

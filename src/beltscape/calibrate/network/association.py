@@ -14,7 +14,7 @@ from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.network.pairs import Pair
 from beltscape.calibrate.network.pose_chains import compute_joint_covariance, find_pair_chain, list_triangles
 from beltscape.calibrate.solver.se3 import adjoint, log
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from beltscape.calibrate.intrinsics.zhang import MonocularCalibration
 from beltscape.calibrate.network.pose_consensus import PoseConsensus, find_pose_consensus
 from beltscape.calibrate.network.quarter_turns import list_quarter_turns, make_board_turn, turn_corners
 from beltscape.calibrate.network.synchronisation import CLEAR_IMPROVEMENT, MIN_FRAMES, SHIFTS
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.files.capture import natural_key
 from beltscape.target.board import Board, corner_points_mm
 

@@ -18,7 +18,7 @@ from beltscape.calibrate.network.pose_chains import (
 )
 from beltscape.calibrate.solver.levenberg_marquardt import Damping, minimise
 from beltscape.calibrate.solver.se3 import adjoint, exp, left_jacobian_inverse, log
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 Poses = Mapping[str, Pose]

@@ -21,7 +21,7 @@ from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observ
 from beltscape.calibrate.solver.lens import pack_intrinsics
 from beltscape.calibrate.solver.levenberg_marquardt import minimise
 from beltscape.core.errors import CalibrationError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Reporter
 
 Array = NDArray[np.float64]

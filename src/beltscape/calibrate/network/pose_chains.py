@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltscape.calibrate.network.pairs import Pair
 from beltscape.calibrate.solver.se3 import adjoint
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 

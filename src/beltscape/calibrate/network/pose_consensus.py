@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 

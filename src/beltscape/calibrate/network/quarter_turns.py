@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.calibrate.detection.corners import Corners
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.target.board import Board, Chessboard, corner_points_mm
 
 

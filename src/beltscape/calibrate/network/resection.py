@@ -17,8 +17,8 @@ from beltscape.calibrate.solver.projection import (
     project_with_jacobians,
     rotate_vectors,
 )
-from beltscape.core.pose import Pose, rotation_from_vector
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose, rotation_from_vector
+from beltscape.core.geometry.rig import Rig
 
 Array = NDArray[np.float64]
 

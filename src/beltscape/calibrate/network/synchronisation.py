@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.intrinsics.zhang import MonocularCalibration
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 
 SHIFTS = range(-3, 4)
 """Frame shifts that are tested."""

@@ -14,7 +14,7 @@ from beltscape.calibrate.solver.projection import (
     rotate_vectors,
 )
 from beltscape.calibrate.solver.schur import LinearisedBundle
-from beltscape.core.pose import rotation_from_vector
+from beltscape.core.geometry.pose import rotation_from_vector
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

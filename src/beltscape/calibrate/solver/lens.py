@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
+from beltscape.core.geometry.camera import Camera
 
 Array = NDArray[np.float64]
 

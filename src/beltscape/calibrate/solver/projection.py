@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core import lens
+from beltscape.core.geometry import lens
 
 Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import inv
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 

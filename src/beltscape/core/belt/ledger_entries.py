@@ -74,7 +74,7 @@ class BeltRecord:
     @property
     def volume_mm3(self) -> float:
         """Volume on it; 0 where nothing is counted."""
-        return 0.0 if self.strip is None else self.strip.volume_mm3
+        return 0.0 if self.strip is None or self.standing == "missing" else self.strip.volume_mm3
 
     @property
     def sigma_mm3(self) -> float:
@@ -84,7 +84,9 @@ class BeltRecord:
     @property
     def mass_kg(self) -> float:
         """Mass on it; NaN where the density is not known."""
-        return 0.0 if self.strip is None else self.strip.volume_mm3 * self.strip.density_kg_m3 * 1e-9
+        if self.strip is None or self.standing == "missing":
+            return 0.0
+        return self.strip.volume_mm3 * self.strip.density_kg_m3 * 1e-9
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.evaluate.paper.density import Density, compute_density_gains
 from beltscape.evaluate.paper.dimensions import DimensionRow, MeasuredDimensions, tabulate_dimensions
 from beltscape.evaluate.paper.features import PLAIN, measure_features, read_core_image

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import MeasureError
 from beltscape.core.frames import to_grey
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.paper.dimensions import MeasuredDimensions
 from beltscape.evaluate.paper.laboratory import Laboratory
 from beltscape.evaluate.paper.surfaces import FRAME, ScoredDepth

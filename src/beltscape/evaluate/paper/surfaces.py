@@ -10,8 +10,8 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
-from beltscape.core.rig import Rig
 from beltscape.evaluate.paper.laboratory import Laboratory, Scene
 from beltscape.evaluate.scores.frame_score import RegionScore, score_frame
 from beltscape.evaluate.truth.simulated import Truth

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.paper.laboratory import Scene
 from beltscape.evaluate.paper.surfaces import FRAME, ScoredDepth
 from beltscape.evaluate.scores.frame_score import score_frame

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 
 GROSS_PX = 4.0
 """A larger error is a false match."""

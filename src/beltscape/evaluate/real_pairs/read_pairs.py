@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
 from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair
 from beltscape.evaluate.real_pairs.subsets import find_subsets, fit_auxiliary_pose

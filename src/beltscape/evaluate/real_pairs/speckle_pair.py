@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.scores.depth import compute_robust_sigma
 
 GROSS_PX = 1.0

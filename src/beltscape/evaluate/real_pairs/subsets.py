@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from beltscape.core.frames import Image
-from beltscape.core.pose import Pose, rotation_from_vector
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose, rotation_from_vector
+from beltscape.core.geometry.rig import Rig
 
 _ENDED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-7)
 _OUTLIER_PX = 0.1

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.scores.depth import GROSS_MM, DepthScore, interior_mask, score_depth
 from beltscape.evaluate.scores.reliability import (
     compute_false_fill,

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
+from beltscape.core.geometry.camera import Camera
 from beltscape.evaluate.scores.lumps import LumpScore, score_lumps
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig

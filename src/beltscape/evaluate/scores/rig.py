@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels
 
 WORKING_VOLUME_MM = ((-300.0, 300.0), (-240.0, 240.0), (600.0, 760.0))

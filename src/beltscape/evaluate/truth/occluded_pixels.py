@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale, pack_projections
 from beltscape.stereo.multiview.frame.visibility import count_visible_views

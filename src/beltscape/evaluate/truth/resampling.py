@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 
 _STEP = 0.006
 """Relative depth range within 2 × 2 pixels above which there is a step and no interpolation."""

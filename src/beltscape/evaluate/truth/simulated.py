@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_mapping
 from beltscape.evaluate.truth.occluded_pixels import occluded_mask
 from beltscape.evaluate.truth.resampling import resample_depth, resample_mask

@@ -19,9 +19,9 @@ from beltscape.core.type_guards import is_dict
 from beltscape.files.folders.paths import AnyPath, as_path
 
 if TYPE_CHECKING:
-    from beltscape.core.camera import Camera
+    from beltscape.core.geometry.camera import Camera
+    from beltscape.core.geometry.rig import Rig
     from beltscape.core.progress import Reporter
-    from beltscape.core.rig import Rig
     from beltscape.files.exchange.rig_description import RigDescription
 
 FORMATS = {"opencv": "opencv_yaml", "kalibr": "kalibr", "colmap": "colmap", "ros": "ros"}

@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.exchange import values

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.pose import vector_from_rotation
+from beltscape.core.geometry.pose import vector_from_rotation
 
 
 def wxyz_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:

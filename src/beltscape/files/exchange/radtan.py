@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
+from beltscape.core.geometry.camera import Camera
 
 
 def fit_without_k3(camera: Camera) -> tuple[NDArray[np.float64], float, float]:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.core.type_guards import is_dict
 
 ROUNDED = 1e-3

@@ -24,8 +24,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.files.exchange import values
 from beltscape.files.exchange.documents import read_document
 from beltscape.files.exchange.rig_description import RigDescription

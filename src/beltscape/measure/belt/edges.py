@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.belt.empty_belt import Belt, BeltEdges
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.statistics import MAD_TO_SIGMA
 
 _STRIPS = 48

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.belt.average import average_depth_maps
 from beltscape.measure.belt.cross_section import CrossSection, fit_cross_section

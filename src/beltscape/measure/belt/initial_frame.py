@@ -8,9 +8,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.belt.blocks import BlockPlanes, fit_block_planes
 from beltscape.measure.belt.flat_edges import EdgeYaw, fit_edge_yaw

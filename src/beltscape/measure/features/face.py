@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.features.matcher_scale import MATCHER_REACH_PX, compute_camera_scale
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.camera import Camera
+from beltscape.core.geometry.camera import Camera
 
 MATCHER_REACH_PX = 7.0
 """Distance from a step up to which the matcher's windows mix both sides, at the reference width."""

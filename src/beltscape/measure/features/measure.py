@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from beltscape.core.arguments import require_depth_of
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.measure.features.correlation_area import estimate_correlation_area_px
 from beltscape.measure.features.edges.outline import EdgeScene, Extent, measure_circle, measure_rectangle
 from beltscape.measure.features.face import Face, fit_face

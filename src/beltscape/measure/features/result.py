@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.measure.features.face import Face
 from beltscape.measure.features.pose.nominal import NominalView
 from beltscape.measure.features.sphere import FittedSphere

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels, load
 from beltscape.measure.features.matcher_scale import compute_width_scale
 

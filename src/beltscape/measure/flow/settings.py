@@ -28,3 +28,6 @@ class FlowSettings(BaseModel):
     """Longest gap that is interpolated; the volume on a longer one is not counted."""
     least_overlap: Annotated[float, Field(gt=0, lt=1)] = 0.12
     """Share of the view that two frames must have in common for the registration of their material."""
+    encoder_tolerance: Annotated[float, Field(gt=0, le=0.25)] = 0.005
+    """Relative difference of encoder and material from which on the encoder is not trusted; half the tolerated error
+    of the metres, so that either of the two is right within it."""

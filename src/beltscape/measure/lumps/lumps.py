@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from beltscape.core.arguments import require_depth_of
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.measure.belt.empty_belt import Belt
 from beltscape.measure.lumps.distribution import SizeDistribution, compute_distribution
 from beltscape.measure.lumps.raster import Raster, make_raster

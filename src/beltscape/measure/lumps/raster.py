@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 
 _MIN_WEIGHT = 0.02
 """Share of measured cells in a window from which an unmeasured cell is interpolated."""

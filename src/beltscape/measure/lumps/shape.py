@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.measure.lumps.raster import Raster
 from beltscape.measure.lumps.rims import Rims, measure_rims
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.belt.height_map import HeightMap
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 from beltscape.measure.holes.fill import Filled
 from beltscape.measure.reliable_pixels import FULL_CONFIDENCE, reliable_mask
 from beltscape.measure.surface import (

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.belt.height_map import BeltProfile, HeightMap
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 from beltscape.measure.holes.fill import Filled, fill_holes
 from beltscape.measure.surface import Grid, average_blocks
 from beltscape.measure.volume.box import Box, IntegrationWeights, compute_profiles, select_box

@@ -27,8 +27,8 @@ from beltscape.calibrate.detection.detect_capture import detect_board
 from beltscape.calibrate.detection.detector import PrintVariant
 from beltscape.calibrate.hierarchy import HierarchyResult, solve_hierarchy
 from beltscape.core.errors import CalibrationError, InputError
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter
-from beltscape.core.rig import Rig
 from beltscape.files.capture import Capture, read_capture
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load

@@ -20,8 +20,8 @@ from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_e
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.detection.detect_capture import detect_board
 from beltscape.core.errors import CalibrationError, InputError
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.core.type_guards import is_dict
 from beltscape.files.capture import read_capture
 from beltscape.files.documents.json_text import to_plain

@@ -9,8 +9,8 @@ from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import EXCESS_FACTOR, EXCESS_PX, HierarchyResult
 from beltscape.calibrate.intrinsics.zhang import calibrate_camera
 from beltscape.calibrate.solver.deterministic import single_thread
-from beltscape.core.camera import Camera
 from beltscape.core.errors import CalibrationError, InputError
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture
 from beltscape.target.board import Board, corner_points_mm

@@ -11,10 +11,10 @@ import numpy as np
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.errors import InputError
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import scale_rig
 from beltscape.core.live import LiveSource, Observer, RecordSink
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
-from beltscape.core.scaling import scale_rig
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.volume.capacity import compute_capacity_mm2
@@ -111,7 +111,7 @@ def assemble(project: Project[RunSettings], options: RunOptions, observer: Obser
         recorder=Recorder(options.data / "recordings", settings.recording) if recording else None,
         board=AlarmBoard(settings.alarms),
         inspector=PeriodicInspector(belt, camera, watch.lumps_every_s, watch.edges_every_s),
-        gauges=Gauges(compute_capacity_mm2(belt, float(np.deg2rad(watch.surcharge_deg)))),
+        gauges=Gauges(compute_capacity_mm2(belt, float(np.deg2rad(watch.surcharge_deg))), watch.stale_s),
         observer=observer,
         reporter=reporter,
         polls_encoder=settings.cameras is not None,

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from beltscape.core.errors import InputError, OutputError
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.live.assembly import build_context, check_encoder, open_source
 from beltscape.pipeline.live.project import Project, RunSettings, read_density

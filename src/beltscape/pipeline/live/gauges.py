@@ -16,8 +16,6 @@ from beltscape.core.live import CameraHealth
 _NAN = float("nan")
 _MINUTE_S = 60.0
 """Dropped frames are counted over the last minute."""
-_STALE_S = 5.0
-"""A value older than this is not current."""
 
 
 @dataclass(slots=True)
@@ -25,8 +23,12 @@ class Gauges:
     """The latest value of each quantity; every field is written by one thread and read by another."""
 
     full_area_mm2: float
+    stale_s: float = 3.0
+    """A value older than this is unknown."""
     entry: BeltRecord | None = None
     """The last entry with a measured strip."""
+    entry_s: float = float("-inf")
+    """Monotonic clock at this entry."""
     belt_mm: float = _NAN
     speed_mm_s: float = _NAN
     coverage: float = _NAN
@@ -50,7 +52,7 @@ class Gauges:
         for entry in entries:
             self.belt_mm = entry.belt_mm[1]
             if entry.strip is not None and entry.standing != "missing":
-                self.entry = entry
+                self.entry, self.entry_s = entry, monotonic()
 
     def update_frame(self, depth: DepthMap | None, speed_mm_s: float) -> None:
         """Take over the result of a frame."""
@@ -85,8 +87,9 @@ class Gauges:
             lump, self.lump_mm = self.lump_mm, (_NAN, _NAN)
             offset, self.offset_mm = self.offset_mm, (_NAN, _NAN)
         now = monotonic()
-        area, area_sigma, density = self._load() if now - self.measured_s < _STALE_S else (_NAN, _NAN, _NAN)
-        is_current = now - self.last_frame_s < _STALE_S
+        is_measured = now - self.entry_s < self.stale_s
+        area, area_sigma, density = self._load() if is_measured else (_NAN, _NAN, _NAN)
+        is_current = now - self.last_frame_s < self.stale_s
         speed = self.speed_mm_s if is_current else _NAN
         per_hour = speed * 3600e-9
         return Readings(

@@ -5,8 +5,8 @@ from __future__ import annotations
 from time import monotonic
 
 from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.camera import Camera
 from beltscape.core.errors import MeasureError
+from beltscape.core.geometry.camera import Camera
 from beltscape.measure.flow.periodic_checks import measure_belt_offset, measure_largest_lump
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.pipeline.live.gauges import Gauges

@@ -37,13 +37,16 @@ class _PendingFrame:
     encoder_mm: float | None
     meter_mm: float | None = None
     """Belt position by the meter; None if it has none."""
+    is_encoder_trusted: bool = True
+    """Whether encoder and material agree as far as both are known."""
 
 
 class Ledger:
     """Turns the records of successive meters into entries.
 
     A meter counts in its own belt coordinate, which follows the material; the ledger's position is the encoder's
-    plus an offset. Without an encoder the ledger adds the meter's lengths to its last position.
+    plus an offset. Without an encoder, and while it is not trusted, the ledger adds the meter's lengths to its last
+    position; the offset changes by what the encoder counted too much or too little meanwhile.
     """
 
     def __init__(self, state: LedgerState, cameras: Sequence[str]) -> None:
@@ -57,20 +60,22 @@ class Ledger:
         """Whether the present meter continues the encoder's count of the ledger."""
         self._slip_mm = 0.0
         """Encoder position less meter position, at the last frame that had both."""
+        self._follows_encoder = True
+        """Whether the encoder was trusted at the last frame that had a reading."""
 
-    def begin_meter(self, encoder_mm: float | None, *, reset: bool = False) -> float | None:
+    def begin_meter(self, encoder_mm: float | None) -> float | None:
         """Begin a new meter at an encoder reading; return the encoder position up to which the belt is counted.
 
-        The result is None for a new ledger, without an encoder, and after an encoder ``reset``, which is also
+        The result is None for a new ledger, without an encoder, and after a reset of the encoder, which is
         assumed if the reading is further back than a belt rolls: then the whole belt in view is new.
         """
-        self._has_strip, self._slip_mm = False, 0.0
+        self._has_strip, self._slip_mm, self._follows_encoder = False, 0.0, True
         end = self.state.end_mm
         if end is None:
             self._continues = True
             return None
         counted = end - self.state.offset_mm
-        self._continues = encoder_mm is not None and not reset and counted - encoder_mm <= ROLL_BACK_MM
+        self._continues = encoder_mm is not None and counted - encoder_mm <= ROLL_BACK_MM
         return counted if self._continues else None
 
     def discard_pending(self) -> None:
@@ -82,11 +87,11 @@ class Ledger:
         missing = tuple(name for name in self._cameras if name not in present)
         self._pending.append(_PendingFrame(frame, len(present), missing, encoder_mm))
 
-    def set_position(self, frame: str, meter_mm: float) -> None:
+    def set_position(self, frame: str, meter_mm: float, *, is_encoder_trusted: bool = True) -> None:
         """Set the meter's position of a pending frame."""
         for pending in reversed(self._pending):
             if pending.frame == frame:
-                pending.meter_mm = meter_mm
+                pending.meter_mm, pending.is_encoder_trusted = meter_mm, is_encoder_trusted
                 return
 
     def make_entries(
@@ -119,7 +124,7 @@ class Ledger:
             here = ledger_end if ledger_end is not None else (pending.encoder_mm or 0.0)
             return here, here
         if pending.encoder_mm is not None:
-            self._slip_mm = pending.encoder_mm - pending.meter_mm
+            self._update_slip(pending.encoder_mm - pending.meter_mm, trusted=pending.is_encoder_trusted)
         if not self._has_strip and not self._continues and ledger_end is not None:
             self.state.offset_mm = ledger_end - (low + self._slip_mm)
         shift = self._slip_mm + self.state.offset_mm
@@ -127,6 +132,12 @@ class Ledger:
         first, self._has_strip = not self._has_strip, True
         start = low + shift if first or ledger_end is None else ledger_end
         return start, (high + shift if high > low else start)
+
+    def _update_slip(self, slip_mm: float, *, trusted: bool) -> None:
+        """Follow the encoder by the change of its slip; leave the change out while the encoder is not trusted."""
+        if not (trusted and self._follows_encoder):
+            self.state.offset_mm += self._slip_mm - slip_mm
+        self._slip_mm, self._follows_encoder = slip_mm, trusted
 
     def _entry(
         self,

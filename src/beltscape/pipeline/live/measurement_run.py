@@ -10,11 +10,11 @@ import cv2
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
 from beltscape.core.depth import DepthMap
-from beltscape.core.finding import Finding
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet, Image
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.live import BeltStretch
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.rows import BeltPiece
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement

@@ -88,6 +88,8 @@ class WatchSettings(_Table):
     """Period of the misalignment measurement; 0: never."""
     surcharge_deg: Surcharge = SURCHARGE_DEG
     """Surcharge angle of a full belt, the reference of the fill level, as in ``measure volume``."""
+    stale_s: Annotated[float, Field(ge=0.5, le=600)] = 3.0
+    """Time without a measured record after which the present load and flow are unknown to the alarms."""
 
 
 class RunSettings(_Table):

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter
 from beltscape.files.belt_json import read_belt, write_belt
 from beltscape.files.folders.atomic import write_text

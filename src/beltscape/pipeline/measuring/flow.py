@@ -10,9 +10,9 @@ from time import perf_counter
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.errors import InputError, ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import scale_rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
-from beltscape.core.scaling import scale_rig
 from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.encoder_csv import BeltReading, read_encoder

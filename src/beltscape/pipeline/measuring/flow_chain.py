@@ -11,11 +11,11 @@ from typing import Protocol
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, ReconstructionError
-from beltscape.core.finding import Finding
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import pinhole_scale
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
-from beltscape.core.scaling import pinhole_scale
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.motion.prediction import MotionPrediction
@@ -84,6 +84,8 @@ class FlowChain:
         self._before: _MatchedFrame | None = None
         self._waiting: _MatchedFrame | None = None
         """The previous frame while it is not measured yet."""
+        self._findings: list[Finding] = []
+        """The meter's findings since the last `pop_findings`."""
 
     def push(
         self, frames: FrameSet, reporter: Reporter, *, whole: bool, findings: Sequence[Finding] = ()
@@ -107,14 +109,14 @@ class FlowChain:
             self.meter.prediction,
             tuple(findings),
         )
-        return ChainResult(depth, records, tuple(findings))
+        return ChainResult(depth, records, (*findings, *self.pop_findings()))
 
     def flush(self) -> list[FlowRecord]:
         """Measure the pending frame without waiting for the next one."""
         one, self._waiting = self._waiting, None
         if one is None:
             return []
-        return self.meter.push(
+        records = self.meter.push(
             one.depth,
             one.time_ns,
             one.position_mm,
@@ -122,6 +124,13 @@ class FlowChain:
             whole=one.whole,
             findings=one.findings,
         )
+        self._findings += self.meter.findings
+        return records
+
+    def pop_findings(self) -> tuple[Finding, ...]:
+        """Remove and return the findings about measured frames."""
+        findings, self._findings = tuple(self._findings), []
+        return findings
 
     def finish(self) -> list[FlowRecord]:
         """Return the remaining records after the last frame."""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.core.type_guards import is_mapping
 from beltscape.files.documents.json_text import read_json
 from beltscape.measure.features.result import MeasuredModule

@@ -11,8 +11,8 @@ import numpy as np
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE, RigConsistency, check_consistency
 from beltscape.stereo.consistency.exchange import find_exchange

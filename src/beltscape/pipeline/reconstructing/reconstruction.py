@@ -11,8 +11,8 @@ import numpy as np
 
 from beltscape.core.errors import InputError, ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.files.capture import read_capture
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.paths import AnyPath, as_path

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.rig import Rig
 from beltscape.files.rasters.images import write_image
 from beltscape.report.regions import draw_regions
 from beltscape.stereo.markers.region_depths import detect_marker_grids

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from beltscape.core.errors import ReconstructionError, SettingsError
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
-from beltscape.core.rig import Rig
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range, find_depth_range
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.report.drawing.palette import css_color, light
 
 CORE, AUXILIARY, QUIET = light("core"), light("auxiliary"), light("board")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
+from beltscape.core.geometry.camera import Camera
 from beltscape.measure.features.result import MeasuredModule, Quantity
 from beltscape.report.measuring.features_pictures import (
     make_deviation_panel,

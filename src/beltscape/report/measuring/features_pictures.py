@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
+from beltscape.core.geometry.camera import Camera
 from beltscape.measure.features.pose.nominal import NO_PART
 from beltscape.measure.features.result import EdgeLine, MeasuredModule
 from beltscape.report.drawing.depth_picture import NO_TRUTH

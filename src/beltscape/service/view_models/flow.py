@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import isfinite, isnan, nan
+from math import inf, isfinite, isnan, nan
 from typing import Literal
 
 from beltscape.core.belt.ledger_entries import BeltRecord, Standing
@@ -57,8 +58,15 @@ class _Strip:
 class FlowAverage:
     """Averages the strips of the last minute of belt travel. Not thread-safe."""
 
-    def __init__(self, window_s: float) -> None:
-        self._window_s = window_s
+    def __init__(
+        self, window_s: float, stale_s: float = 3.0, *, monotonic_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Without a measured record for ``stale_s``, the flow is unknown."""
+        self._window_s, self._stale_s, self._monotonic_s = window_s, stale_s, monotonic_s
+        self._measured_s = -inf
+        """Clock at the last measured record."""
+        self._standing: Standing = "missing"
+        """Standing of that record."""
         self._strips: deque[_Strip] = deque(maxlen=20_000)
         self._speed_mm_s = nan
 
@@ -66,6 +74,8 @@ class FlowAverage:
         """Add finished records, in order."""
         for record in records:
             strip = record.strip
+            if strip is not None and record.standing != "missing":
+                self._measured_s, self._standing = self._monotonic_s(), record.standing
             if strip is not None and isfinite(strip.speed_mm_s):
                 self._speed_mm_s = strip.speed_mm_s
             if not self._speed_mm_s > _STOPPED_MM_S or record.length_mm <= 0:
@@ -88,8 +98,10 @@ class FlowAverage:
 
     def compute(self, speed_mm_s: float) -> CurrentFlow:
         """Return the flow, given the current speed of the belt (NaN: not known)."""
+        if self._monotonic_s() - self._measured_s > self._stale_s:
+            return CurrentFlow()
         if speed_mm_s <= _STOPPED_MM_S:
-            return CurrentFlow(0.0, 0.0, 0.0, 0.0, nan, nan, "steady", nan, "valid")
+            return CurrentFlow(0.0, 0.0, 0.0, 0.0, nan, nan, "steady", nan, self._standing)
         last, before = self._split_strips()
         if not last:
             return CurrentFlow()

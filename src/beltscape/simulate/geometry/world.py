@@ -11,9 +11,9 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 
 
 class Label(IntEnum):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.core.camera import Camera
+from beltscape.core.geometry.camera import Camera
 from beltscape.simulate.rendering.pinhole import Pinhole, make_pinholes
 
 _NODE_PX = 8.0

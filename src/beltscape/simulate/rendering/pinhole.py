@@ -8,8 +8,8 @@ from math import gcd
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
+from beltscape.core.geometry.camera import Camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)

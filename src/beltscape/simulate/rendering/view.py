@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.rendering.mitsuba_light import device_to_world
 from beltscape.simulate.rendering.pinhole import Pinhole
 

@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.ray_casting import RayScene
 from beltscape.simulate.geometry.reflectance import reflectance_at
 from beltscape.simulate.geometry.world import Station, World

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import SettingsError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.shapes import make_box
 from beltscape.simulate.geometry.world import Label, Solid
 from beltscape.target.board import Board, CharucoBoard

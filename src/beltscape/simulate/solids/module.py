@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.shapes import Mesh, make_box, make_cylinder, make_sphere
 from beltscape.simulate.geometry.world import Label, Solid
 from beltscape.target.module import Cube, Cylinder, Feature, Module

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.shapes import Mesh, subdivide
 
 _CORNERS = (13, 26)

@@ -32,8 +32,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.errors import InputError
+from beltscape.core.geometry.camera import Camera
 from beltscape.simulate.time_of_flight.phase import LIGHT_MM_S, combine_phases, distance_sigma_mm
 from beltscape.simulate.time_of_flight.settings import TofSettings
 from beltscape.simulate.time_of_flight.surface import TofSurface, make_surface

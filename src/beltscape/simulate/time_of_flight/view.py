@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.ray_casting import RayScene
 from beltscape.simulate.geometry.world import World
 from beltscape.simulate.time_of_flight.camera import (

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.ray_casting import RayScene
 from beltscape.simulate.geometry.world import Label, Projector, Solid, Station, World
 from beltscape.simulate.solids.heap import Heap

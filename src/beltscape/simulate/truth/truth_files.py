@@ -28,7 +28,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.pose import Pose
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.folders.atomic import atomic_replacement
 from beltscape.files.rig_json import write_rig

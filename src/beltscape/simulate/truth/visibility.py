@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 
 
 def compute_pixel_rays(camera: Camera, cam_from_world: Pose, *, distorted: bool) -> NDArray[np.float64]:

@@ -137,7 +137,9 @@ class InstantMatcher(Generic[Payload]):
             self._cameras[shot.camera].statistics.late += 1
             return
         near = [instant for instant in self._open if abs(instant.at_ns - host_ns) < window]
-        nearest: _Instant[Payload] | None = min(near, key=lambda instant: abs(instant.at_ns - host_ns), default=None)
+        nearest: _Instant[Payload] | None = min(
+            near, key=lambda instant: abs(instant.at_ns - host_ns), default=None
+        )
         if nearest is None or shot.camera in nearest.shots:
             nearest = _Instant(host_ns, now_ns, {})
             self._open.append(nearest)

@@ -10,7 +10,7 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.fault_isolation import (
     FaultIsolation,
     FrameResiduals,

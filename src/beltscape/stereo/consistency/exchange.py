@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from beltscape.core.frames import FrameSet
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.check import RigConsistency
 from beltscape.stereo.consistency.fault_isolation import compute_frame_residuals
 from beltscape.stereo.consistency.tie_points import Array, detect_textured_points

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.residuals import compute_disparity_residuals, compute_pair_residuals
 from beltscape.stereo.consistency.systematic_residual import (
     LEAST_POINTS,

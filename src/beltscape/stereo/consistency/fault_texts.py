@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.check import CameraConsistency, RigConsistency
 
 _FIX = "calibrate again"

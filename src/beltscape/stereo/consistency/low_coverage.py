@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.core.frames import FrameSet
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.check import LEAST_TIE_POINTS, RigConsistency
 
 _DARK = 12.0

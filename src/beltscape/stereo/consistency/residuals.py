@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.tie_points import Array, TiePoints
 
 

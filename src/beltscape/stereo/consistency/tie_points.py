@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.frames import Image, to_grey
+from beltscape.core.geometry.camera import Camera
 from beltscape.stereo.multiview.frame.photometry import compute_texture_ratio, estimate_noise_variance
 
 Array = NDArray[np.float64]

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.residuals import compute_disparity_residuals, compute_pair_residuals
 from beltscape.stereo.consistency.tie_points import Array, TiePoints
 

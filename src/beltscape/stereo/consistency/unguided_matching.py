@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet, Image
-from beltscape.core.rig import Rig
-from beltscape.core.scaling import scale_rig
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import scale_rig
 from beltscape.stereo.consistency.tie_points import Array, TiePoints
 from beltscape.stereo.pairwise.contrast import quantise_root
 from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.markers.grid import SIDE, MarkerGrid
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range

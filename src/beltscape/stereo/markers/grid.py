@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.frames import Image
+from beltscape.core.geometry.camera import Camera
 from beltscape.stereo.markers.detection import MarkerDetections, detect_markers
 from beltscape.stereo.markers.lattice import apply_homography, find_lattice, fit_homography
 

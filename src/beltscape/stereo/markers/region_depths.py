@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.markers.correspondence import align_grids, triangulate_markers
 from beltscape.stereo.markers.grid import SIDE, MarkerGrid, detect_marker_grid

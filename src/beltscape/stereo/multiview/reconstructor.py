@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from beltscape.core.arguments import require_depth_range
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
 from beltscape.stereo.multiview.confidence.estimate import (

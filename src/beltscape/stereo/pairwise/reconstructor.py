@@ -15,8 +15,8 @@ from beltscape.core.arguments import require_depth_range
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from beltscape.stereo.pairwise.contrast import take_square_root

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.pairwise.contrast import equalise_contrast
 from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair
 from beltscape.stereo.pairwise.settings import PairwiseSettings

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.cloud import PointCloud
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
+from beltscape.core.geometry.camera import Camera
 from beltscape.stereo.pointcloud.normals import compute_normals
 
 _WHITE_QUANTILE = 0.995

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
+from beltscape.core.geometry.camera import Camera
 from beltscape.measure.features.face import Face, compute_rays
 from beltscape.measure.features.matcher_scale import MATCHER_REACH_PX, compute_camera_scale
 from beltscape.measure.features.pose.nominal import NO_PART, NominalView

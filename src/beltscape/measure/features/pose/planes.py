@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 from beltscape.measure.belt.blocks import BlockPlanes, fit_block_planes
 
 _NEAR_MM, _TILT_RAD = 1.0, np.deg2rad(2.0)

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
-from beltscape.core.pose import Pose
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
 from beltscape.measure.features.pose.planes import CandidatePlane, find_candidate_planes
 from beltscape.measure.features.pose.solids import build_solids
 from beltscape.target.module import Module

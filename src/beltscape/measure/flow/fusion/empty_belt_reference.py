@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.camera import Camera
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
+from beltscape.core.geometry.camera import Camera
 from beltscape.measure.flow.fusion.layer import Layer
 from beltscape.measure.surface import Grid
 from beltscape.measure.volume.load import Load, compute_load

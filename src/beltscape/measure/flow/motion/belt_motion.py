@@ -16,6 +16,9 @@ _SPEED_CHANGE = 0.05
 """One standard deviation of a belt's speed after a second without observations, as a share of it."""
 _SPEED_KNOWN = 0.01
 """σ of the speed at its last observation, as a share of it; assumed."""
+_NEGLIGIBLE_MM = 2.0
+_LONGEST_COAST = 10.0
+"""Time, s, for which the last speed continues against an encoder that is not trusted; a belt stops within it."""
 MAX_DISAGREEMENT = 0.25
 """Largest relative difference between encoder and material at which they count as consistent."""
 
@@ -32,6 +35,8 @@ class MotionObservation:
     """Motion of the material along the travel since the key frame; None without a registration."""
     shift_sigma_mm: float
     """One standard deviation of the shift."""
+    uses_encoder: bool = True
+    """Whether the encoder is trusted; else its step counts only where it agrees with the last speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +64,14 @@ class BeltMotion:
         """mm per unit of the clock; None until material or encoder determined it."""
         self.key: BeltPosition | None = None
         self.last: BeltPosition | None = None
+        self._observed_clock = 0.0
+        """Clock of the last frame whose position was observed by material or encoder."""
+
+    def predict_from_speed_mm(self, clock: float) -> float | None:
+        """Predict the belt's motion since the key frame by its last position and speed; None if unknown."""
+        if self.key is None or self.last is None or self.speed is None:
+            return None
+        return self.last.position_mm - self.key.position_mm + self.speed * (clock - self.last.clock)
 
     def predict_mm(self, clock: float, encoder_mm: float | None) -> float | None:
         """Predict the belt's motion since the key frame by encoder or speed; None where neither is known."""
@@ -76,16 +89,19 @@ class BeltMotion:
                 start, 0.0, "start", observation.clock, observation.encoder_mm
             )
             return self.last
-        placed = (
-            self._from_material(observation)
-            or self._from_encoder(observation)
-            or self._from_speed(observation)
-        )
+        placed = self._from_material(observation)
+        if placed is None and observation.uses_encoder:
+            placed = self._from_encoder(observation)
+        elif placed is None:
+            placed = self._from_increment(observation)
+        placed = placed or self._from_speed(observation)
         if placed is None:
             return None
         elapsed = observation.clock - self.last.clock
-        if placed.source != "speed" and elapsed > 0:
-            self.speed = (placed.position_mm - self.last.position_mm) / elapsed
+        if placed.source != "speed":
+            self._observed_clock = placed.clock
+            if elapsed > 0:
+                self.speed = (placed.position_mm - self.last.position_mm) / elapsed
         self.last = placed
         return placed
 
@@ -115,6 +131,25 @@ class BeltMotion:
         step = (observation.encoder_mm - key.encoder_mm) / self.scale.ratio
         sigma = float(np.hypot(_ENCODER_JITTER_MM, self.scale.sigma * step))
         return self._make_position(key.position_mm + step, sigma, "encoder", observation)
+
+    def _from_increment(self, observation: MotionObservation) -> BeltPosition | None:
+        """Return the position by the step of an encoder that is not trusted, or by the speed where they differ.
+
+        Without any observation for long, the encoder's step is all that there is. σ covers both.
+        """
+        last = self.last
+        if last is None or observation.encoder_mm is None or last.encoder_mm is None:
+            return None
+        step = observation.encoder_mm - last.encoder_mm
+        elapsed = observation.clock - last.clock
+        by_speed = step if self.speed is None else self.speed * elapsed
+        differs = abs(step - by_speed) > MAX_DISAGREEMENT * abs(by_speed) + _NEGLIGIBLE_MM
+        sigma = float(np.hypot(abs(step - by_speed) / np.sqrt(12), _SPEED_CHANGE * by_speed))
+        if differs and observation.clock - self._observed_clock < _LONGEST_COAST:
+            step = by_speed
+        elif differs:
+            step = float(np.clip(step, 0.0, max(by_speed, 0.0)))
+        return self._make_position(last.position_mm + step, sigma, "speed", observation)
 
     def _from_speed(self, observation: MotionObservation) -> BeltPosition | None:
         last = self.last

@@ -18,6 +18,8 @@ class MotionPrediction:
     """Encoder's over the material's motion."""
     speed: float | None
     """mm per unit of the meter's clock; None if unknown."""
+    uses_encoder: bool = True
+    """Whether the encoder is trusted."""
 
     def predict_motion_mm(
         self, clock_step: float, encoder_step_mm: float | None
@@ -26,6 +28,6 @@ class MotionPrediction:
 
         The result is None where neither is known.
         """
-        if encoder_step_mm is not None:
+        if encoder_step_mm is not None and self.uses_encoder:
             return self.along * (encoder_step_mm / self.ratio)
         return None if self.speed is None else self.along * (self.speed * clock_step)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from beltscape.core.finding import Finding
+from beltscape.core.findings import Finding
 from beltscape.measure.flow.fusion.buffer import LayerBuffer
 from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.records.fault_history import FaultHistory
@@ -45,6 +45,12 @@ class FaultAttribution:
                 strip.add_finding(fault)
         if fault.effect == "missing" and suspects:
             self._buffer.discard_from(first)
+
+    def add_since(self, first: int, finding: Finding) -> None:
+        """Attribute a finding about the belt's motion to the strips of a frame and of those after it."""
+        for strip in self._strips:
+            if strip.number >= first:
+                strip.add_finding(finding)
 
     def attach(self, strip: Strip, frame: PushedFrame, view_start_mm: float) -> None:
         """Give a new strip its frame's findings, and its faults to the strips that the frame measured, too.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beltscape.core.finding import Finding
+from beltscape.core.findings import Finding
 
 
 @dataclass(slots=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale
 from beltscape.stereo.multiview.frame.windows import Windows, choose_windows

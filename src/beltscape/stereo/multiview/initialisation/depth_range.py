@@ -6,8 +6,8 @@ import numpy as np
 
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.rig import Rig
 from beltscape.kernels import load
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.multiview.frame.context import MatchContext

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.core.camera import Camera
+from beltscape.core.geometry.camera import Camera
 from tests.strategies import cameras, poses, seeds
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltscape.core.finding import (
+from beltscape.core.findings import (
     Finding,
     combine_relative_sigma,
     combine_systematic_mm,

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from beltscape.core.camera import Camera
-from beltscape.core.rig import Rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.rig import Rig
 
 
 def scale_camera(camera: Camera, factor: float) -> Camera:

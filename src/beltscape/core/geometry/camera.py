@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core import lens
+from beltscape.core.geometry import lens
 
 
 @dataclass(frozen=True, slots=True, eq=False)

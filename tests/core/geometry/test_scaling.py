@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.core.camera import Camera
-from beltscape.core.pose import Pose
-from beltscape.core.rig import Rig
-from beltscape.core.scaling import pinhole_scale, scale_camera, scale_rig
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import pinhole_scale, scale_camera, scale_rig
 
 CAMERA = Camera(
     "cam0",

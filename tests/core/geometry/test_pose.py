@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from beltscape.core.pose import Pose, rotation_from_vector, vector_from_rotation
+from beltscape.core.geometry.pose import Pose, rotation_from_vector, vector_from_rotation
 from tests.strategies import ANGLES, poses, rotation_vectors, vectors
 
 

@@ -19,18 +19,17 @@ from pathlib import Path
 
 import cv2
 
-import frames
-import kernels
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels.native import levels
 from calibration import calibration as benchmark_calibration
 from captures import Scene, demo_scenes, full_size_scene, rendered_scenes
 from live import live
+from matching import frames, kernels
+from matching.robustness import NOTES as ROBUSTNESS_NOTES
+from matching.robustness import SCENES, robustness
+from matching.triangulation import triangulation
 from real import real_pairs
 from results import load_average, make_section, write_results
-from robustness import NOTES as ROBUSTNESS_NOTES
-from robustness import SCENES, robustness
-from triangulation import triangulation
 
 HERE = Path(__file__).parent
 

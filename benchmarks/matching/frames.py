@@ -15,7 +15,7 @@ from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import measure_volume
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from captures import FULL, LABELS, Scene, read_rendered
-from methods import HH, METHODS, MULTIVIEW, SGBM, Range, Result, bare_sgbm, run
+from matching.methods import HH, METHODS, MULTIVIEW, SGBM, Range, Result, bare_sgbm, run
 from timing import Cost, run_in_fresh_process
 
 _COLUMNS = (

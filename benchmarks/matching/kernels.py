@@ -26,8 +26,8 @@ from beltscape.stereo.multiview.optimisation.propagation import list_propagation
 from beltscape.stereo.multiview.selection.gain import compute_difference_variance
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
+from matching.triangulation import random_points
 from timing import measure_seconds
-from triangulation import random_points
 
 PLANES = 64
 _JUMPS = 7, 40

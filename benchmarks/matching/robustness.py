@@ -13,7 +13,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from captures import Scene
-from methods import run
+from matching.methods import run
 
 Images = Mapping[str, np.ndarray]
 Degradation = Callable[[Images, list[str]], dict[str, np.ndarray]]

@@ -1,0 +1,1 @@
+"""Benchmarks of the matcher: kernels, methods, whole frames, and degraded images."""

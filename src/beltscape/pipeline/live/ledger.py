@@ -179,6 +179,8 @@ def _reason(record: FlowRecord, pending: _PendingFrame) -> str:
         return "no frame showed it"
     if record.quality == "bridged":
         return "part of it passed between frames"
+    if not pending.present:
+        return "no image of its own; neighbouring frames show it"
     if pending.missing:
         return f"without {', '.join(pending.missing)}"
     return "much of it was hidden, its place not told, or a camera contradicts the rig"

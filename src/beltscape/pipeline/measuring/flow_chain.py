@@ -105,7 +105,7 @@ class FlowChain:
             frames.time_ns,
             frames.position_mm,
             depth,
-            (whole and not self._matcher.is_inconsistent) or depth is None,
+            whole and not (self._matcher.is_inconsistent and depth is not None),
             self.meter.prediction,
             tuple(findings),
         )

@@ -141,7 +141,8 @@ class Strips:
 def _classify_quality(strip: Strip, stretch: Stretch) -> Quality:
     length = stretch.length_mm
     unseen = length - stretch.seen_mm - stretch.bridged_mm
-    is_void = strip.is_void or (bool(strip.lost_to) and stretch.seen_mm <= 0.5 * length)
+    is_unmeasured = length == 0 and not np.isfinite(strip.view_start_mm)
+    is_void = strip.is_void or is_unmeasured or (bool(strip.lost_to) and stretch.seen_mm <= 0.5 * length)
     if is_void or not strip.placed or unseen > 0.5 * length:
         return "missing"
     if stretch.bridged_mm > _MIN_PART * length:

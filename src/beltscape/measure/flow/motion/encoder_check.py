@@ -1,0 +1,154 @@
+"""The check of the encoder against the material: contradictions, and when the encoder is trusted again."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+Kind = Literal["still", "standing", "reversed", "scale", "jump", "unmatched"]
+"""What contradicts the encoder:
+
+still      the material moves, the encoder does not
+standing   the encoder moves, the material does not
+reversed   both move, in opposite directions
+scale      both move the same way by different lengths: slip, or a wrong scale
+jump       no belt changes its speed as fast as the encoder's reading
+unmatched  the material is not where the encoder predicts it, and its motion is unknown
+"""
+LEAST_MM = 2.0
+"""Smaller differences are no contradiction: resolution, play of the wheel, and jitter of both readings."""
+_TIMING_S = 0.002
+"""Encoder and images may be read at instants that differ by this much."""
+_SIGMAS = 4.0
+_HISTORY = 128
+"""Number of intervals over which small differences add up."""
+_LEAST_AGREEING = 3
+"""Number of agreeing intervals after which the encoder is trusted again; one may agree by chance."""
+_TREND_MM = 5000.0
+"""Length of belt over which the present ratio is averaged: some seconds, within which slip is to be noticed."""
+_LEAST_TREND_MM = 100.0
+_STANDING_SHARE = 0.05
+"""An encoder that moves by less than this share of the material's travel stands still, and jitters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """Travel of encoder and material between two frames."""
+
+    encoder_mm: float
+    material_mm: float
+    variance_mm2: float
+    """Variance of the material's travel."""
+    first: int
+    """Number of the frame after which it begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """A contradiction between encoder and material."""
+
+    kind: Kind
+    first: int
+    """Number of the first frame that it concerns."""
+    value: float
+    """Travel of the encoder over that of the material, less 1; NaN where the material's is unknown."""
+    sigma: float
+    intervals: int = 1
+    """Number of intervals that it took to notice it."""
+
+
+class EncoderCheck:
+    """Compares the travel of encoder and material over the latest intervals; bounded in memory."""
+
+    def __init__(self, tolerance: float) -> None:
+        """``tolerance`` is the relative difference that counts as agreement."""
+        self.tolerance = tolerance
+        self.contradiction: Contradiction | None = None
+        """The last contradiction while the encoder is not trusted."""
+        self._needed = 0
+        self._intervals: deque[Interval] = deque(maxlen=_HISTORY)
+        self._trend: deque[Interval] = deque(maxlen=4 * _HISTORY)
+
+    @property
+    def is_trusted(self) -> bool:
+        """Return whether the encoder agrees with the material as far as both are known."""
+        return self._needed == 0
+
+    def find_contradiction(self, now: Interval, speed: float) -> Contradiction | None:
+        """Return the contradiction of the interval that ends now, alone or together with those before it."""
+        encoder, material, variance = 0.0, 0.0, 0.0
+        allowed = LEAST_MM + _TIMING_S * abs(speed)
+        for count, one in enumerate((now, *reversed(self._intervals)), 1):
+            encoder += one.encoder_mm
+            material += one.material_mm
+            variance += one.variance_mm2
+            difference = abs(encoder - material)
+            if difference > allowed + _SIGMAS * variance**0.5 + self.tolerance * abs(material):
+                value = _compute_deviation(encoder, material)
+                sigma = _compute_sigma(encoder, material, variance)
+                return Contradiction(
+                    _classify(encoder, material), one.first + 1, value, sigma, intervals=count
+                )
+        return None
+
+    def distrust(self, contradiction: Contradiction) -> None:
+        """Reject the encoder until enough intervals agree, as many as it took to notice the contradiction, twice."""
+        if self.is_trusted:
+            self._trend.clear()
+        self.contradiction = contradiction
+        self._needed = max(_LEAST_AGREEING, 2 * contradiction.intervals)
+        self._intervals.clear()
+
+    def close(self, interval: Interval, *, agrees: bool) -> bool:
+        """Add a finished interval; return whether the encoder is trusted again since then."""
+        self._trend.append(interval)
+        length = sum(abs(one.material_mm) for one in self._trend)
+        while len(self._trend) > 1 and length - abs(self._trend[0].material_mm) >= _TREND_MM:
+            length -= abs(self._trend.popleft().material_mm)
+        if not agrees:
+            return False
+        self._intervals.append(interval)
+        return abs(interval.material_mm) > LEAST_MM and self.count_agreement()
+
+    def count_agreement(self) -> bool:
+        """Count an agreement while the encoder is not trusted; return whether it is trusted again."""
+        if self.is_trusted:
+            return False
+        self._needed -= 1
+        if self.is_trusted:
+            self.contradiction = None
+        return self.is_trusted
+
+    @property
+    def deviation(self) -> tuple[float, float]:
+        """Return encoder over material less 1 over the last metres, and its σ; NaN before enough travel."""
+        encoder = sum(one.encoder_mm for one in self._trend)
+        material = sum(one.material_mm for one in self._trend)
+        if abs(material) < _LEAST_TREND_MM:
+            return float("nan"), float("nan")
+        variance = sum(one.variance_mm2 for one in self._trend)
+        return encoder / material - 1, _compute_sigma(encoder, material, variance)
+
+
+def _compute_deviation(encoder_mm: float, material_mm: float) -> float:
+    """Return encoder over material less 1, limited to ±100 for a material that stands still."""
+    if abs(material_mm) < 1e-2 * abs(encoder_mm):
+        return 100.0 if encoder_mm > 0 else -100.0
+    return encoder_mm / material_mm - 1
+
+
+def _compute_sigma(encoder_mm: float, material_mm: float, variance_mm2: float) -> float:
+    """Return σ of encoder over material from the material's variance and the encoder's play at both ends."""
+    length = max(abs(material_mm), 1e-2 * abs(encoder_mm), 1.0)
+    return float(np.sqrt(variance_mm2 + 2 * (LEAST_MM / _SIGMAS) ** 2) / length)
+
+
+def _classify(encoder_mm: float, material_mm: float) -> Kind:
+    if abs(encoder_mm) <= max(_STANDING_SHARE * abs(material_mm), LEAST_MM):
+        return "still"
+    if abs(material_mm) <= LEAST_MM:
+        return "standing"
+    return "reversed" if encoder_mm * material_mm < 0 else "scale"

@@ -1,0 +1,45 @@
+"""The finding of the check of the encoder against the material."""
+
+from __future__ import annotations
+
+import math
+
+from beltscape.core.findings import Finding
+from beltscape.measure.flow.motion.encoder_check import EncoderCheck, Kind
+
+CHECK = "encoder_motion"
+_TEXTS: dict[Kind, str] = {
+    "still": "the encoder stands still while the material moves: check its wheel and its cable",
+    "standing": "the encoder counts while the material stands still: check its wheel, and the images for frozen ones",
+    "reversed": "the encoder counts against the material's motion: exchange its channels A and B",
+    "scale": "encoder and material move by different lengths: check the wheel for slip and jumps, and mm_per_count",
+    "jump": "the encoder's reading jumps: check its supply and its cable",
+    "unmatched": "the material is not where the encoder predicts it: check the wheel and its cable",
+}
+_NAN = float("nan")
+
+
+def make_encoder_finding(check: EncoderCheck, *, is_measured: bool, relative_sigma: float) -> Finding:
+    """Return the finding of a frame.
+
+    ``is_measured``: the material's motion was measured in it; else ``relative_sigma`` is the relative uncertainty of
+    the belt's step.
+    """
+    contradiction = check.contradiction
+    if contradiction is None:
+        value, sigma = check.deviation if is_measured else (_NAN, _NAN)
+        return Finding(CHECK, value, sigma, check.tolerance, "")
+    value, sigma = check.deviation
+    if math.isnan(value):  # too few intervals since the contradiction
+        value, sigma = contradiction.value, contradiction.sigma
+    source = "the material" if is_measured else "the material's last speed"
+    return Finding(
+        CHECK,
+        value,
+        sigma,
+        check.tolerance,
+        "",
+        text=f"{_TEXTS[contradiction.kind]}; the metres are counted by {source}",
+        effect="degraded",
+        relative_sigma=0.0 if is_measured else relative_sigma,
+    )

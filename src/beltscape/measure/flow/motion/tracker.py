@@ -1,0 +1,367 @@
+"""The belt's position at each frame, by registration with a key frame, and the encoder's agreement with it."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding, worst_effect
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
+from beltscape.measure.flow.motion.belt_motion import (
+    MAX_DISAGREEMENT,
+    BeltMotion,
+    BeltPosition,
+    MotionObservation,
+)
+from beltscape.measure.flow.motion.encoder_check import LEAST_MM, Contradiction, EncoderCheck, Interval
+from beltscape.measure.flow.motion.encoder_finding import make_encoder_finding
+from beltscape.measure.flow.motion.encoder_scale import EncoderScale
+from beltscape.measure.flow.motion.high_pass import HighPassHeights, compute_high_pass
+from beltscape.measure.flow.motion.motion_evidence import LEAST_PAIRS, MotionEvidence
+from beltscape.measure.flow.motion.prediction import MotionPrediction
+from beltscape.measure.flow.motion.registration import Shift, match_prediction, register
+from beltscape.measure.flow.pushed_frame import PushedFrame
+from beltscape.measure.flow.settings import FlowSettings
+
+COARSE_CELLS = 2
+"""Cells of the registration are coarser by this factor."""
+_LEAST_MOTION_MM = 2.0
+"""A shorter motion does not determine the direction."""
+_LEAST_SUPPORT = 0.02
+"""Share of the view that two frames' loads must have in common to contradict an encoder: on three simulated heaps
+all registrations that were wrong by more than 1 mm had less."""
+_LARGE_SUPPORT = 0.1
+"""Share of the view at which other material does not match by chance; a smaller one must agree with the speed."""
+_STRONG_SCORE = 0.85
+"""Correlation that other material does not reach: quasi-periodic heaps up to 0.8, the same material 0.85 to 0.95."""
+_UNMATCHED_SUPPORT = 0.05
+"""Share of the view that the loads must have in common at the prediction for a low score to count."""
+_LOW_SCORE = 0.4
+"""A score at the predicted motion below this share of the usual one is no match."""
+_USUAL_SCORES = 16
+_LEAST_UNMATCHED = 2
+"""Number of frames without a match after which the encoder's prediction is wrong; one frame may be bad itself."""
+_LEAST_RELIEF_MM = 2.0
+"""Standing surfaces with less relief are errors of the empty belt's surface, not material that stands still."""
+_HIGHEST_ACCELERATION_MM_S2 = 10_000.0
+_FASTEST_MM_S = 20_000.0
+_LEAST_JUMP_MM = 100.0
+"""An encoder's step may differ from the belt's speed by this, and by what these accelerations and speeds allow."""
+_CONSTANT_APART = 0.03
+"""Spread of the ratio of encoder to material of pairs ``apart``, below which they are not registered by chance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """The position assigned to a frame."""
+
+    place: BeltPosition | None
+    """None: unknown."""
+    shift: Shift | None
+    """Motion of the material since the key frame."""
+    is_encoder_trusted: bool
+    contradiction: Contradiction | None
+    """A contradiction between encoder and material that was noticed in this frame."""
+    finding: Finding | None
+    """The finding about the encoder; None without an encoder."""
+    has_turned: bool
+    """Whether the direction of travel, which was only assumed before, turned out to be the other one."""
+
+
+class MotionTracker:
+    """Locates frames one after the other."""
+
+    def __init__(self, reference: EmptyBeltReference, settings: FlowSettings, key_step_mm: float) -> None:
+        """The key frame is replaced once the belt has moved by ``key_step_mm``."""
+        self.motion = BeltMotion()
+        self.evidence = MotionEvidence()
+        self.check = EncoderCheck(settings.encoder_tolerance)
+        given = settings.direction
+        self.direction = 0 if given is None else 1 if given == "+y" else -1
+        """+1 towards +y, -1 towards -y, 0 if not known yet."""
+        self.is_assumed = False
+        """Whether the direction is only assumed."""
+        self._reference, self._settings, self._key_step_mm = reference, settings, key_step_mm
+        low, high = reference.seen_mm
+        self._reach_mm = (1 - settings.least_overlap) * (high - low)
+        """Longest motion between two frames that can be registered."""
+        self._key: HighPassHeights | None = None
+        self._key_number = 0
+        self._open: tuple[Interval, bool] | None = None
+        """The interval from the key frame to the last one, and whether encoder and material agree on it."""
+        self._scores: deque[float] = deque(maxlen=_USUAL_SCORES)
+        self._unmatched = 0
+        self._last_reading: BeltPosition | None = None
+        """The last position with an encoder reading."""
+
+    @property
+    def prediction(self) -> MotionPrediction | None:
+        """Return the prediction of the motion after the last frame; None if unknown."""
+        motion = self.motion
+        if motion.last is None or not self.direction:
+            return None
+        along = self.direction * self._reference.belt.belt_from_core.rotation[1]
+        return MotionPrediction(
+            along,
+            motion.scale.ratio,
+            motion.speed,
+            uses_encoder=self.check.is_trusted or motion.speed is None,
+        )
+
+    def filter(self, depth: DepthMap | None) -> HighPassHeights | None:
+        """Return the high-pass heights of a depth map."""
+        if depth is None:
+            return None
+        reference = self._reference
+        return compute_high_pass(
+            reference.coarse(depth, COARSE_CELLS), COARSE_CELLS * reference.cell_mm, reference.belt.noise_mm
+        )
+
+    def can_locate(self, waiting: Sequence[PushedFrame]) -> bool:
+        """Return whether frames can be placed: by a known motion, by an encoder, or by a first motion found now."""
+        newest = waiting[-1]
+        if self.motion.key is not None:
+            return True
+        if self.direction and newest.encoder_mm is not None:
+            return True
+        before = next((one for one in waiting[-2::-1] if one.high_pass is not None), None)
+        if before is None or before.high_pass is None or newest.high_pass is None:
+            return False
+        shift = register(before.high_pass, newest.high_pass, least_overlap=self._settings.least_overlap)
+        if shift is None or abs(shift.along_mm) < max(_LEAST_MOTION_MM, 3 * shift.sigma_mm):
+            return False
+        forward = 1 if newest.encoder_mm is None or newest.encoder_mm >= (before.encoder_mm or 0.0) else -1
+        self.direction = self.direction or forward * (1 if shift.along_mm > 0 else -1)
+        if newest.encoder_mm is None and newest.clock > before.clock:
+            self.motion.speed = self.direction * shift.along_mm / (newest.clock - before.clock)
+        return True
+
+    def locate(self, frame: PushedFrame) -> Location:
+        """Return the frame's position from the best observation, and compare the encoder with the material."""
+        was_assumed, direction = self.is_assumed, self.direction
+        self._open = None
+        jump = self._find_jump(frame) if self.check.is_trusted else None
+        shift, contradiction, is_doubtful = self._observe(
+            frame, trusted=self.check.is_trusted and jump is None
+        )
+        agrees = self._open is not None and self._open[1]
+        contradiction = contradiction or (None if agrees else jump)
+        if contradiction is not None:
+            self.check.distrust(contradiction)
+        elif shift is None:
+            self._count_jump_over(frame)
+        before = self.motion.last
+        observation = MotionObservation(
+            frame.clock,
+            frame.encoder_mm,
+            None if shift is None else self.direction * shift.along_mm,
+            0.0 if shift is None else shift.sigma_mm,
+            uses_encoder=self.check.is_trusted and not (is_doubtful and self.motion.speed is not None),
+        )
+        place = None if before is None and frame.depth is None else self.motion.locate(observation)
+        if place is not None and frame.encoder_mm is not None:
+            self._last_reading = place
+        has_turned = was_assumed and self.direction != direction
+        finding = self._make_finding(frame, before, place)
+        return Location(place, shift, self.check.is_trusted, contradiction, finding, has_turned)
+
+    def update_key(self, frame: PushedFrame, place: BeltPosition) -> None:
+        """Make the frame the key frame once the belt has moved, unless only the old one has load and overlaps."""
+        key = self.motion.key
+        moved = abs(place.position_mm - key.position_mm) if key is not None else np.inf
+        has_load = frame.high_pass is not None and frame.high_pass.has_load
+        kept = self._key is not None and self._key.has_load
+        is_out_of_view = moved > self._reach_mm
+        if self._key is None or (moved >= self._key_step_mm and (has_load or not kept)) or is_out_of_view:
+            self.motion.move_key()
+            self._key, self._key_number = frame.high_pass, frame.number
+            if self._open is not None and self.check.close(self._open[0], agrees=self._open[1]):
+                self.motion.scale = EncoderScale()  # the one before may contain the fault
+
+    def _observe(
+        self, frame: PushedFrame, *, trusted: bool
+    ) -> tuple[Shift | None, Contradiction | None, bool]:
+        """Return the motion since the key frame, a contradiction, and whether the prediction is doubtful.
+
+        ``trusted``: the encoder may be used to predict the motion.
+        """
+        key, motion = self._key, self.motion
+        if key is None or frame.high_pass is None:
+            return None, None, False
+        trusted = trusted and frame.encoder_mm is not None
+        by_speed = motion.predict_from_speed_mm(frame.clock)
+        expected = motion.predict_mm(frame.clock, frame.encoder_mm)
+        reach = self._reach_mm
+        is_beyond = (1 - MAX_DISAGREEMENT) * abs(self._encoder_step_mm(frame) or 0.0) > reach
+        apart = trusted and is_beyond
+        if not trusted and by_speed is not None:
+            expected = by_speed
+        near = None if expected is None or self.is_assumed or apart or abs(expected) > reach else expected
+        shift = self._register(frame.high_pass, near)
+        by_encoder = trusted and shift is not None and not shift.clear
+        if shift is None and trusted and not self.is_assumed and _differ(by_speed, expected):
+            shift, by_encoder = self._register(frame.high_pass, by_speed), False
+        self._turn(shift, apart=apart)
+        if shift is not None:
+            self._count_evidence(shift, frame, is_beyond)
+        if apart and not self._contradicts_apart(shift, by_speed):
+            # by the encoder the views do not overlap: then a similar surface is other material
+            return None, None, False
+        if shift is not None and (
+            self._is_relief_too_low(frame.high_pass, shift, expected)
+            or self._is_chance(frame, shift, by_speed)
+        ):
+            shift = None
+        if shift is None:
+            doubtful = trusted and near is not None and self._is_unmatched(frame, near)
+            return None, self._contradict_unmatched() if doubtful else None, doubtful
+        self._unmatched = 0
+        return shift, None if by_encoder else self._compare(frame, shift), False
+
+    def _register(self, high_pass: HighPassHeights, near_mm: float | None) -> Shift | None:
+        """Return the motion of the material since the key frame; ``near_mm`` is the prediction along the travel."""
+        assert self._key is not None
+        near = None if near_mm is None else self.direction * near_mm
+        return register(self._key, high_pass, least_overlap=self._settings.least_overlap, near_mm=near)
+
+    def _turn(self, shift: Shift | None, *, apart: bool) -> None:
+        """Replace an assumed direction by that of the material's motion."""
+        if shift is None or not self.is_assumed or apart or abs(shift.along_mm) <= _LEAST_MOTION_MM:
+            return
+        self.is_assumed = False
+        if self.direction * shift.along_mm < 0:
+            self.direction = -self.direction
+
+    def _count_evidence(self, shift: Shift, frame: PushedFrame, apart: bool) -> None:
+        """Count the motion since the key frame as evidence, together with the raw encoder's step."""
+        self.evidence.add(shift, self.direction, self._encoder_step_mm(frame), apart=apart)
+
+    def _encoder_step_mm(self, frame: PushedFrame) -> float | None:
+        """Return the raw encoder's step since the key frame; None without an encoder."""
+        key = self.motion.key
+        if key is None or key.encoder_mm is None or frame.encoder_mm is None:
+            return None
+        return frame.encoder_mm - key.encoder_mm
+
+    def _contradicts_apart(self, shift: Shift | None, by_speed_mm: float | None) -> bool:
+        """Return whether the material is surely the same although by the encoder the views do not overlap."""
+        if shift is None:
+            return False
+        if self._agrees_with_speed(shift, by_speed_mm):
+            return True
+        ratios = self.evidence.apart_ratios
+        is_constant = self.evidence.apart >= LEAST_PAIRS and ratios.spread < _CONSTANT_APART
+        is_strong = shift.support >= _LARGE_SUPPORT and shift.score >= _STRONG_SCORE
+        return shift.clear and is_strong and is_constant and ratios.median > 0
+
+    def _agrees_with_speed(self, shift: Shift, by_speed_mm: float | None) -> bool:
+        return by_speed_mm is not None and not _differ(self.direction * shift.along_mm, by_speed_mm)
+
+    def _is_chance(self, frame: PushedFrame, shift: Shift, by_speed_mm: float | None) -> bool:
+        """Return whether the match is too small to outweigh encoder and speed, with none of which it agrees."""
+        if shift.support >= _LARGE_SUPPORT or self._agrees_with_speed(shift, by_speed_mm):
+            return False
+        if not self.check.is_trusted or abs(by_speed_mm or 0.0) > self._reach_mm:
+            return True
+        step = self._encoder_step_mm(frame)
+        return step is not None and _differ(self.direction * shift.along_mm, step / self.motion.scale.ratio)
+
+    def _is_relief_too_low(self, after: HighPassHeights, shift: Shift, expected_mm: float | None) -> bool:
+        """Return whether a standstill against the prediction is that of the empty belt's errors, not of material."""
+        stands = abs(shift.along_mm) <= LEAST_MM and abs(expected_mm or 0.0) > LEAST_MM
+        if not stands or self._key is None:
+            return False
+        relief = min(float(np.std(one.high_pass_mm[one.load])) for one in (self._key, after))
+        return relief < _LEAST_RELIEF_MM
+
+    def _is_unmatched(self, frame: PushedFrame, near_mm: float) -> bool:
+        """Return whether the material contradicts the encoder's prediction although its own motion is unknown."""
+        key, after = self._key, frame.high_pass
+        if key is None or after is None or not (key.has_load and after.has_load) or len(self._scores) < 3:
+            return False
+        if worst_effect(frame.findings) != "none":
+            return False
+        match = match_prediction(
+            key,
+            after,
+            least_overlap=self._settings.least_overlap,
+            near_mm=self.direction * near_mm,
+        )
+        return match.support >= _UNMATCHED_SUPPORT and match.score < _LOW_SCORE * float(
+            np.median(self._scores)
+        )
+
+    def _contradict_unmatched(self) -> Contradiction | None:
+        self._unmatched += 1
+        if self._unmatched < _LEAST_UNMATCHED:
+            return None
+        self._unmatched = 0
+        return Contradiction("unmatched", self._key_number + 1, float("nan"), float("nan"))
+
+    def _compare(self, frame: PushedFrame, shift: Shift) -> Contradiction | None:
+        """Compare the encoder's step since the key frame with the material's."""
+        step = self._encoder_step_mm(frame)
+        if step is None or self.is_assumed or shift.support < _LEAST_SUPPORT:
+            return None
+        self._scores.append(shift.score)
+        interval = Interval(
+            step,
+            self.direction * shift.along_mm,
+            shift.sigma_mm**2,
+            self._key_number,
+        )
+        found = self.check.find_contradiction(interval, self.motion.speed or 0.0)
+        self._open = interval, found is None
+        return found
+
+    def _find_jump(self, frame: PushedFrame) -> Contradiction | None:
+        """Return the contradiction of a reading to which no belt can have moved since the last reading."""
+        before, last = self._last_reading, self.motion.last
+        if before is None or before.encoder_mm is None or last is None or frame.encoder_mm is None:
+            return None
+        elapsed = max(frame.clock - before.clock, 0.0)
+        speed = self.motion.speed
+        expected = 0.0
+        allowed = _FASTEST_MM_S * elapsed
+        if speed is not None:
+            expected = last.position_mm - before.position_mm + speed * max(frame.clock - last.clock, 0.0)
+            allowed = min(allowed, _HIGHEST_ACCELERATION_MM_S2 * elapsed**2)
+        step = frame.encoder_mm - before.encoder_mm
+        if abs(step - expected) <= _LEAST_JUMP_MM + allowed + 0.05 * abs(expected):
+            return None
+        return Contradiction("jump", frame.number, float("nan"), float("nan"))
+
+    def _count_jump_over(self, frame: PushedFrame) -> None:
+        """Count the agreement of an encoder that jumped with the last speed, where no material is seen."""
+        last, speed, found = self.motion.last, self.motion.speed, self.check.contradiction
+        if found is None or found.kind != "jump" or last is None or speed is None:
+            return
+        if frame.encoder_mm is None or last.encoder_mm is None:
+            return
+        step, by_speed = frame.encoder_mm - last.encoder_mm, speed * (frame.clock - last.clock)
+        agrees = abs(step - by_speed) <= MAX_DISAGREEMENT * abs(by_speed)
+        if abs(by_speed) > LEAST_MM and agrees and self.check.count_agreement():
+            self.motion.scale = EncoderScale()
+
+    def _make_finding(
+        self, frame: PushedFrame, before: BeltPosition | None, place: BeltPosition | None
+    ) -> Finding | None:
+        if (frame.encoder_mm is None and self.check.is_trusted) or place is None:
+            return None
+        step = 0.0 if before is None else abs(place.position_mm - before.position_mm)
+        return make_encoder_finding(
+            self.check,
+            is_measured=place.source == "material",
+            relative_sigma=min(1.0, place.sigma_mm / max(step, 1.0)),
+        )
+
+
+def _differ(motion_mm: float | None, expected_mm: float | None) -> bool:
+    """Return whether two motions that are both known differ grossly."""
+    if motion_mm is None or expected_mm is None:
+        return False
+    return abs(motion_mm - expected_mm) > MAX_DISAGREEMENT * abs(expected_mm) + LEAST_MM

@@ -41,6 +41,10 @@ class Finding:
     """One standard deviation of the height error common to the whole belt that the fault may cause."""
     relative_sigma: float = 0.0
     """One standard deviation of the volume's relative error that the fault may cause."""
+    cause: str = ""
+    """Key of the fault among those of its check, such as "reversed"; pages in other languages translate it."""
+    place: tuple[float, float, float, float] | None = None
+    """Where the fault is in the subject's image: left, top, right, bottom as shares of its width and height, 0..1."""
 
     @property
     def is_fault(self) -> bool:

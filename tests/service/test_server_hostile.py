@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import subprocess
 import sys
@@ -51,13 +52,39 @@ def test_each_attack_is_answered_or_disconnected(running, kind):
         "huge length": 413, "nesting": 400, "guess": 401, "odd type": 422, "odd method": 405, "no host": 400,
         "two hosts": 400, "old": 400, "version 2": 400, "tls hello": 400, "junk": 400, "upgrade": 403,
         "upgrade elsewhere": 403, "odd upgrade": 401, "two lengths": 400, "negative length": 400, "bad chunk": 400,
-        "many headers": 431, "smuggled": 422,
+        "many headers": 431, "smuggled": 400, "smuggled in reverse": 400, "smuggled by spaces": 400,
+        "same length twice": 400, "list of lengths": 400, "same coding twice": 400, "old and chunked": 400,
     }  # fmt: skip
     # a long header that comes in pieces is refused before it is whole
     assert parse_status(reply) in (expected[kind], 400 if kind == "huge header" else None), reply[:300]
     assert b"\r\nset-cookie" not in reply.lower()
     assert b"SQLite" not in reply
     assert httpx.get(f"{running.address}/login").status_code == 200
+
+
+AMBIGUOUS = ("smuggled", "smuggled in reverse", "same length twice", "list of lengths", "same coding twice")
+
+
+@pytest.mark.parametrize("kind", AMBIGUOUS)
+@pytest.mark.parametrize("pieces", [1, 7])
+def test_an_ambiguous_length_ends_the_connection(running, kind, pieces):
+    hidden = attack.get(b"/login")
+    data = attack.get(b"/login") + attack.PLAIN[kind] + hidden
+    with closing(socket.create_connection(get_host_and_port(running), timeout=5)) as connection:
+        reply = b""
+        try:
+            for start in range(0, len(data), len(data) // pieces + 1):
+                connection.sendall(data[start : start + len(data) // pieces + 1])
+                time.sleep(0.02 * (pieces > 1))
+        except ConnectionError:  # closed before the end, as it should be
+            pass
+        try:
+            while part := connection.recv(65_536):
+                reply += part
+        except ConnectionResetError:
+            pass
+    statuses = re.findall(rb"HTTP/1\.1 (\d+)", reply)
+    assert statuses == [b"200", b"400"]  # the plain one before it is served, nothing after it
 
 
 def test_requests_cannot_split_a_response(running):

@@ -14,6 +14,7 @@ import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
+from beltscape.service.access.limits.framing import StrictReceiveBuffer
 from beltscape.service.access.limits.throttle import WorkLimiter, normalise_address
 from beltscape.service.access.settings import LimitSettings
 
@@ -128,6 +129,7 @@ class LimitedHttpProtocol(_WriteTimeLimit, H11Protocol):
 
     def _start_http(self, transport: asyncio.Transport) -> None:
         super().connection_made(transport)
+        self.conn._receive_buffer = StrictReceiveBuffer()  # pyright: ignore[reportPrivateUsage]
         self._start_header_timer()
         self._throttle_reading(0)
         if self._early_data:

@@ -69,15 +69,15 @@ AMBIGUOUS = ("smuggled", "smuggled in reverse", "same length twice", "list of le
 @pytest.mark.parametrize("pieces", [1, 7])
 def test_an_ambiguous_length_ends_the_connection(running, kind, pieces):
     hidden = attack.get(b"/login")
-    data = attack.get(b"/login") + attack.PLAIN[kind] + hidden
+    first, bad = attack.get(b"/login"), attack.PLAIN[kind]
+    data = first + bad + hidden
+    if pieces > 1:  # no more than its head: a close with unread data would reset the connection
+        data = first + bad.partition(b"\r\n\r\n")[0] + b"\r\n\r\n"
     with closing(socket.create_connection(get_host_and_port(running), timeout=5)) as connection:
         reply = b""
-        try:
-            for start in range(0, len(data), len(data) // pieces + 1):
-                connection.sendall(data[start : start + len(data) // pieces + 1])
-                time.sleep(0.02 * (pieces > 1))
-        except ConnectionError:  # closed before the end, as it should be
-            pass
+        for start in range(0, len(data), len(data) // pieces + 1):
+            connection.sendall(data[start : start + len(data) // pieces + 1])
+            time.sleep(0.02 * (pieces > 1))
         try:
             while part := connection.recv(65_536):
                 reply += part

@@ -67,6 +67,10 @@ class BeltMotion:
         self._observed_clock = 0.0
         """Clock of the last frame whose position was observed by material or encoder."""
 
+    def observe_movement(self, clock: float) -> None:
+        """Note that the belt was seen to move at a time, although not by how much."""
+        self._observed_clock = clock
+
     def predict_from_speed_mm(self, clock: float) -> float | None:
         """Predict the belt's motion since the key frame by its last position and speed; None if unknown."""
         if self.key is None or self.last is None or self.speed is None:

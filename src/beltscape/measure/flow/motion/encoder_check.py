@@ -68,6 +68,8 @@ class EncoderCheck:
         self.tolerance = tolerance
         self.contradiction: Contradiction | None = None
         """The last contradiction while the encoder is not trusted."""
+        self._agreed = -1
+        """Number of the last frame in which encoder and material agreed."""
         self._needed = 0
         self._intervals: deque[Interval] = deque(maxlen=_HISTORY)
         self._trend: deque[Interval] = deque(maxlen=4 * _HISTORY)
@@ -77,8 +79,11 @@ class EncoderCheck:
         """Return whether the encoder agrees with the material as far as both are known."""
         return self._needed == 0
 
-    def find_contradiction(self, now: Interval, speed: float) -> Contradiction | None:
-        """Return the contradiction of the interval that ends now, alone or together with those before it."""
+    def find_contradiction(self, now: Interval, number: int, speed: float) -> Contradiction | None:
+        """Return the contradiction of the interval that ends with frame ``number``, alone or with those before it.
+
+        It concerns the frames since the last agreement, or since the beginning of these intervals.
+        """
         encoder, material, variance = 0.0, 0.0, 0.0
         allowed = LEAST_MM + _TIMING_S * abs(speed)
         for count, one in enumerate((now, *reversed(self._intervals)), 1):
@@ -89,9 +94,10 @@ class EncoderCheck:
             if difference > allowed + _SIGMAS * variance**0.5 + self.tolerance * abs(material):
                 value = _compute_deviation(encoder, material)
                 sigma = _compute_sigma(encoder, material, variance)
-                return Contradiction(
-                    _classify(encoder, material), one.first + 1, value, sigma, intervals=count
-                )
+                first = 1 + min(one.first, self._agreed)
+                return Contradiction(_classify(encoder, material), first, value, sigma, intervals=count)
+        if abs(now.material_mm) > LEAST_MM:
+            self._agreed = number
         return None
 
     def distrust(self, contradiction: Contradiction) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,55 +20,30 @@ from beltscape.measure.flow.motion.encoder_check import LEAST_MM, Contradiction,
 from beltscape.measure.flow.motion.encoder_finding import make_encoder_finding
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
 from beltscape.measure.flow.motion.high_pass import HighPassHeights, compute_high_pass
-from beltscape.measure.flow.motion.motion_evidence import LEAST_PAIRS, MotionEvidence
+from beltscape.measure.flow.motion.location import Location, Observation
+from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
+from beltscape.measure.flow.motion.plausibility import (
+    LEAST_SUPPORT,
+    differ,
+    is_belt_surface,
+    is_certain,
+    is_certain_apart,
+    is_jump,
+    is_unmatched,
+)
 from beltscape.measure.flow.motion.prediction import MotionPrediction
-from beltscape.measure.flow.motion.registration import Shift, match_prediction, register
+from beltscape.measure.flow.motion.registration import Shift, register
 from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.settings import FlowSettings
 
-COARSE_CELLS = 2
+_COARSE_CELLS = 2
 """Cells of the registration are coarser by this factor."""
 _LEAST_MOTION_MM = 2.0
 """A shorter motion does not determine the direction."""
-_LEAST_SUPPORT = 0.02
-"""Share of the view that two frames' loads must have in common to contradict an encoder: on three simulated heaps
-all registrations that were wrong by more than 1 mm had less."""
-_LARGE_SUPPORT = 0.1
-"""Share of the view at which other material does not match by chance; a smaller one must agree with the speed."""
-_STRONG_SCORE = 0.85
-"""Correlation that other material does not reach: quasi-periodic heaps up to 0.8, the same material 0.85 to 0.95."""
-_UNMATCHED_SUPPORT = 0.05
-"""Share of the view that the loads must have in common at the prediction for a low score to count."""
-_LOW_SCORE = 0.4
-"""A score at the predicted motion below this share of the usual one is no match."""
 _USUAL_SCORES = 16
+"""Number of latest correlations that are kept as the usual ones."""
 _LEAST_UNMATCHED = 2
 """Number of frames without a match after which the encoder's prediction is wrong; one frame may be bad itself."""
-_LEAST_RELIEF_MM = 2.0
-"""Standing surfaces with less relief are errors of the empty belt's surface, not material that stands still."""
-_HIGHEST_ACCELERATION_MM_S2 = 10_000.0
-_FASTEST_MM_S = 20_000.0
-_LEAST_JUMP_MM = 100.0
-"""An encoder's step may differ from the belt's speed by this, and by what these accelerations and speeds allow."""
-_CONSTANT_APART = 0.03
-"""Spread of the ratio of encoder to material of pairs ``apart``, below which they are not registered by chance."""
-
-
-@dataclass(frozen=True, slots=True)
-class Location:
-    """The position assigned to a frame."""
-
-    place: BeltPosition | None
-    """None: unknown."""
-    shift: Shift | None
-    """Motion of the material since the key frame."""
-    is_encoder_trusted: bool
-    contradiction: Contradiction | None
-    """A contradiction between encoder and material that was noticed in this frame."""
-    finding: Finding | None
-    """The finding about the encoder; None without an encoder."""
-    has_turned: bool
-    """Whether the direction of travel, which was only assumed before, turned out to be the other one."""
 
 
 class MotionTracker:
@@ -95,6 +69,8 @@ class MotionTracker:
         """The interval from the key frame to the last one, and whether encoder and material agree on it."""
         self._scores: deque[float] = deque(maxlen=_USUAL_SCORES)
         self._unmatched = 0
+        self._speed_by_match: float | None = None
+        """Speed by the last registration, mm per unit of the clock."""
         self._last_reading: BeltPosition | None = None
         """The last position with an encoder reading."""
 
@@ -118,7 +94,7 @@ class MotionTracker:
             return None
         reference = self._reference
         return compute_high_pass(
-            reference.coarse(depth, COARSE_CELLS), COARSE_CELLS * reference.cell_mm, reference.belt.noise_mm
+            reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * reference.cell_mm, reference.belt.noise_mm
         )
 
     def can_locate(self, waiting: Sequence[PushedFrame]) -> bool:
@@ -145,11 +121,10 @@ class MotionTracker:
         was_assumed, direction = self.is_assumed, self.direction
         self._open = None
         jump = self._find_jump(frame) if self.check.is_trusted else None
-        shift, contradiction, is_doubtful = self._observe(
-            frame, trusted=self.check.is_trusted and jump is None
-        )
+        observed = self._observe(frame, trusted=self.check.is_trusted and jump is None)
+        shift = observed.shift
         agrees = self._open is not None and self._open[1]
-        contradiction = contradiction or (None if agrees else jump)
+        contradiction = observed.contradiction or (None if agrees else jump)
         if contradiction is not None:
             self.check.distrust(contradiction)
         elif shift is None:
@@ -160,8 +135,11 @@ class MotionTracker:
             frame.encoder_mm,
             None if shift is None else self.direction * shift.along_mm,
             0.0 if shift is None else shift.sigma_mm,
-            uses_encoder=self.check.is_trusted and not (is_doubtful and self.motion.speed is not None),
+            uses_encoder=self.check.is_trusted
+            and not (observed.is_doubtful and self.motion.speed is not None),
         )
+        if observed.is_doubtful and not self.check.is_trusted:
+            self.motion.observe_movement(frame.clock)
         place = None if before is None and frame.depth is None else self.motion.locate(observation)
         if place is not None and frame.encoder_mm is not None:
             self._last_reading = place
@@ -179,48 +157,67 @@ class MotionTracker:
         if self._key is None or (moved >= self._key_step_mm and (has_load or not kept)) or is_out_of_view:
             self.motion.move_key()
             self._key, self._key_number = frame.high_pass, frame.number
-            if self._open is not None and self.check.close(self._open[0], agrees=self._open[1]):
-                self.motion.scale = EncoderScale()  # the one before may contain the fault
+            self._close_interval()
 
-    def _observe(
-        self, frame: PushedFrame, *, trusted: bool
-    ) -> tuple[Shift | None, Contradiction | None, bool]:
-        """Return the motion since the key frame, a contradiction, and whether the prediction is doubtful.
+    def _close_interval(self) -> None:
+        """Add the interval that ends with a new key frame; if the encoder is trusted again, begin its scale anew."""
+        if self._open is not None and self.check.close(self._open[0], agrees=self._open[1]):
+            self.motion.scale = EncoderScale()
 
-        ``trusted``: the encoder may be used to predict the motion.
-        """
+    def _observe(self, frame: PushedFrame, *, trusted: bool) -> Observation:
+        """Observe the motion since the key frame; ``trusted``: the encoder may be used to predict it."""
         key, motion = self._key, self.motion
         if key is None or frame.high_pass is None:
-            return None, None, False
+            return Observation()
         trusted = trusted and frame.encoder_mm is not None
         by_speed = motion.predict_from_speed_mm(frame.clock)
         expected = motion.predict_mm(frame.clock, frame.encoder_mm)
-        reach = self._reach_mm
-        is_beyond = (1 - MAX_DISAGREEMENT) * abs(self._encoder_step_mm(frame) or 0.0) > reach
+        is_beyond = (1 - MAX_DISAGREEMENT) * abs(self._encoder_step_mm(frame) or 0.0) > self._reach_mm
         apart = trusted and is_beyond
         if not trusted and by_speed is not None:
             expected = by_speed
-        near = None if expected is None or self.is_assumed or apart or abs(expected) > reach else expected
+        is_in_view = (1 - MAX_DISAGREEMENT) * abs(expected or 0.0) <= self._reach_mm
+        near = expected if is_in_view and not self.is_assumed else None
         shift = self._register(frame.high_pass, near)
         by_encoder = trusted and shift is not None and not shift.clear
-        if shift is None and trusted and not self.is_assumed and _differ(by_speed, expected):
+        if shift is None and trusted and not self.is_assumed and differ(by_speed, expected):
             shift, by_encoder = self._register(frame.high_pass, by_speed), False
         self._turn(shift, apart=apart)
         if shift is not None:
-            self._count_evidence(shift, frame, is_beyond)
-        if apart and not self._contradicts_apart(shift, by_speed):
+            self.evidence.add(shift, self.direction, self._encoder_step_mm(frame), apart=is_beyond)
+            if not self._is_credible(frame, shift, expected, by_speed, apart=apart):
+                shift = None
+        if shift is not None:
+            self._unmatched = 0
+            return Observation(shift, None if by_encoder else self._compare(frame, shift))
+        if apart or near is None or not self._is_unmatched(frame, near if trusted else None):
+            return Observation()
+        return Observation(None, self._contradict_unmatched() if trusted else None, is_doubtful=True)
+
+    def _is_credible(
+        self,
+        frame: PushedFrame,
+        shift: Shift,
+        expected_mm: float | None,
+        by_speed_mm: float | None,
+        *,
+        apart: bool,
+    ) -> bool:
+        """Return whether a registration is the material's motion and not a match by chance."""
+        key, position = self._key, self.motion.key
+        if key is None or position is None or frame.high_pass is None:
+            return True
+        along, elapsed = self.direction * shift.along_mm, frame.clock - position.clock
+        speed_before, self._speed_by_match = self._speed_by_match, along / elapsed if elapsed > 0 else None
+        if apart:
             # by the encoder the views do not overlap: then a similar surface is other material
-            return None, None, False
-        if shift is not None and (
-            self._is_relief_too_low(frame.high_pass, shift, expected)
-            or self._is_chance(frame, shift, by_speed)
-        ):
-            shift = None
-        if shift is None:
-            doubtful = trusted and near is not None and self._is_unmatched(frame, near)
-            return None, self._contradict_unmatched() if doubtful else None, doubtful
-        self._unmatched = 0
-        return shift, None if by_encoder else self._compare(frame, shift), False
+            return is_certain_apart(shift, along, by_speed_mm, self.evidence)
+        if is_belt_surface(key, frame.high_pass, along, expected_mm):
+            return False
+        step = self._encoder_step_mm(frame)
+        if self.check.is_trusted and (step is None or not differ(along, step / self.motion.scale.ratio)):
+            return True
+        return is_certain(shift, along, by_speed_mm, speed_before, elapsed)
 
     def _register(self, high_pass: HighPassHeights, near_mm: float | None) -> Shift | None:
         """Return the motion of the material since the key frame; ``near_mm`` is the prediction along the travel."""
@@ -236,10 +233,6 @@ class MotionTracker:
         if self.direction * shift.along_mm < 0:
             self.direction = -self.direction
 
-    def _count_evidence(self, shift: Shift, frame: PushedFrame, apart: bool) -> None:
-        """Count the motion since the key frame as evidence, together with the raw encoder's step."""
-        self.evidence.add(shift, self.direction, self._encoder_step_mm(frame), apart=apart)
-
     def _encoder_step_mm(self, frame: PushedFrame) -> float | None:
         """Return the raw encoder's step since the key frame; None without an encoder."""
         key = self.motion.key
@@ -247,52 +240,16 @@ class MotionTracker:
             return None
         return frame.encoder_mm - key.encoder_mm
 
-    def _contradicts_apart(self, shift: Shift | None, by_speed_mm: float | None) -> bool:
-        """Return whether the material is surely the same although by the encoder the views do not overlap."""
-        if shift is None:
+    def _is_unmatched(self, frame: PushedFrame, near_mm: float | None) -> bool:
+        """Return whether the material is not where the encoder puts it; None: not where a standstill puts it."""
+        if self._key is None or frame.high_pass is None or worst_effect(frame.findings) != "none":
             return False
-        if self._agrees_with_speed(shift, by_speed_mm):
-            return True
-        ratios = self.evidence.apart_ratios
-        is_constant = self.evidence.apart >= LEAST_PAIRS and ratios.spread < _CONSTANT_APART
-        is_strong = shift.support >= _LARGE_SUPPORT and shift.score >= _STRONG_SCORE
-        return shift.clear and is_strong and is_constant and ratios.median > 0
-
-    def _agrees_with_speed(self, shift: Shift, by_speed_mm: float | None) -> bool:
-        return by_speed_mm is not None and not _differ(self.direction * shift.along_mm, by_speed_mm)
-
-    def _is_chance(self, frame: PushedFrame, shift: Shift, by_speed_mm: float | None) -> bool:
-        """Return whether the match is too small to outweigh encoder and speed, with none of which it agrees."""
-        if shift.support >= _LARGE_SUPPORT or self._agrees_with_speed(shift, by_speed_mm):
-            return False
-        if not self.check.is_trusted or abs(by_speed_mm or 0.0) > self._reach_mm:
-            return True
-        step = self._encoder_step_mm(frame)
-        return step is not None and _differ(self.direction * shift.along_mm, step / self.motion.scale.ratio)
-
-    def _is_relief_too_low(self, after: HighPassHeights, shift: Shift, expected_mm: float | None) -> bool:
-        """Return whether a standstill against the prediction is that of the empty belt's errors, not of material."""
-        stands = abs(shift.along_mm) <= LEAST_MM and abs(expected_mm or 0.0) > LEAST_MM
-        if not stands or self._key is None:
-            return False
-        relief = min(float(np.std(one.high_pass_mm[one.load])) for one in (self._key, after))
-        return relief < _LEAST_RELIEF_MM
-
-    def _is_unmatched(self, frame: PushedFrame, near_mm: float) -> bool:
-        """Return whether the material contradicts the encoder's prediction although its own motion is unknown."""
-        key, after = self._key, frame.high_pass
-        if key is None or after is None or not (key.has_load and after.has_load) or len(self._scores) < 3:
-            return False
-        if worst_effect(frame.findings) != "none":
-            return False
-        match = match_prediction(
-            key,
-            after,
+        return is_unmatched(
+            self._key,
+            frame.high_pass,
+            self.direction * (near_mm or 0.0),
             least_overlap=self._settings.least_overlap,
-            near_mm=self.direction * near_mm,
-        )
-        return match.support >= _UNMATCHED_SUPPORT and match.score < _LOW_SCORE * float(
-            np.median(self._scores)
+            usual_scores=self._scores,
         )
 
     def _contradict_unmatched(self) -> Contradiction | None:
@@ -305,7 +262,7 @@ class MotionTracker:
     def _compare(self, frame: PushedFrame, shift: Shift) -> Contradiction | None:
         """Compare the encoder's step since the key frame with the material's."""
         step = self._encoder_step_mm(frame)
-        if step is None or self.is_assumed or shift.support < _LEAST_SUPPORT:
+        if step is None or self.is_assumed or shift.support < LEAST_SUPPORT:
             return None
         self._scores.append(shift.score)
         interval = Interval(
@@ -314,31 +271,23 @@ class MotionTracker:
             shift.sigma_mm**2,
             self._key_number,
         )
-        found = self.check.find_contradiction(interval, self.motion.speed or 0.0)
+        found = self.check.find_contradiction(interval, frame.number, self.motion.speed or 0.0)
         self._open = interval, found is None
         return found
 
     def _find_jump(self, frame: PushedFrame) -> Contradiction | None:
         """Return the contradiction of a reading to which no belt can have moved since the last reading."""
         before, last = self._last_reading, self.motion.last
-        if before is None or before.encoder_mm is None or last is None or frame.encoder_mm is None:
+        if before is None or last is None or frame.encoder_mm is None:
             return None
-        elapsed = max(frame.clock - before.clock, 0.0)
-        speed = self.motion.speed
-        expected = 0.0
-        allowed = _FASTEST_MM_S * elapsed
-        if speed is not None:
-            expected = last.position_mm - before.position_mm + speed * max(frame.clock - last.clock, 0.0)
-            allowed = min(allowed, _HIGHEST_ACCELERATION_MM_S2 * elapsed**2)
-        step = frame.encoder_mm - before.encoder_mm
-        if abs(step - expected) <= _LEAST_JUMP_MM + allowed + 0.05 * abs(expected):
+        if not is_jump(before, last, self.motion.speed, frame.clock, frame.encoder_mm):
             return None
         return Contradiction("jump", frame.number, float("nan"), float("nan"))
 
     def _count_jump_over(self, frame: PushedFrame) -> None:
-        """Count the agreement of an encoder that jumped with the last speed, where no material is seen."""
+        """Count the agreement of the encoder with the last speed, where the material does not show the motion."""
         last, speed, found = self.motion.last, self.motion.speed, self.check.contradiction
-        if found is None or found.kind != "jump" or last is None or speed is None:
+        if found is None or found.kind not in ("jump", "unmatched") or last is None or speed is None:
             return
         if frame.encoder_mm is None or last.encoder_mm is None:
             return
@@ -358,10 +307,3 @@ class MotionTracker:
             is_measured=place.source == "material",
             relative_sigma=min(1.0, place.sigma_mm / max(step, 1.0)),
         )
-
-
-def _differ(motion_mm: float | None, expected_mm: float | None) -> bool:
-    """Return whether two motions that are both known differ grossly."""
-    if motion_mm is None or expected_mm is None:
-        return False
-    return abs(motion_mm - expected_mm) > MAX_DISAGREEMENT * abs(expected_mm) + LEAST_MM

@@ -1,0 +1,39 @@
+"""The results of locating a frame: its position, and what was observed of the belt's motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from beltscape.core.findings import Finding
+from beltscape.measure.flow.motion.belt_motion import BeltPosition
+from beltscape.measure.flow.motion.encoder_check import Contradiction
+from beltscape.measure.flow.motion.registration import Shift
+
+
+@dataclass(frozen=True, slots=True)
+class Location:
+    """The position assigned to a frame."""
+
+    place: BeltPosition | None
+    """None: unknown."""
+    shift: Shift | None
+    """Motion of the material since the key frame."""
+    is_encoder_trusted: bool
+    contradiction: Contradiction | None
+    """A contradiction between encoder and material that was noticed in this frame."""
+    finding: Finding | None
+    """The finding about the encoder; None without an encoder."""
+    has_turned: bool
+    """Whether the direction of travel, which was only assumed before, turned out to be the other one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """The material's motion in a frame."""
+
+    shift: Shift | None = None
+    """Since the key frame; None: not known."""
+    contradiction: Contradiction | None = None
+    """With the encoder."""
+    is_doubtful: bool = False
+    """Whether the material is not where the encoder puts it; while it is not trusted: whether it does not stand."""

@@ -1,0 +1,127 @@
+"""Whether a registration, or an encoder's reading, can be the belt's motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from beltscape.measure.flow.motion.belt_motion import MAX_DISAGREEMENT, BeltPosition
+from beltscape.measure.flow.motion.encoder_check import LEAST_MM
+from beltscape.measure.flow.motion.high_pass import HighPassHeights
+from beltscape.measure.flow.motion.motion_evidence import LEAST_PAIRS, MotionEvidence
+from beltscape.measure.flow.motion.registration import Shift, match_prediction
+
+LEAST_SUPPORT = 0.02
+"""Share of the view that two frames' loads must have in common to contradict an encoder: on three simulated heaps
+all registrations that were wrong by more than 1 mm had less."""
+_LARGE_SUPPORT = 0.1
+"""Share of the view at which other material does not match by chance; a smaller one needs a second reason."""
+_STRONG_SCORE = 0.85
+"""Correlation that other material does not reach: quasi-periodic heaps up to 0.8, the same material 0.85 to 0.95."""
+_CONSTANT_APART = 0.03
+"""Spread of the ratios of encoder to material of pairs ``apart``, below which they are not registered by chance."""
+_CONSTANT_SPEED = 0.1
+"""Speeds by two matches one after the other that differ by less are not by chance."""
+_LEAST_RELIEF_MM = 2.0
+"""Standing surfaces with less relief are errors of the empty belt's surface, not material that stands still."""
+_UNMATCHED_SUPPORT = 0.05
+"""Share of the view that the loads must have in common at the prediction for a low score to count."""
+_LOW_SCORE = 0.4
+"""A score at the predicted motion below this share of the usual one is no match."""
+_ROUGH_MM = 5.0
+"""Surfaces with this relief match by 0.75 or more where they are the same, whatever their noise."""
+_ROUGH_SCORE = 0.75
+_LEAST_SCORES = 3
+_HIGHEST_ACCELERATION_MM_S2 = 10_000.0
+"""No belt starts or stops faster; braked ones do at 1000 to 3000."""
+_FASTEST_MM_S = 20_000.0
+"""No belt is faster."""
+_LEAST_JUMP_MM = 100.0
+"""A reading may differ by this from what speed and acceleration allow."""
+
+
+def differ(motion_mm: float | None, expected_mm: float | None) -> bool:
+    """Return whether two motions that are both known differ grossly."""
+    if motion_mm is None or expected_mm is None:
+        return False
+    return abs(motion_mm - expected_mm) > MAX_DISAGREEMENT * abs(expected_mm) + LEAST_MM
+
+
+def is_certain(
+    shift: Shift, along_mm: float, by_speed_mm: float | None, speed_before: float | None, elapsed: float
+) -> bool:
+    """Return whether a match that contradicts the encoder is not by chance.
+
+    It has much material, or agrees with the last speed or with the match before, by ``speed_before``; ``along_mm`` is
+    its motion along the travel, ``elapsed`` the time since the key frame.
+    """
+    if shift.support >= _LARGE_SUPPORT or (by_speed_mm is not None and not differ(along_mm, by_speed_mm)):
+        return True
+    if speed_before is None or not shift.clear or elapsed <= 0:
+        return False
+    return abs(along_mm / elapsed - speed_before) <= _CONSTANT_SPEED * abs(speed_before)
+
+
+def is_certain_apart(
+    shift: Shift, along_mm: float, by_speed_mm: float | None, evidence: MotionEvidence
+) -> bool:
+    """Return whether the material is surely the same although by the encoder the views do not overlap."""
+    if by_speed_mm is not None and not differ(along_mm, by_speed_mm):
+        return True
+    ratios = evidence.apart_ratios
+    is_constant = evidence.apart >= LEAST_PAIRS and ratios.spread < _CONSTANT_APART and ratios.median > 0
+    return shift.clear and is_constant and shift.support >= _LARGE_SUPPORT and shift.score >= _STRONG_SCORE
+
+
+def compute_relief_mm(*frames: HighPassHeights) -> float:
+    """Return the least relief of several frames: the standard deviation of their high-pass heights."""
+    return min(float(np.std(one.high_pass_mm[one.load])) if one.load.any() else 0.0 for one in frames)
+
+
+def is_belt_surface(
+    key: HighPassHeights, after: HighPassHeights, along_mm: float, expected_mm: float | None
+) -> bool:
+    """Return whether a standstill against the prediction is that of the empty belt's errors, not of material."""
+    stands = abs(along_mm) <= LEAST_MM and abs(expected_mm or 0.0) > LEAST_MM
+    return stands and compute_relief_mm(key, after) < _LEAST_RELIEF_MM
+
+
+def is_unmatched(
+    key: HighPassHeights,
+    after: HighPassHeights,
+    near_mm: float,
+    *,
+    least_overlap: float,
+    usual_scores: Sequence[float],
+) -> bool:
+    """Return whether the material is surely not where a motion ``near_mm`` along y puts it.
+
+    ``usual_scores`` are the latest correlations of matching frames.
+    """
+    if not (key.has_load and after.has_load):
+        return False
+    if len(usual_scores) >= _LEAST_SCORES:
+        usual = float(np.median(usual_scores))
+    elif compute_relief_mm(key, after) >= _ROUGH_MM:
+        usual = _ROUGH_SCORE
+    else:
+        return False
+    match = match_prediction(key, after, least_overlap=least_overlap, near_mm=near_mm)
+    return match.support >= _UNMATCHED_SUPPORT and match.score < _LOW_SCORE * usual
+
+
+def is_jump(
+    before: BeltPosition, last: BeltPosition, speed: float | None, clock: float, encoder_mm: float
+) -> bool:
+    """Return whether no belt can have moved from the last reading ``before`` to this one.
+
+    ``last`` is the last position and ``speed`` the last speed, mm per unit of the clock; None if unknown.
+    """
+    elapsed = max(clock - before.clock, 0.0)
+    expected, allowed = 0.0, _FASTEST_MM_S * elapsed
+    if speed is not None:
+        expected = last.position_mm - before.position_mm + speed * max(clock - last.clock, 0.0)
+        allowed = min(allowed, _HIGHEST_ACCELERATION_MM_S2 * elapsed**2)
+    step = encoder_mm - (before.encoder_mm or 0.0)
+    return abs(step - expected) > _LEAST_JUMP_MM + allowed + 0.05 * abs(expected)

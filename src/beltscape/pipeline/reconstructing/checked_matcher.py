@@ -14,10 +14,11 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.stereo.cameras import list_usable_auxiliaries
-from beltscape.stereo.consistency.check import LEAST_COVERAGE, RigConsistency, check_consistency
+from beltscape.stereo.consistency.check import LEAST_COVERAGE, check_consistency
 from beltscape.stereo.consistency.exchange import find_exchange
 from beltscape.stereo.consistency.fault_texts import describe_faults
 from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
+from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings

@@ -18,13 +18,10 @@ from beltscape.pipeline.reconstructing.search_range import check_depth_range
 from beltscape.report.rectification import draw_rectification
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cameras import list_usable_auxiliaries
-from beltscape.stereo.consistency.check import (
-    RigConsistency,
-    check_consistency,
-    make_consistency_document,
-)
+from beltscape.stereo.consistency.check import check_consistency
 from beltscape.stereo.consistency.exchange import find_exchange
 from beltscape.stereo.consistency.fault_texts import describe_faults
+from beltscape.stereo.consistency.rig_consistency import RigConsistency, make_consistency_document
 from beltscape.stereo.pairwise.rectification import rectify_pair
 from beltscape.stereo.pairwise.rectified_images import RectifiedImages, rectify_images
 from beltscape.stereo.pairwise.row_error import MIN_MATCHES

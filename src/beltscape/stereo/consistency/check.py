@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,13 +18,13 @@ from beltscape.stereo.consistency.fault_isolation import (
 )
 from beltscape.stereo.consistency.guided_matching import match_guided
 from beltscape.stereo.consistency.pose_change import PoseChange, fit_pose_change
-from beltscape.stereo.consistency.residuals import compute_pair_residuals
+from beltscape.stereo.consistency.residual_reference import ResidualReference
+from beltscape.stereo.consistency.residuals import PairResiduals, compute_pair_residuals
+from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency, State
 from beltscape.stereo.consistency.tie_points import Array, TiePoints, detect_textured_points
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
 from beltscape.stereo.consistency.unguided_matching import match_unguided
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
-
-State = Literal["sound", "contradicting", "unmatched", "not measured"]
 
 LEAST_COVERAGE = 0.3
 """A depth map with less coverage is not used for guided matching: its few pixels are chance matches."""
@@ -36,63 +34,6 @@ _AGREES_PX = 1.0
 """A point agrees with the rig within this distance from its epipolar line."""
 _EXPLAINED = 2.0
 """A pose change explains residuals that it brings within this multiple of their tolerances."""
-
-
-@dataclass(frozen=True, slots=True)
-class CameraConsistency:
-    """Consistency of one auxiliary camera with the rig in one frame."""
-
-    camera: str
-    state: State
-    epipolar_px: float
-    """Systematic epipolar residual, RMS over the image; NaN: not measured."""
-    epipolar_sigma_px: float
-    """One standard deviation of it."""
-    disparity_px: float
-    """Systematic disparity residual against the other auxiliaries, their median; NaN: not measured."""
-    tolerance_px: float
-    """Tolerance of the epipolar residual, from the rig's covariance and the matching."""
-    points: int
-    """Number of points found."""
-    searched: int
-    """Number of textured points that lie in its image."""
-    agreement: float
-    """Share of the searched points found within a pixel of their epipolar line; NaN: none searched."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RigConsistency:
-    """Consistency of a rig with the images of one frame."""
-
-    cameras: tuple[CameraConsistency, ...]
-    textured_points: int
-    """Number of textured points of the core image."""
-    guided: bool
-    """Whether a depth map guided the matching."""
-    ambiguous: bool
-    """Whether the frame does not show which of the contradicting cameras is right."""
-    core_moved: bool
-    """Whether a pose change of the core alone explains the contradictions."""
-    pose_change: PoseChange | None
-    """The pose change of one camera that explains the contradictions; None if there is none."""
-    found_depth_range_mm: tuple[float, float]
-    """Near and far end of the depths at which unguided matching found the points; NaN if too few."""
-    misfit_px: float
-    """Greatest excess of a systematic residual of the sound auxiliaries, or of all if none is sound."""
-
-    def find_auxiliaries(self, *states: State) -> tuple[str, ...]:
-        """Return the auxiliaries in one of the states."""
-        return tuple(each.camera for each in self.cameras if each.state in states)
-
-    @property
-    def inconsistent(self) -> tuple[str, ...]:
-        """Auxiliaries that contradict the rig or are unmatched."""
-        return self.find_auxiliaries("contradicting", "unmatched")
-
-    @property
-    def is_sound(self) -> bool:
-        """Return whether every auxiliary is consistent or was not measured."""
-        return not self.inconsistent
 
 
 def check_consistency(
@@ -130,24 +71,41 @@ def check_consistency(
         )
     if not guided:
         tolerance = tolerance.widen(tie_points.pixel_scale)
-    residuals = compute_frame_residuals(tie_points, rig, names)
+    consistency = assess_tie_points(tie_points, rig, names, tolerance)
+    return replace(consistency, textured_points=len(points), guided=guided)
+
+
+def assess_tie_points(
+    tie_points: TiePoints,
+    rig: Rig,
+    names: tuple[str, ...],
+    tolerance: Tolerance,
+    reference: ResidualReference | None = None,
+) -> RigConsistency:
+    """Return the consistency of auxiliaries by the tie points of one or more frames.
+
+    With a ``reference`` the residuals are those in excess of it, and the tolerance is that of their change.
+    """
+    residuals = compute_frame_residuals(tie_points, rig, names, reference)
     isolation = isolate_faults(tie_points, residuals, tolerance)
     core_moved, pose_change = False, None
     if isolation.contradicting or isolation.unmatched:
-        pose_change = _find_pose_change(tie_points, rig, residuals, isolation, tolerance)
+        pose_change = _find_pose_change(tie_points, rig, residuals, isolation, tolerance, reference)
         core_moved = pose_change is not None and pose_change.camera == rig.core
     cameras = tuple(
         _assess_camera(name, tie_points, rig, residuals, isolation, tolerance, core_moved) for name in names
     )
     return RigConsistency(
         cameras,
-        len(points),
-        guided,
+        len(tie_points.core_px),
+        True,
         isolation.ambiguous and not core_moved,
         core_moved,
         pose_change,
         _find_depth_range(tie_points, rig, residuals),
         _compute_misfit(residuals, tuple(c.camera for c in cameras if c.state == "sound") or names),
+        tie_points,
+        reference is not None,
     )
 
 
@@ -168,6 +126,7 @@ def _find_pose_change(
     residuals: FrameResiduals,
     isolation: FaultIsolation,
     tolerance: Tolerance,
+    reference: ResidualReference | None,
 ) -> PoseChange | None:
     """Return the pose change that explains the frame: of the only contradicting auxiliary, or else of the core."""
     measured = (name for name, residual in residuals.epipolar.items() if np.isfinite(residual.rms_px))
@@ -177,8 +136,8 @@ def _find_pose_change(
         return None
     single = contradicting if len(contradicting) == 1 else ()
     for camera in (*single, *((rig.core,) if len(contradicting) > 1 and len(names) > 2 else ())):
-        pose_change = fit_pose_change(tie_points, rig, camera, names)
-        after = compute_frame_residuals(tie_points, pose_change.rig, names)
+        pose_change = fit_pose_change(tie_points, rig, camera, names, reference)
+        after = compute_frame_residuals(tie_points, pose_change.rig, names, reference)
         if not any(
             exceeds_tolerance(after.epipolar[n], _EXPLAINED * tolerance.epipolar_px[n]) for n in names
         ) and not any(
@@ -200,8 +159,8 @@ def _assess_camera(
 ) -> CameraConsistency:
     epipolar = residuals.epipolar[name]
     searched = int(tie_points.searched[name].sum())
-    values = compute_pair_residuals(tie_points, rig, name).epipolar_px
-    agreeing = int((np.abs(values) < _AGREES_PX * tie_points.pixel_scale).sum())
+    pair_residuals = compute_pair_residuals(tie_points, rig, name)
+    agreeing = int((np.abs(pair_residuals.epipolar_px) < _AGREES_PX * tie_points.pixel_scale).sum())
     partners = [n for n in isolation.sound if n != name] or [n for n in residuals.epipolar if n != name]
     disparity = [
         residual.rms_px
@@ -223,7 +182,15 @@ def _assess_camera(
         epipolar.points,
         searched,
         agreeing / searched if searched else float("nan"),
+        _compute_depth_error(tie_points, pair_residuals),
     )
+
+
+def _compute_depth_error(tie_points: TiePoints, residuals: PairResiduals) -> float:
+    """Return the error of the depth per pixel along the epipolar lines of an auxiliary, mm, as a median."""
+    if not len(tie_points.core_px):
+        return float("nan")
+    return float(np.median(1 / (np.square(tie_points.inverse_depth) * residuals.sensitivity_px_mm)))
 
 
 def _compute_misfit(residuals: FrameResiduals, names: tuple[str, ...]) -> float:
@@ -247,31 +214,3 @@ def _find_depth_range(tie_points: TiePoints, rig: Rig, residuals: FrameResiduals
         return float("nan"), float("nan")
     near_mm, far_mm = np.quantile(every, [0.05, 0.95])
     return float(near_mm), float(far_mm)
-
-
-def make_consistency_document(consistency: RigConsistency) -> Mapping[str, object]:
-    """Return the consistency as plain values for JSON."""
-    change = consistency.pose_change
-    return {
-        "textured_points": consistency.textured_points,
-        "guided_by_depth": consistency.guided,
-        "core_moved": consistency.core_moved,
-        "ambiguous": consistency.ambiguous,
-        "misfit_px": consistency.misfit_px,
-        "motion": change
-        and {"camera": change.camera, "angle_deg": change.angle_deg, "shift_mm": change.shift_mm},
-        "cameras": [
-            {
-                "camera": each.camera,
-                "state": each.state,
-                "epipolar_px": each.epipolar_px,
-                "epipolar_sigma_px": each.epipolar_sigma_px,
-                "along_px": each.disparity_px,
-                "allowed_px": each.tolerance_px,
-                "points": each.points,
-                "searched": each.searched,
-                "agreement": each.agreement,
-            }
-            for each in consistency.cameras
-        ],
-    }

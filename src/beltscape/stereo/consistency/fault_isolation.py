@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from beltscape.core.geometry.rig import Rig
+from beltscape.stereo.consistency.residual_reference import ResidualReference
 from beltscape.stereo.consistency.residuals import compute_disparity_residuals, compute_pair_residuals
 from beltscape.stereo.consistency.systematic_residual import (
     LEAST_POINTS,
@@ -54,21 +55,24 @@ class FaultIsolation:
     """Whether more than one set of auxiliaries may be the sound one; then ``sound`` is empty."""
 
 
-def compute_frame_residuals(tie_points: TiePoints, rig: Rig, names: tuple[str, ...]) -> FrameResiduals:
-    """Return the systematic residuals of the tie points in these auxiliaries' images."""
+def compute_frame_residuals(
+    tie_points: TiePoints, rig: Rig, names: tuple[str, ...], reference: ResidualReference | None = None
+) -> FrameResiduals:
+    """Return the systematic residuals of the tie points in these auxiliaries' images, less those of the reference."""
     pair_residuals = {name: compute_pair_residuals(tie_points, rig, name) for name in names}
     core_px, size_px, scale = tie_points.core_px, rig.core_camera.size_px, tie_points.pixel_scale
-    epipolar = {
-        name: estimate_systematic_residual(pair_residuals[name].epipolar_px, core_px, size_px, scale)
-        for name in names
-    }
+    epipolar = {name: pair_residuals[name].epipolar_px for name in names}
     disparity = {
-        (one, other): estimate_systematic_residual(
-            compute_disparity_residuals(pair_residuals[one], pair_residuals[other]), core_px, size_px, scale
-        )
+        (one, other): compute_disparity_residuals(pair_residuals[one], pair_residuals[other])
         for one, other in combinations(names, 2)
     }
-    return FrameResiduals(epipolar, disparity)
+    if reference is not None:
+        epipolar = {n: reference.subtract_epipolar(px, core_px, n) for n, px in epipolar.items()}
+        disparity = {pair: reference.subtract_disparity(px, core_px, pair) for pair, px in disparity.items()}
+    return FrameResiduals(
+        {n: estimate_systematic_residual(px, core_px, size_px, scale) for n, px in epipolar.items()},
+        {pair: estimate_systematic_residual(px, core_px, size_px, scale) for pair, px in disparity.items()},
+    )
 
 
 def isolate_faults(tie_points: TiePoints, residuals: FrameResiduals, tolerance: Tolerance) -> FaultIsolation:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.check import CameraConsistency, RigConsistency
+from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 
 _FIX = "calibrate again"
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.check import LEAST_TIE_POINTS, RigConsistency
+from beltscape.stereo.consistency.check import LEAST_TIE_POINTS
+from beltscape.stereo.consistency.rig_consistency import RigConsistency
 
 _DARK = 12.0
 """An image is dark if 99 % of its pixels are below this level of 255."""

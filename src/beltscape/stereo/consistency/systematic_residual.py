@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.statistics import MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA
 from beltscape.stereo.consistency.tie_points import Array
@@ -18,9 +19,9 @@ SIGNIFICANT_SIGMAS = 4.0
 """A systematic residual is significant from this number of its standard deviations on."""
 _MATCHING_PX = 0.05
 """The matching itself causes residuals up to this; rendered captures under their true rigs have up to 0.03."""
-_BLOCKS = (4, 3)
+BLOCKS = (4, 3)
 """Columns and rows of blocks over the image."""
-_LEAST_IN_BLOCK = 5
+LEAST_IN_BLOCK = 5
 """A block with fewer residuals is left out."""
 _INLIER_PX = 3.0
 """An inlier is nearer than this to its block's median; false matches scatter over the search area."""
@@ -51,6 +52,12 @@ class SystematicResidual:
         return float(np.sqrt(self.rms_px**2 - least**2))
 
 
+def find_blocks(pixels: Array, size_px: tuple[int, int]) -> NDArray[np.int64]:
+    """Return (N,) the number of the block in which each pixel (N, 2) of an image lies."""
+    column, row = (np.clip((pixels / size_px * BLOCKS).astype(np.int64), 0, np.array(BLOCKS) - 1)).T
+    return column + BLOCKS[0] * row
+
+
 def estimate_systematic_residual(
     residual_px: Array, pixels: Array, size_px: tuple[int, int], pixel_scale: float = 1.0
 ) -> SystematicResidual:
@@ -63,8 +70,7 @@ def estimate_systematic_residual(
     if count < LEAST_POINTS:
         return SystematicResidual(np.nan, np.nan, np.nan, count, np.nan, np.nan)
     values = residual_px[good]
-    column, row = (np.clip((pixels[good] / size_px * _BLOCKS).astype(int), 0, np.array(_BLOCKS) - 1)).T
-    block_index = column + _BLOCKS[0] * row
+    block_index = find_blocks(pixels[good], size_px)
     medians: list[float] = []
     variances: list[float] = []
     weights: list[int] = []
@@ -72,7 +78,7 @@ def estimate_systematic_residual(
     inliers = 0
     for block in np.unique(block_index):
         own = values[block_index == block]
-        if len(own) >= _LEAST_IN_BLOCK:
+        if len(own) >= LEAST_IN_BLOCK:
             median = float(np.median(own))
             scatter = MAD_TO_SIGMA * float(np.median(np.abs(own - median)))
             medians.append(median)

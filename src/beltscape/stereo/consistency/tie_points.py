@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -41,6 +41,25 @@ class TiePoints:
     """By auxiliary: (N,) whether the point was searched in its image."""
     pixel_scale: float = 1.0
     """Pixel of the images in which the points were matched, in px of the rig's images."""
+
+
+def join_tie_points(frames: Sequence[TiePoints]) -> TiePoints:
+    """Return the tie points of several frames of one rig; a camera was not searched in a frame without it."""
+    names = tuple(dict.fromkeys(name for each in frames for name in each.observed_px))
+
+    def observed(each: TiePoints, name: str) -> Array:
+        return each.observed_px.get(name, np.full(each.core_px.shape, np.nan))
+
+    def searched(each: TiePoints, name: str) -> NDArray[np.bool_]:
+        return each.searched.get(name, np.zeros(len(each.core_px), np.bool_))
+
+    return TiePoints(
+        np.concatenate([each.core_px for each in frames]),
+        np.concatenate([each.inverse_depth for each in frames]),
+        {name: np.concatenate([observed(each, name) for each in frames]) for name in names},
+        {name: np.concatenate([searched(each, name) for each in frames]) for name in names},
+        frames[0].pixel_scale,
+    )
 
 
 def detect_textured_points(image: Image, camera: Camera, *, max_points: int = MAX_POINTS) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -13,8 +14,14 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.residuals import compute_disparity_residuals, compute_pair_residuals
 from beltscape.stereo.consistency.tie_points import Array, TiePoints
 
-LEAST_PX = 0.25
-"""Least tolerance of any rig; rendered captures stay below 0.03 px, real lenses leave 0.1 to 0.2 px."""
+_LEAST_RAD, _LEAST_PX = 2e-4, (0.1, 0.25)
+"""Least tolerance of one frame as an angle, and its bounds in px; rendered captures stay below 0.03 px, real lenses
+leave 0.1 to 0.2 px in images of 1200 px. A shift of 0.3 mm at 0.7 m is 4e-4 rad."""
+_POOLED_RAD, _POOLED_PX = 1.5e-4, (0.06, 0.2)
+"""The same for several frames together, whose noise is less: a roll of 0.05° leaves 1.7e-4 rad."""
+_CHANGE_RAD, _CHANGE_PX = 6e-5, (0.03, 0.08)
+"""The same for the change since the reference was taken: in rendered captures of sound rigs it is below 0.006 px at
+580 px of focal length; 0.3 mm along the optical axis at 0.7 m change it by 0.05 px."""
 LEAST_UNGUIDED_PX = 0.25
 """Least tolerance of unguided matching, in pixels of its small images."""
 _SIGMAS = 3.0
@@ -43,10 +50,27 @@ class Tolerance:
         )
 
 
-def compute_tolerance(rig: Rig, depth_mm: float) -> Tolerance:
-    """Return the tolerance of a rig for surfaces at about this depth; the least one if it has no covariance."""
+def compute_least_px(
+    rig: Rig, least_rad: float = _LEAST_RAD, bounds_px: tuple[float, float] = _LEAST_PX
+) -> float:
+    """Return the least tolerance of a rig, px: what remains of lens models and matching."""
+    return float(np.clip(least_rad * rig.core_camera.focal_px.mean(), *bounds_px))
+
+
+def compute_change_tolerance(rig: Rig) -> Tolerance:
+    """Return the tolerance of changes of the residuals since the reference was taken."""
+    least = compute_least_px(rig, _CHANGE_RAD, _CHANGE_PX)
     names = rig.auxiliaries
-    pairs = [(one, other) for i, one in enumerate(names) for other in names[i + 1 :]]
+    return Tolerance(dict.fromkeys(names, least), dict.fromkeys(combinations(names, 2), least))
+
+
+def compute_tolerance(rig: Rig, depth_mm: float, *, pooled: bool = False) -> Tolerance:
+    """Return the tolerance of a rig for surfaces at about this depth; the least one if it has no covariance.
+
+    ``pooled``: for the tie points of several frames together.
+    """
+    names = rig.auxiliaries
+    pairs = list(combinations(names, 2))
     tie_points = _make_ideal_points(rig, depth_mm)
     parameters, covariance = _read_covariance(rig)
     base = _compute_residuals(tie_points, rig, names, pairs)
@@ -70,7 +94,8 @@ def compute_tolerance(rig: Rig, depth_mm: float) -> Tolerance:
         if base.size
         else np.empty(0)
     )
-    limit = np.hypot(LEAST_PX, _SIGMAS * np.nan_to_num(own))
+    least = compute_least_px(rig, _POOLED_RAD, _POOLED_PX) if pooled else compute_least_px(rig)
+    limit = np.hypot(least, _SIGMAS * np.nan_to_num(own))
     return Tolerance(
         {name: float(limit[i]) for i, name in enumerate(names)},
         {pair: float(limit[len(names) + i]) for i, pair in enumerate(pairs)},

@@ -1,0 +1,110 @@
+"""Result of the camera consistency check: the state of each auxiliary, and what explains the contradictions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from beltscape.stereo.consistency.pose_change import PoseChange
+from beltscape.stereo.consistency.tie_points import TiePoints
+
+State = Literal["sound", "contradicting", "unmatched", "not measured"]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraConsistency:
+    """Consistency of one auxiliary camera with the rig."""
+
+    camera: str
+    state: State
+    epipolar_px: float
+    """Systematic epipolar residual, RMS over the image; NaN: not measured."""
+    epipolar_sigma_px: float
+    """One standard deviation of it."""
+    disparity_px: float
+    """Systematic disparity residual against the other auxiliaries, their median; NaN: not measured."""
+    tolerance_px: float
+    """Tolerance of the epipolar residual, from the rig's covariance and the matching."""
+    points: int
+    """Number of points found."""
+    searched: int
+    """Number of textured points that lie in its image."""
+    agreement: float
+    """Share of the searched points found within a pixel of their epipolar line; NaN: none searched."""
+    depth_mm_per_px: float
+    """Error of the depth that one pixel of error along the epipolar lines causes, mm; NaN without tie points."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigConsistency:
+    """Consistency of a rig with the images of one frame, or of several."""
+
+    cameras: tuple[CameraConsistency, ...]
+    textured_points: int
+    """Number of textured points of the core image."""
+    guided: bool
+    """Whether a depth map guided the matching."""
+    ambiguous: bool
+    """Whether the frame does not show which of the contradicting cameras is right."""
+    core_moved: bool
+    """Whether a pose change of the core alone explains the contradictions."""
+    pose_change: PoseChange | None
+    """The pose change of one camera that explains the contradictions; None if there is none."""
+    found_depth_range_mm: tuple[float, float]
+    """Near and far end of the depths at which unguided matching found the points; NaN if too few."""
+    misfit_px: float
+    """Greatest excess of a systematic residual of the sound auxiliaries, or of all if none is sound."""
+    tie_points: TiePoints
+    """The matched points."""
+    is_change: bool = False
+    """Whether the residuals are those since a reference was taken."""
+
+    def find_auxiliaries(self, *states: State) -> tuple[str, ...]:
+        """Return the auxiliaries in one of the states."""
+        return tuple(each.camera for each in self.cameras if each.state in states)
+
+    @property
+    def inconsistent(self) -> tuple[str, ...]:
+        """Auxiliaries that contradict the rig or are unmatched."""
+        return self.find_auxiliaries("contradicting", "unmatched")
+
+    @property
+    def is_sound(self) -> bool:
+        """Return whether every auxiliary is consistent or was not measured."""
+        return not self.inconsistent
+
+
+def make_consistency_document(consistency: RigConsistency) -> Mapping[str, object]:
+    """Return the consistency as plain values for JSON."""
+    change = consistency.pose_change
+    return {
+        "textured_points": consistency.textured_points,
+        "guided_by_depth": consistency.guided,
+        "core_moved": consistency.core_moved,
+        "ambiguous": consistency.ambiguous,
+        "misfit_px": consistency.misfit_px,
+        "motion": change
+        and {
+            "camera": change.camera,
+            "angle_deg": change.angle_deg,
+            "angle_sigma_deg": change.angle_sigma_deg,
+            "shift_mm": change.shift_mm,
+            "shift_sigma_mm": change.shift_sigma_mm,
+        },
+        "cameras": [
+            {
+                "camera": each.camera,
+                "state": each.state,
+                "epipolar_px": each.epipolar_px,
+                "epipolar_sigma_px": each.epipolar_sigma_px,
+                "along_px": each.disparity_px,
+                "allowed_px": each.tolerance_px,
+                "points": each.points,
+                "searched": each.searched,
+                "agreement": each.agreement,
+                "depth_mm_per_px": each.depth_mm_per_px,
+            }
+            for each in consistency.cameras
+        ],
+    }

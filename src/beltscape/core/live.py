@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 
 CameraState = Literal["ok", "waiting", "lost", "unusable"]
@@ -96,6 +97,20 @@ class Alarm:
     """Who acknowledged it."""
 
 
+@dataclass(frozen=True, slots=True)
+class Maintenance:
+    """A period in which people work at the system: belt that passes is missing, alarms of measurement are held."""
+
+    reason: str
+    """Such as "cleaning"."""
+    by: str
+    """Who began it."""
+    since_ns: int
+    """System clock when it began."""
+    until_ns: int
+    """System clock when it ends by itself."""
+
+
 class LiveSource(Protocol):
     """A frame source that runs until it is closed; iterating blocks until the next trigger instant."""
 
@@ -138,6 +153,14 @@ class Controls(Protocol):
         """Keep the frames that the recording ring holds now."""
         ...
 
+    def begin_maintenance(self, reason: str, minutes: float, by: str) -> bool:
+        """Begin maintenance, or set its reason and end anew: the belt that passes during it is missing."""
+        ...
+
+    def end_maintenance(self, by: str) -> bool:
+        """End maintenance before its time."""
+        ...
+
 
 class Observer(Protocol):
     """Receives the events of a running system; every method must return at once."""
@@ -156,6 +179,12 @@ class Observer(Protocol):
 
     def on_alarms(self, alarms: Sequence[Alarm]) -> None:
         """Handle the current state of all alarms."""
+
+    def on_findings(self, findings: Sequence[Finding]) -> None:
+        """Handle the findings of the system's checks of one frame set."""
+
+    def on_maintenance(self, maintenance: Maintenance | None) -> None:
+        """Handle the begin and the end of maintenance; None: there is none."""
 
     def on_message(self, message: str) -> None:
         """Handle a message of one line."""
@@ -186,6 +215,14 @@ class Observers:
     def on_alarms(self, alarms: Sequence[Alarm]) -> None:
         """Pass the event on."""
         self._notify(lambda observer: observer.on_alarms(alarms))
+
+    def on_findings(self, findings: Sequence[Finding]) -> None:
+        """Pass the event on."""
+        self._notify(lambda observer: observer.on_findings(findings))
+
+    def on_maintenance(self, maintenance: Maintenance | None) -> None:
+        """Pass the event on."""
+        self._notify(lambda observer: observer.on_maintenance(maintenance))
 
     def on_message(self, message: str) -> None:
         """Pass the event on."""

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from time import monotonic
 
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
-from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
+from beltscape.core.findings import Finding
+from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Maintenance
 
 _LOG = logging.getLogger("beltscape")
 _EVERY_S = 60.0
@@ -67,6 +68,16 @@ class LogObserver:
                     f": {alarm.detail}" if alarm.detail else "",
                 )
             self._alarms[alarm.name] = alarm.state
+
+    def on_findings(self, findings: Sequence[Finding]) -> None:
+        """Ignore findings; the alarms of faults are logged."""
+
+    def on_maintenance(self, maintenance: Maintenance | None) -> None:
+        """Log begin and end of maintenance."""
+        if maintenance is None:
+            _LOG.info("maintenance ends; the belt is measured again")
+        else:
+            _LOG.info("maintenance (%s) by %s: the belt is not measured", maintenance.reason, maintenance.by)
 
     def on_message(self, message: str) -> None:
         """Log the message as a warning."""

@@ -15,8 +15,9 @@ from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
 from beltscape.core.errors import OutputError
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
+from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Maintenance
 from beltscape.core.progress import Silent
 from beltscape.pipeline.live.engine import Engine, EngineComponents, notify_records
 from beltscape.pipeline.live.frame_queue import FrameQueue
@@ -65,6 +66,8 @@ class Watcher:
         self.totals = Totals()
         self.alarms: dict[str, str] = {}
         self.stretches = 0
+        self.findings: list[Finding] = []
+        self.maintenance: list[Maintenance | None] = []
 
     def on_frame(self, event: FrameEvent) -> None:
         self.frames.append(event)
@@ -81,6 +84,12 @@ class Watcher:
 
     def on_alarms(self, alarms: Sequence[Alarm]) -> None:
         self.alarms.update({alarm.name: alarm.state for alarm in alarms})
+
+    def on_findings(self, findings: Sequence[Finding]) -> None:
+        self.findings += findings
+
+    def on_maintenance(self, maintenance: Maintenance | None) -> None:
+        self.maintenance.append(maintenance)
 
     def on_message(self, message: str) -> None:
         raise AssertionError(message)

@@ -6,7 +6,18 @@ days to files, and `storage` defines tables, files and connections.
 
 from beltscape.sinks.historian.historian import Historian, LedgerEnd
 from beltscape.sinks.historian.reading.events import Event
+from beltscape.sinks.historian.reading.findings import CheckKey, FindingSeries
 from beltscape.sinks.historian.reading.periods import DaySum
 from beltscape.sinks.historian.reading.series import Series
+from beltscape.sinks.historian.storage.finding_rows import StoredFinding
 
-__all__ = ["DaySum", "Event", "Historian", "LedgerEnd", "Series"]
+__all__ = [
+    "CheckKey",
+    "DaySum",
+    "Event",
+    "FindingSeries",
+    "Historian",
+    "LedgerEnd",
+    "Series",
+    "StoredFinding",
+]

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, Totals
 from beltscape.core.errors import OutputError
+from beltscape.sinks.historian.archive.finding_days import FindingArchive
 from beltscape.sinks.historian.archive.retention import Retention
 from beltscape.sinks.historian.reading.events import Event, insert_event, read_events
+from beltscape.sinks.historian.reading.findings import (
+    CheckKey,
+    FindingSeries,
+    list_checks,
+    read_finding_series,
+)
 from beltscape.sinks.historian.reading.periods import DaySum, read_day_sums, read_records, read_section
 from beltscape.sinks.historian.reading.series import Series, read_series
+from beltscape.sinks.historian.storage.finding_rows import StoredFinding
+from beltscape.sinks.historian.writing.findings import append_findings
 from beltscape.sinks.historian.writing.store import Store
 from beltscape.sinks.settings import HistorySettings
 
@@ -52,7 +61,8 @@ class Historian:
         """
         self._store = Store(folder, settings)
         self._days = folder / "days"
-        self._retention = Retention(self._days, self._store, settings)
+        self._findings = FindingArchive(folder / "findings", self._store, settings)
+        self._retention = Retention(self._days, self._store, settings, (self._findings.maintain,))
         self._maintenance_trouble = ""
         if self._store.message:
             with suppress(OutputError):  # ``repair_message`` has it as well
@@ -106,10 +116,49 @@ class Historian:
         """
         self._store.write(records)
 
-    def add_event(self, kind: str, name: str, text: str, by: str = "", wall_ns: int | None = None) -> None:
-        """Store an event, such as an alarm; it is on disk when the call returns. OutputError otherwise."""
+    def add_event(
+        self,
+        kind: str,
+        name: str,
+        text: str,
+        by: str = "",
+        wall_ns: int | None = None,
+        parameters: Mapping[str, object] | None = None,
+    ) -> None:
+        """Store an event, such as an alarm; it is on disk when the call returns. OutputError otherwise.
+
+        ``parameters``: the parts of the text, from which a page composes it in another language.
+        """
         when = time.time_ns() if wall_ns is None else wall_ns
-        self._store.transact(lambda connection: insert_event(connection, when, kind, name, text, by))
+        self._store.transact(
+            lambda connection: insert_event(connection, when, kind, name, text, by, parameters)
+        )
+
+    def add_findings(self, findings: Sequence[StoredFinding]) -> None:
+        """Store findings; they are on disk when the call returns. OutputError otherwise.
+
+        While the disk is short they are left out: the reserved space is the records'.
+        """
+        if findings and not self._store.trouble:
+            self._store.transact(lambda connection: append_findings(connection, findings))
+
+    def checks(self) -> tuple[CheckKey, ...]:
+        """Return all series of findings that have ever been stored."""
+        with self._store.readers.borrow() as connection:
+            return list_checks(connection)
+
+    def finding_series(
+        self, check: str, subject: str, since_ns: int, until_ns: int, points: int = 300
+    ) -> FindingSeries:
+        """Return the findings of one check in a period in at most ``points`` intervals.
+
+        Old days are read from their files where the period is at most two days.
+        """
+        with self._store.readers.borrow() as connection:
+            times_ns = (since_ns, until_ns)
+            return read_finding_series(
+                connection, self._findings.folder, (check, subject), times_ns, points, self._store.shift_ns
+            )
 
     def events(self, since_ns: int, until_ns: int, limit: int = 1000) -> tuple[Event, ...]:
         """Return the events of a period (its end excluded), newest first."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from beltscape.core.frames import OVEREXPOSED_SHARE, Image, saturated_fraction
 from beltscape.core.live import CameraHealth, CameraState
+from beltscape.core.messages import Message
 from beltscape.sources.genicam.matching_types import CameraStatistics
 from beltscape.sources.genicam.settings import CamerasSettings
 
@@ -64,12 +65,12 @@ def find_brightness_fault(image: Image) -> str:
     sample = image[::4, ::4]
     share = saturated_fraction(sample)
     if share > OVEREXPOSED_SHARE:
-        return f"overexposed: {share:.0%} of the pixels are saturated; lower exposure_us or gain_db"
+        text = f"overexposed: {share:.0%} of the pixels are saturated; lower exposure_us or gain_db"
+        return Message(text, "overexposed", share=round(100 * share))
     top = float(np.quantile(sample, 0.995)) / float(np.iinfo(image.dtype).max)
     if top < DARK:
-        return (
-            f"dark: the brightest pixels reach {top:.1%} of the range; check light, lens cap and exposure_us"
-        )
+        text = f"dark: the brightest pixels reach {top:.1%} of the range; check light, lens cap and exposure_us"
+        return Message(text, "dark", share=round(100 * top, 1))
     return ""
 
 
@@ -114,13 +115,17 @@ def _state(
     ):
         why = f" ({trouble})" if trouble else ""
         wire = "trigger wire, " if settings.trigger == "line" else ""
-        return "lost", f"no image for {silence_s:.0f} s; check its {wire}power, cable and switch{why}"
+        text = f"no image for {silence_s:.0f} s; check its {wire}power, cable and switch{why}"
+        return "lost", Message(text, "silent_wire" if wire else "silent", seconds=round(silence_s))
     if monitor.image_fault:
         return "unusable", monitor.image_fault
     if statistics.unsynchronised:
         return (
             "unusable",
-            "its clock is not shared with the others': check that PTP runs on the camera and the switch",
+            Message(
+                "its clock is not shared with the others': check that PTP runs on the camera and the switch",
+                "unsynchronised",
+            ),
         )
     if statistics.out_of_skew >= SKEWED_FROM:
         skew = (
@@ -128,17 +133,19 @@ def _state(
             if statistics.skew_ns is None
             else f"{statistics.skew_ns * 1e-6:+.2f} ms from the core camera's, "
         )
-        return "unusable", (
+        text = (
             f"its images are {skew}more than allowed_skew_ms = {settings.allowed_skew_ms:g}: check its trigger wire "
             "and trigger delay"
         )
+        return "unusable", Message(text, "skewed", limit=settings.allowed_skew_ms)
     if monitor.brightness_fault:
         return "unusable", monitor.brightness_fault
     if now_s - monitor.broken_s < RECENT_S:
-        return "ok", (
+        text = (
             f"{monitor.broken} images came with packets missing: check cable, packet_size, packet_delay_ns and the "
             "system's socket buffers"
         )
+        return "ok", Message(text, "packets", count=monitor.broken)
     return "ok", ""
 
 
@@ -146,10 +153,13 @@ def _state_before_first_image(
     name: str, settings: CamerasSettings, trouble: str, is_open: bool
 ) -> tuple[CameraState, str]:
     if trouble:
-        return "lost", trouble
+        return "lost", Message(trouble, "unavailable")
     if is_open and settings.trigger == "line":
-        return "waiting", f"no pulse has come on {settings.trigger_line} yet"
-    return "waiting", f"{settings.devices[name]} is being {'started' if is_open else 'searched for'}"
+        text = f"no pulse has come on {settings.trigger_line} yet"
+        return "waiting", Message(text, "no_pulse", line=settings.trigger_line)
+    device = settings.devices[name]
+    text = f"{device} is being {'started' if is_open else 'searched for'}"
+    return "waiting", Message(text, "starting" if is_open else "searching", device=device)
 
 
 def silence_limit_s(settings: CamerasSettings) -> float:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.live import CameraHealth
+from beltscape.core.messages import Message
 from beltscape.sources.genicam.camera import REOPEN_AFTER_S, CameraThreads, OpenCamera, TriggerPace
 from beltscape.sources.genicam.device import RawImage
 from beltscape.sources.genicam.health import CameraMonitor, assess_health, silence_limit_s
@@ -107,7 +108,7 @@ class GenicamSource:
         except InputError as error:
             with self._lock:
                 monitor.add_image(now_s)
-                monitor.image_fault = str(error)
+                monitor.image_fault = Message(str(error), "wrong_image")
             return
         shot = CameraImage(name, raw.frame_id, raw.camera_ns, raw.arrival_ns, CountedImage(image, raw.count))
         monitor.check_brightness(image, now_s)

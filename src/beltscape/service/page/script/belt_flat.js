@@ -1,5 +1,5 @@
 // The belt from above for browsers without WebGL: an image of heights, the newest row at the right.
-import { RING, UNKNOWN } from "./belt_rows.js";
+import { find_slot, RING, UNKNOWN } from "./belt_rows.js";
 import { viridis } from "./viridis.js";
 
 export class FlatBelt {
@@ -16,7 +16,7 @@ export class FlatBelt {
     for (let i = 0; i < wide; i++) {
       const row = rows.end - wide + i;
       for (let column = 0; column < rows.columns; column++) {
-        const count = row >= rows.begin ? rows.counts[(row % RING) * rows.columns + column] : UNKNOWN;
+        const count = row >= rows.begin ? rows.counts[find_slot(row) * rows.columns + column] : UNKNOWN;
         picture.data.set(this.get_cell_colour(count, rows, high_mm, dark, i + column), (column * wide + i) * 4);
       }
     }

@@ -1,6 +1,9 @@
-// The belt's rows in a ring buffer: row n is stored at n modulo the buffer's length.
+// The belt's rows in a ring buffer: row n is stored at n modulo the buffer's length; n is negative where the belt's position is.
 export const UNKNOWN = 0xffff;
-export const RING = 4096;
+export const RING = 4096; // a power of two, so that find_slot is right for negative rows
+
+/** Return the place of a row in the ring, 0 to RING - 1. */
+export const find_slot = (row) => row & (RING - 1);
 
 export class BeltRows {
   constructor() {
@@ -18,8 +21,8 @@ export class BeltRows {
       this.end = message.first;
     }
     // rows that were never sent are unknown; the buffer may hold old ones in their place
-    for (let row = Math.max(this.end, message.first - RING); row < message.first; row++) this.counts.fill(UNKNOWN, (row % RING) * this.columns, (row % RING + 1) * this.columns);
-    for (let i = 0; i < message.rows; i++) this.counts.set(message.counts.subarray(i * this.columns, (i + 1) * this.columns), ((message.first + i) % RING) * this.columns);
+    for (let row = Math.max(this.end, message.first - RING); row < message.first; row++) this.counts.fill(UNKNOWN, find_slot(row) * this.columns, (find_slot(row) + 1) * this.columns);
+    for (let i = 0; i < message.rows; i++) this.counts.set(message.counts.subarray(i * this.columns, (i + 1) * this.columns), find_slot(message.first + i) * this.columns);
     this.end = message.first + message.rows;
     this.begin = Math.max(this.begin, this.end - RING);
     this.changes++;
@@ -32,7 +35,7 @@ export class BeltRows {
     const counts = [];
     for (let row = Math.max(this.begin, this.end - rows); row < this.end; row += 3)
       for (let column = 0; column < this.columns; column += 3) {
-        const count = this.counts[(row % RING) * this.columns + column];
+        const count = this.counts[find_slot(row) * this.columns + column];
         if (count !== UNKNOWN) counts.push(count & 0x7fff);
       }
     counts.sort((a, b) => a - b);

@@ -13,7 +13,7 @@ out float height; out float filled; out float unknown; out vec3 normal_; out vec
 
 uint at(int row, int column) {
   if (row < begin || row >= end) return 65535u;
-  return texelFetch(rows, ivec2(clamp(column, 0, columns - 1), row % ${RING}), 0).r;
+  return texelFetch(rows, ivec2(clamp(column, 0, columns - 1), row & ${RING - 1}), 0).r;
 }
 float metres(uint count) { return float(count & 32767u) * step_m + offset_m; }
 float beside(uint count, float own) { return count == 65535u ? own : metres(count); }

@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from beltscape.core.errors import BeltscapeError, OutputError
@@ -26,10 +28,16 @@ _STEP = 1_000
 class Retention:
     """Keeps the history within its limits, in small steps beside the writing."""
 
-    def __init__(self, folder: Path, store: Store, settings: HistorySettings) -> None:
-        """``folder`` has the day files."""
+    def __init__(
+        self,
+        folder: Path,
+        store: Store,
+        settings: HistorySettings,
+        others: Sequence[Callable[[int], None]] = (),
+    ) -> None:
+        """``folder`` has the day files; ``others`` are further steps of the housekeeping, given the clock."""
         self._store, self._settings = store, settings
-        self._archive = Archive(folder, store)
+        self._archive, self._others = Archive(folder, store), others
         self._lock = threading.Lock()
         with suppress(OutputError):  # ``maintain`` tries again
             self._archive.adopt()
@@ -43,6 +51,7 @@ class Retention:
         archive = self._archive
         with self._lock:
             for step in (
+                *(partial(other, wall_ns) for other in self._others),
                 archive.adopt,
                 lambda: archive.close_days(wall_ns),
                 archive.add_to_sums,

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 
@@ -22,15 +24,23 @@ class Event:
     """Description in one line."""
     by: str
     """User who caused it; empty without one."""
+    parameters: str = ""
+    """The parts of the text as a JSON object, from which a page composes it in another language; empty: none."""
 
 
 def insert_event(
-    connection: sqlite3.Connection, wall_ns: int, kind: str, name: str, text: str, by: str
+    connection: sqlite3.Connection,
+    wall_ns: int,
+    kind: str,
+    name: str,
+    text: str,
+    by: str,
+    parameters: Mapping[str, object] | None = None,
 ) -> None:
     """Store an event; it is on disk when this returns."""
     connection.execute(
-        "INSERT INTO events (wall_ns, kind, name, text, by) VALUES (?, ?, ?, ?, ?)",
-        (wall_ns, kind, name, text, by),
+        "INSERT INTO events (wall_ns, kind, name, text, by, parameters) VALUES (?, ?, ?, ?, ?, ?)",
+        (wall_ns, kind, name, text, by, json.dumps(parameters) if parameters else ""),
     )
 
 
@@ -39,7 +49,7 @@ def read_events(
 ) -> tuple[Event, ...]:
     """Return the events of a period, newest first."""
     rows = connection.execute(
-        "SELECT event, wall_ns, kind, name, text, by FROM events WHERE wall_ns >= ? AND wall_ns < ? "
+        "SELECT event, wall_ns, kind, name, text, by, parameters FROM events WHERE wall_ns >= ? AND wall_ns < ? "
         "ORDER BY event DESC LIMIT ?",
         (since_ns, until_ns, limit),
     )

@@ -119,7 +119,49 @@ CREATE INDEX files_day ON files (day);
 
 _OFFSET = "ALTER TABLE records ADD COLUMN offset_mm REAL NOT NULL DEFAULT 0"
 
-MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET)
+_FINDINGS = """
+ALTER TABLE events ADD COLUMN parameters TEXT NOT NULL DEFAULT '';   -- JSON object; empty: none
+CREATE TABLE checks (
+    series      INTEGER PRIMARY KEY,
+    name        TEXT NOT NULL,
+    subject     TEXT NOT NULL,             -- camera; empty: the whole system
+    unit        TEXT NOT NULL,
+    UNIQUE (name, subject, unit)
+);
+CREATE TABLE findings (
+    finding     INTEGER PRIMARY KEY AUTOINCREMENT,
+    series      INTEGER NOT NULL,
+    wall_ns     INTEGER NOT NULL,
+    value       REAL,                      -- NULL: not measured
+    sigma       REAL,
+    bound       REAL,                      -- limit; NULL: none
+    effect      INTEGER NOT NULL CHECK (effect BETWEEN 0 AND 2),
+    text        TEXT NOT NULL              -- empty: no fault
+);
+CREATE INDEX findings_series ON findings (series, wall_ns);
+CREATE TABLE finding_sums (
+    series      INTEGER NOT NULL,
+    bucket      INTEGER NOT NULL,          -- ten minutes of wall clock since 1970
+    count       INTEGER NOT NULL,          -- findings with a value
+    total       REAL NOT NULL,             -- of their values
+    low         REAL,
+    high        REAL,
+    sigma       REAL NOT NULL,             -- sum of their σ where known
+    sigmas      INTEGER NOT NULL,          -- number of these
+    bound       REAL,                      -- greatest limit
+    effect      INTEGER NOT NULL,          -- worst effect
+    faults      INTEGER NOT NULL,
+    PRIMARY KEY (series, bucket)
+) WITHOUT ROWID;
+CREATE TABLE finding_files (
+    name        TEXT PRIMARY KEY,
+    day         INTEGER NOT NULL,          -- since 1970
+    last        INTEGER NOT NULL,          -- greatest number of a finding in it; 0: another database's
+    bytes       INTEGER NOT NULL,
+    pruned      INTEGER NOT NULL           -- its findings are (being) removed from the table above
+)"""
+
+MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET, _FINDINGS)
 """The script at index n migrates version n to n + 1; scripts are only added, never changed."""
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sqlite3
+import time
 from collections.abc import Sequence
 
 import numpy as np
@@ -66,6 +67,15 @@ class transaction:  # noqa: N801  (a context manager, used like a keyword)
         finally:
             if self._connection.in_transaction:
                 self._connection.execute("ROLLBACK")
+
+
+def set_sums(connection: sqlite3.Connection, sums: Sums) -> None:
+    """Let the ledger end, and add up, as ``sums`` says; within a transaction."""
+    connection.execute(
+        "UPDATE ledger SET number = ?, run = ?, end_mm = ?, state = ?",
+        (sums.number, sums.run, sums.end_mm, sums.text()),
+    )
+    connection.execute("INSERT OR IGNORE INTO runs (run, wall_ns) VALUES (?, ?)", (sums.run, time.time_ns()))
 
 
 def _select_new(

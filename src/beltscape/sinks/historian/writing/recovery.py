@@ -17,7 +17,7 @@ from beltscape.sinks.durable import write_durably
 from beltscape.sinks.historian.storage.connections import locate_suspect_marker
 from beltscape.sinks.historian.storage.failures import is_damage
 from beltscape.sinks.historian.storage.schema import open_writer
-from beltscape.sinks.historian.writing.ledger import transaction
+from beltscape.sinks.historian.writing.ledger import set_sums, transaction
 from beltscape.sinks.historian.writing.sums import SUMS_BEGIN, Sums, read_leading_sums, read_sums
 
 DATABASE = "history.db"
@@ -70,7 +70,7 @@ def open_or_recover(folder: Path, shift_ns: int) -> OpenedDatabase:
     if saved is None or saved.number <= sums.number:
         return OpenedDatabase(connection, sums, sums.number, "")
     with transaction(connection):
-        _set_sums(connection, saved)
+        set_sums(connection, saved)
     message = (
         f"{path}: it ends with record {sums.number}, {SNAPSHOT} with {saved.number}: it is an older copy, or it "
         "was deleted; the newer totals are used, the records between are missing"
@@ -87,7 +87,7 @@ def replace_database(folder: Path, shift_ns: int, known: Sums | None, why: str) 
     sums = max(candidates, key=lambda each: each.number, default=Sums())
     connection = open_writer(path)
     with transaction(connection):
-        _set_sums(connection, sums)
+        set_sums(connection, sums)
         connection.execute("UPDATE ledger SET shift_ns = ?", (shift_ns,))
     message = (
         f"{path}: it was damaged ({why}) and was moved to {moved.parent}; a new one continues after record "
@@ -124,14 +124,6 @@ def _check_database(connection: sqlite3.Connection, path: Path) -> Sums:
     if last is not None and last > number:
         raise sqlite3.DatabaseError(f"it holds record {last} behind the end of its ledger")
     return sums
-
-
-def _set_sums(connection: sqlite3.Connection, sums: Sums) -> None:
-    connection.execute(
-        "UPDATE ledger SET number = ?, run = ?, end_mm = ?, state = ?",
-        (sums.number, sums.run, sums.end_mm, sums.text()),
-    )
-    connection.execute("INSERT OR IGNORE INTO runs (run, wall_ns) VALUES (?, ?)", (sums.run, time.time_ns()))
 
 
 def _move_aside(path: Path) -> Path:

@@ -13,11 +13,9 @@ from augmentation import TrainingFrame, training_frames
 from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import interior_mask
 from beltscape.kernels.selection.candidates import Candidates
-from beltscape.stereo.multiview.confidence.estimate import (
-    add_initial_confidence,
-    compute_initial_features,
-    compute_refined_features,
-)
+from beltscape.stereo.multiview.confidence.features import add_initial_confidence, compute_initial_features
+from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
+from beltscape.stereo.multiview.confidence.refiner import RefinementInputs
 from beltscape.stereo.multiview.frame.pixels import Pixels
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.selection.candidates import UNCERTAIN, CandidateSelector
@@ -98,12 +96,13 @@ def _sample(match: MatcherState, training: TrainingFrame, settings: MultiviewSet
 
 def _select_features(match: MatcherState, truth: Truth) -> tuple[Pixels, dict[str, np.ndarray]]:
     """Return some pixels, and their features by name."""
+    inputs = ConfidenceInputs.from_state(match)
     if match.selection is None:
-        found = compute_initial_features(match)
+        planes = compute_initial_features(inputs)
     else:
-        found, _ = compute_refined_features(match, match.selection)
-    at = _draw_pixels(truth, np.isfinite(match.solution.surface.s) & (found.visible > 0))
-    return at, {name: plane[at] for name, plane in found.planes.items()}
+        planes = RefinementInputs.from_selection(inputs, match.selection).planes
+    at = _draw_pixels(truth, np.isfinite(match.solution.surface.s) & (inputs.visible > 0))
+    return at, {name: plane[at] for name, plane in planes.items()}
 
 
 def _draw_pixels(truth: Truth, mask: np.ndarray) -> Pixels:
@@ -147,7 +146,8 @@ def selection_samples(folders: list[Path]) -> Iterator[SelectionSamples]:
             matcher = make_matcher(training, settings)
             match = matcher.solve_pyramid(training.frame, training.names)
             context = match.prepared.context
-            planes = add_initial_confidence(compute_initial_features(match), context)
+            features = compute_initial_features(ConfidenceInputs.from_state(match))
+            planes = add_initial_confidence(features, context)
             truth = read_truth(training, 1)
             share = UNCERTAIN_SAMPLES / max(
                 1, int((truth.scene & (planes["initial confidence"] < UNCERTAIN)).sum())

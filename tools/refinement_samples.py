@@ -18,7 +18,7 @@ import numpy as np
 from augmentation import TrainingFrame, training_frames
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.estimate import compute_refined_features
+from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.message_passing import (
     FIRST_UNCERTAIN,
     assign_addresses,
@@ -63,10 +63,11 @@ def tiles(folder: Path, turn: int) -> Iterator[tuple[tuple[str, ...], Tile]]:
         match = make_matcher(training, settings).match(training.frame, training.names, Silent())
         if match.selection is None:
             continue
-        found, inputs = compute_refined_features(match, match.selection)
-        logit, _ = load_network("confidence").evaluate(found.planes, load(), 0)
+        surface = ConfidenceInputs.from_state(match)
+        inputs = RefinementInputs.from_selection(surface, match.selection)
+        logit, _ = load_network("confidence").evaluate(inputs.planes, load(), 0)
         truth, unit = read_truth(training, 1), match.prepared.context.inverse_depth_scale
-        weight = np.where(truth.scene, 1, BESIDE * truth.beside) * (found.visible > 0)
+        weight = np.where(truth.scene, 1, BESIDE * truth.beside) * (surface.visible > 0)
         frame = UncertainFrame(training, inputs, logit, truth, unit, weight.astype(np.float32))
         yield from frame.tiles()
 

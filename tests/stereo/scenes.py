@@ -14,9 +14,14 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import load
+from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale
+from beltscape.stereo.multiview.frame.windows import scale_boxes
+from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult
+from beltscape.stereo.multiview.optimisation.propagation import PropagationResult
+from beltscape.stereo.multiview.state import MatcherState
 from tests.stereo.raycast import look_at, make_camera, make_speckle
 
 Solid = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -131,7 +136,16 @@ def with_context(prepared: PreparedFrame, **changes: Any) -> PreparedFrame:
 
 def with_scale(prepared: PreparedFrame, scale: float = 1.0) -> PreparedFrame:
     """Return the frame with distances in px of another scale."""
-    return with_context(prepared, windows=replace(prepared.context.windows, scale=scale))
+    windows = replace(prepared.context.windows, boxes=scale_boxes(scale), scale=scale)
+    return with_context(prepared, windows=windows)
+
+
+def make_inputs(prepared: PreparedFrame, solution: LeastSquaresResult) -> ConfidenceInputs:
+    """Return the inputs of the confidence for a surface that costs nothing."""
+    surface = solution.surface
+    zero, none = np.zeros(surface.s.shape, np.float32), np.zeros(surface.s.shape, bool)
+    propagated = PropagationResult(surface, zero, zero)
+    return ConfidenceInputs.from_state(MatcherState(prepared, propagated, solution, {}, none, none, None))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

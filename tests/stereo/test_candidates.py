@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.features import compute_image_features
-from beltscape.stereo.multiview.confidence.refined_features import compute_initial_confidence_features
+from beltscape.stereo.multiview.confidence.features import compute_initial_confidence_features
+from beltscape.stereo.multiview.confidence.image_features import compute_image_features
 from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps, fit_slopes
 from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.candidates import (
@@ -47,11 +47,9 @@ def planes_of(made: Scene, confidence: np.ndarray) -> dict[str, np.ndarray]:
         "log sigma": none - 3,
         "margin": none + 0.05,
     }
-    return (
-        given
-        | dict(compute_image_features(with_scale(made.prepared)))
-        | dict(compute_initial_confidence_features(confidence, 1.0))
-    )
+    prepared = with_scale(made.prepared)
+    initial = dict(compute_initial_confidence_features(confidence, prepared.context.windows))
+    return given | compute_image_features(prepared).planes | initial
 
 
 def selected_surface(made: Scene, surface: Surface) -> tuple[Selection, np.ndarray]:

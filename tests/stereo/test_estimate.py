@@ -9,18 +9,11 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.estimate import (
-    DepthEstimate,
-    add_initial_confidence,
-    compute_initial_features,
-    compute_refined_features,
-    estimate_depth,
-)
-from beltscape.stereo.multiview.confidence.features import (
-    compute_agreement_features,
-    compute_image_features,
-    compute_shape_features,
-)
+from beltscape.stereo.multiview.confidence.estimate import DepthEstimate, estimate_depth
+from beltscape.stereo.multiview.confidence.features import add_initial_confidence, compute_initial_features
+from beltscape.stereo.multiview.confidence.image_features import compute_image_features
+from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
+from beltscape.stereo.multiview.confidence.refiner import RefinementInputs
 from beltscape.stereo.multiview.frame.surface import fit_slopes
 from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.optimisation.least_squares import solve_least_squares
@@ -49,13 +42,14 @@ def run_stages(made, s: np.ndarray) -> MatcherState:
     prepared = made.prepared
     propagated = propagate(fit_slopes(s.astype(np.float32), load(), 1), prepared, (2, 5))
     solution = solve_least_squares(propagated.surface, prepared, (0.7, 0.4), prepared.context.windows.wide)
-    features, none = dict(compute_image_features(prepared)), np.zeros(s.shape, bool)
-    return MatcherState(prepared, propagated, solution, features, none, None)
+    image, none = compute_image_features(prepared), np.zeros(s.shape, bool)
+    return MatcherState(prepared, propagated, solution, image.planes, image.textured, none, None)
 
 
 def with_selection(state: MatcherState) -> MatcherState:
     """Return the state with a selection that changes no pixel."""
-    planes = add_initial_confidence(compute_initial_features(state), state.prepared.context)
+    features = compute_initial_features(ConfidenceInputs.from_state(state))
+    planes = add_initial_confidence(features, state.prepared.context)
     selector = CandidateSelector.from_surface(state.solution.surface, planes, state.prepared)
     confidence, gain = planes["initial confidence"], selector.consistency.gain
     return replace(state, selection=Selection(state.solution.surface, confidence, gain))
@@ -73,10 +67,9 @@ def estimate(made, s: np.ndarray, selected: bool) -> tuple[DepthEstimate, np.nda
 
 
 def surface_planes(state: MatcherState, scale: float) -> dict[str, np.ndarray]:
-    """Return the features of a surface that every auxiliary sees."""
-    seen = np.ones(state.prepared.core.shape, np.uint8)
-    agreement = compute_agreement_features(state.propagated, state.solution, seen, 4)
-    return dict(agreement) | dict(compute_shape_features(state.propagated, state.solution, scale))
+    """Return the initial features of a surface at another scale."""
+    state = replace(state, prepared=with_scale(state.prepared, scale))
+    return compute_initial_features(ConfidenceInputs.from_state(state))
 
 
 def count_views_by_rays(made, solids) -> np.ndarray:
@@ -99,11 +92,12 @@ def count_views_by_rays(made, solids) -> np.ndarray:
 def test_features_of_every_network_are_computed(selected):
     state = with_selection(run_stages(made := make_scene(*STEP, noise=1.0), made.s))
     assert state.selection is not None
+    inputs = ConfidenceInputs.from_state(state)
     if selected:
-        found = compute_refined_features(state, state.selection)[0].planes
+        found = RefinementInputs.from_selection(inputs, state.selection).planes
         assert set(load_network("confidence").names) <= found.keys()
     else:
-        found = compute_initial_features(state).planes
+        found = compute_initial_features(inputs)
         assert {
             *load_network("initial_confidence").names,
             *load_network("fast_confidence").names,
@@ -142,7 +136,7 @@ def test_relief_and_brightness_features_have_the_named_values():
     shaded[40:70, 50:80] *= 0.3
     prepared = replace(made.prepared, core=shaded)
     state = run_stages(made, made.s)
-    found = dict(compute_image_features(with_scale(prepared))) | surface_planes(state, 1.0)
+    found = surface_planes(state, 1.0) | compute_image_features(with_scale(prepared)).planes
     shadow, rest = (slice(48, 62), slice(58, 72)), (slice(90, 110), slice(50, 80))
     assert (
         np.median(found["relative brightness within 11"][shadow])
@@ -240,7 +234,8 @@ def test_textureless_region_is_measured_only_if_filled(selected):
     core[shaded] = (40 + 0.9 * u + 0.5 * v + np.random.default_rng(1).normal(0, 1, core.shape))[shaded]
     disc = (u - 90) ** 2 + (v - 50) ** 2 < 8**2
     state = replace(state, prepared=with_scale(state.prepared))
-    blind = replace(state, prepared=replace(state.prepared, core=core))
+    blind = replace(state.prepared, core=core)
+    blind = replace(state, prepared=blind, textured=compute_image_features(blind).textured)
     inside = shaded & (u > 60 + 12) & mask_inner(core.shape, 6)
     assert (estimate_depth(state).confidence[inside] > 0.5).mean() > 0.9
     assert (estimate_depth(blind).confidence[inside] == 0).all()

@@ -6,17 +6,29 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.refined_features import (
-    PHOTOMETRIC_LIMIT,
+from beltscape.stereo.multiview.confidence.features import (
     compute_initial_confidence_features,
-    compute_photometric_features,
     compute_reliability_features,
 )
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
-from beltscape.stereo.multiview.frame.visibility import compute_visibility
+from beltscape.stereo.multiview.frame.windows import choose_windows
+from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult
 from beltscape.stereo.multiview.selection.gain import estimate_gain
-from beltscape.stereo.multiview.selection.photoconsistency import PhotoConsistencyModel
-from tests.stereo.scenes import Scene, make_scene, mask_away_from_steps, mask_inner, patch, plane, with_scale
+from beltscape.stereo.multiview.selection.photoconsistency import (
+    PHOTOMETRIC_LIMIT,
+    PhotoConsistencyModel,
+    compute_photometric_features,
+)
+from tests.stereo.scenes import (
+    Scene,
+    make_inputs,
+    make_scene,
+    mask_away_from_steps,
+    mask_inner,
+    patch,
+    plane,
+    with_scale,
+)
 
 STEP = (plane(760), patch(640, (-90, 90), (-130, 130)))
 
@@ -25,11 +37,12 @@ def compute_features(made: Scene, s: np.ndarray, confidence: np.ndarray) -> dict
     """Return the features of a surface with the true slopes."""
     slopes = fit_slopes(made.s, load(), 1)
     surface = Surface(s.astype(np.float32), slopes.slope_u, slopes.slope_v)
-    prepared = with_scale(made.prepared)
-    _, buffers = compute_visibility(surface.s, prepared)
-    gain = estimate_gain(surface.s, np.full(s.shape, 0.02), prepared, buffers)
-    levels = compute_photometric_features(surface, confidence, PhotoConsistencyModel(prepared, gain, buffers))
-    return dict(levels) | dict(compute_reliability_features(surface, confidence, 1.0))
+    prepared, none = with_scale(made.prepared), np.zeros(s.shape, np.float32)
+    inputs = make_inputs(prepared, LeastSquaresResult(surface, none, none, none.astype(np.uint8), none))
+    gain = estimate_gain(surface.s, np.full(s.shape, 0.02), prepared, inputs.buffers)
+    consistency = PhotoConsistencyModel(prepared, gain, inputs.buffers)
+    levels = compute_photometric_features(surface, confidence, consistency)
+    return dict(levels) | dict(compute_reliability_features(inputs, confidence))
 
 
 def test_images_are_consistent_where_the_surface_is_right():
@@ -85,10 +98,11 @@ def test_features_are_finite_without_reliable_pixels():
 def test_initial_confidence_features_are_means_and_minimum_around():
     confidence = np.zeros((40, 50), np.float32)
     confidence[20, 25] = 7
-    found = dict(compute_initial_confidence_features(confidence, 1.0))
+    windows = choose_windows(1224)
+    found = dict(compute_initial_confidence_features(confidence, windows))
     assert found["initial confidence within 3"][21, 26] == pytest.approx(7 / 9)
     assert found["initial confidence within 7"][23, 28] == pytest.approx(7 / 49)
     assert found["lowest initial confidence within 3"][20, 25] == 0
     np.testing.assert_array_equal(
-        dict(compute_initial_confidence_features(100 + confidence, 1.0))["initial confidence"], 8
+        dict(compute_initial_confidence_features(100 + confidence, windows))["initial confidence"], 8
     )

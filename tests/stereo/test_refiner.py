@@ -15,7 +15,7 @@ from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.estimate import compute_refined_features
+from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.refiner import (
     MOST_PX,
     TRIED_PX,
@@ -35,8 +35,8 @@ from tests.stereo.test_estimate import STEP, run_stages, with_selection
 def predict(state: MatcherState) -> tuple[RefinementInputs, Prediction]:
     """Return the inputs of the refinement, and the prediction before it."""
     assert state.selection is not None
-    features, inputs = compute_refined_features(state, state.selection)
-    outputs = load_network("confidence").evaluate(features.planes, load(), 1)
+    inputs = RefinementInputs.from_selection(ConfidenceInputs.from_state(state), state.selection)
+    outputs = load_network("confidence").evaluate(inputs.planes, load(), 1)
     return inputs, Prediction(state.solution.surface.s, *outputs)
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.roughness import compute_roughness_features
+from beltscape.stereo.multiview.confidence.surface_features import compute_roughness_features
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.frame.windows import choose_windows
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
-from tests.stereo.scenes import make_scene, plane, sphere
+from tests.stereo.scenes import make_inputs, make_scene, plane, sphere, with_scale
 
 SHAPE = (120, 160)
 
@@ -27,11 +27,11 @@ def make_flat_result(s: np.ndarray | None = None, **fields: np.ndarray) -> Least
     return replace(made, **fields)
 
 
-def compute_features(
-    solution: LeastSquaresResult, turn: np.ndarray | None = None, scale: float = 1.0
-) -> dict[str, np.ndarray]:
-    turn = np.full(solution.surface.s.shape, -5, np.float32) if turn is None else turn.astype(np.float32)
-    return dict(compute_roughness_features(solution, turn, scale))
+def compute_features(solution: LeastSquaresResult, scale: float = 1.0) -> dict[str, np.ndarray]:
+    """Return the features without the slope deviations of the single pixels."""
+    prepared = with_scale(make_scene(plane()).prepared, scale)
+    features = compute_roughness_features(make_inputs(prepared, solution))
+    return {name: plane_ for name, plane_ in features if " within " in name}
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0, 1.8])
@@ -39,7 +39,11 @@ def test_features_of_constant_planes_are_the_constants(scale):
     found = compute_features(make_flat_result(disagreement=np.full(SHAPE, 3, np.float32)), scale=scale)
     assert len(found) == 8
     for name, plane_ in found.items():
-        expected = {"window disagreement": np.log(3.01), "slope deviation": -5.0, "log sigma": np.log(0.01)}
+        expected = {
+            "window disagreement": np.log(3.01),
+            "slope deviation": 0.5 * np.log(1e-8),
+            "log sigma": np.log(0.01),
+        }
         np.testing.assert_allclose(plane_, expected[name.split(" within")[0]], rtol=1e-4, err_msg=name)
 
 

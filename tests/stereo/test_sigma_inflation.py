@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from beltscape.core.frames import FrameSet
-from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.sigma_inflation import Inflation, estimate_inflation
+from beltscape.stereo.multiview.confidence.correlated_noise import Inflation, estimate_inflation
 from beltscape.stereo.multiview.frame.frame import Noise
 from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale
-from beltscape.stereo.multiview.frame.surface import fit_slopes
+from beltscape.stereo.multiview.frame.surface import detect_depth_steps
 from tests.stereo.scenes import (
     Scene,
     compute_depth_mm,
@@ -54,8 +53,9 @@ def correlate_noise(white: np.ndarray, blur_px: float) -> np.ndarray:
 
 
 def estimate(made: Scene, threads: int = 1) -> Inflation:
-    surface = fit_slopes(made.s, load(), 1)
-    return estimate_inflation(surface, with_context(made.prepared, threads=threads))
+    return estimate_inflation(
+        made.s, detect_depth_steps(made.s), with_context(made.prepared, threads=threads)
+    )
 
 
 def predict_inflation(made: Scene, blur_px: float) -> float:

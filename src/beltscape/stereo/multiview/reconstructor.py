@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TypeVar, cast
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.core.arguments import require_depth_range
 from beltscape.core.depth import DepthMap
@@ -17,18 +14,19 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
-from beltscape.stereo.multiview.confidence.estimate import (
-    DepthEstimate,
+from beltscape.stereo.multiview.confidence.estimate import estimate_depth
+from beltscape.stereo.multiview.confidence.features import (
     add_initial_confidence,
+    compute_initial_confidence_features,
     compute_initial_features,
-    estimate_depth,
 )
-from beltscape.stereo.multiview.confidence.features import compute_image_features
-from beltscape.stereo.multiview.confidence.refined_features import compute_initial_confidence_features
+from beltscape.stereo.multiview.confidence.image_features import compute_image_features
+from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
+from beltscape.stereo.multiview.depth_map import make_depth_map
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.parallel import run_pair
-from beltscape.stereo.multiview.frame.surface import Surface, upsample_surface
+from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
 from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
@@ -37,8 +35,6 @@ from beltscape.stereo.multiview.pyramid import PyramidSolver
 from beltscape.stereo.multiview.selection.candidates import Selection, select_candidates
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.multiview.state import MatcherState
-
-Number = TypeVar("Number", bound=np.number)
 
 
 class MultiviewReconstructor:
@@ -82,7 +78,8 @@ class MultiviewReconstructor:
         """
         names = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         state = self.match(frame_set, names, reporter, prior)
-        return _make_depth_map(state, estimate_depth(state), self.settings.least_confidence)
+        estimate = estimate_depth(state)
+        return make_depth_map(estimate, state.prepared.context, self.settings.least_confidence)
 
     def match(
         self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter, prior: Prior | None = None
@@ -117,25 +114,22 @@ class MultiviewReconstructor:
         context = MatchContext.for_grid(self.rig, names, self._step, self._kernels, threads)
         solver = PyramidSolver(self.depth_range_mm, self.settings, prior, on_step)
         surface, prepared = solver.initialise(prepare_frame(frame_set, context))
-        (propagated, solution), features = run_pair(
-            lambda: solver.propagate(surface, prepared),
-            lambda: dict(compute_image_features(prepared)),
-            threads,
+        (propagated, solution), image = run_pair(
+            lambda: solver.propagate(surface, prepared), lambda: compute_image_features(prepared), threads
         )
         unfilled = np.zeros(surface.s.shape, bool)
-        return MatcherState(prepared, propagated, solution, features, unfilled, None)
+        return MatcherState(prepared, propagated, solution, image.planes, image.textured, unfilled, None)
 
     def _select(self, state: MatcherState) -> Selection | None:
         """Return the surface after the candidate selections of uncertain pixels; None without any."""
         if not self.settings.selections:
             return None
         context = state.prepared.context
-        planes = add_initial_confidence(compute_initial_features(state), context)
+        features = compute_initial_features(ConfidenceInputs.from_state(state))
+        planes = add_initial_confidence(features, context)
         selection = select_candidates(state.solution.surface, planes, state.prepared)
         for _ in range(self.settings.selections - 1):
-            planes = planes | dict(
-                compute_initial_confidence_features(selection.initial_confidence, context.scale)
-            )
+            planes |= compute_initial_confidence_features(selection.initial_confidence, context.windows)
             selection = select_candidates(selection.surface, planes, state.prepared)
         return selection
 
@@ -160,41 +154,3 @@ class _StepCounter:
     def __call__(self) -> None:
         self._done += 1
         self._reporter.step(f"matching {self._frame}", self._done, self._total)
-
-
-def _make_depth_map(state: MatcherState, estimate: DepthEstimate, least_confidence: float) -> DepthMap:
-    """Return the depth of sufficiently confident pixels on the core's full grid."""
-    context = state.prepared.context
-    unit, step = context.inverse_depth_scale, context.step
-    s = upsample_surface(replace(state.solution.surface, s=estimate.s), step)
-    sigma, confidence, views = (
-        _repeat_blocks(x, step) for x in (estimate.sigma, estimate.confidence, estimate.views)
-    )
-    accepted = (confidence >= least_confidence) & (s > 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        depth = np.where(accepted, 1 / (s * np.float32(unit)), np.nan).astype(np.float32)
-        sigma_mm = (depth * depth * np.float32(unit) * sigma).astype(np.float32)
-    width, height = context.rig.core_camera.size_px
-    planes = [np.full((height, width), empty, dtype) for empty, dtype in _EMPTY]
-    parts = depth, sigma_mm, np.where(accepted, views, 0), np.where(accepted, confidence, 0)
-    for plane, part in zip(planes, parts, strict=True):
-        plane[: part.shape[0], : part.shape[1]] = part
-    depth_plane, sigma_plane, views_plane, confidence_plane = planes
-    return DepthMap(
-        cast("NDArray[np.float32]", depth_plane),
-        cast("NDArray[np.float32]", sigma_plane),
-        cast("NDArray[np.uint8]", views_plane),
-        cast("NDArray[np.float32]", confidence_plane),
-    )
-
-
-_EMPTY = ((np.nan, np.float32), (np.nan, np.float32), (0, np.uint8), (0, np.float32))
-"""Depth, sigma, views and confidence of unmeasured pixels, including a last row or column without a block."""
-
-
-def _repeat_blocks(values: NDArray[Number], step: int) -> NDArray[Number]:
-    """Return every value repeated over its block."""
-    if step == 1:
-        return values
-    height, width = values.shape
-    return cv2.resize(values, (width * step, height * step), interpolation=cv2.INTER_NEAREST)

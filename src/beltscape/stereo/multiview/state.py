@@ -23,6 +23,8 @@ class MatcherState:
     solution: LeastSquaresResult
     image_features: dict[str, NDArray[np.floating]]
     """(H, W) by name: the features of the core's image."""
+    textured: NDArray[np.bool_]
+    """(H, W) pixels near which the core's image has texture."""
     filled: NDArray[np.bool_]
     """(H, W) textureless discs whose surface is continued from their rims."""
     selection: Selection | None

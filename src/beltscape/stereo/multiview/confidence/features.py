@@ -1,147 +1,105 @@
-"""Initial features of the pixels of a matched surface: image, agreement and shape, as planes by name."""
+"""The features of a surface's pixels that the networks of the confidence take, as planes (H, W) by name.
+
+Before the candidate selection they are the initial features; they give the initial confidence. After it they are the
+refined features: the initial ones, the roughness, the initial confidence around, the photo-consistency, and the
+planes of reliable pixels around.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.nan import fill_nan
-from beltscape.stereo.multiview.frame.photometry import compute_local_variance
-from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps
-from beltscape.stereo.multiview.frame.windows import scale_window
-from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult
-from beltscape.stereo.multiview.optimisation.propagation import PropagationResult
+from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
+from beltscape.stereo.multiview.confidence.surface_features import (
+    Features,
+    compute_agreement_features,
+    compute_roughness_features,
+    compute_shape_features,
+    compute_slope_deviations,
+)
+from beltscape.stereo.multiview.frame.context import MatchContext
+from beltscape.stereo.multiview.frame.parallel import run_parallel
+from beltscape.stereo.multiview.frame.windows import Windows
+from beltscape.stereo.multiview.networks import load_network
+from beltscape.stereo.multiview.selection.photoconsistency import (
+    PhotoConsistencyModel,
+    compute_photometric_features,
+)
 
 Array = NDArray[np.floating]
 
-_WIDE_PX = 31
-"""Side of the window, several dots wide, with whose brightness and contrast a pixel's own are compared."""
-_MOST_STEP_PX = 30.0
-"""Limit of the height of a step."""
-_MOST_OFFSET_PX = 5.0
-"""Limit of a pixel's distance from the median of its neighbours."""
+_INITIAL = compute_shape_features, compute_slope_deviations, compute_agreement_features
+_REFINED = compute_shape_features, compute_roughness_features, compute_agreement_features
+"""Features of the surface alone."""
+_MOST_OFFSET_PX = 10.0
+"""Limit of a pixel's distance from the reliable pixels' planes."""
+_LEAST_WEIGHT = 1e-4
+"""Least sum of weights, against division by zero."""
+_STEEPEST = 1.5
+"""Limit of the slopes of the reliable pixels' planes."""
 
 
-def compute_agreement_features(
-    propagated: PropagationResult, solution: LeastSquaresResult, visible: NDArray[np.uint8], auxiliaries: int
-) -> Iterator[tuple[str, Array]]:
-    """Yield how well the images agree on the surface, planes (H, W) by name.
-
-    ``visible`` (H, W) is the number of the ``auxiliaries`` that see the surface.
-    """
-    yield "log sigma", 0.5 * np.log(np.clip(solution.variance, 1e-6, 4.0))
-    yield from _compute_view_features(solution, visible, auxiliaries)
-    cost, margin = fill_nan(propagated.cost, 1.0), fill_nan(propagated.margin)
-    yield "cost", cost
-    yield "mean cost", np.asarray(cv2.blur(cost, (7, 7)), np.float32)
-    yield "margin", margin
-    yield "small margin", np.minimum(margin, 0.15)
+def compute_initial_features(inputs: ConfidenceInputs) -> dict[str, Array]:
+    """Return the features before candidate selection."""
+    parts = [partial(compute, inputs) for compute in _INITIAL]
+    return _compute_planes(parts, inputs.prepared.context) | inputs.image_features
 
 
-def compute_information_features(solution: LeastSquaresResult, scale: float) -> Iterator[tuple[str, Array]]:
-    """Yield the scale of the grid, and the information of the least squares around each pixel (H, W), by name."""
-    information = cv2.blur(fill_nan(solution.information), scale_window(5, scale))
-    yield "log grid scale", np.full(information.shape, np.log(scale), np.float32)
-    yield "log mean information", np.log(np.maximum(information, 0) + np.float32(1e-3))
+def add_initial_confidence(features: dict[str, Array], context: MatchContext) -> dict[str, Array]:
+    """Return the initial features with the initial confidence, its means and its minimum around."""
+    network = load_network("initial_confidence")
+    (logit,) = network.evaluate(features, context.kernels, context.threads)
+    return features | dict(compute_initial_confidence_features(logit, context.windows))
 
 
-def compute_shape_features(
-    propagated: PropagationResult, solution: LeastSquaresResult, scale: float
-) -> Iterator[tuple[str, Array]]:
-    """Yield the shape of the surface, planes (H, W) by name; NaN of the surface counts as 0.
-
-    Steps and distances in px grow with the images. They are given in px of a grid of scale 1, so that the same shape
-    has the same features at any size.
-    """
-    surface = solution.surface
-    s = fill_nan(surface.s)
-    px = np.float32(1 / scale)
-    yield "offset from median", np.minimum(px * np.abs(s - cv2.medianBlur(s, 5)), _MOST_OFFSET_PX)
-    step_distance = px * _compute_step_distance(s)
-    yield "step proximity", np.exp(-step_distance)
-    yield "wide step proximity", np.exp(-step_distance / 4)
-    yield "slope", fill_nan(np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2))
-    yield from _compute_bend_features(s, scale)
-    yield from _compute_slope_deviations(surface, scale)
-    yield "last update", _compute_last_update(propagated, s, scale)
-    yield from _compute_relief_features(s, scale)
+def compute_refined_features(
+    inputs: ConfidenceInputs, initial_confidence: Array, consistency: PhotoConsistencyModel
+) -> dict[str, Array]:
+    """Return the features after candidate selection, which gave the initial confidence (H, W), a logit."""
+    parts: list[Callable[[], Features]] = [
+        *(partial(compute, inputs) for compute in _REFINED),
+        partial(compute_photometric_features, inputs.surface, initial_confidence, consistency),
+        partial(compute_reliability_features, inputs, initial_confidence),
+        partial(compute_initial_confidence_features, initial_confidence, inputs.windows),
+    ]
+    return _compute_planes(parts, inputs.prepared.context) | inputs.image_features
 
 
-def _compute_view_features(
-    solution: LeastSquaresResult, visible: NDArray[np.uint8], auxiliaries: int
-) -> Iterator[tuple[str, Array]]:
-    number = visible.astype(np.float32)
-    yield "one view", (visible == 1).astype(np.float32)
-    yield "two views", (visible == 2).astype(np.float32)
-    yield "share of views", number / auxiliaries
-    yield "mean views", np.asarray(cv2.blur(np.minimum(number, 4), (9, 9)), np.float32)
-    yield "no agreeing view", (solution.used == 0).astype(np.float32)
-    yield "share of disagreeing views", np.maximum(number - solution.used, 0) / auxiliaries
+def compute_initial_confidence_features(logit: Array, windows: Windows) -> Features:
+    """Yield the initial confidence (H, W), logit, its means and its minimum around."""
+    logit = np.clip(logit, -8, 8).astype(np.float32)
+    yield "initial confidence", logit
+    for window_px in (3, 7, 15):
+        mean = cv2.blur(logit, windows.boxes[window_px])
+        yield f"initial confidence within {window_px}", np.asarray(mean, np.float32)
+    lowest = cv2.erode(logit, np.ones(windows.boxes[3], np.uint8))
+    yield "lowest initial confidence within 3", np.asarray(lowest, np.float32)
 
 
-def _compute_bend_features(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
-    """Yield the logarithm of the mean distance, px, of s from its window mean; it is small on planes."""
-    for name, window_px, least in (("bend", 7, 0.001), ("wide bend", 25, 0.004)):
-        side = scale_window(window_px, scale)
-        offset = np.minimum(np.abs(s - cv2.blur(s, side)), 1)
-        yield name, np.log(cv2.blur(offset, side) + np.float32(least))
+def compute_reliability_features(inputs: ConfidenceInputs, initial_confidence: Array) -> Features:
+    """Yield the distance from the planes of reliable pixels around (px at scale 1), and their weight."""
+    windows, surface = inputs.windows, inputs.filled
+    weight = (1 / (1 + np.exp(-np.clip(initial_confidence, -8, 8).astype(np.float32)))) ** 3
+    height, width = weight.shape
+    u, v = np.arange(width, dtype=np.float32)[None], np.arange(height, dtype=np.float32)[:, None]
+    slope_u, slope_v = (np.clip(slope, -_STEEPEST, _STEEPEST) for slope in (surface.slope_u, surface.slope_v))
+    # a plane's value at p is that at the origin + slope · p, so means of planes are planes
+    at_origin = surface.s - slope_u * u - slope_v * v
+    weighted = [weight, weight * at_origin, weight * slope_u, weight * slope_v]
+    for window_px in (7, 15):
+        total, constant, across, down = (cv2.blur(x, windows.boxes[window_px]) for x in weighted)
+        plane_s = (constant + across * u + down * v) / np.maximum(total, _LEAST_WEIGHT)
+        offset = np.clip((surface.s - plane_s) / windows.scale, -_MOST_OFFSET_PX, _MOST_OFFSET_PX)
+        yield f"offset from reliable planes within {window_px}", offset
+        yield f"reliable weight within {window_px}", np.asarray(total, np.float32)
 
 
-def _compute_slope_deviations(surface: Surface, scale: float) -> Iterator[tuple[str, Array]]:
-    """Yield the logarithm of the slopes' standard deviation in a window: large at edges and on round flanks."""
-    slopes = [np.clip(fill_nan(slope), -3, 3) for slope in (surface.slope_u, surface.slope_v)]
-    for name, window_px in (("slope deviation", 5), ("wide slope deviation", 15)):
-        side = scale_window(window_px, scale)
-        variance = _compute_variance(slopes[0], side) + _compute_variance(slopes[1], side)
-        yield name, 0.5 * np.log(variance + np.float32(1e-8))
-
-
-def _compute_last_update(propagated: PropagationResult, s: Array, scale: float) -> Array:
-    """Return the (H, W) logarithm of the mean change of s by the last iterations, px, over a window."""
-    before = fill_nan(propagated.surface.s)
-    return np.log(cv2.blur(np.minimum(np.abs(s - before), 2), scale_window(5, scale)) + np.float32(0.002))
-
-
-def _compute_relief_features(s: Array, scale: float) -> Iterator[tuple[str, Array]]:
-    """Yield how much nearer and farther the surface is around a pixel: what may occlude it or be occluded by it."""
-    px = np.float32(1 / scale)
-    for window_px in (5, 11, 21):
-        square = np.ones(scale_window(window_px, scale), np.uint8)
-        yield f"nearer within {window_px}", np.minimum(px * (cv2.dilate(s, square) - s), _MOST_STEP_PX)
-        yield f"farther within {window_px}", np.minimum(px * (s - cv2.erode(s, square)), _MOST_STEP_PX)
-
-
-def compute_image_features(prepared: PreparedFrame) -> Iterator[tuple[str, Array]]:
-    """Yield brightness and contrast relative to the surroundings: both are lower outside the projector's light."""
-    scale = prepared.context.scale
-    core = np.maximum(fill_nan(prepared.core), 0)  # splines undershoot
-    noise = np.float32(prepared.noise.levels)
-    wide = scale_window(_WIDE_PX, scale)
-    mean, contrast = cv2.blur(core, wide) + 1, _compute_variance(core, wide) + noise
-    for window_px in (5, 11):
-        side = scale_window(window_px, scale)
-        yield f"relative brightness within {window_px}", np.log((cv2.blur(core, side) + 1) / mean)
-        yield (
-            f"relative contrast within {window_px}",
-            np.log((_compute_variance(core, side) + noise) / contrast),
-        )
-    yield "log texture over noise", np.log((compute_local_variance(core) + np.float32(1e-3)) / noise)
-
-
-def _compute_variance(image: Array, side: tuple[int, int]) -> Array:
-    """Return the (H, W) variance within a window."""
-    mean = cv2.blur(image, side)
-    return np.maximum(cv2.blur(image * image, side) - mean * mean, 0)
-
-
-def _compute_step_distance(s: Array) -> Array:
-    """Return the (H, W) distance to the nearest depth step of the surface, px."""
-    step = detect_depth_steps(s)
-    distance = cv2.distanceTransform((~step).astype(np.uint8), cv2.DIST_L2, 5)
-    return np.minimum(
-        np.asarray(distance, np.float32), 1e4
-    )  # without any step OpenCV returns nearly the largest number
+def _compute_planes(parts: Sequence[Callable[[], Features]], context: MatchContext) -> dict[str, Array]:
+    """Return the planes of all parts by name; the parts run side by side."""
+    computed = run_parallel([lambda part=part: dict(part()) for part in parts], context.threads)
+    return {name: plane for planes in computed for name, plane in planes.items()}

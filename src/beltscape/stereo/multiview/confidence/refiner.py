@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.stereo.multiview.confidence.features import compute_refined_features
+from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.message_passing import (
     assign_addresses,
     gather_neighbour_addresses,
@@ -26,6 +28,7 @@ from beltscape.stereo.multiview.frame.parallel import run_parallel
 from beltscape.stereo.multiview.frame.pixels import Pixels, split_pixels
 from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.networks import load_network
+from beltscape.stereo.multiview.selection.candidates import Selection
 from beltscape.stereo.multiview.selection.neighbourhood import Neighbourhood, sample_planes
 from beltscape.stereo.multiview.selection.photoconsistency import (
     PhotoConsistencyModel,
@@ -68,11 +71,11 @@ class RefinementInputs:
     neighbourhood: Neighbourhood
 
     @classmethod
-    def from_surface(
-        cls, planes: Mapping[str, Array], surface: Surface, consistency: PhotoConsistencyModel
-    ) -> RefinementInputs:
-        """Return the inputs for a surface with its features (H, W) by name."""
-        prepared = consistency.prepared
+    def from_selection(cls, inputs: ConfidenceInputs, selection: Selection) -> RefinementInputs:
+        """Return the inputs for a surface after candidate selection."""
+        prepared, surface = inputs.prepared, inputs.surface
+        consistency = PhotoConsistencyModel(prepared, selection.gain, inputs.buffers)
+        planes = compute_refined_features(inputs, selection.initial_confidence, consistency)
         neighbourhood = Neighbourhood.from_surface(
             surface.s, planes["initial confidence"], prepared.core, NEIGHBOURHOOD_PX, prepared.context
         )

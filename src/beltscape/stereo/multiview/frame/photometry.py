@@ -74,6 +74,12 @@ def compute_local_moments(level: NDArray[np.float32]) -> tuple[NDArray[np.float3
     return mean, np.maximum(compute_local_mean(level * level) - mean * mean, 0)
 
 
+def compute_box_variance(image: NDArray[np.floating], box: tuple[int, int]) -> NDArray[np.floating]:
+    """Return the (H, W) variance in windows of (width, height) ``box``."""
+    mean = cv2.blur(image, box)
+    return np.maximum(cv2.blur(image * image, box) - mean * mean, 0)
+
+
 def compute_texture_ratio(level: NDArray[np.float32], noise: float, side: int) -> NDArray[np.float32]:
     """Return the (H, W) variance of the levels in windows of ``side`` px over that of noise.
 

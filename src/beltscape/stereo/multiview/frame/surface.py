@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.stereo.multiview.frame.nan import fill_nan
 
 STEP_PX = 2.5
 """Range of s within 5 × 5 pixels above which there may be a depth step."""
@@ -37,8 +38,11 @@ class Surface:
 
 
 def detect_depth_steps(s: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Return the mask (H, W) of pixels around which finite s ranges over more than `STEP_PX` within 5 × 5 pixels."""
-    window = np.ones((5, 5), np.uint8)
+    """Return the mask (H, W) of pixels around which s ranges over more than `STEP_PX` within 5 × 5 pixels.
+
+    NaN counts as 0.
+    """
+    s, window = fill_nan(s), np.ones((5, 5), np.uint8)
     return cv2.dilate(s, window) - cv2.erode(s, window) > STEP_PX
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,8 @@ _LEVELS_PX = 7
 """Radius of the window in which levels are normalised, at scale 1."""
 MOST_PX = 15
 """Largest radius that the kernels accept."""
+_BOXES_PX = (3, 5, 7, 9, 11, 15, 21, 25, 31)
+"""Sides, at scale 1, of the square windows over which values are averaged or compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +38,8 @@ class Windows:
     """Of the last fit."""
     levels_px: int
     """Radius of the window in which levels are normalised."""
+    boxes: Mapping[int, tuple[int, int]]
+    """Odd (width, height) of square windows on the grid, by their side in px at scale 1."""
     scale: float
     """Factor of all distances in px; 1 on a grid as wide as half the paper's images."""
 
@@ -43,13 +48,13 @@ def choose_windows(width_px: int) -> Windows:
     """Return the window sizes for a grid of this width."""
     scale = float(np.clip(width_px / _WIDTH_PX, *_SCALE))
     narrow, firm, wide = (_choose_radii(sigmas_px, scale) for sigmas_px in (_NARROW_PX, _FIRM_PX, _WIDE_PX))
-    return Windows(narrow, firm, wide, max(3, round(_LEVELS_PX * scale)), scale)
+    return Windows(narrow, firm, wide, max(3, round(_LEVELS_PX * scale)), scale_boxes(scale), scale)
 
 
-def scale_window(window_px: float, scale: float) -> tuple[int, int]:
-    """Return the odd (width, height) of a window of ``window_px`` at scale 1 on a grid of another scale."""
-    side = 2 * int(window_px * scale / 2) + 1
-    return side, side
+def scale_boxes(scale: float) -> dict[int, tuple[int, int]]:
+    """Return the odd (width, height) of square windows on a grid of this scale, by their side in px at scale 1."""
+    sides = {side_px: 2 * int(side_px * scale / 2) + 1 for side_px in _BOXES_PX}
+    return {side_px: (side, side) for side_px, side in sides.items()}
 
 
 def _choose_radii(sigmas_px: tuple[float, ...], scale: float) -> Radii:

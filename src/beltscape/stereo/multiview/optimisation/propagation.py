@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps
 from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
 
@@ -65,5 +64,5 @@ def propagate(
 
 def mask_near_steps(s: NDArray[np.float32], reach_px: int) -> NDArray[np.uint8]:
     """Return (H, W) 1 within reach of a depth step; elsewhere all candidates are the same surface."""
-    step = detect_depth_steps(fill_nan(s)).astype(np.uint8)
+    step = detect_depth_steps(s).astype(np.uint8)
     return np.asarray(cv2.dilate(step, np.ones((2 * reach_px + 1, 2 * reach_px + 1), np.uint8)), np.uint8)

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.frame.windows import scale_window
 from beltscape.stereo.multiview.optimisation.least_squares import form_normal_equations
 
 _WINDOW_PX = 7
@@ -39,7 +38,7 @@ def apply_twicing(surface: Surface, prepared: PreparedFrame, tolerance: float) -
         tolerance=tolerance, flatten=0.0, threads=context.threads,
     )  # fmt: skip
     shift = fit.s - surface.s
-    window = scale_window(_WINDOW_PX, context.scale)
+    window = context.windows.boxes[_WINDOW_PX]
     energy = cv2.blur(np.minimum(fill_nan(shift) ** 2, _MOST_PX**2), window)
     noise = cv2.blur(np.minimum(fill_nan(fit.variance), _MOST_PX**2), window)
     share = np.maximum(1 - noise / np.maximum(energy, np.float32(1e-12)), 0)

@@ -11,11 +11,14 @@ from numpy.typing import NDArray
 from beltscape.kernels.selection.candidates import PhotoConsistency
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.pixels import Pixels
+from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
 from beltscape.stereo.multiview.selection.gain import PhotometricGain
 
 Array = NDArray[np.floating]
 
+PHOTOMETRIC_LIMIT = 3.5
+"""Initial confidence (logit) from which on the photo-consistency of a surface is not evaluated."""
 _LOG_OFFSET = 0.1
 """Added to differences before the logarithm; smaller differences are equal."""
 
@@ -49,3 +52,25 @@ def compute_photo_consistency_features(
         yield name.replace("_", " "), np.log(plane + np.float32(_LOG_OFFSET))
     yield "visible views", np.minimum(consistency.views, 4)
     yield "share of visible views", consistency.views / np.float32(auxiliaries)
+
+
+def compute_photometric_features(
+    surface: Surface, initial_confidence: Array, consistency: PhotoConsistencyModel
+) -> Iterator[tuple[str, Array]]:
+    """Yield the photo-consistency (H, W) by name, evaluated below `PHOTOMETRIC_LIMIT`.
+
+    The other pixels count as consistent and visible in no view.
+    """
+    prepared = consistency.prepared
+    auxiliaries = len(prepared.images)
+    pixels = np.nonzero(initial_confidence < PHOTOMETRIC_LIMIT)
+    if not len(pixels[0]):
+        pixels = np.zeros(1, int), np.zeros(1, int)
+    s, slope_u, slope_v = (plane[pixels][None] for plane in (surface.s, surface.slope_u, surface.slope_v))
+    evaluated = consistency.evaluate(pixels, s, (slope_u, slope_v), prepared.context.threads)
+    consistent = PhotoConsistency(*(np.zeros((1, 1), np.float32) for _ in evaluated))
+    elsewhere = dict(compute_photo_consistency_features(consistent, auxiliaries))
+    for name, values in compute_photo_consistency_features(evaluated, auxiliaries):
+        plane = np.full(surface.s.shape, elsewhere[name].item(), np.float32)
+        plane[pixels] = values[0]
+        yield name, plane

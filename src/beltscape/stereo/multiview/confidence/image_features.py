@@ -1,0 +1,68 @@
+"""Features of the core's image, which do not depend on the surface: brightness, contrast and texture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.stereo.multiview.frame.frame import PreparedFrame
+from beltscape.stereo.multiview.frame.nan import fill_nan
+from beltscape.stereo.multiview.frame.photometry import (
+    compute_box_variance,
+    compute_local_variance,
+    compute_texture_ratio,
+)
+
+Array = NDArray[np.floating]
+
+_WIDE_PX = 31
+"""Side of the window, several dots wide, with whose brightness and contrast a pixel's own are compared."""
+REACH_PX = 9
+"""Window around texture in which pixels without texture are measured, since the fit's window includes the texture."""
+TEXTURE, TEXTURE_PX = 2.0, 9
+"""Ratio of the variance to the noise's up to which a window has no texture, and its side in px at scale 1."""
+
+
+class ImageFeatures(NamedTuple):
+    """What the core's image says about its pixels."""
+
+    planes: dict[str, Array]
+    """(H, W) features by name."""
+    textured: NDArray[np.bool_]
+    """(H, W) pixels inside the image near which there is texture."""
+
+
+def compute_image_features(prepared: PreparedFrame) -> ImageFeatures:
+    """Return the features of the core's image, and where it has texture."""
+    core = fill_nan(prepared.core)
+    return ImageFeatures(dict(_compare_with_surroundings(core, prepared)), _mask_textured(core, prepared))
+
+
+def _compare_with_surroundings(
+    core: NDArray[np.float32], prepared: PreparedFrame
+) -> Iterator[tuple[str, Array]]:
+    """Yield brightness and contrast relative to the surroundings: both are lower outside the projector's light."""
+    boxes = prepared.context.windows.boxes
+    core = np.maximum(core, 0)  # splines undershoot
+    noise = np.float32(prepared.noise.levels)
+    wide = boxes[_WIDE_PX]
+    mean, contrast = cv2.blur(core, wide) + 1, compute_box_variance(core, wide) + noise
+    for window_px in (5, 11):
+        box = boxes[window_px]
+        yield f"relative brightness within {window_px}", np.log((cv2.blur(core, box) + 1) / mean)
+        yield (
+            f"relative contrast within {window_px}",
+            np.log((compute_box_variance(core, box) + noise) / contrast),
+        )
+    yield "log texture over noise", np.log((compute_local_variance(core) + np.float32(1e-3)) / noise)
+
+
+def _mask_textured(core: NDArray[np.float32], prepared: PreparedFrame) -> NDArray[np.bool_]:
+    """Return the mask (H, W) of pixels within `REACH_PX` of texture."""
+    side = prepared.context.windows.boxes[TEXTURE_PX][0]
+    texture = compute_texture_ratio(core, prepared.noise.levels, side)
+    return np.asarray(cv2.dilate(texture, np.ones((REACH_PX, REACH_PX), np.uint8)) > TEXTURE)

@@ -1,0 +1,52 @@
+"""The depth map of an estimate: from the matcher's grid to the pixels of the core's image, in mm."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.depth import DepthMap
+from beltscape.stereo.multiview.confidence.estimate import DepthEstimate
+from beltscape.stereo.multiview.frame.context import MatchContext
+from beltscape.stereo.multiview.frame.surface import upsample_surface
+
+Number = TypeVar("Number", bound=np.number)
+
+
+def make_depth_map(estimate: DepthEstimate, context: MatchContext, least_confidence: float) -> DepthMap:
+    """Return the depth of sufficiently confident pixels on the core's full grid."""
+    unit, step = context.inverse_depth_scale, context.step
+    s = upsample_surface(estimate.surface, step)
+    sigma, confidence, views = (
+        _repeat_blocks(x, step) for x in (estimate.sigma, estimate.confidence, estimate.views)
+    )
+    accepted = (confidence >= least_confidence) & (s > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(accepted, 1 / (s * np.float32(unit)), np.nan).astype(np.float32)
+        sigma_mm = (depth * depth * np.float32(unit) * sigma).astype(np.float32)
+    size_px = context.rig.core_camera.size_px
+    return DepthMap(
+        _extend(depth, size_px, np.nan),
+        _extend(sigma_mm, size_px, np.nan),
+        _extend(np.where(accepted, views, np.uint8(0)), size_px, 0),
+        _extend(np.where(accepted, confidence, np.float32(0)), size_px, 0),
+    )
+
+
+def _repeat_blocks(values: NDArray[Number], step: int) -> NDArray[Number]:
+    """Return every value repeated over its block."""
+    if step == 1:
+        return values
+    height, width = values.shape
+    return cv2.resize(values, (width * step, height * step), interpolation=cv2.INTER_NEAREST)
+
+
+def _extend(values: NDArray[Number], size_px: tuple[int, int], empty: float) -> NDArray[Number]:
+    """Return the values on the full image; ``empty`` fills a last row or column without a block."""
+    width, height = size_px
+    plane = np.full((height, width), empty, values.dtype)
+    plane[: values.shape[0], : values.shape[1]] = values
+    return plane

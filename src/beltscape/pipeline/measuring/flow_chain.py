@@ -16,6 +16,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import pinhole_scale
 from beltscape.core.progress import Reporter
+from beltscape.health.belt.monitor import BeltMonitor
+from beltscape.health.belt.settings import BeltLimits
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.motion.prediction import MotionPrediction
@@ -73,7 +75,10 @@ class FlowChain:
     result, because the motion is predicted from the frames before the previous one.
     """
 
-    def __init__(self, matcher: SequenceMatcher, meter: FlowMeter) -> None:
+    def __init__(
+        self, matcher: SequenceMatcher, meter: FlowMeter, belt_limits: BeltLimits | None = None
+    ) -> None:
+        """``belt_limits`` are those of the comparison of the bare belt with the learned one."""
         self.meter = meter
         self.done = 0
         """Number of frame sets that were reconstructed."""
@@ -85,7 +90,8 @@ class FlowChain:
         self._waiting: _MatchedFrame | None = None
         """The previous frame while it is not measured yet."""
         self._findings: list[Finding] = []
-        """The meter's findings since the last `pop_findings`."""
+        """The findings about heights and motion since the last `pop_findings`."""
+        self._belt = BeltMonitor(meter.reference, belt_limits)
 
     def push(
         self, frames: FrameSet, reporter: Reporter, *, whole: bool, findings: Sequence[Finding] = ()
@@ -116,15 +122,16 @@ class FlowChain:
         one, self._waiting = self._waiting, None
         if one is None:
             return []
+        heights = self._belt.check(one.depth)
         records = self.meter.push(
             one.depth,
             one.time_ns,
             one.position_mm,
             frame=one.frame,
             whole=one.whole,
-            findings=one.findings,
+            findings=(*one.findings, *heights),
         )
-        self._findings += self.meter.findings
+        self._findings += (*heights, *self.meter.findings)
         return records
 
     def pop_findings(self) -> tuple[Finding, ...]:

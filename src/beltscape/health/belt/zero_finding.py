@@ -1,0 +1,125 @@
+"""Findings about the zero: the shift and the tilt of the bare belt in a frame, and their average over frames."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from beltscape.core.findings import Finding
+from beltscape.health.belt.settings import BeltLimits
+from beltscape.health.belt.zero_history import ZeroHistory
+from beltscape.health.belt.zero_shift import ZeroShift
+
+SHIFT, DRIFT, TILT = "zero_shift", "zero_drift", "zero_tilt"
+_TILT_SHARE = 0.05
+"""Standard deviation of the mean height due to an uncorrected tilt, as a share of the rise at the edge: it cancels
+over a belt that is measured as a whole, but hidden parts are not spread evenly."""
+_NAN = float("nan")
+_FIX = "check belt, idlers and mounting; then set the zero on the empty belt, or learn it again"
+
+
+def make_zero_findings(
+    shift: ZeroShift, history: ZeroHistory, before: ZeroHistory, limits: BeltLimits
+) -> tuple[Finding, ...]:
+    """Return the findings of a frame; ``history`` includes it, ``before`` does not."""
+    rise, rise_sigma = find_largest_tilt(shift)
+    return (
+        _make_shift_finding(shift, before, rise, limits),
+        _make_drift_finding(shift, history, limits),
+        _make_tilt_finding(rise, rise_sigma, limits),
+    )
+
+
+def find_largest_tilt(shift: ZeroShift) -> tuple[float, float]:
+    """Return the largest rise of an edge or end of the view by tilt or lateral shift, and its σ; NaN if unknown."""
+    if not shift.is_measured:
+        return _NAN, _NAN
+    sigma = np.sqrt(np.diag(shift.covariance_mm2))
+    largest = 1 + int(np.argmax(np.abs(shift.motion_mm[1:])))
+    return float(shift.motion_mm[largest]), float(sigma[largest])
+
+
+def _make_shift_finding(shift: ZeroShift, before: ZeroHistory, rise_mm: float, limits: BeltLimits) -> Finding:
+    if not shift.is_measured:
+        return Finding(SHIFT, _NAN, _NAN, limits.zero_mm, "mm")
+    systematic = float(np.sqrt(shift.offset_mm**2 + shift.sigma_mm**2 + (_TILT_SHARE * rise_mm) ** 2))
+    is_fault = _exceeds(shift.offset_mm, shift.sigma_mm, limits.zero_mm, limits)
+    return Finding(
+        SHIFT,
+        shift.offset_mm,
+        shift.sigma_mm,
+        limits.zero_mm,
+        "mm",
+        text=_describe(shift, before, limits) if is_fault else "",
+        effect="degraded" if is_fault else "none",
+        systematic_mm=systematic,
+    )
+
+
+def _make_drift_finding(shift: ZeroShift, history: ZeroHistory, limits: BeltLimits) -> Finding:
+    """Return the finding of the average; where the frame shows no bare belt, it stands for the frame."""
+    offset, sigma = history.offset_mm, history.sigma_mm
+    known = bool(history.weight)
+    is_fault = known and _exceeds(offset, sigma, limits.zero_mm, limits)
+    verb = "higher" if offset > 0 else "lower"
+    text = f"the bare belt lies {abs(offset):.2f} ± {sigma:.2f} mm {verb} than learned; {_FIX}"
+    return Finding(
+        DRIFT,
+        offset,
+        sigma,
+        limits.zero_mm,
+        "mm",
+        text=text if is_fault else "",
+        effect="degraded" if is_fault else "none",
+        systematic_mm=float(np.hypot(offset, sigma)) if known and not shift.is_measured else 0.0,
+    )
+
+
+def _make_tilt_finding(rise_mm: float, sigma_mm: float, limits: BeltLimits) -> Finding:
+    is_fault = _exceeds(rise_mm, sigma_mm, limits.tilt_mm, limits)
+    text = (
+        f"the bare belt is tilted or shifted sideways: {abs(rise_mm):.1f} mm at the edge of the view; {_FIX}"
+    )
+    return Finding(
+        TILT,
+        abs(rise_mm),
+        sigma_mm,
+        limits.tilt_mm,
+        "mm",
+        text=text if is_fault else "",
+        effect="degraded" if is_fault else "none",
+    )
+
+
+def _exceeds(value: float, sigma: float, limit: float, limits: BeltLimits) -> bool:
+    return bool(abs(value) > limit and abs(value) > limits.zero_sigmas * sigma)
+
+
+def classify_shift(
+    shift: ZeroShift, before: ZeroHistory, limits: BeltLimits
+) -> Literal["moved", "moved on one side", "worn", "film"]:
+    """Return what a shift looks like: a sudden rigid motion, one that only one strip shows, wear, or a film."""
+    is_sudden = not before.weight or abs(shift.offset_mm - before.offset_mm) > 0.5 * limits.zero_mm
+    if not min(shift.sides):
+        return "moved on one side"
+    if is_sudden:
+        return "moved"
+    return "film" if shift.offset_mm > 0 else "worn"
+
+
+_CAUSES = {
+    "moved": "belt, idlers or the rig moved",
+    "moved on one side": "only one side of the belt is bare: belt, idlers or the rig moved, or material lies there",
+    "film": "slowly: material clings to the whole belt, or the rig sinks",
+    "worn": "slowly: the belt is worn, or the rig rises",
+}
+
+
+def _describe(shift: ZeroShift, before: ZeroHistory, limits: BeltLimits) -> str:
+    verb = "higher" if shift.offset_mm > 0 else "lower"
+    cause = _CAUSES[classify_shift(shift, before, limits)]
+    return (
+        f"the bare belt lies {abs(shift.offset_mm):.2f} ± {shift.sigma_mm:.2f} mm {verb} than learned ({cause}); "
+        f"{_FIX}"
+    )

@@ -77,7 +77,7 @@ def test_options_and_a_given_rig_are_used(capsys):
         (["module", "--size", "third"], "beltscape simulate: argument --size: invalid choice: 'third'"),
         (["module", "--rig", "gone.json"], "beltscape: gone.json: no such file"),
         (["folding.toml"], "beltscape: "),
-        (["fault.toml"], "beltscape: faults: the rig has no camera cam7; it has cam0, cam1"),
+        (["fault.toml"], "beltscape: faults.moved_camera: the rig has no camera cam7; it has cam0, cam1"),
     ],
 )
 def test_invalid_scene_is_refused_in_one_line_and_nothing_is_written(capsys, words, line):

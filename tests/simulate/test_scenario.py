@@ -64,6 +64,11 @@ def test_overrides_take_precedence_over_the_file(tmp_path):
         ('kind = "module"\n[projector]\nposition_mm = [0, 0, 0]\n', "z must be over the belt"),
         ('kind = "module"\n[board]\ndepth_mm = [700, 600]\n', "the first must be the smaller one"),
         ('kind = "module"\n[[faults.dirt]]\ncamera = "a"\nspecks_px = [[1, 1, 0]]\n', "faults.dirt[0]"),
+        ('kind = "module"\n[[faults.dirt]]\ncamera = "a"\n', "give specks_px, or a coverage above 0"),
+        ('kind = "module"\n[[faults.dirt]]\ncamera = "a"\ncoverage = 5\n', "coverage = 5: must be"),
+        ('kind = "module"\n[[faults.encoder]]\nkind = "lost"\n', "must be 'reversed', 'frozen'"),
+        ('kind = "module"\n[[faults.projector]]\npower = -1\n', "faults.projector[0].power = -1: must be"),
+        ('kind = "module"\n[[faults.defocus]]\nsigma_px = 2\n', "faults.defocus[0].camera is missing"),
     ],
 )
 def test_invalid_scene_is_refused_in_one_line_naming_the_file(tmp_path, toml, line):

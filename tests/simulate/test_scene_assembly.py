@@ -226,10 +226,10 @@ def test_moved_camera_changes_its_image_but_not_the_truth():
         np.testing.assert_array_equal(
             scene.station.cam_from_world(name).rotation, true.cam_from_world(name).rotation
         )
-    turn = scene.current_station.cam_from_world("cam1").rotation @ true.cam_from_world("cam1").rotation.T
+    turn = scene.station_at(0).cam_from_world("cam1").rotation @ true.cam_from_world("cam1").rotation.T
     assert np.rad2deg(np.arccos((np.trace(turn) - 1) / 2)) == pytest.approx(2)
     before = SimulatedScene(tiny("calibration", faults={"moved_camera": knock}))
-    assert before.current_station is before.station
+    assert before.station_at(0) is before.station
 
 
 def test_missing_frames_are_absent_and_the_others_unchanged():

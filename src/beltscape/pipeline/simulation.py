@@ -29,6 +29,7 @@ from beltscape.simulate.rendering.optics import Lens
 from beltscape.simulate.rig_and_projector import DOWN
 from beltscape.simulate.scenario import KINDS, Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
+from beltscape.simulate.solids.belt import BeltSettings
 from beltscape.simulate.time_of_flight.camera import make_tof_camera
 from beltscape.simulate.time_of_flight.view import render_tof
 from beltscape.simulate.truth.core_truth import trace_core_view
@@ -126,11 +127,16 @@ def _with_engine(scenario: Scenario) -> Scenario:
 def _check_scene(scene: SimulatedScene) -> None:
     """Make all objects that may be refused, before anything is written."""
     cameras, scenario = scene.station.rig.cameras, scene.scenario
-    faults = scenario.faults
-    for fault in (*faults.dirt, *faults.moved_camera, *faults.over_exposure, *faults.missing_frames):
-        if fault.camera not in cameras:
-            raise InputError(f"faults: the rig has no camera {fault.camera}; it has {', '.join(cameras)}")
-    _ = (scene.current_station, scene.projector, scene.heap, scene.world_from_module, scene.world_from_board)
+    for name, camera in scenario.faults.list_cameras():
+        if camera not in cameras:
+            raise InputError(f"faults.{name}: the rig has no camera {camera}; it has {', '.join(cameras)}")
+    for fault in scenario.faults.running_off:
+        validate(
+            Path("faults.running_off"),
+            BeltSettings,
+            fault.apply(scenario.belt, scene.frame_count).model_dump(),
+        )
+    _ = (scene.station_at(0), scene.projector, scene.heap, scene.world_from_module, scene.world_from_board)
     for camera in cameras.values():
         Lens(camera, scenario.optics, 1).make_coarse_pinhole()  # raises if the distortion folds
 
@@ -216,10 +222,15 @@ def _write_moving_truth(scene: SimulatedScene, folder: Path) -> None:
 
 
 def _format_encoder(scene: SimulatedScene) -> str:
-    scale = scene.scenario.motion.encoder_scale
+    """Return encoder.csv: the readings of all frames, without those of a silent encoder."""
+    scale, frames = scene.scenario.motion.encoder_scale, range(scene.frame_count)
+    position = np.array([abs(scene.belt_position_mm(i)) * scale for i in frames])
+    for fault in scene.scenario.faults.encoder:
+        position = fault.apply(position)
     rows = [
-        f"{scene.frame_name(i)},{scene.time_s(i)!r},{abs(scene.belt_position_mm(i)) * scale!r}"
-        for i in range(scene.frame_count)
+        f"{scene.frame_name(i)},{scene.time_s(i)!r},{float(position[i])!r}"
+        for i in frames
+        if np.isfinite(position[i])
     ]
     return "\n".join(["frame,timestamp_s,belt_position_mm", *rows]) + "\n"
 

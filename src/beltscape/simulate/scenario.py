@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.simulate.faults import Dirt, MissingFrames, MovedCamera, OverExposure
+from beltscape.simulate.faults.settings import Faults
 from beltscape.simulate.rendering.optics import Optics
 from beltscape.simulate.rendering.render import RenderSettings
 from beltscape.simulate.rendering.sensor import Sensor
@@ -149,16 +149,6 @@ class TofSpec(_Part):
 
     height_mm: Length = 744.0
     camera: TofSettings = TofSettings()
-
-
-class Faults(_Part):
-    """Faults of the plant."""
-
-    dead_projector: bool = False
-    dirt: tuple[Dirt, ...] = ()
-    moved_camera: tuple[MovedCamera, ...] = ()
-    over_exposure: tuple[OverExposure, ...] = ()
-    missing_frames: tuple[MissingFrames, ...] = ()
 
 
 class Scenario(_Part):

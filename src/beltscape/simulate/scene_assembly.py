@@ -13,6 +13,8 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.board_poses import sample_board_poses
+from beltscape.simulate.faults.belt import move_solids
+from beltscape.simulate.faults.images import degrade_light, rearrange_images
 from beltscape.simulate.geometry.world import Projector, Solid, Station, World
 from beltscape.simulate.rendering.motion_blur import render_exposure, sample_exposure
 from beltscape.simulate.rendering.render import RenderSettings, render
@@ -45,13 +47,12 @@ class SimulatedScene:
         """Return the rig as it was calibrated: the truth."""
         return make_station(self.scenario.rig)
 
-    @cached_property
-    def current_station(self) -> Station:
-        """Return the rig at the time of the capture, with the moved cameras at their new poses."""
-        current = self.station
+    def station_at(self, frame: float) -> Station:
+        """Return the rig at the time of a frame, with the moved cameras at their new poses."""
+        current, faults = self.station, self.scenario.faults
         if self.scenario.kind != "calibration":
-            for fault in self.scenario.faults.moved_camera:
-                current = fault.apply(current)
+            for fault in (*faults.moved_camera, *faults.vibration, *faults.moved_rig):
+                current = fault.apply(current, int(frame))
         return current
 
     @cached_property
@@ -110,15 +111,15 @@ class SimulatedScene:
         """Return the seed of a frame's rendering."""
         return self.scenario.seed * 100_003 + frame
 
-    def time_s(self, frame: int) -> float:
+    def time_s(self, frame: float) -> float:
         """Return the time at which a frame is taken."""
         return frame / self.scenario.motion.frames_per_s
 
-    def belt_position_mm(self, frame: int) -> float:
+    def belt_position_mm(self, frame: float) -> float:
         """Return the travel of the belt towards +y since the first frame."""
         return self.scenario.motion.speed_mm_s * self.time_s(frame) if self._moves else 0.0
 
-    def heap_position_mm(self, frame: int) -> float:
+    def heap_position_mm(self, frame: float) -> float:
         """Return the position of the heap's centre; once out of view it enters again."""
         if not self._moves:
             return 0.0
@@ -144,15 +145,21 @@ class SimulatedScene:
             )
         return int(np.ceil(2 * self._far_mm / step))
 
-    def world_at(self, frame: int) -> World:
-        """Return the world at the time of a frame."""
-        return World(self._solids_at(frame), self.projector, self.scenario.ambient)
+    def world_at(self, frame: float) -> World:
+        """Return the world at the time of a frame, or at an instant between frames."""
+        world = World(self._solids_at(frame), self.projector, self.scenario.ambient)
+        for fault in self.scenario.faults.projector:
+            world = fault.apply(world, int(frame))
+        return world
 
     def render_frame(self, frame: int) -> FrameSet:
         """Return the images of a frame, without those of cameras that do not deliver it."""
-        cameras = self.delivering_cameras(frame)
-        light = self._render_light(frame, cameras)
-        images = {name: self._expose(name, frame, light[name]) for name in cameras}
+        images: dict[str, Image] = {}
+        for (source, late_frames), cameras in self._group_by_instant(frame).items():
+            light = self._render_light(source, late_frames, cameras)
+            images |= {name: self._expose(name, source, light[name]) for name in cameras}
+        images = {name: images[name] for name in self.delivering_cameras(frame)}
+        images = rearrange_images(images, self.scenario.faults, frame)
         return FrameSet(self.frame_name(frame), images, time_ns=round(self.time_s(frame) * 1e9))
 
     def delivering_cameras(self, frame: int) -> list[str]:
@@ -161,6 +168,20 @@ class SimulatedScene:
         return [
             name for name in self.station.rig.cameras if all(fault.delivers(name, frame) for fault in faults)
         ]
+
+    def _group_by_instant(self, frame: int) -> dict[tuple[int, float], list[str]]:
+        """Return the delivering cameras by the frame that they show and the lateness of their exposure in frames."""
+        groups: dict[tuple[int, float], list[str]] = {}
+        faults, rate = self.scenario.faults, self.scenario.motion.frames_per_s
+        for name in self.delivering_cameras(frame):
+            source, late_frames = frame, 0.0
+            for repeated in faults.repeated_images:
+                source = repeated.source_frame(source) if repeated.camera in ("", name) else source
+            for late in faults.late_camera:
+                if late.camera == name and late.is_active(frame):
+                    source, late_frames = late.source_frame(source), late_frames + late.late_ms * 1e-3 * rate
+            groups.setdefault((source, late_frames), []).append(name)
+        return groups
 
     @property
     def _moves(self) -> bool:
@@ -173,38 +194,61 @@ class SimulatedScene:
         view = camera.size_px[1] / 2 / camera.focal_px[1] * self.station.core_from_world.center_mm[2]
         return float(max(abs(end) for end in self.scenario.heap.fines.along_mm) + view)
 
-    def _solids_at(self, frame: int) -> tuple[Solid, ...]:
+    def _solids_at(self, frame: float) -> tuple[Solid, ...]:
         if self.board is not None:  # the calibration takes place without the belt
-            pose = self.world_from_board[frame % self.frame_count]
+            pose = self.world_from_board[int(frame) % self.frame_count]
             return (self.belt[1], make_board_solid(self.board, pose))
-        if self.module is not None and self.world_from_module is not None:
-            spec = self.scenario.module
-            return (*self.belt, *make_module_solids(self.module, self.world_from_module, spec.reflectance))
-        if self.heap is not None:
-            return (*self.belt, *shift_solids(self.heap.solids, self.heap_position_mm(frame)))
-        return self.belt
+        solids = (*self._belt_at(frame), *self._layers_at(frame), *self._load_at(frame))
+        for fault in self.scenario.faults.moved_belt:
+            solids = move_solids(solids, fault.pose_at(frame)) if fault.is_active(frame) else solids
+        return solids
 
-    def _render_light(self, frame: int, names: list[str]) -> dict[str, np.ndarray]:
-        scenario, world = self.scenario, self.world_at(frame)
-        optics = dict.fromkeys(names, scenario.optics)
+    def _belt_at(self, frame: float) -> tuple[Solid, Solid]:
+        """Return belt and floor in a frame."""
+        faults = [fault for fault in self.scenario.faults.running_off if fault.is_active(frame)]
+        if not faults:
+            return self.belt
+        settings = self.scenario.belt
+        for fault in faults:
+            settings = fault.apply(settings, frame)
+        return make_belt_solids(settings)
+
+    def _layers_at(self, frame: float) -> tuple[Solid, ...]:
+        """Return what sticks to the belt and comes round with it: carry-back and splices."""
+        faults, belt = self.scenario.faults, self.scenario.belt
+        made = [fault.make_solid(belt, frame) for fault in (*faults.carry_back, *faults.splice)]
+        layers = tuple(solid for solid in made if solid is not None)
+        if not self._moves or not layers:
+            return layers
+        length = belt.length_mm  # one copy enters where the other leaves
+        along = self.belt_position_mm(frame) % length
+        return (*shift_solids(layers, along), *shift_solids(layers, along - length))
+
+    def _load_at(self, frame: float) -> tuple[Solid, ...]:
+        if self.module is not None and self.world_from_module is not None:
+            reflectance = self.scenario.module.reflectance
+            return tuple(make_module_solids(self.module, self.world_from_module, reflectance))
+        return () if self.heap is None else shift_solids(self.heap.solids, self.heap_position_mm(frame))
+
+    def _render_light(self, frame: int, late_frames: float, names: list[str]) -> dict[str, np.ndarray]:
+        scenario, world = self.scenario, self.world_at(frame + late_frames)
+        station, optics = self.station_at(frame), dict.fromkeys(names, scenario.optics)
         seed = self.frame_seed(frame)
         travel = scenario.motion.speed_mm_s * scenario.motion.exposure_us * 1e-6 if self._moves else 0.0
         if travel:
-            worlds = sample_exposure(world, self.current_station, travel)
-            light = render_exposure(worlds, self.current_station, optics, scenario.render, seed=seed)
+            worlds = sample_exposure(world, station, travel)
+            light = render_exposure(worlds, station, optics, scenario.render, seed=seed)
         else:
-            light = render(world, self.current_station, optics, scenario.render, seed=seed)
-        for dirt in scenario.faults.dirt:
-            if dirt.camera in light:
-                light[dirt.camera] = dirt.apply(light[dirt.camera])
-        return light
+            light = render(world, station, optics, scenario.render, seed=seed)
+        time_s = self.time_s(frame)
+        return {name: degrade_light(one, scenario.faults, name, frame, time_s) for name, one in light.items()}
 
     def _expose(self, name: str, frame: int, light: np.ndarray) -> Image:
         # not the amplifier's gain: with a smaller gain a saturated pixel would not reach the largest value
         electrons = self._sensor.electrons_at_1 * self._sensitivity[name]
         sensor = self._sensor.model_copy(update={"electrons_at_1": electrons})
         for fault in self.scenario.faults.over_exposure:
-            sensor = fault.apply(sensor) if fault.camera == name else sensor
+            sensor = fault.apply(sensor, frame) if fault.camera == name else sensor
         return expose(light, sensor, make_noise_seed(self.scenario.seed, name, self.frame_name(frame)))
 
     @cached_property
@@ -224,9 +268,8 @@ class SimulatedScene:
         core = self.station.rig.core
         sampling = RenderSettings(oversample=1, passes=1, ambient_samples=1, engine=scenario.render.engine)
         middle = self._brightest_frame
-        light = render(
-            self.world_at(middle), self.station, {core: scenario.optics}, sampling, seed=scenario.seed
-        )[core]
+        world = World(self._solids_at(middle), self.projector, scenario.ambient)
+        light = render(world, self.station, {core: scenario.optics}, sampling, seed=scenario.seed)[core]
         irradiance = light.mean(axis=-1) if sensor.colour == "grey" else light
         bright = max(float(np.quantile(irradiance, EXPOSURE_QUANTILE)), 1e-6)
         return sensor.model_copy(

@@ -1,0 +1,92 @@
+"""What lies on a camera's window: dirt and the lens cap."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from beltscape.simulate.faults.base import Fault, GrowingFault, Pixels, Seed, Share
+from beltscape.simulate.faults.haze import blur
+
+Light = NDArray[np.float32]
+
+_SPECK = 0.02
+"""Size of a speck as a share of the image's width; assumed: dust of 0.2 mm on a window some centimetres away."""
+_STREAK = 8.0
+"""Length of a smeared streak over its width; assumed: a wipe with a dry cloth."""
+_SCATTER = 0.01
+"""σ of the blur by a smeared film, as a share of the image's width; assumed."""
+
+
+class Dirt(GrowingFault):
+    """Dirt on a lens or its window: given specks, or random ones that cover a share of the image."""
+
+    camera: str
+    specks_px: tuple[tuple[Pixels, Pixels, Annotated[float, Field(gt=0, le=1e4)]], ...] = ()
+    """Column, row and radius of given specks, far out of focus."""
+    coverage: Share = 0.0
+    """Share of the image under random specks, when the fault is complete."""
+    shape: Literal["soft", "sharp", "smeared"] = "soft"
+    """Random specks far out of focus, in focus, or wiped to streaks that also scatter the light."""
+    opacity: Share = 0.6
+    """Share of the light that the centre of a speck absorbs."""
+    seed: Seed = 1
+    """Of the random specks."""
+
+    @model_validator(mode="after")
+    def _check_specks(self) -> Dirt:
+        if not self.specks_px and self.coverage == 0:
+            raise ValueError("give specks_px, or a coverage above 0")
+        return self
+
+    def apply(self, light: Light, frame: int = 0) -> Light:
+        """Return the light, (H, W) or (H, W, 3), behind the dirt."""
+        extent = self.extent_at(frame)
+        if extent == 0:
+            return light
+        shaped: Any = light if light.ndim == 3 else light[..., None]
+        cover = self._cover_given(light.shape[:2], extent)[..., None]
+        shaped = shaped * (1 - cover)
+        if self.coverage > 0:
+            cover = self._cover_random(light.shape[:2], extent)[..., None]
+            behind = blur(shaped, _SCATTER * light.shape[1]) if self.shape == "smeared" else shaped
+            shaped = shaped * (1 - cover) + behind * cover * (1 - self.opacity)
+        return np.asarray(shaped, np.float32).reshape(light.shape)
+
+    def _cover_given(self, shape: tuple[int, ...], extent: float) -> NDArray[np.float64]:
+        """Return (H, W) the share of the light that the given specks absorb."""
+        rows, columns = np.ogrid[: shape[0], : shape[1]]
+        transmission = np.ones(shape)
+        for column, row, radius in self.specks_px:
+            distance = ((columns - column) ** 2 + (rows - row) ** 2) / (radius**2 * extent)
+            transmission *= 1 - self.opacity * np.exp(-(distance**2))  # flat in the middle, soft at the rim
+        return 1 - transmission
+
+    def _cover_random(self, shape: tuple[int, ...], extent: float) -> NDArray[np.float64]:
+        """Return (H, W) how far random specks cover each pixel, 0..1; a growing cover contains the earlier one."""
+        size = max(1.0, _SPECK * shape[1])
+        length = size * (_STREAK if self.shape == "smeared" else 1.0)
+        noise = np.random.default_rng(self.seed).normal(size=shape)
+        field = cv2.GaussianBlur(noise, (0, 0), length, sigmaY=size, borderType=cv2.BORDER_REFLECT)
+        level = np.quantile(field, 1 - self.coverage * extent)
+        cover = (field >= level).astype(np.float64)
+        if self.shape == "sharp":
+            return cover
+        soft = cv2.GaussianBlur(cover, (0, 0), size / 2, borderType=cv2.BORDER_REPLICATE)
+        return np.asarray(soft, np.float64)
+
+
+class LensCap(Fault):
+    """A lens cap, or anything opaque in front of a camera."""
+
+    camera: str
+    leak: Share = 0.0
+    """Share of the light that still arrives."""
+
+    def apply(self, light: Light, frame: int = 0) -> Light:
+        """Return the light behind the cap."""
+        return light * np.float32(self.leak) if self.is_active(frame) else light

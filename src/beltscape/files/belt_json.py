@@ -13,6 +13,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.type_guards import is_dict, is_list
+from beltscape.files.documents.digest import add_digest, require_digest
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.paths import AnyPath, as_path
 
@@ -25,7 +26,7 @@ _EDGES = ("left_mm", "right_mm", "left_sigma_mm", "right_sigma_mm", "offset_mm",
 def write_belt(path: AnyPath, belt: Belt, camera: Camera) -> None:
     """Write a belt and its core camera, atomically, with full float precision."""
     path = as_path(path)
-    write_json(path, belt_document(belt, camera))
+    write_json(path, add_digest(belt_document(belt, camera)))
 
 
 def belt_document(belt: Belt, camera: Camera) -> dict[str, Any]:
@@ -66,16 +67,18 @@ def belt_document(belt: Belt, camera: Camera) -> dict[str, Any]:
 
 
 def read_belt(path: AnyPath) -> tuple[Belt, Camera]:
-    """Read belt.json; InputError with the first invalid key. The camera has no distortion."""
+    """Read belt.json; InputError with the first invalid key, or if it was changed. The camera has no distortion."""
     path = as_path(path)
     document = read_json(path)
     format_ = document.get("format") if is_dict(document) else None
     if format_ != FORMAT:
         raise InputError(f"{path}: format is {format_!r}, not {FORMAT!r}; {_FIX}")
     try:
-        return _belt(document), _camera(_entry(document, "core"))
+        belt, camera = _belt(document), _camera(_entry(document, "core"))
     except ValueError as error:
         raise InputError(f"{path}: {error}; {_FIX}") from error
+    require_digest(path, document, _FIX)
+    return belt, camera
 
 
 def _belt(document: Mapping[str, Any]) -> Belt:

@@ -16,6 +16,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_dict
+from beltscape.files.documents.digest import add_digest, compute_file_digests, require_digest
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.manifest import require_finished
@@ -26,6 +27,8 @@ from beltscape.files.rasters.images import EXTENSIONS, read_image, write_image
 from beltscape.files.rig_json import read_rig
 
 FORMAT, DOCUMENT = "beltscape-reconstruction/1", "reconstruction.json"
+_MEASURED = ("depth.tiff", "sigma.tiff", "confidence.tiff", "views.png")
+"""Files of a frame folder from which heights are measured; reconstruction.json has their digests."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,9 +63,33 @@ def write_frame(
 
 
 def write_reconstruction(folder: Path, how: Mapping[str, Any], frames: Sequence[Mapping[str, Any]]) -> None:
-    """Write reconstruction.json: how frames were matched, and each frame's coverage and faults."""
+    """Write reconstruction.json: how frames were matched, each frame's coverage and faults, and files' digests."""
     frames = [{key: value for key, value in frame.items() if key != "folder"} for frame in frames]
-    write_json(folder / DOCUMENT, {"format": FORMAT, **how, "frames": frames})
+    names = ["rig.json", *(f"{frame['frame']}/{name}" for frame in frames for name in _MEASURED)]
+    files = compute_file_digests(folder, names)
+    write_json(folder / DOCUMENT, add_digest({"format": FORMAT, **how, "frames": frames, "files": files}))
+
+
+def require_intact(folder: Path, frame: str) -> None:
+    """Raise InputError if a frame's files, the rig, or reconstruction.json contradict the digests in the latter.
+
+    A reconstruction without digests is accepted.
+    """
+    path, fix = folder / DOCUMENT, "copy the reconstruction again, or reconstruct again"
+    document = read_json(path) if path.is_file() else None
+    if not is_dict(document):
+        return
+    require_digest(path, document, fix)
+    expected = document.get("files")
+    if not is_dict(expected):
+        return
+    own = [name for name in expected if "/" not in name or name.startswith(f"{frame}/")]
+    for name, digest in compute_file_digests(folder, own).items():
+        if digest != expected[name]:
+            raise InputError(
+                f"{folder / name}: its content contradicts its sha256 in {DOCUMENT}: the file was changed or "
+                f"damaged after it was written; {fix}"
+            )
 
 
 def list_frame_folders(folder: Path) -> list[Path]:

@@ -14,7 +14,7 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter
 from beltscape.files.belt_json import read_belt, write_belt
 from beltscape.files.folders.atomic import write_text
-from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame
+from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame, require_intact
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
 from beltscape.report.measuring.belt import render_belt_page
@@ -31,7 +31,7 @@ def measure_empty_belt(folder: Path, frames: Sequence[str] | None, reporter: Rep
     names = list_frame_names(folder) if frames is None else list(frames)
     results: list[FrameResult] = []
     for number, name in enumerate(names, 1):
-        results.append(read_frame(folder / name))
+        results.append(_read_intact_frame(folder / name))
         warn_of_camera_faults(results[-1], reporter)
         reporter.step("reading empty belt", number, len(names))
     camera = results[0].rig.core_camera
@@ -63,10 +63,18 @@ def read_empty_belt(path: Path, reporter: Reporter) -> tuple[Belt, Camera]:
         )
     if (path / "rig.json").is_file() and not (path / "depth.tiff").is_file():
         return measure_empty_belt(path, None, reporter)
-    frame = read_frame(path)
+    frame = _read_intact_frame(path)
     warn_of_camera_faults(frame, reporter)
     camera = frame.rig.core_camera
     return learn_belt([frame.depth], camera), camera
+
+
+def _read_intact_frame(folder: Path) -> FrameResult:
+    """Return a frame whose files are those that were written."""
+    frame = read_frame(folder)
+    place = frame.folder.resolve()
+    require_intact(place.parent, place.name)
+    return frame
 
 
 def require_same_camera(loaded: Path, camera: Camera, empty: Path, other: Camera) -> None:

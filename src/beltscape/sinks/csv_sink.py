@@ -14,10 +14,10 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
 from beltscape.files.tables import flow_csv
 from beltscape.files.tables.csv_table import append_rows
+from beltscape.sinks.csv_rows import HEADER, PATTERN
 from beltscape.sinks.days import compute_day, compute_shift_ns, format_day
 from beltscape.sinks.settings import CsvSettings
 
-HEADER = f"{flow_csv.HEADER},number,run,belt_from_mm,belt_to_mm,standing,reason,cameras,wall_time_s"
 _FLOW_COLUMNS = flow_csv.HEADER.count(",") + 1
 _NUMBER = _FLOW_COLUMNS
 _TAIL = 1 << 16
@@ -41,7 +41,7 @@ class CsvSink:
         self._shift_ns = compute_shift_ns(settings.day_begins_utc_h)
         try:
             path.mkdir(parents=True, exist_ok=True)
-            self._files = {file: _repair(file) for file in path.glob("????-??-??.csv")}
+            self._files = {file: _repair(file) for file in path.glob(PATTERN)}
             self._last = max(self._files.values(), default=0)
         except OSError as error:
             raise _output_error(path, error) from error

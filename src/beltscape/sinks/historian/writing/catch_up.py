@@ -25,7 +25,9 @@ _BATCH = 5_000
 _SAME_MM = 1e-3
 """Tables round positions to 1e-4 mm; a difference up to this is no gap."""
 _UNKNOWN_SIGMA = 1.0
-"""Relative σ of a table's volumes where no day file shows how well this plant is measured: nothing is claimed."""
+"""Relative σ of a table's volumes where no record shows how well this plant is measured: nothing is claimed."""
+_SIGMA_FACTOR = 2.0
+"""Tables have no σ: theirs is this multiple of the relative σ of the other records, a margin without measurement."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +35,6 @@ class CaughtUp:
     """The sums after the recovery."""
 
     sums: Sums
-    number: int
-    """Number of the last record in the database itself."""
     message: str
     """Line that describes what was recovered and what is missing; empty if nothing was."""
 
@@ -42,28 +42,33 @@ class CaughtUp:
 class _CatchUp:
     """Adds the records that files have behind the database's end."""
 
-    def __init__(self, connection: sqlite3.Connection, sums: Sums, number: int) -> None:
-        self.connection, self.sums, self.number = connection, sums, number
+    def __init__(self, connection: sqlite3.Connection, sums: Sums) -> None:
+        self.connection, self.sums = connection, sums
         self.lost: list[str] = []
-        self.relative_sigma = 0.0
+        self._volume, self._sigma = connection.execute(
+            "SELECT total(volume), total(sigma) FROM records WHERE volume > 0"
+        ).fetchone()
 
     def add_day_files(self, days: Path) -> int:
         """Add the records of unregistered day files to the sums; return how many there were."""
         registered = {row[0] for row in self.connection.execute("SELECT name FROM files")}
         files = [
             (summary.first, path)
-            for path in days.glob("*.parquet")
+            for path in _list_files(days, "*.parquet")
             if path.name not in registered and (summary := _read_summary(path)) is not None
             if summary.last > self.sums.number
         ]
         begin = self.sums.number
         for _, path in sorted(files):
-            records = read_day(path, (self.sums.number + 1, _ALL), (-_ALL, _ALL), _ALL, sections=False)
+            try:
+                records = read_day(path, (self.sums.number + 1, _ALL), (-_ALL, _ALL), _ALL, sections=False)
+            except InputError:
+                continue  # damaged: its records are counted as lost when the next ones follow
             for record in records:
                 self._skip_to(record)
                 self.sums = self.sums.add_record(record)
-                if record.volume_mm3 > 0:
-                    self.relative_sigma = max(self.relative_sigma, record.sigma_mm3 / record.volume_mm3)
+                self._volume += record.volume_mm3
+                self._sigma += record.sigma_mm3
         if self.sums.number > begin:
             with transaction(self.connection):
                 set_sums(self.connection, self.sums)
@@ -71,14 +76,21 @@ class _CatchUp:
 
     def add_tables(self, folder: Path, shift_ns: int) -> int:
         """Store the records of CSV files behind the end of the sums; return how many there were."""
-        ends = sorted((read_last_number(path), path) for path in folder.glob(PATTERN))
-        begin = self.sums.number
+        ends = sorted((read_last_number(path), path) for path in _list_files(folder, PATTERN))
+        begin, sigma = self.sums.number, _UNKNOWN_SIGMA
+        if self._volume > 0:
+            known = max(self._sigma / self._volume, self._relative_sigma_of_totals())
+            sigma = min(_UNKNOWN_SIGMA, _SIGMA_FACTOR * known)
         for last, path in ends:
             if last > self.sums.number:
-                rows = read_records(path, self.sums.number, self.relative_sigma or _UNKNOWN_SIGMA)
+                rows = read_records(path, self.sums.number, sigma)
                 while batch := list(islice(rows, _BATCH)):
                     self._store(batch, shift_ns)
         return self.sums.number - begin
+
+    def _relative_sigma_of_totals(self) -> float:
+        totals = self.sums.totals
+        return totals.sigma_mm3 / totals.volume_mm3 if totals.volume_mm3 > 0 else 0.0
 
     def _store(self, records: list[BeltRecord], shift_ns: int) -> None:
         for group in _contiguous(records):
@@ -87,7 +99,6 @@ class _CatchUp:
                     set_sums(self.connection, self.sums)
             joined = list(self._join(group))
             self.sums = append_records(self.connection, self.sums, joined, shift_ns, sections=False)
-            self.number = self.sums.number
 
     def _join(self, records: list[BeltRecord]) -> Iterator[BeltRecord]:
         """Yield the records with exact positions and with the σ of their run, added up without cancellation."""
@@ -112,9 +123,7 @@ class _CatchUp:
         return True
 
 
-def catch_up(
-    connection: sqlite3.Connection, sums: Sums, number: int, folder: Path, shift_ns: int
-) -> CaughtUp:
+def catch_up(connection: sqlite3.Connection, sums: Sums, folder: Path, shift_ns: int) -> CaughtUp:
     """Return the sums with everything that day files and tables have behind the database's end.
 
     Raises
@@ -122,24 +131,29 @@ def catch_up(
     sqlite3.Error
         When the database cannot be written.
     """
-    work = _CatchUp(connection, sums, number)
+    work = _CatchUp(connection, sums)
     try:
         filed = work.add_day_files(folder / "days")
         tabled = work.add_tables(folder / "csv", shift_ns)
     except OSError as error:
         raise InputError(
-            f"{error.filename or folder}: cannot be read ({error.strerror or error}), but the history's end is checked "
+            f"{error.filename or folder}: cannot be read ({error.strerror or error}); the history's end is checked "
             "against it; correct its permissions"
         ) from error
     if work.sums.number == sums.number:
-        return CaughtUp(sums, number, "")
+        return CaughtUp(sums, "")
     lost = f"; records {', '.join(work.lost)} are in no file, the totals lack them" if work.lost else ""
     message = (
         f"{folder}: the database ended with record {sums.number}, the files with {work.sums.number}: it was emptied, "
         f"deleted or is an older copy; number, end and totals continue from {filed} records of days/ and {tabled} of "
         f"csv/{lost}"
     )
-    return CaughtUp(work.sums, work.number, message)
+    return CaughtUp(work.sums, message)
+
+
+def _list_files(folder: Path, pattern: str) -> list[Path]:
+    """Return the matching files; OSError if the folder cannot be listed, unlike ``Path.glob``."""
+    return [path for path in folder.iterdir() if path.match(pattern)] if folder.exists() else []
 
 
 def _read_summary(path: Path) -> DayFile | None:

@@ -17,6 +17,7 @@ from beltscape.sinks.durable import write_durably
 from beltscape.sinks.historian.storage.connections import locate_suspect_marker
 from beltscape.sinks.historian.storage.failures import is_damage
 from beltscape.sinks.historian.storage.schema import open_writer
+from beltscape.sinks.historian.writing.catch_up import catch_up
 from beltscape.sinks.historian.writing.ledger import set_sums, transaction
 from beltscape.sinks.historian.writing.sums import SUMS_BEGIN, Sums, read_leading_sums, read_sums
 
@@ -35,13 +36,15 @@ class OpenedDatabase:
     connection: sqlite3.Connection
     sums: Sums
     number: int
-    """Number of the last record in this very database."""
+    """The database holds all records up to this number, and perhaps later ones behind those of unknown day files."""
     message: str
     """Line that describes the repair; empty without a repair."""
 
 
 def open_or_recover(folder: Path, shift_ns: int) -> OpenedDatabase:
     """Open the history in ``folder``; replace a damaged or missing database by a new one with the old totals.
+
+    Where day files or tables in csv/ reach further than the database, the ledger continues behind them.
 
     Raises
     ------
@@ -52,6 +55,17 @@ def open_or_recover(folder: Path, shift_ns: int) -> OpenedDatabase:
     sqlite3.OperationalError
         When it cannot be written.
     """
+    opened = _open_or_replace(folder, shift_ns)
+    try:
+        caught_up = catch_up(opened.connection, opened.sums, folder, shift_ns)
+    except BaseException:
+        opened.connection.close()
+        raise
+    messages = [text for text in (opened.message, caught_up.message) if text]
+    return OpenedDatabase(opened.connection, caught_up.sums, opened.number, "; ".join(messages))
+
+
+def _open_or_replace(folder: Path, shift_ns: int) -> OpenedDatabase:
     path = folder / DATABASE
     saved = read_snapshot(folder)
     try:

@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES
-from beltscape.alarms.settings import AlarmSettings, OversizeLump
+from beltscape.alarms.settings import AlarmSettings, Fault, OversizeLump
 from beltscape.alarms.texts import TEXTS
+from beltscape.core.findings import Finding
 from beltscape.core.live import CameraHealth, CameraState
+from beltscape.core.messages import get_key
 from beltscape.files.documents.toml_text import validate
 from tests.strategies import floats
 
@@ -99,7 +101,7 @@ class Plant:
 
 def test_every_rule_has_settings_a_text_and_a_case():
     kinds = {name.partition(":")[0] for name in BAD}
-    assert set(RULES) == set(AlarmSettings.model_fields) == set(TEXTS) == kinds
+    assert set(RULES) == set(AlarmSettings.model_fields) - {"faults", "checks"} == set(TEXTS) == kinds
 
 
 def test_all_alarms_are_clear_with_good_readings():
@@ -391,4 +393,77 @@ def test_unknown_key_is_refused_with_the_nearest(tmp_path):
 def test_readings_are_unknown_by_default():
     for one in fields(Readings):
         value = getattr(Readings(), one.name)
-        assert value is None or value == {} or np.isnan(value)
+        assert value is None or value in ({}, (), False) or np.isnan(value)
+
+
+def make_finding(value: float, text: str = "", subject: str = "cam2") -> Finding:
+    return Finding("camera_pose", value, 0.1, 1.0, "mm", subject, text)
+
+
+def test_a_fault_is_an_alarm_with_the_name_of_its_check_and_camera():
+    plant = Plant()
+    plant.run(replace(GOOD, findings=[make_finding(0.2)]), 5)
+    assert "camera_pose:cam2" not in plant.states()
+    (raised,) = plant.run(replace(GOOD, findings=[make_finding(4.0, "cam2 moved by 4 mm")]), 5)
+    assert (raised.name, raised.state, raised.detail) == ("camera_pose:cam2", "raised", "cam2 moved by 4 mm")
+    assert (raised.value, raised.limit, raised.unit) == (4.0, 1.0, "mm")
+    assert plant.run(replace(GOOD, findings=[make_finding(float("nan"))]), 300) == []  # not measured: unknown
+    (over,) = plant.run(replace(GOOD, findings=[make_finding(0.2)]), 30)
+    assert (over.name, over.state) == ("camera_pose:cam2", "gone")
+
+
+def test_alarms_of_faults_can_be_switched_off():
+    plant = Plant(AlarmSettings(faults=Fault(enabled=False)))
+    assert plant.run(replace(GOOD, findings=[make_finding(4.0, "cam2 moved")]), 5) == []
+
+
+def test_an_alarm_shows_the_worst_value_past_the_limit_not_the_present_one():
+    plant = Plant()
+    for size in (230.0, 260.0, 90.0, 215.0):
+        plant.run(replace(GOOD, largest_lump_mm=size), 2)
+    (lump,) = (alarm for alarm in plant.board.alarms if alarm.name == "oversize_lump")
+    assert (lump.state, lump.value, lump.limit) == ("raised", 260.0, 200.0)
+    assert "260 mm" in lump.detail
+    plant.run(replace(GOOD, largest_lump_mm=90.0), 30)
+    (lump,) = (alarm for alarm in plant.board.alarms if alarm.name == "oversize_lump")
+    assert (lump.state, lump.value) == ("gone", 260.0)
+    plant.run(replace(GOOD, largest_lump_mm=205.0), 2)  # another lump
+    (lump,) = (alarm for alarm in plant.board.alarms if alarm.name == "oversize_lump")
+    assert (lump.state, lump.value) == ("raised", 205.0)
+
+
+def test_a_check_may_have_settings_of_its_own():
+    settings = AlarmSettings(checks={"camera_pose": Fault(after_s=10, severity="info")})
+    plant = Plant(settings)
+    moved = make_finding(4.0, "cam2 moved by 4 mm")
+    assert plant.run(replace(GOOD, findings=[moved]), 9) == []
+    (raised,) = plant.run(replace(GOOD, findings=[moved]), 5)
+    assert (raised.name, raised.severity) == ("camera_pose:cam2", "info")
+
+
+def test_a_fault_that_stops_the_measurement_is_critical():
+    dark = Finding("projector", 0.0, 0.1, 1.0, "", text="the projector is off", effect="missing", cause="off")
+    (raised,) = Plant().run(replace(GOOD, findings=[dark]), 5)
+    assert raised.severity == "critical"
+    assert get_key(raised.detail) == "off"
+
+
+def test_alarms_of_measurement_are_held_during_maintenance():
+    plant = Plant()
+    plant.run(GOOD, 5)
+    bad = Readings(
+        cameras={"cam2": camera(state="lost")},
+        coverage=0.1,
+        history_trouble="no space left; free some",
+        findings=[make_finding(4.0, "cam2 moved")],
+    )
+    assert [a.name for a in plant.run(replace(bad, is_maintained=True), 300)] == ["disk_full"]
+    assert {a.name for a in plant.run(bad, 30)} >= {
+        "camera_lost:cam2",
+        "camera_pose:cam2",
+        "no_measurement:load",
+    }
+    raised = plant.states()
+    plant.run(replace(GOOD, is_maintained=True), 300)  # nor are they cleared
+    held = {name for name, state in raised.items() if state == "raised" and name != "disk_full"}
+    assert {name for name, state in plant.states().items() if state == "raised"} == held

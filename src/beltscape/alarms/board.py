@@ -6,15 +6,17 @@ import math
 from dataclasses import dataclass, field, replace
 from threading import Lock
 
-from beltscape.alarms.condition import AlarmCondition
+from beltscape.alarms.condition import AlarmCondition, condition_from_finding
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES, Conditions
 from beltscape.alarms.settings import AlarmSettings, CommonSettings, LoadSettings, NoMeasurement
 from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
 from beltscape.alarms.texts import format_detail
-from beltscape.core.live import Alarm
+from beltscape.core.live import Alarm, Severity
 
 _NAN = float("nan")
+_ALWAYS = ("disk_full", "recording_paused", "certificate_expiring")
+"""Alarms that are evaluated during maintenance as well: they do not depend on what the cameras see."""
 
 
 @dataclass(slots=True)
@@ -29,23 +31,39 @@ class _Entry:
     """Whether its condition has ever been off."""
     condition: AlarmCondition = field(default_factory=lambda: AlarmCondition("unknown"))
     detail: str = ""
-    """The text from when it was last past the limit."""
+    """The text of ``condition``."""
+    severity: Severity = "warning"
 
     @property
     def name(self) -> str:
-        return f"{self.kind}:{self.subject}" if self.subject else self.kind
+        return _make_name(self.kind, self.subject)
 
     def update(self, condition: AlarmCondition, elapsed: Elapsed, wall_ns: int) -> bool:
         """Add a condition; return whether the alarm's state changed."""
-        if condition.state != "unknown" or self.machine.state == "clear":
-            self.condition = condition  # an active alarm keeps showing its last known value
+        if self.machine.state == "clear" or self._is_worse(condition):
+            self._show(condition)
         self.was_off = self.was_off or condition.state == "off"
-        if condition.state == "on":
-            text = format_detail(self.kind, self.subject, condition.value, condition.limit, condition.unit)
-            self.detail = condition.text or text
         return self.machine.update(
             condition.state, elapsed, self._delays(condition), wall_ns, latched=self.settings.latched
         )
+
+    def _is_worse(self, condition: AlarmCondition) -> bool:
+        """Return whether an active alarm shows a condition: not the present value, but the worst past the limit."""
+        if condition.state != "on":
+            return False
+        is_new = self.machine.state == "gone" or self.condition.state != "on"
+        has_changed = (condition.limit, condition.unit) != (self.condition.limit, self.condition.unit)
+        return is_new or has_changed or not condition.excess < self.condition.excess
+
+    def _show(self, condition: AlarmCondition) -> None:
+        self.condition = condition
+        if condition.state != "on":
+            return
+        self.detail = condition.text or format_detail(
+            self.kind, self.subject, condition.value, condition.limit, condition.unit
+        )
+        is_set = condition.severity is None or "severity" in self.settings.model_fields_set
+        self.severity = self.settings.severity if is_set else condition.severity or "warning"
 
     def _delays(self, condition: AlarmCondition) -> tuple[Delay, Delay]:
         settings = self.settings
@@ -61,7 +79,7 @@ class _Entry:
         clear = self.machine.state == "clear"
         return Alarm(
             name=self.name,
-            severity=self.settings.severity,
+            severity=self.severity,
             state=self.machine.state,
             value=self.condition.value,
             limit=self.condition.limit,
@@ -95,12 +113,18 @@ class AlarmBoard:
             updated: set[str] = set()
             for kind, rule in RULES.items():
                 settings: CommonSettings = getattr(self._settings, kind)
-                conditions: Conditions = rule(readings, self._settings) if settings.enabled else {}
+                is_evaluated = settings.enabled and (kind in _ALWAYS or not readings.is_maintained)
+                conditions: Conditions = rule(readings, self._settings) if is_evaluated else {}
                 for subject, condition in conditions.items():
                     entry = self._entry(kind, subject, settings)
                     updated.add(entry.name)
                     if entry.update(_without_unmeasured(entry, condition), elapsed, wall_ns):
                         changed.append(entry.to_alarm())
+            for kind, subject, condition in self._list_faults(readings):
+                entry = self._entry(kind, subject, self._settings.select_fault(kind))
+                updated.add(entry.name)
+                if entry.update(condition, elapsed, wall_ns):
+                    changed.append(entry.to_alarm())
             for name, entry in self._entries.items():
                 if name not in updated:  # a camera without health in these readings
                     entry.update(AlarmCondition("unknown"), elapsed, wall_ns)
@@ -122,8 +146,19 @@ class AlarmBoard:
             self._refresh_alarms()
             return True
 
+    def _list_faults(self, readings: Readings) -> list[tuple[str, str, AlarmCondition]]:
+        """Return check, subject and condition of the findings that are, or were, faults."""
+        if readings.is_maintained:
+            return []
+        return [
+            (finding.check, finding.subject, condition_from_finding(finding))
+            for finding in readings.findings
+            if self._settings.select_fault(finding.check).enabled
+            and (finding.is_fault or _make_name(finding.check, finding.subject) in self._entries)
+        ]
+
     def _entry(self, kind: str, subject: str, settings: CommonSettings) -> _Entry:
-        entry = _Entry(kind, subject, settings)
+        entry = _Entry(kind, subject, settings, severity=settings.severity)
         return self._entries.setdefault(entry.name, entry)
 
     def _elapsed(self, readings: Readings, steady_ns: int) -> Elapsed:
@@ -137,7 +172,7 @@ class AlarmBoard:
 
     def _refresh_alarms(self) -> None:
         order = {kind: index for index, kind in enumerate(RULES)}
-        entries = sorted(self._entries.values(), key=lambda entry: order[entry.kind])
+        entries = sorted(self._entries.values(), key=lambda entry: order.get(entry.kind, len(order)))
         self._alarms = {entry.name: entry.to_alarm() for entry in entries}
 
 
@@ -148,6 +183,10 @@ def _without_unmeasured(entry: _Entry, condition: AlarmCondition) -> AlarmCondit
     if entry.subject == "load":
         return replace(condition, after_s=entry.settings.start_after_s)
     return AlarmCondition("unknown")
+
+
+def _make_name(kind: str, subject: str) -> str:
+    return f"{kind}:{subject}" if subject else kind
 
 
 def _ns(seconds: float) -> int:

@@ -7,6 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from beltscape.core.findings import Finding
+from beltscape.core.live import Severity
+from beltscape.core.messages import Message
+
 ConditionState = Literal["on", "off", "between", "unknown"]
 """past the limit; back beyond the clear limit; between the two; not known"""
 
@@ -28,6 +32,13 @@ class AlarmCondition:
     """Delay until the alarm is raised; it replaces the setting's."""
     clear_after_s: float | None = None
     """Delay until the alarm clears; it replaces the setting's."""
+    severity: Severity | None = None
+    """Replaces the setting's unless the project sets one; None: the setting's."""
+
+    @property
+    def excess(self) -> float:
+        """Distance of the value's size from the limit's; NaN without a value."""
+        return abs(abs(self.value) - self.limit)
 
 
 def compare_upper(
@@ -54,6 +65,21 @@ def condition_from_text(trouble: str | None) -> AlarmCondition:
     if trouble is None:
         return AlarmCondition("unknown")
     return AlarmCondition("on", text=trouble) if trouble else AlarmCondition("off")
+
+
+def condition_from_finding(finding: Finding) -> AlarmCondition:
+    """Return the condition of a check's finding: on with a fault, off without, unknown where it was not made."""
+    if finding.is_fault:
+        return AlarmCondition(
+            "on",
+            finding.value,
+            finding.limit,
+            finding.unit,
+            Message(finding.text, finding.cause),
+            severity="critical" if finding.effect == "missing" else "warning",
+        )
+    state: ConditionState = "off" if math.isfinite(finding.value) else "unknown"
+    return AlarmCondition(state, finding.value, finding.limit, finding.unit)
 
 
 def select_worst(conditions: Sequence[AlarmCondition]) -> AlarmCondition:

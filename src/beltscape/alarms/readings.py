@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from beltscape.core.findings import Finding
 from beltscape.core.live import CameraHealth
 
 _NAN = float("nan")
@@ -51,8 +52,12 @@ class Readings:
     encoder_ratio: float = _NAN
     """Ratio of the encoder's travel to the material's; NaN before the first comparison."""
     encoder_ratio_sigma: float = _NAN
+    findings: Sequence[Finding] = ()
+    """The latest finding of every check and camera."""
     certificate_days: float = _NAN
     """Days until the web server's certificate ends; NaN without one."""
+    is_maintained: bool = False
+    """Whether people work at the system: alarms of measurement are neither raised nor cleared."""
 
     @property
     def fill(self) -> float:

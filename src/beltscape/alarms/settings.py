@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -17,6 +18,8 @@ Below = Annotated[float, Field(gt=0, le=1)]
 Above = Annotated[float, Field(gt=0, le=10)]
 """Share of a lower limit by which the value must rise above it."""
 Sigmas = Annotated[float, Field(ge=0, le=5)]
+CheckName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,59}$")]
+"""Name of a check, as in its findings."""
 
 
 class CommonSettings(BaseModel):
@@ -205,6 +208,15 @@ class CertificateExpiring(CommonSettings):
     """Over above limit·(1 + hysteresis)."""
 
 
+class Fault(CommonSettings):
+    """A check found a fault of the system; one alarm per check, with its name, and per camera.
+
+    Unless the severity is set, it is critical where nothing is measured because of the fault, else warning.
+    """
+
+    clear_after_s: Seconds = 10.0
+
+
 class AlarmSettings(BaseModel):
     """Settings of ``[alarms]``; the defaults suit most plants, but limits of flow and lumps depend on the plant."""
 
@@ -225,3 +237,11 @@ class AlarmSettings(BaseModel):
     slip: Slip = Slip()
     no_measurement: NoMeasurement = NoMeasurement()
     certificate_expiring: CertificateExpiring = CertificateExpiring()
+    faults: Fault = Fault()
+    """Of the faults of all checks that have no settings of their own."""
+    checks: Mapping[CheckName, Fault] = Field(default_factory=dict[str, Fault])
+    """Of the faults of one check, by its name: ``[alarms.checks.zero_shift]``."""
+
+    def select_fault(self, check: str) -> Fault:
+        """Return the settings of a check's alarms."""
+        return self.checks.get(check, self.faults)

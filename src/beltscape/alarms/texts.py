@@ -10,7 +10,7 @@ TEXTS = {
     "belt_stopped": "{value}, limit {limit}: start the belt",
     "oversize_lump": "a lump of {value}, limit {limit}: take it off before the next transfer",
     "misaligned_belt": "{value} off the middle, limit {limit}: align the belt",
-    "low_coverage": "{value} of the view measured, limit {limit}: clean the lenses, check light and dust",
+    "low_coverage": "{value} of the view measured, limit {limit}: check light and dust, and the other alarms",
     "camera_lost": "{subject} gives no image: check its power, cable and address",
     "camera_skew": "{value}, limit {limit}: check the trigger line and the cameras' clocks",
     "frames_dropped": "{value}, limit {limit}: lower the frame rate or choose a faster preset",

@@ -230,7 +230,8 @@ class Engine:
         self._components.measurement.reset()
 
     def _publish(self, outcome: Outcome) -> None:
-        """Pass entries to the writers and belt stretches to the observer."""
+        """Pass entries to the writers, belt stretches to the observer and findings to the alarms."""
+        self._components.gauges.add_findings(outcome.findings)
         for stretch in outcome.stretches:
             self._components.observer.on_surface(stretch)
         if outcome.entries:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from collections.abc import Mapping, Sequence
@@ -11,10 +12,13 @@ from time import monotonic
 from beltscape.alarms.readings import Readings
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding
 from beltscape.core.live import CameraHealth
 
 _NAN = float("nan")
 _MINUTE_S = 60.0
+_FINDING_S = 60.0
+"""A finding older than this is unknown; periodic checks are made more often."""
 """Dropped frames are counted over the last minute."""
 
 
@@ -45,6 +49,8 @@ class Gauges:
     encoder_ratio: tuple[float, float] = (_NAN, _NAN)
     dropped: deque[tuple[float, int]] = field(default_factory=deque)
     """(monotonic clock, frame sets dropped so far)."""
+    findings: dict[tuple[str, str], tuple[float, Finding]] = field(default_factory=dict)
+    """By check and camera: monotonic clock and the latest finding that was made."""
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def add(self, entries: Sequence[BeltRecord]) -> None:
@@ -53,6 +59,14 @@ class Gauges:
             self.belt_mm = entry.belt_mm[1]
             if entry.strip is not None and entry.standing != "missing":
                 self.entry, self.entry_s = entry, monotonic()
+
+    def add_findings(self, findings: Sequence[Finding]) -> None:
+        """Take over the findings of a frame; a check that was not made keeps its last finding."""
+        now = monotonic()
+        with self.lock:
+            for finding in findings:
+                if finding.is_fault or math.isfinite(finding.value):
+                    self.findings[finding.check, finding.subject] = now, finding
 
     def update_frame(self, depth: DepthMap | None, speed_mm_s: float) -> None:
         """Take over the result of a frame."""
@@ -86,6 +100,7 @@ class Gauges:
         with self.lock:
             lump, self.lump_mm = self.lump_mm, (_NAN, _NAN)
             offset, self.offset_mm = self.offset_mm, (_NAN, _NAN)
+            found = list(self.findings.values())
         now = monotonic()
         is_measured = now - self.entry_s < self.stale_s
         area, area_sigma, density = self._load() if is_measured else (_NAN, _NAN, _NAN)
@@ -113,6 +128,7 @@ class Gauges:
             recording_trouble=recording_trouble,
             encoder_silent_s=_NAN if encoder is None else encoder[0],
             encoder_trouble=None if encoder is None else encoder[1],
+            findings=[finding for made_s, finding in found if now - made_s < _FINDING_S],
             encoder_ratio=self.encoder_ratio[0],
             encoder_ratio_sigma=self.encoder_ratio[1],
             certificate_days=certificate_days,

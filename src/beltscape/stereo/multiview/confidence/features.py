@@ -20,7 +20,6 @@ from beltscape.stereo.multiview.confidence.surface_features import (
     compute_agreement_features,
     compute_roughness_features,
     compute_shape_features,
-    compute_slope_deviations,
 )
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.parallel import run_parallel
@@ -33,9 +32,7 @@ from beltscape.stereo.multiview.selection.photoconsistency import (
 
 Array = NDArray[np.floating]
 
-_INITIAL = compute_shape_features, compute_slope_deviations, compute_agreement_features
-_REFINED = compute_shape_features, compute_roughness_features, compute_agreement_features
-"""Features of the surface alone."""
+_SURFACE_FEATURES = compute_shape_features, compute_agreement_features
 _MOST_OFFSET_PX = 10.0
 """Limit of a pixel's distance from the reliable pixels' planes."""
 _LEAST_WEIGHT = 1e-4
@@ -46,7 +43,7 @@ _STEEPEST = 1.5
 
 def compute_initial_features(inputs: ConfidenceInputs) -> dict[str, Array]:
     """Return the features before candidate selection."""
-    parts = [partial(compute, inputs) for compute in _INITIAL]
+    parts = [partial(compute, inputs) for compute in _SURFACE_FEATURES]
     return _compute_planes(parts, inputs.prepared.context) | inputs.image_features
 
 
@@ -62,12 +59,13 @@ def compute_refined_features(
 ) -> dict[str, Array]:
     """Return the features after candidate selection, which gave the initial confidence (H, W), a logit."""
     parts: list[Callable[[], Features]] = [
-        *(partial(compute, inputs) for compute in _REFINED),
+        *(partial(compute, inputs) for compute in _SURFACE_FEATURES),
         partial(compute_photometric_features, inputs.surface, initial_confidence, consistency),
         partial(compute_reliability_features, inputs, initial_confidence),
         partial(compute_initial_confidence_features, initial_confidence, inputs.windows),
     ]
-    return _compute_planes(parts, inputs.prepared.context) | inputs.image_features
+    planes = _compute_planes(parts, inputs.prepared.context) | inputs.image_features
+    return planes | dict(compute_roughness_features(inputs, planes["slope deviation"]))
 
 
 def compute_initial_confidence_features(logit: Array, windows: Windows) -> Features:

@@ -45,18 +45,10 @@ def compute_shape_features(inputs: ConfidenceInputs) -> Features:
     yield "wide step proximity", np.exp(-step_distance / 4)
     yield "slope", np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2)
     yield from _compute_bend_features(inputs)
+    yield from _compute_slope_deviations(inputs)
     update = np.minimum(np.abs(s - inputs.propagated_s), 2)
     yield "last update", np.log(cv2.blur(update, inputs.windows.boxes[5]) + np.float32(0.002))
     yield from _compute_relief_features(inputs)
-
-
-def compute_slope_deviations(inputs: ConfidenceInputs) -> Features:
-    """Yield the logarithm of the slopes' standard deviation in a window: large at edges and on round flanks."""
-    slopes = [np.clip(slope, -3, 3) for slope in (inputs.filled.slope_u, inputs.filled.slope_v)]
-    for name, window_px in (("slope deviation", 5), ("wide slope deviation", 15)):
-        box = inputs.windows.boxes[window_px]
-        variance = compute_box_variance(slopes[0], box) + compute_box_variance(slopes[1], box)
-        yield name, 0.5 * np.log(variance + np.float32(1e-8))
 
 
 def compute_agreement_features(inputs: ConfidenceInputs) -> Features:
@@ -72,16 +64,14 @@ def compute_agreement_features(inputs: ConfidenceInputs) -> Features:
     yield "log mean information", np.log(np.maximum(information, 0) + np.float32(1e-3))
 
 
-def compute_roughness_features(inputs: ConfidenceInputs) -> Features:
-    """Yield the deviations of the slopes, and the roughness of the material below the size of the matcher's windows.
+def compute_roughness_features(inputs: ConfidenceInputs, slope_deviation: Array) -> Features:
+    """Yield the roughness of the material below the size of the matcher's windows.
 
-    A single pixel does not show the roughness. On rough material the windows of the fit disagree more often than
-    noise explains, over a whole stone and over a region of stones. The roughness is given by means over the pixels
-    away from depth steps at which a view agrees: of the logarithm of the windows' disagreement, of the slope
-    deviation and of the logarithm of sigma.
+    A single pixel does not show it. On rough material the windows of the fit disagree more often than noise
+    explains, over a whole stone and over a region of stones. Features are means over the pixels away from depth
+    steps at which a view agrees: of the windows' disagreement (its logarithm), of the slope deviation (H, W), which
+    is one of the shape features, and of the logarithm of sigma.
     """
-    deviations = dict(compute_slope_deviations(inputs))
-    yield from deviations.items()
     boxes, scale = inputs.windows.boxes, inputs.windows.scale
     step = cv2.dilate(inputs.depth_steps.astype(np.uint8), np.ones(boxes[_STEP_PX], np.uint8))
     used = ((inputs.agreeing > 0) & (step == 0)).astype(np.float32)
@@ -91,7 +81,7 @@ def compute_roughness_features(inputs: ConfidenceInputs) -> Features:
         mean = _compute_mean(cv2.blur(disagreement, box), cv2.blur(used, box))
         yield f"window disagreement within {window_px}", np.log(mean + np.float32(_LEAST))
     log_sigma = 0.5 * np.log(np.clip(inputs.filled_variance, 1e-8, 4.0))
-    averaged = used, disagreement, used * deviations["slope deviation"], used * log_sigma
+    averaged = used, disagreement, used * slope_deviation, used * log_sigma
     tiles = [_average_tiles(plane, scale) for plane in averaged]
     for window_px, side in _WIDE_TILES.items():
         share, total, *others = (cv2.blur(plane, (side, side)) for plane in tiles)
@@ -121,6 +111,15 @@ def _compute_bend_features(inputs: ConfidenceInputs) -> Features:
         box = inputs.windows.boxes[window_px]
         offset = np.minimum(np.abs(s - cv2.blur(s, box)), 1)
         yield name, np.log(cv2.blur(offset, box) + np.float32(least))
+
+
+def _compute_slope_deviations(inputs: ConfidenceInputs) -> Features:
+    """Yield the logarithm of the slopes' standard deviation in a window: large at edges and on round flanks."""
+    slopes = [np.clip(slope, -3, 3) for slope in (inputs.filled.slope_u, inputs.filled.slope_v)]
+    for name, window_px in (("slope deviation", 5), ("wide slope deviation", 15)):
+        box = inputs.windows.boxes[window_px]
+        variance = compute_box_variance(slopes[0], box) + compute_box_variance(slopes[1], box)
+        yield name, 0.5 * np.log(variance + np.float32(1e-8))
 
 
 def _compute_relief_features(inputs: ConfidenceInputs) -> Features:

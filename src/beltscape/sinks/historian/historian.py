@@ -64,19 +64,41 @@ class Historian:
         self._findings = FindingArchive(folder / "findings", self._store, settings)
         self._retention = Retention(self._days, self._store, settings, (self._findings.maintain,))
         self._maintenance_trouble = ""
-        if self._store.message:
-            with suppress(OutputError):  # ``repair_message`` has it as well
-                self.add_event("note", "history", self._store.message)
+        self._verify_trouble = ""
+        self._noted = ""
+        self._note_repair()
 
     @property
     def repair_message(self) -> str:
-        """Line that describes the repair of a damaged database, also stored as an event; empty without a repair."""
+        """Line that describes the last repair of the database, also stored as an event; empty without a repair.
+
+        Repairs are made when the history is opened, by ``verify``, and by every call that writes.
+        """
         return self._store.message
 
     @property
     def trouble(self) -> str:
         """Reason in one line if the history is stored only in part; empty without a fault."""
-        return self._store.trouble or self._maintenance_trouble
+        return self._store.trouble or self._verify_trouble or self._maintenance_trouble
+
+    def verify(self) -> None:
+        """Repair the database if another program has deleted, replaced or changed it; call it every second.
+
+        A failure is in ``trouble`` until the next success.
+        """
+        try:
+            self._store.verify()
+            self._verify_trouble = ""
+        except OutputError as error:
+            self._verify_trouble = str(error)
+        self._note_repair()
+
+    def _note_repair(self) -> None:
+        message = self._store.message
+        if message != self._noted:
+            self._noted = message
+            with suppress(OutputError):  # ``repair_message`` has it as well
+                self.add_event("note", "history", message)
 
     @property
     def ledger_end(self) -> LedgerEnd:
@@ -115,6 +137,7 @@ class Historian:
             When they cannot be written now; repeat the call.
         """
         self._store.write(records)
+        self._note_repair()
 
     def add_event(
         self,

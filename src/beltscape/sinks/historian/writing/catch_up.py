@@ -153,7 +153,7 @@ def catch_up(connection: sqlite3.Connection, sums: Sums, folder: Path, shift_ns:
 
 def _list_files(folder: Path, pattern: str) -> list[Path]:
     """Return the matching files; OSError if the folder cannot be listed, unlike ``Path.glob``."""
-    return [path for path in folder.iterdir() if path.match(pattern)] if folder.exists() else []
+    return [path for path in folder.iterdir() if path.match(pattern)] if folder.is_dir() else []
 
 
 def _read_summary(path: Path) -> DayFile | None:

@@ -95,7 +95,7 @@ def _open_or_replace(folder: Path, shift_ns: int) -> OpenedDatabase:
 def replace_database(folder: Path, shift_ns: int, known: Sums | None, why: str) -> OpenedDatabase:
     """Move the database aside and create a new one with the newest totals; no connection may be open."""
     path = folder / DATABASE
-    moved = _move_aside(path)
+    moved = move_aside(path)
     locate_suspect_marker(path).unlink(missing_ok=True)
     candidates = [sums for sums in (known, read_snapshot(folder), _salvage_sums(moved)) if sums is not None]
     sums = max(candidates, key=lambda each: each.number, default=Sums())
@@ -140,7 +140,8 @@ def _check_database(connection: sqlite3.Connection, path: Path) -> Sums:
     return sums
 
 
-def _move_aside(path: Path) -> Path:
+def move_aside(path: Path) -> Path:
+    """Move a database with its log to a new folder in damaged/; return its path there. OutputError if impossible."""
     stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
     place = path.parent / "damaged" / stamp
     again = 1

@@ -15,7 +15,8 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError, SettingsError
 from beltscape.sinks.days import compute_shift_ns
 from beltscape.sinks.historian.storage.connections import ReaderPool
-from beltscape.sinks.historian.storage.failures import is_damage, is_full
+from beltscape.sinks.historian.storage.failures import is_damage, is_full, is_temporary
+from beltscape.sinks.historian.storage.file_watch import FileWatch
 from beltscape.sinks.historian.writing.ledger import append_records
 from beltscape.sinks.historian.writing.recovery import (
     DATABASE,
@@ -24,6 +25,7 @@ from beltscape.sinks.historian.writing.recovery import (
     replace_database,
     write_snapshot,
 )
+from beltscape.sinks.historian.writing.rescue import correct_end, rescue_database
 from beltscape.sinks.historian.writing.reserve import Reserve
 from beltscape.sinks.settings import HistorySettings
 
@@ -46,6 +48,7 @@ class Store:
         self._lock = threading.RLock()
         self._guard = _lock_folder(folder)
         self._reserve = Reserve(folder / "reserve", settings.reserve_mib * _MIB)
+        self.readers = ReaderPool(self.path)
         try:
             self._use(self._open_database())
             self.age = 0
@@ -54,7 +57,6 @@ class Store:
         except BaseException:
             self._guard.close()
             raise
-        self.readers = ReaderPool(self.path)
         self._saved_s = float("-inf")
         if not self._reserve.allocate():
             self._short = "the disk is nearly full"
@@ -83,7 +85,8 @@ class Store:
     def transact(self, work: Callable[[sqlite3.Connection], Result]) -> Result:
         """Call ``work`` with the writing connection; its changes are on disk when this returns.
 
-        On a full disk the reserve is released, a damaged file is replaced, and ``work`` is called once more.
+        On a full disk the reserve is released, a damaged file is replaced, and ``work`` is called once more. A file
+        that another program has deleted, replaced or changed is written again first.
 
         Raises
         ------
@@ -94,14 +97,29 @@ class Store:
             if self._short and self._reserve.allocate():
                 self._short = ""
                 self._checkpoint_every(_PAGES)
+            self._verify_file()
             try:
-                return work(self.connection)
+                return self._apply(work)
             except sqlite3.Error as error:
                 self._repair(error)
             try:
-                return work(self.connection)
+                return self._apply(work)
             except sqlite3.Error as error:
                 raise self._output_error(error) from error
+
+    def verify(self) -> None:
+        """Repair the database if another program has deleted, replaced or changed it; do nothing while it is written.
+
+        Raises
+        ------
+        OutputError
+            When it cannot be repaired.
+        """
+        if self._lock.acquire(blocking=False):
+            try:
+                self._verify_file()
+            finally:
+                self._lock.release()
 
     def save_totals(self) -> None:
         """Write the totals beside the database; a failure is ignored, because the database has them too."""
@@ -143,6 +161,7 @@ class Store:
     def _use(self, opened: OpenedDatabase) -> None:
         self.connection, self.sums, self.message = opened.connection, opened.sums, opened.message
         self.last_number = opened.number
+        self._watch = FileWatch(self.path, opened.connection)
 
     def _check_shift(self) -> None:
         """Raise SettingsError if days begin at another hour than in the database: they would be in two files."""
@@ -156,6 +175,44 @@ class Store:
                 f"{self.path}: its days begin at {hour:g} h UTC, day_begins_utc_h is "
                 f"{self.shift_ns / 3.6e12:g}; set it to {hour:g} or begin a new data folder"
             )
+
+    def _apply(self, work: Callable[[sqlite3.Connection], Result]) -> Result:
+        try:
+            return work(self.connection)
+        finally:
+            with suppress(sqlite3.Error):
+                self._watch.remember()
+
+    def _verify_file(self) -> None:
+        """Repair what other programs did to the file, and describe it in ``message``; OutputError if impossible."""
+        try:
+            why = self._watch.find_replacement()
+            if not why and self._watch.is_written_by_others():
+                self.message = self._describe_foreign_write()
+                self._watch.remember()
+        except OSError as error:
+            raise OutputError(
+                f"{self.path}: cannot be read ({error.strerror or error}); correct its permissions"
+            ) from error
+        except sqlite3.Error as error:
+            if is_temporary(error):
+                raise self._output_error(error) from error
+            why = f"another program changed it while the program ran ({error})"
+        if why:
+            self.readers.reset()
+            self._use(rescue_database(self._folder, self.shift_ns, self.connection, self.sums, why))
+            self.readers.reset()
+            self.age += 1
+
+    def _describe_foreign_write(self) -> str:
+        """Return what another program's change left, after correcting the end; sqlite3.Error if it is unusable."""
+        corrected = correct_end(self.connection, self.sums)
+        count, newest = self.connection.execute("SELECT count(*), max(number) FROM records").fetchone()
+        return (
+            f"{self.path}: another program changed it while the program ran; it holds {count} records, the newest is "
+            f"{newest} of {self.sums.number}; number, end and totals continue"
+            + (" (its stored end was corrected)" if corrected else "")
+        )
 
     def _repair(self, error: sqlite3.Error) -> None:
         """Remove the cause of an error so that a second attempt may succeed; OutputError if that is impossible."""

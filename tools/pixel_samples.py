@@ -16,7 +16,7 @@ from beltscape.kernels.selection.candidates import Candidates
 from beltscape.stereo.multiview.confidence.features import add_initial_confidence, compute_initial_features
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.refiner import RefinementInputs
-from beltscape.stereo.multiview.frame.pixels import Pixels
+from beltscape.stereo.multiview.frame.planes import Pixels
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.selection.candidates import UNCERTAIN, CandidateSelector
 from beltscape.stereo.multiview.settings import MultiviewSettings

@@ -20,7 +20,7 @@ from beltscape.stereo.multiview.confidence.message_passing import (
 )
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
-from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
+from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX
 from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.optimisation.propagation import list_propagation_offsets
 from beltscape.stereo.multiview.selection.gain import compute_difference_variance
@@ -195,7 +195,7 @@ def _selection_calls(case: Case) -> dict[str, Call]:
     candidates = native.candidate_surfaces(s, slope_u, slope_v, reliable, *uncertain, reach=8, separation=1.0)
     photometry = {
         "core": p.core,
-        "variance": compute_difference_variance(p.core, p.noise),
+        "variance": compute_difference_variance(p.filled_core, p.noise),
         "images": p.images,
     }
     photometry |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}

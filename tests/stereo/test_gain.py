@@ -9,7 +9,7 @@ import pytest
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.inverse_depth import subsample_projection
-from beltscape.stereo.multiview.frame.visibility import compute_visibility
+from beltscape.stereo.multiview.frame.surface import compute_visibility
 from beltscape.stereo.multiview.selection.gain import compute_difference_variance, estimate_gain_maps
 from tests.stereo.scenes import Scene, make_scene, mask_inner, patch, plane, with_scale
 
@@ -74,8 +74,11 @@ def test_subsampled_projection_is_that_of_every_fourth_pixel():
 def test_variance_of_differences_rises_with_level_and_slope():
     made = make_scene(plane(), noise=2.0)
     noise = made.prepared.noise
-    dark, bright = (compute_difference_variance(np.full((9, 9), level), noise) for level in (0.0, 200.0))
+    dark, bright = (
+        compute_difference_variance(np.full((9, 9), level, np.float32), noise) for level in (0, 200)
+    )
     np.testing.assert_allclose(dark, 3 * noise.levels, rtol=1e-5)
     np.testing.assert_allclose(bright - dark, 100, rtol=1e-3)
-    ramp = compute_difference_variance(np.arange(9.0)[None] * 20 + np.zeros((9, 1)), noise)
+    rising = np.tile(np.arange(9, dtype=np.float32) * 20, (9, 1))
+    ramp = compute_difference_variance(rising, noise)
     np.testing.assert_allclose(ramp[4, 4] - dark[4, 4] - (0.05 * 80) ** 2, (0.15 * 20) ** 2, rtol=1e-3)

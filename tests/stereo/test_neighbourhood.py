@@ -9,6 +9,7 @@ import pytest
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.frame.context import MatchContext
+from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame
 from beltscape.stereo.multiview.selection.neighbourhood import Neighbourhood, sample_planes
 from tests.stereo.scenes import make_ring
 
@@ -16,10 +17,11 @@ SHAPE = (20, 30)
 AT = (np.array([9, 10, 0]), np.array([12, 15, 29]))
 
 
-def context(scale: float = 1.0) -> MatchContext:
-    rig = make_ring()
-    made = MatchContext.for_grid(rig, rig.auxiliaries, 1, load(), 1)
-    return replace(made, windows=replace(made.windows, scale=scale))
+def make_frame(core: np.ndarray, scale: float = 1.0) -> PreparedFrame:
+    """Return a frame without auxiliaries."""
+    context = MatchContext.for_grid(rig := make_ring(), rig.auxiliaries, 1, load(), 1)
+    context = replace(context, windows=replace(context.windows, scale=scale))
+    return PreparedFrame(core, (), (), np.empty((0, 21), np.float32), Noise(1, 1, 1), context)
 
 
 def planes(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -32,7 +34,7 @@ def planes(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("scale", "spread"), [(0.5, 1), (1.0, 1), (1.8, 2)])
 def test_features_are_the_values_of_the_named_neighbours(scale, spread):
     s, confidence, core = planes()
-    neighbourhood = Neighbourhood.from_surface(s, confidence, core, 2, context(scale))
+    neighbourhood = Neighbourhood.from_surface(s, confidence, make_frame(core, scale), 2)
     image, slope = neighbourhood.compute_image_features(AT), np.array([0.2, -0.1, 0.3], np.float32)
     offset = neighbourhood.compute_offset_features(AT, s[AT], (slope, 2 * slope))
     assert len(image) == 2 * len(offset) == 48
@@ -48,7 +50,7 @@ def test_features_are_the_values_of_the_named_neighbours(scale, spread):
 def test_neighbours_beyond_the_edge_repeat_and_gaps_have_no_offset():
     s, confidence, core = planes(1)
     s[10, 16] = core[10, 16] = np.nan
-    neighbourhood = Neighbourhood.from_surface(s, confidence, core, 2, context())
+    neighbourhood = Neighbourhood.from_surface(s, confidence, make_frame(core), 2)
     flat = np.zeros(3, np.float32)
     image = neighbourhood.compute_image_features(AT)
     offset = neighbourhood.compute_offset_features(AT, s[AT], (flat, flat))
@@ -66,7 +68,8 @@ def test_planes_are_sampled_by_name():
 
 @pytest.mark.parametrize(("reach", "count"), [(1, 8), (2, 24)])
 def test_neighbours_lie_within_reach(reach, count):
-    neighbourhood = Neighbourhood.from_surface(*planes(3), reach, context())
+    s, confidence, core = planes(3)
+    neighbourhood = Neighbourhood.from_surface(s, confidence, make_frame(core), reach)
     flat = np.zeros(3, np.float32)
     names = [name.split()[2:] for name in neighbourhood.compute_offset_features(AT, flat, (flat, flat))]
     assert len(names) == count

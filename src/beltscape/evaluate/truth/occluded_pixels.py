@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale, pack_projections
-from beltscape.stereo.multiview.frame.visibility import count_visible_views
+from beltscape.stereo.multiview.frame.surface import count_visible_views
 
 
 def occluded_mask(rig: Rig, true_depth_mm: NDArray[np.floating], kernels: Kernels) -> NDArray[np.bool_]:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.photometry import (
     compute_box_variance,
     compute_local_variance,
@@ -38,16 +37,13 @@ class ImageFeatures(NamedTuple):
 
 def compute_image_features(prepared: PreparedFrame) -> ImageFeatures:
     """Return the features of the core's image, and where it has texture."""
-    core = fill_nan(prepared.core)
-    return ImageFeatures(dict(_compare_with_surroundings(core, prepared)), _mask_textured(core, prepared))
+    return ImageFeatures(dict(_compare_with_surroundings(prepared)), _mask_textured(prepared))
 
 
-def _compare_with_surroundings(
-    core: NDArray[np.float32], prepared: PreparedFrame
-) -> Iterator[tuple[str, Array]]:
+def _compare_with_surroundings(prepared: PreparedFrame) -> Iterator[tuple[str, Array]]:
     """Yield brightness and contrast relative to the surroundings: both are lower outside the projector's light."""
     boxes = prepared.context.windows.boxes
-    core = np.maximum(core, 0)  # splines undershoot
+    core = np.maximum(prepared.filled_core, 0)  # splines undershoot
     noise = np.float32(prepared.noise.levels)
     wide = boxes[_WIDE_PX]
     mean, contrast = cv2.blur(core, wide) + 1, compute_box_variance(core, wide) + noise
@@ -61,8 +57,8 @@ def _compare_with_surroundings(
     yield "log texture over noise", np.log((compute_local_variance(core) + np.float32(1e-3)) / noise)
 
 
-def _mask_textured(core: NDArray[np.float32], prepared: PreparedFrame) -> NDArray[np.bool_]:
+def _mask_textured(prepared: PreparedFrame) -> NDArray[np.bool_]:
     """Return the mask (H, W) of pixels within `REACH_PX` of texture."""
     side = prepared.context.windows.boxes[TEXTURE_PX][0]
-    texture = compute_texture_ratio(core, prepared.noise.levels, side)
+    texture = compute_texture_ratio(prepared.filled_core, prepared.noise.levels, side)
     return np.asarray(cv2.dilate(texture, np.ones((REACH_PX, REACH_PX), np.uint8)) > TEXTURE)

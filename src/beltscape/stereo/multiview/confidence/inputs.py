@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.nan import fill_nan
-from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps
-from beltscape.stereo.multiview.frame.visibility import compute_visibility
+from beltscape.stereo.multiview.frame.planes import fill_nan
+from beltscape.stereo.multiview.frame.surface import Surface, compute_visibility, detect_depth_steps
 from beltscape.stereo.multiview.frame.windows import Windows
 from beltscape.stereo.multiview.state import MatcherState
 

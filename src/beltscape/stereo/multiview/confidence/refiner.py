@@ -25,7 +25,7 @@ from beltscape.stereo.multiview.confidence.message_passing import (
 )
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.parallel import run_parallel
-from beltscape.stereo.multiview.frame.pixels import Pixels, split_pixels
+from beltscape.stereo.multiview.frame.planes import Pixels, split_pixels
 from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.candidates import Selection
@@ -77,7 +77,7 @@ class RefinementInputs:
         consistency = PhotoConsistencyModel(prepared, selection.gain, inputs.buffers)
         planes = compute_refined_features(inputs, selection.initial_confidence, consistency)
         neighbourhood = Neighbourhood.from_surface(
-            surface.s, planes["initial confidence"], prepared.core, NEIGHBOURHOOD_PX, prepared.context
+            surface.s, planes["initial confidence"], prepared, NEIGHBOURHOOD_PX
         )
         return cls(planes, surface, consistency, neighbourhood)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -13,12 +13,12 @@ from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.defocus import match_defocus
 from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced
 from beltscape.stereo.multiview.frame.inverse_depth import pack_projection, pack_projections
-from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.photometry import (
     compute_grey_levels,
     compute_local_variance,
     estimate_noise_variance,
 )
+from beltscape.stereo.multiview.frame.planes import fill_nan
 
 _FLOOR = 2.7, 0.003
 """Weight of the noise variance and of the strongest texture's variance in the floor of a window's variance."""
@@ -53,6 +53,8 @@ class PreparedFrame:
 
     core: NDArray[np.float32]
     """(H, W) undistorted levels of the core; NaN outside its image."""
+    filled_core: NDArray[np.float32] = field(init=False)
+    """(H, W) levels of the core with 0 outside its image."""
     images: tuple[NDArray[np.float32], ...]
     """n of (h, w) levels of the auxiliaries, distorted as taken."""
     coefficients: tuple[NDArray[np.float32], ...]
@@ -61,6 +63,10 @@ class PreparedFrame:
     """(n, 21) packed projections of the core's grid into the auxiliaries (native/view.hpp)."""
     noise: Noise
     context: MatchContext
+
+    def __post_init__(self) -> None:
+        """Fill the core."""
+        object.__setattr__(self, "filled_core", fill_nan(self.core))
 
     @property
     def sizes(self) -> list[tuple[int, int]]:

@@ -1,7 +1,11 @@
-"""The surface on the core's grid: inverse depth and its slopes, the unknowns of the matcher."""
+"""The surface on the core's grid: inverse depth and its slopes, its depth steps, and its visibility.
+
+An auxiliary sees a point of the surface that projects into its image with nothing in front of it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -9,10 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.nan import fill_nan
+from beltscape.stereo.multiview.frame.frame import PreparedFrame
+from beltscape.stereo.multiview.frame.planes import fill_nan
 
 STEP_PX = 2.5
 """Range of s within 5 × 5 pixels above which there may be a depth step."""
+OCCLUDER_PX = 2.0
+"""Distance (px of disparity) by which an occluder lies in front of a pixel: more than a slope accounts for."""
 _RADIUS, _SIGMA, _TOLERANCE = 3, 2.0, 2.0
 """Window and tolerance (px) of the fit of slopes."""
 
@@ -70,3 +77,39 @@ def fit_slopes(s: NDArray[np.float32], kernels: Kernels, threads: int) -> Surfac
         prior_information=0.0, threads=threads,
     )  # fmt: skip
     return Surface(s, fit.slope_u, fit.slope_v)
+
+
+def count_visible_views(
+    s: NDArray[np.floating],
+    views: NDArray[np.float32],
+    sizes: Sequence[tuple[int, int]],
+    kernels: Kernels,
+    threads: int = 0,
+) -> NDArray[np.uint8]:
+    """Return (H, W) the number of auxiliaries that see the surface of inverse depth s (H, W).
+
+    ``views`` (n, 21) are the auxiliaries' packed projections, ``sizes`` their images' (width, height).
+    """
+    return _count_with_buffers(s, views, sizes, kernels, threads)[0]
+
+
+def compute_visibility(
+    s: NDArray[np.floating], prepared: PreparedFrame
+) -> tuple[NDArray[np.uint8], list[NDArray[np.floating]]]:
+    """Return (H, W) the number of auxiliaries that see s (H, W), and each auxiliary's inverse-depth buffer (h, w)."""
+    context = prepared.context
+    return _count_with_buffers(s, prepared.views, prepared.sizes, context.kernels, context.threads)
+
+
+def _count_with_buffers(
+    s: NDArray[np.floating],
+    views: NDArray[np.float32],
+    sizes: Sequence[tuple[int, int]],
+    kernels: Kernels,
+    threads: int,
+) -> tuple[NDArray[np.uint8], list[NDArray[np.floating]]]:
+    buffers = kernels.inverse_depth_buffers(s, views, sizes, threads=threads)
+    count = np.zeros(s.shape, np.uint8)
+    for view, buffer in zip(views, buffers, strict=True):
+        count += kernels.visible(s, view, buffer, OCCLUDER_PX, threads=threads)
+    return count, list(buffers)

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from beltscape.core.statistics import CHI2_MEDIAN
 from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame
 from beltscape.stereo.multiview.frame.inverse_depth import crop_projection
-from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.photometry import compute_local_moments
 from beltscape.stereo.multiview.frame.surface import Surface
 
@@ -47,7 +46,7 @@ def _compute_squared_residuals(s: Array, prepared: PreparedFrame, first: int) ->
     """Return each view's squared residuals over their expected variance, for the more textured half of a band."""
     rows = slice(first, first + _ROWS)
     noise, context = prepared.noise, prepared.context
-    core = fill_nan(prepared.core[rows])
+    core = prepared.filled_core[rows]
     core_level, core_variance = _normalise(core, noise.floor)
     textured = np.isfinite(prepared.core[rows]) & (core_variance >= np.median(core_variance))
     band = np.ascontiguousarray(s[rows])

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps
-from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
+from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX, Surface, detect_depth_steps
 
 _DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)], float)
 """Directions (columns, rows) from which candidates come."""

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface
 
 Array = NDArray[np.floating]
@@ -59,7 +58,7 @@ def fill_textureless_discs(surface: Surface, information: Array, prepared: Prepa
     ``information`` (H, W) is that of the least squares: a region that has texture of its own is no disc.
     """
     scale = prepared.context.scale
-    discs = _mask_bright_regions(fill_nan(prepared.core), scale)
+    discs = _mask_bright_regions(prepared)
     count, labels, boxes, _ = cv2.connectedComponentsWithStats(discs, connectivity=8)
     s, slope_u, slope_v = surface.s.copy(), surface.slope_u.copy(), surface.slope_v.copy()
     filled = np.zeros(s.shape, bool)
@@ -94,12 +93,12 @@ def _compute_quantile(values: Array, share: float) -> float:
     return float(np.partition(values, at)[at])
 
 
-def _mask_bright_regions(core: NDArray[np.float32], scale: float) -> NDArray[np.uint8]:
+def _mask_bright_regions(prepared: PreparedFrame) -> NDArray[np.uint8]:
     """Return (H, W) 1 in regions that are lit over whole windows, including their rims."""
-    side = 2 * int(_WINDOW_PX * scale / 2) + 1
+    core, box = prepared.filled_core, prepared.context.windows.boxes[_WINDOW_PX]
     lit = _BRIGHT[0] * float(np.percentile(core[::4, ::4], _BRIGHT[1]))
-    even = (cv2.erode(core, np.ones((side, side), np.uint8)) > lit).astype(np.uint8)
-    grown = side + 2 * int(np.ceil(_RIM_PX * scale))
+    even = (cv2.erode(core, np.ones(box, np.uint8)) > lit).astype(np.uint8)
+    grown = box[0] + 2 * int(np.ceil(_RIM_PX * prepared.context.scale))
     return np.asarray(cv2.dilate(even, np.ones((grown, grown), np.uint8)), np.uint8)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.nan import fill_nan
+from beltscape.stereo.multiview.frame.planes import fill_nan
 from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.optimisation.least_squares import form_normal_equations
 

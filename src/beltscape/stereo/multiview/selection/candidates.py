@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from beltscape.kernels.selection.candidates import Candidates
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.parallel import run_parallel
-from beltscape.stereo.multiview.frame.pixels import Pixels, split_pixels
+from beltscape.stereo.multiview.frame.planes import Pixels, split_pixels
 from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.gain import PhotometricGain, estimate_gain
@@ -105,9 +105,7 @@ class CandidateSelector:
         )
         gain = estimate_gain(surface.s, planes["cost"], prepared, buffers)
         reliable = (confidence >= RELIABLE).astype(np.uint8)
-        neighbourhood = Neighbourhood.from_surface(
-            surface.s, confidence, prepared.core, NEIGHBOURHOOD_PX, context
-        )
+        neighbourhood = Neighbourhood.from_surface(surface.s, confidence, prepared, NEIGHBOURHOOD_PX)
         return cls(surface, planes, reliable, PhotoConsistencyModel(prepared, gain, buffers), neighbourhood)
 
     @property

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame
 from beltscape.stereo.multiview.frame.inverse_depth import subsample_projection
-from beltscape.stereo.multiview.frame.nan import fill_nan
 from beltscape.stereo.multiview.frame.parallel import run_parallel
-from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
+from beltscape.stereo.multiview.frame.planes import fill_nan
+from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX
 
 Array = NDArray[np.floating]
 
@@ -55,7 +55,7 @@ def estimate_gain(
     """
     return PhotometricGain(
         estimate_gain_maps(s, cost, prepared, buffers),
-        compute_difference_variance(prepared.core, prepared.noise),
+        compute_difference_variance(prepared.filled_core, prepared.noise),
     )
 
 
@@ -67,23 +67,22 @@ def estimate_gain_maps(
     ``cost`` (H, W) is the dissimilarity of the images on the surface s (H, W), 0..1; ``buffers`` are the auxiliaries'
     inverse-depth buffers of its occluders.
     """
-    context, scale = prepared.context, prepared.context.scale
+    context, box = prepared.context, prepared.context.windows.boxes[_WINDOW]
     stride = (slice(_STRIDE // 2, None, _STRIDE), slice(_STRIDE // 2, None, _STRIDE))
-    coarse_s, core = np.ascontiguousarray(s[stride], np.float32), prepared.core[stride]
-    similarity = (_COST_SCALE / (_COST_SCALE + fill_nan(cost[stride], 1.0))) ** 2 * np.isfinite(core)
-    side = 2 * int(_WINDOW * scale / 2) + 1
+    coarse_s, core = np.ascontiguousarray(s[stride], np.float32), prepared.filled_core[stride]
+    similarity = (_COST_SCALE / (_COST_SCALE + cost[stride])) ** 2 * np.isfinite(prepared.core[stride])
 
     def estimate_one(view: Array, coefficients: Array, buffer: Array) -> NDArray[np.float32]:
         coarse_view = subsample_projection(view, _STRIDE)
         level, _ = context.kernels.warp(coarse_s, coarse_view, coefficients, threads=1)
         visible = context.kernels.visible(coarse_s, coarse_view, buffer, OCCLUDER_PX, threads=1)
         weight = np.where(np.isfinite(level) & (visible > 0), similarity, 0)
-        level, core_level = fill_nan(level), fill_nan(core)
-        cross, square = (np.asarray(weight * level * x, np.float32) for x in (core_level, level))
+        level = fill_nan(level)
+        cross, square = (np.asarray(weight * level * x, np.float32) for x in (core, level))
         total = float(square.sum())
         overall = float(cross.sum()) / total if total > 0 else 1.0
         prior = np.float32(max(_PRIOR * total / square.size, 1e-6))
-        gain = (cv2.blur(cross, (side, side)) + overall * prior) / (cv2.blur(square, (side, side)) + prior)
+        gain = (cv2.blur(cross, box) + overall * prior) / (cv2.blur(square, box) + prior)
         size = s.shape[1], s.shape[0]
         return np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
@@ -92,10 +91,9 @@ def estimate_gain_maps(
 
 
 def compute_difference_variance(core: Array, noise: Noise) -> NDArray[np.float32]:
-    """Return the (H, W) variance, levels², of the difference between the core's and an auxiliary's level."""
-    level = fill_nan(core)
-    across, down = (cv2.Sobel(level, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))
+    """Return the (H, W) variance, levels², of the difference between an auxiliary's and the core's level."""
+    across, down = (cv2.Sobel(core, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))
     variance = cv2.multiply(across, across)
     variance = cv2.accumulateSquare(down, variance)
-    variance = cv2.accumulateSquare(np.multiply(level, np.float32(_LEVEL), out=level), variance)
+    variance = cv2.accumulateSquare(core * np.float32(_LEVEL), variance)
     return np.asarray(cv2.add(variance, _NOISE * noise.levels), np.float32)

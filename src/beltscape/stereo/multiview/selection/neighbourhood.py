@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.context import MatchContext
-from beltscape.stereo.multiview.frame.nan import fill_nan
-from beltscape.stereo.multiview.frame.pixels import Pixels
+from beltscape.stereo.multiview.frame.frame import PreparedFrame
+from beltscape.stereo.multiview.frame.planes import Pixels, fill_nan
 
 Array = NDArray[np.floating]
 
@@ -56,11 +56,11 @@ class Neighbourhood:
 
     @classmethod
     def from_surface(
-        cls, s: Array, initial_confidence: Array, core: Array, reach: int, context: MatchContext
+        cls, s: Array, initial_confidence: Array, prepared: PreparedFrame, reach: int
     ) -> Neighbourhood:
-        """Return the neighbourhood in a surface s, its initial confidence and the core's levels (H, W)."""
-        level = np.maximum(fill_nan(core), 0)
-        return cls(s, initial_confidence, np.log(level + np.float32(_DARK)), reach, context)
+        """Return the neighbourhood in a surface s, its initial confidence (H, W) and the core's levels."""
+        log_level = np.log(np.maximum(prepared.filled_core, 0) + np.float32(_DARK))
+        return cls(s, initial_confidence, log_level, reach, prepared.context)
 
     @property
     def spacing(self) -> int:

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from beltscape.kernels.selection.candidates import PhotoConsistency
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.pixels import Pixels
-from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.frame.visibility import OCCLUDER_PX
+from beltscape.stereo.multiview.frame.planes import Pixels
+from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX, Surface
 from beltscape.stereo.multiview.selection.gain import PhotometricGain
 
 Array = NDArray[np.floating]

@@ -110,8 +110,9 @@ class MotionTracker:
         shift = register(before.high_pass, newest.high_pass, least_overlap=self._settings.least_overlap)
         if shift is None or abs(shift.along_mm) < max(_LEAST_MOTION_MM, 3 * shift.sigma_mm):
             return False
-        forward = 1 if newest.encoder_mm is None or newest.encoder_mm >= (before.encoder_mm or 0.0) else -1
-        self.direction = self.direction or forward * (1 if shift.along_mm > 0 else -1)
+        if newest.encoder_mm is not None and newest.encoder_mm < (before.encoder_mm or 0.0):
+            return False  # the belt rolls back, or the encoder counts in reverse: a longer motion decides
+        self.direction = self.direction or (1 if shift.along_mm > 0 else -1)
         if newest.encoder_mm is None and newest.clock > before.clock:
             self.motion.speed = self.direction * shift.along_mm / (newest.clock - before.clock)
         return True

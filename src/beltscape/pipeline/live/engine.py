@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from time import monotonic, monotonic_ns, time_ns
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.belt.ledger_entries import BeltRecord
-from beltscape.core.errors import BeltscapeError
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import FrameEvent, LiveSource, Observer
+from beltscape.core.live import FrameEvent, LiveSource, Maintenance, Observer
 from beltscape.core.progress import Reporter
+from beltscape.pipeline.live import maintenance
+from beltscape.pipeline.live.event_log import EventLog
+from beltscape.pipeline.live.finding_log import FindingLog
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.inspector import PeriodicInspector
@@ -57,6 +59,10 @@ class EngineComponents:
     certificate_days: Callable[[], float] = lambda: float("nan")
     heartbeat: Callable[[], None] = lambda: None
     """Called periodically while the worker thread lives; it feeds a watchdog."""
+    maintenance: maintenance.MaintenanceMode = field(
+        default_factory=lambda: maintenance.MaintenanceMode(None)
+    )
+    finding_log: FindingLog = field(default_factory=FindingLog)
 
 
 class Engine:
@@ -64,6 +70,7 @@ class Engine:
 
     def __init__(self, components: EngineComponents) -> None:
         self._components = components
+        self._events = EventLog(components.historian, components.reporter)
         self._stopping = threading.Event()
         self._ended = threading.Event()
         self._done = 0
@@ -75,7 +82,8 @@ class Engine:
         ]
 
     def start(self) -> None:
-        """Start the threads."""
+        """Start the threads; maintenance that an earlier run began goes on."""
+        self._components.observer.on_maintenance(self._components.maintenance.current)
         for thread in self._threads:
             thread.start()
 
@@ -93,6 +101,7 @@ class Engine:
         self._threads[1].join(60)
         unwritten = [writer.close() for writer in components.writers]
         self._threads[2].join(5)
+        components.finding_log.store(components.historian)
         if components.recorder is not None:
             components.recorder.close()
         if components.encoder is not None:
@@ -104,7 +113,7 @@ class Engine:
         board, wall = self._components.board, time_ns()
         if not board.acknowledge(alarm, by, wall):
             return False
-        self._note("alarm", alarm, "acknowledged", wall, by)
+        self._events.add("alarm", alarm, "acknowledged", wall, by, {"state": "acknowledged"})
         self._components.observer.on_alarms(board.alarms)
         return True
 
@@ -114,15 +123,28 @@ class Engine:
         kept = None if recorder is None else recorder.keep(reason)
         if kept is None:
             return False
-        self._note("recording", kept.name, reason, time_ns(), by)
+        self._events.add("recording", kept.name, reason, time_ns(), by)
         return True
 
-    def _note(self, kind: str, name: str, text: str, wall_ns: int, by: str = "") -> None:
-        """Store an event in the history; a disk that refuses it causes a warning only."""
-        try:
-            self._components.historian.add_event(kind, name, text, by=by, wall_ns=wall_ns)
-        except BeltscapeError as error:
-            self._components.reporter.warn(f"{kind} {name} {text}: not stored: {error}")
+    def begin_maintenance(self, reason: str, minutes: float, by: str) -> bool:
+        """Begin maintenance, or set its reason and end anew."""
+        begun = self._components.maintenance.begin(reason, minutes, by)
+        values: dict[str, object] = {"action": "begin", "reason": reason, "minutes": minutes}
+        self._events.add(
+            "maintenance", "begin", f"{reason}, for at most {minutes:g} min", time_ns(), by, values
+        )
+        self._components.observer.on_maintenance(begun)
+        return True
+
+    def end_maintenance(self, by: str) -> bool:
+        """End maintenance; return whether there was any. Without ``by`` its time is over."""
+        ended = self._components.maintenance.end()
+        if ended is None:
+            return False
+        values: dict[str, object] = {"action": "end", "reason": ended.reason}
+        self._events.add("maintenance", "end", ended.reason, time_ns(), by, values)
+        self._components.observer.on_maintenance(None)
+        return True
 
     def _restart_on_failure(self, work: Callable[[], None]) -> Callable[[], None]:
         """Return a function that repeats ``work`` after a failure, with a warning."""
@@ -195,7 +217,7 @@ class Engine:
         components, began = self._components, monotonic()
         self._last_position_mm = frames.position_mm
         try:
-            outcome = components.measurement.push(frames)
+            outcome = self._push(frames, components.maintenance.current)
         except Exception as error:
             self._restart(f"frame {frames.frame}", error)
             return
@@ -216,6 +238,12 @@ class Engine:
             )
         )
 
+    def _push(self, frames: FrameSet, present: Maintenance | None) -> Outcome:
+        """Measure a frame set; during maintenance it only gives the belt's position."""
+        finding = maintenance.make_maintenance_finding(present)
+        measured = frames if present is None else replace(frames, images={})
+        return self._components.measurement.push(measured, (finding,))
+
     def _flush(self) -> None:
         """Measure the frame that is matched but not measured yet, as no other frame set waits."""
         try:
@@ -231,7 +259,11 @@ class Engine:
 
     def _publish(self, outcome: Outcome) -> None:
         """Pass entries to the writers, belt stretches to the observer and findings to the alarms."""
-        self._components.gauges.add_findings(outcome.findings)
+        if outcome.findings:
+            checked = [finding for finding in outcome.findings if finding.check != maintenance.CHECK]
+            self._components.gauges.add_findings(checked)
+            self._components.finding_log.put(outcome.findings)
+            self._components.observer.on_findings(outcome.findings)
         for stretch in outcome.stretches:
             self._components.observer.on_surface(stretch)
         if outcome.entries:
@@ -243,7 +275,10 @@ class Engine:
         """Update health and alarms twice a second; do the historian's housekeeping once a minute."""
         last = monotonic()
         while not self._stopping.wait(_MONITOR_S):
+            if self._components.maintenance.is_over:
+                self.end_maintenance("")
             self._update_alarms()
+            self._components.finding_log.store(self._components.historian)
             if monotonic() - last > _HOUSEKEEPING_S:
                 last = monotonic()
                 self._components.historian.maintain(time_ns())
@@ -267,10 +302,10 @@ class Engine:
             certificate_days=components.certificate_days(),
         )
         wall = time_ns()
+        readings = replace(readings, is_maintained=components.maintenance.current is not None)
         changed = components.board.update(readings, wall, monotonic_ns())
         for alarm in changed:
-            text = f"{alarm.state}: {alarm.detail}" if alarm.detail else alarm.state
-            self._note("alarm", alarm.name, text, wall)
+            self._events.add_alarm(alarm, wall)
             if alarm.state == "raised" and alarm.severity == "critical" and components.recorder is not None:
                 components.recorder.keep(alarm.name)
         components.observer.on_alarms(components.board.alarms)

@@ -16,6 +16,8 @@ _SPEED_CHANGE = 0.05
 """One standard deviation of a belt's speed after a second without observations, as a share of it."""
 _SPEED_KNOWN = 0.01
 """σ of the speed at its last observation, as a share of it; assumed."""
+FASTEST_MM_S = 20_000.0
+"""No belt is faster."""
 _NEGLIGIBLE_MM = 2.0
 _LONGEST_COAST = 10.0
 """Time, s, for which the last speed continues against an encoder that is not trusted; a belt stops within it."""
@@ -146,7 +148,10 @@ class BeltMotion:
             return None
         step = observation.encoder_mm - last.encoder_mm
         elapsed = observation.clock - last.clock
-        by_speed = step if self.speed is None else self.speed * elapsed
+        if self.speed is None:
+            by_speed = 0.0 if abs(step) > FASTEST_MM_S * elapsed else step
+        else:
+            by_speed = self.speed * elapsed
         differs = abs(step - by_speed) > MAX_DISAGREEMENT * abs(by_speed) + _NEGLIGIBLE_MM
         sigma = float(np.hypot(abs(step - by_speed) / np.sqrt(12), _SPEED_CHANGE * by_speed))
         if differs and observation.clock - self._observed_clock < _LONGEST_COAST:

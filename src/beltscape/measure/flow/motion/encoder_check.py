@@ -126,6 +126,8 @@ class EncoderCheck:
         self._needed -= 1
         if self.is_trusted:
             self.contradiction = None
+            self._trend.clear()
+            self._trend.extend(self._intervals)
         return self.is_trusted
 
     @property

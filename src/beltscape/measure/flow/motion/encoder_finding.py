@@ -42,4 +42,5 @@ def make_encoder_finding(check: EncoderCheck, *, is_measured: bool, relative_sig
         text=f"{_TEXTS[contradiction.kind]}; the metres are counted by {source}",
         effect="degraded",
         relative_sigma=0.0 if is_measured else relative_sigma,
+        cause=contradiction.kind,
     )

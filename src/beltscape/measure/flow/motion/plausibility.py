@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from beltscape.measure.flow.motion.belt_motion import MAX_DISAGREEMENT, BeltPosition
+from beltscape.measure.flow.motion.belt_motion import FASTEST_MM_S, MAX_DISAGREEMENT, BeltPosition
 from beltscape.measure.flow.motion.encoder_check import LEAST_MM
 from beltscape.measure.flow.motion.high_pass import HighPassHeights
 from beltscape.measure.flow.motion.motion_evidence import LEAST_PAIRS, MotionEvidence
@@ -35,8 +35,6 @@ _ROUGH_SCORE = 0.75
 _LEAST_SCORES = 3
 _HIGHEST_ACCELERATION_MM_S2 = 10_000.0
 """No belt starts or stops faster; braked ones do at 1000 to 3000."""
-_FASTEST_MM_S = 20_000.0
-"""No belt is faster."""
 _LEAST_JUMP_MM = 100.0
 """A reading may differ by this from what speed and acceleration allow."""
 
@@ -116,10 +114,12 @@ def is_jump(
 ) -> bool:
     """Return whether no belt can have moved from the last reading ``before`` to this one.
 
-    ``last`` is the last position and ``speed`` the last speed, mm per unit of the clock; None if unknown.
+    ``last`` is the last position and ``speed`` the last speed, mm per unit of the clock; None if unknown. Where the
+    position was observed between the two, the speed had less time to change.
     """
-    elapsed = max(clock - before.clock, 0.0)
-    expected, allowed = 0.0, _FASTEST_MM_S * elapsed
+    since = before if last.source == "speed" else last
+    elapsed = max(clock - since.clock, 0.0)
+    expected, allowed = 0.0, FASTEST_MM_S * elapsed
     if speed is not None:
         expected = last.position_mm - before.position_mm + speed * max(clock - last.clock, 0.0)
         allowed = min(allowed, _HIGHEST_ACCELERATION_MM_S2 * elapsed**2)

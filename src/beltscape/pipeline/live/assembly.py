@@ -24,6 +24,7 @@ from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.inspector import PeriodicInspector
 from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.maintenance import MaintenanceMode
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.live.writer import Writer
@@ -55,6 +56,7 @@ class RunOptions:
     record: bool = True
     """Whether raw frame sets are recorded according to the settings."""
     certificate_days: Callable[[], float] = field(default=lambda: float("nan"))
+    users_trouble: Callable[[], str] = field(default=lambda: "")
     heartbeat: Callable[[], None] = field(default=lambda: None)
 
 
@@ -94,8 +96,6 @@ def assemble(project: Project[RunSettings], options: RunOptions, observer: Obser
     encoder = _open_encoder(project, options, ended)
     state = LedgerState(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
     writers = [Writer("historian", historian, notify_records(observer, historian))]
-    if historian.repair_message:
-        reporter.warn(historian.repair_message)
     tables = [_open_table(options.data / "csv", settings.csv, historian)] if settings.csv.enabled else []
     writers += [Writer("csv", table) for table in tables]
     recording = options.record and settings.recording.mode != "off"
@@ -116,7 +116,9 @@ def assemble(project: Project[RunSettings], options: RunOptions, observer: Obser
         reporter=reporter,
         polls_encoder=settings.cameras is not None,
         certificate_days=options.certificate_days,
+        users_trouble=options.users_trouble,
         heartbeat=options.heartbeat,
+        maintenance=MaintenanceMode(options.data),
     )
     return AssembledRun(Engine(components), historian, tables)
 

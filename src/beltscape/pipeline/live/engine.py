@@ -12,6 +12,7 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import FrameEvent, LiveSource, Maintenance, Observer
 from beltscape.core.progress import Reporter
+from beltscape.core.supervision import make_supervised_thread
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.event_log import EventLog
 from beltscape.pipeline.live.finding_log import FindingLog
@@ -19,6 +20,7 @@ from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.inspector import PeriodicInspector
 from beltscape.pipeline.live.measurement_run import MeasurementRun, Outcome
+from beltscape.pipeline.live.repair_notice import RepairNotice
 from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
@@ -57,6 +59,8 @@ class EngineComponents:
     polls_encoder: bool
     """Whether the encoder is read while no frame set arrives; False for a recording."""
     certificate_days: Callable[[], float] = lambda: float("nan")
+    users_trouble: Callable[[], str] = lambda: ""
+    """Why nobody can sign in, in one line; empty without a fault."""
     heartbeat: Callable[[], None] = lambda: None
     """Called periodically while the worker thread lives; it feeds a watchdog."""
     maintenance: maintenance.MaintenanceMode = field(
@@ -71,13 +75,14 @@ class Engine:
     def __init__(self, components: EngineComponents) -> None:
         self._components = components
         self._events = EventLog(components.historian, components.reporter)
+        self._repair = RepairNotice(components.historian, components.reporter)
         self._stopping = threading.Event()
         self._ended = threading.Event()
         self._done = 0
         self._last_frame_s = monotonic()
         self._last_position_mm: float | None = None
         self._threads = [
-            threading.Thread(target=self._restart_on_failure(work), name=name, daemon=True)
+            make_supervised_thread(name, work, self._warn_of_failure, self._stopping.wait)
             for name, work in (("feeder", self._feed), ("worker", self._work), ("monitor", self._monitor))
         ]
 
@@ -146,21 +151,8 @@ class Engine:
         self._components.observer.on_maintenance(None)
         return True
 
-    def _restart_on_failure(self, work: Callable[[], None]) -> Callable[[], None]:
-        """Return a function that repeats ``work`` after a failure, with a warning."""
-
-        def run() -> None:
-            while True:
-                try:
-                    work()
-                    return
-                except Exception as error:
-                    name = threading.current_thread().name
-                    self._components.reporter.warn(f"{name}: {type(error).__name__}: {error}; going on")
-                    if self._stopping.wait(1.0):
-                        return
-
-        return run
+    def _warn_of_failure(self, failure: str) -> None:
+        self._components.reporter.warn(f"{threading.current_thread().name}: {failure}; going on")
 
     def _feed(self) -> None:
         """Put the source's frame sets, with the encoder's reading, into the queue."""
@@ -287,6 +279,7 @@ class Engine:
 
     def _update_alarms(self) -> None:
         components = self._components
+        repair = self._repair.check()
         cameras = components.source.health()
         components.observer.on_health(cameras)
         components.inspector.inspect(components.gauges)
@@ -302,7 +295,12 @@ class Engine:
             certificate_days=components.certificate_days(),
         )
         wall = time_ns()
-        readings = replace(readings, is_maintained=components.maintenance.current is not None)
+        readings = replace(
+            readings,
+            is_maintained=components.maintenance.current is not None,
+            history_repair=repair,
+            users_trouble=components.users_trouble(),
+        )
         changed = components.board.update(readings, wall, monotonic_ns())
         for alarm in changed:
             self._events.add_alarm(alarm, wall)

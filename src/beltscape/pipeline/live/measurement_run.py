@@ -81,8 +81,11 @@ class MeasurementRun:
         deviation, sigma = self._chain.meter.encoder_deviation
         return 1 + deviation, sigma
 
-    def push(self, frames: FrameSet) -> Outcome:
-        """Measure the next frame set; without images it only gives the belt's position."""
+    def push(self, frames: FrameSet, findings: Sequence[Finding] = ()) -> Outcome:
+        """Measure the next frame set; without images it only gives the belt's position.
+
+        ``findings`` are further ones about it.
+        """
         entries: list[BeltRecord] = []
         if self._chain is None:
             self._chain = self._begin_meter(frames.position_mm)
@@ -94,7 +97,7 @@ class MeasurementRun:
         self._has_encoder |= frames.position_mm is not None
         whole = set(self._cameras) <= set(frames.images)
         self._ledger.push(frames.frame, frames.images.keys(), frames.position_mm)
-        result = self._chain.push(self._resize(frames), self._reporter, whole=whole)
+        result = self._chain.push(self._resize(frames), self._reporter, whole=whole, findings=findings)
         entries += self._make_entries(result.records)
         stretches, self._stretches = self._stretches, []
         speed = self._chain.meter.motion.speed

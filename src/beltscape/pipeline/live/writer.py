@@ -9,6 +9,7 @@ from dataclasses import replace
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.live import RecordSink
+from beltscape.core.supervision import make_supervised_thread
 
 _RETRY_S = 1.0
 """Wait after a failed write."""
@@ -31,7 +32,9 @@ class Writer:
         self._waiting: list[BeltRecord] = []
         self._changed = threading.Condition()
         self._closing = False
-        self._thread = threading.Thread(target=self._run, name=f"writer-{name}", daemon=True)
+        self._thread = make_supervised_thread(
+            f"writer-{name}", self._run, self._on_failure, self._wait_to_stop
+        )
         self._thread.start()
 
     def __len__(self) -> int:
@@ -69,6 +72,13 @@ class Writer:
                 if self._closing:
                     return
                 self._changed.wait(_RETRY_S)
+
+    def _on_failure(self, failure: str) -> None:
+        self.trouble = f"writing failed ({failure}) and starts again; the entries wait"
+
+    def _wait_to_stop(self, seconds: float) -> bool:
+        with self._changed:
+            return self._changed.wait_for(lambda: self._closing, seconds)
 
     def _offer(self, batch: list[BeltRecord]) -> bool:
         try:

@@ -1,0 +1,50 @@
+"""Events on their way to the history: alarms and what people did, with the parts of their texts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from beltscape.core.errors import BeltscapeError
+from beltscape.core.live import Alarm
+from beltscape.core.messages import get_key, get_values
+from beltscape.core.progress import Reporter
+from beltscape.sinks.historian import Historian
+
+
+class EventLog:
+    """Stores events in the history; a disk that refuses one causes a warning only."""
+
+    def __init__(self, historian: Historian, reporter: Reporter) -> None:
+        self._historian, self._reporter = historian, reporter
+
+    def add(
+        self,
+        kind: str,
+        name: str,
+        text: str,
+        wall_ns: int,
+        by: str = "",
+        parameters: Mapping[str, object] | None = None,
+    ) -> None:
+        """Store an event; ``parameters`` are the parts from which a page composes its text in any language."""
+        try:
+            self._historian.add_event(kind, name, text, by=by, wall_ns=wall_ns, parameters=parameters)
+        except BeltscapeError as error:
+            self._reporter.warn(f"{kind} {name} {text}: not stored: {error}")
+
+    def add_alarm(self, alarm: Alarm, wall_ns: int) -> None:
+        """Store the change of an alarm."""
+        text = f"{alarm.state}: {alarm.detail}" if alarm.detail else alarm.state
+        self.add("alarm", alarm.name, text, wall_ns, parameters=_list_parts(alarm))
+
+
+def _list_parts(alarm: Alarm) -> dict[str, object]:
+    numbers = {"value": alarm.value, "limit": alarm.limit}
+    known = {name: value for name, value in numbers.items() if math.isfinite(value)}
+    parts: dict[str, object] = {"state": alarm.state, **known}
+    if known:
+        parts["unit"] = alarm.unit
+    if get_key(alarm.detail):
+        parts |= {"cause": get_key(alarm.detail), "values": get_values(alarm.detail)}
+    return parts

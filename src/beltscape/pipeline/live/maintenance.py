@@ -1,0 +1,100 @@
+"""Maintenance mode: while people work at the system, the belt that passes is missing. It survives a restart."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from time import monotonic, time_ns
+
+from beltscape.core.findings import Finding
+from beltscape.core.live import Maintenance
+from beltscape.core.messages import Message
+from beltscape.sinks.durable import write_durably
+
+CHECK = "maintenance"
+FILE = "maintenance.json"
+_LIMIT = 0.5
+"""Between the two values of its finding."""
+_MINUTE_S, _S_NS = 60.0, 1_000_000_000
+
+
+class MaintenanceMode:
+    """The present maintenance, if any; begun and ended from any thread.
+
+    Its time runs by the monotonic clock; after a restart, by the system clock that the file states.
+    """
+
+    def __init__(
+        self,
+        folder: Path | None,
+        monotonic_s: Callable[[], float] = monotonic,
+        wall_ns: Callable[[], int] = time_ns,
+    ) -> None:
+        """Continue the maintenance that a run before has left in ``folder``; None: nothing is kept."""
+        self._path = None if folder is None else folder / FILE
+        self._monotonic_s, self._wall_ns = monotonic_s, wall_ns
+        self._lock = threading.Lock()
+        self._current: Maintenance | None = None
+        self._end_s = float("-inf")
+        self._read()
+
+    def begin(self, reason: str, minutes: float, by: str) -> Maintenance:
+        """Begin maintenance, or set its reason and end anew."""
+        now_ns = self._wall_ns()
+        with self._lock:
+            since_ns = now_ns if self._current is None else self._current.since_ns
+            self._current = Maintenance(reason, by, since_ns, now_ns + round(minutes * _MINUTE_S) * _S_NS)
+            self._end_s = self._monotonic_s() + minutes * _MINUTE_S
+            self._write()
+            return self._current
+
+    def end(self) -> Maintenance | None:
+        """End maintenance; return the one that ended, None if there was none."""
+        with self._lock:
+            ended, self._current = self._current, None
+            self._write()
+            return ended
+
+    @property
+    def current(self) -> Maintenance | None:
+        """The present maintenance, also when its time is over; None without one."""
+        return self._current
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the time of the present maintenance has passed."""
+        with self._lock:
+            return self._current is not None and self._monotonic_s() >= self._end_s
+
+    def _read(self) -> None:
+        if self._path is None:
+            return
+        with suppress(OSError, ValueError, TypeError, KeyError):
+            kept = Maintenance(**json.loads(self._path.read_text(encoding="utf-8")))
+            left_s = (int(kept.until_ns) - self._wall_ns()) / _S_NS
+            # a clock that was set back does not lengthen it
+            length_s = (int(kept.until_ns) - int(kept.since_ns)) / _S_NS
+            self._end_s = self._monotonic_s() + min(left_s, length_s)
+            self._current = kept
+
+    def _write(self) -> None:
+        """Keep the state on the disk; without it a restart would measure, so a failure is not fatal."""
+        if self._path is None:
+            return
+        with suppress(OSError):
+            if self._current is None:
+                self._path.unlink(missing_ok=True)
+            else:
+                write_durably(self._path, json.dumps(asdict(self._current)).encode())
+
+
+def make_maintenance_finding(maintenance: Maintenance | None) -> Finding:
+    """Return the finding of a frame: 1 and "missing" during maintenance, which makes its belt missing, else 0."""
+    if maintenance is None:
+        return Finding(CHECK, 0.0, 0.0, _LIMIT, "")
+    text = Message(f"maintenance: {maintenance.reason}", "maintenance")
+    return Finding(CHECK, 1.0, 0.0, _LIMIT, "", text=text, effect="missing")

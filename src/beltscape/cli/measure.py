@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 QUANTITIES = {
     "belt": "the empty belt's shape, place and ends, learned from any number of frames",
+    "zero": "the empty belt's motion since it was learned; sets the zero within a limit",
     "features": "dimensions of a calibration module: edges, heights, radii, each with its σ",
     "volume": "between loaded and empty belt, with cross-section profiles",
     "flow": "what passes on a moving belt: one row per frame, totals",

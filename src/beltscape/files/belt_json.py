@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,23 @@ _NUMBERS = ("flat_rms_mm", "noise_mm", "correlation_px", "drift_mm", "tilt_sigma
 _EDGES = ("left_mm", "right_mm", "left_sigma_mm", "right_sigma_mm", "offset_mm", "sigma_mm")
 
 
-def write_belt(path: AnyPath, belt: Belt, camera: Camera) -> None:
-    """Write a belt and its core camera, atomically, with full float precision."""
+def write_belt(
+    path: AnyPath, belt: Belt, camera: Camera, zero_settings: Sequence[Mapping[str, Any]] = ()
+) -> None:
+    """Write a belt and its core camera, atomically, with full float precision.
+
+    ``zero_settings`` are the corrections of its zero since it was learned, oldest first.
+    """
     path = as_path(path)
-    write_json(path, add_digest(belt_document(belt, camera)))
+    settings = {"zero_settings": list(zero_settings)} if zero_settings else {}
+    write_json(path, add_digest({**belt_document(belt, camera), **settings}))
+
+
+def read_zero_settings(path: AnyPath) -> list[dict[str, Any]]:
+    """Return the corrections of the zero of a belt.json since it was learned, oldest first."""
+    document = read_json(as_path(path))
+    entries = document.get("zero_settings") if is_dict(document) else None
+    return [dict(entry) for entry in entries if is_dict(entry)] if is_list(entries) else []
 
 
 def belt_document(belt: Belt, camera: Camera) -> dict[str, Any]:

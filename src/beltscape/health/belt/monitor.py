@@ -30,4 +30,4 @@ class BeltMonitor:
                 cells, self._reference.belt, self._reference.cell_mm, self._limits.search_mm
             )
         self._history = update_zero_history(before, shift, 0.5 * self._limits.zero_mm)
-        return make_zero_findings(shift, self._history, before, self._limits)
+        return make_zero_findings(shift, self._history, before, self._reference.cell_mm, self._limits)

@@ -31,7 +31,7 @@ def measure_empty_belt(folder: Path, frames: Sequence[str] | None, reporter: Rep
     names = list_frame_names(folder) if frames is None else list(frames)
     results: list[FrameResult] = []
     for number, name in enumerate(names, 1):
-        results.append(_read_intact_frame(folder / name))
+        results.append(read_intact_frame(folder / name))
         warn_of_camera_faults(results[-1], reporter)
         reporter.step("reading empty belt", number, len(names))
     camera = results[0].rig.core_camera
@@ -63,13 +63,13 @@ def read_empty_belt(path: Path, reporter: Reporter) -> tuple[Belt, Camera]:
         )
     if (path / "rig.json").is_file() and not (path / "depth.tiff").is_file():
         return measure_empty_belt(path, None, reporter)
-    frame = _read_intact_frame(path)
+    frame = read_intact_frame(path)
     warn_of_camera_faults(frame, reporter)
     camera = frame.rig.core_camera
     return learn_belt([frame.depth], camera), camera
 
 
-def _read_intact_frame(folder: Path) -> FrameResult:
+def read_intact_frame(folder: Path) -> FrameResult:
     """Return a frame whose files are those that were written."""
     frame = read_frame(folder)
     place = frame.folder.resolve()

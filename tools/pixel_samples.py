@@ -13,7 +13,10 @@ from augmentation import TrainingFrame, training_frames
 from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import interior_mask
 from beltscape.kernels.selection.candidates import Candidates
-from beltscape.stereo.multiview.confidence.features import add_initial_confidence, compute_initial_features
+from beltscape.stereo.multiview.confidence.features import (
+    compute_initial_features,
+    compute_selection_features,
+)
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.refiner import RefinementInputs
 from beltscape.stereo.multiview.frame.planes import Pixels
@@ -146,8 +149,7 @@ def selection_samples(folders: list[Path]) -> Iterator[SelectionSamples]:
             matcher = make_matcher(training, settings)
             match = matcher.solve_pyramid(training.frame, training.names)
             context = match.prepared.context
-            features = compute_initial_features(ConfidenceInputs.from_state(match))
-            planes = add_initial_confidence(features, context)
+            planes = compute_selection_features(ConfidenceInputs.from_state(match))
             truth = read_truth(training, 1)
             share = UNCERTAIN_SAMPLES / max(
                 1, int((truth.scene & (planes["initial confidence"] < UNCERTAIN)).sum())

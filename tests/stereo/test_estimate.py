@@ -10,7 +10,10 @@ import pytest
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.confidence.estimate import DepthEstimate, estimate_depth
-from beltscape.stereo.multiview.confidence.features import add_initial_confidence, compute_initial_features
+from beltscape.stereo.multiview.confidence.features import (
+    compute_initial_features,
+    compute_selection_features,
+)
 from beltscape.stereo.multiview.confidence.image_features import compute_image_features
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.refiner import RefinementInputs
@@ -48,8 +51,7 @@ def run_stages(made, s: np.ndarray) -> MatcherState:
 
 def with_selection(state: MatcherState) -> MatcherState:
     """Return the state with a selection that changes no pixel."""
-    features = compute_initial_features(ConfidenceInputs.from_state(state))
-    planes = add_initial_confidence(features, state.prepared.context)
+    planes = compute_selection_features(ConfidenceInputs.from_state(state))
     selector = CandidateSelector.from_surface(state.solution.surface, planes, state.prepared)
     confidence, gain = planes["initial confidence"], selector.consistency.gain
     return replace(state, selection=Selection(state.solution.surface, confidence, gain))

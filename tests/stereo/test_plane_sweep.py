@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from beltscape.stereo.multiview.frame.planes import enlarge_blocks
 from beltscape.stereo.multiview.initialisation.plane_sweep import (
     crop_frame,
-    enlarge_blocks,
     shrink_frame,
     sweep_planes,
 )

@@ -14,8 +14,8 @@ from beltscape.core.progress import Silent
 from beltscape.stereo.multiview import pyramid
 from beltscape.stereo.multiview import settings as multiview_settings
 from beltscape.stereo.multiview.frame.frame import halve_frame
-from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.pyramid import PyramidSolver, _compute_changed_share, _double_surface
+from beltscape.stereo.multiview.frame.surface import Surface, double_surface
+from beltscape.stereo.multiview.pyramid import PyramidSolver, _compute_changed_share
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from tests.stereo.scenes import (
@@ -56,7 +56,7 @@ def test_doubled_plane_is_the_same_plane(seed, height, width, odd_rows, odd_colu
         np.full((height, width), u0, np.float32),
         np.full((height, width), v0, np.float32),
     )
-    fine = _double_surface(coarse, (2 * height + odd_rows, 2 * width + odd_columns))
+    fine = double_surface(coarse, (2 * height + odd_rows, 2 * width + odd_columns))
     assert fine.s.shape == fine.slope_u.shape == (2 * height + odd_rows, 2 * width + odd_columns)
     v, u = (np.mgrid[: 2 * height, : 2 * width] - 0.5) / 2
     np.testing.assert_allclose(

@@ -27,12 +27,16 @@ def make_depth_map(estimate: DepthEstimate, context: MatchContext, least_confide
     with np.errstate(divide="ignore", invalid="ignore"):
         depth = np.where(accepted, 1 / (s * np.float32(unit)), np.nan).astype(np.float32)
         sigma_mm = (depth * depth * np.float32(unit) * sigma).astype(np.float32)
-    size_px = context.rig.core_camera.size_px
+    width, height = context.rig.core_camera.size_px
+    missing = (
+        (0, height - depth.shape[0]),
+        (0, width - depth.shape[1]),
+    )  # a last row or column without a block
     return DepthMap(
-        _extend(depth, size_px, np.nan),
-        _extend(sigma_mm, size_px, np.nan),
-        _extend(np.where(accepted, views, np.uint8(0)), size_px, 0),
-        _extend(np.where(accepted, confidence, np.float32(0)), size_px, 0),
+        np.pad(depth, missing, constant_values=np.nan),
+        np.pad(sigma_mm, missing, constant_values=np.nan),
+        np.pad(np.where(accepted, views, np.uint8(0)), missing),
+        np.pad(np.where(accepted, confidence, np.float32(0)), missing),
     )
 
 
@@ -42,11 +46,3 @@ def _repeat_blocks(values: NDArray[Number], step: int) -> NDArray[Number]:
         return values
     height, width = values.shape
     return cv2.resize(values, (width * step, height * step), interpolation=cv2.INTER_NEAREST)
-
-
-def _extend(values: NDArray[Number], size_px: tuple[int, int], empty: float) -> NDArray[Number]:
-    """Return the values on the full image; ``empty`` fills a last row or column without a block."""
-    width, height = size_px
-    plane = np.full((height, width), empty, values.dtype)
-    plane[: values.shape[0], : values.shape[1]] = values
-    return plane

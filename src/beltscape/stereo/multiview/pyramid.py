@@ -12,9 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, halve_frame
-from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes, upsample_surface
+from beltscape.stereo.multiview.frame.surface import Surface, double_surface, fit_slopes
 from beltscape.stereo.multiview.initialisation.initialise import SweepResolution, initialise_inverse_depth
-from beltscape.stereo.multiview.initialisation.plane_sweep import enlarge_blocks
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, predict_inverse_depth
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
 from beltscape.stereo.multiview.optimisation.noise import estimate_noise
@@ -51,11 +50,11 @@ class PyramidSolver:
     ) -> tuple[PropagationResult, LeastSquaresResult]:
         """Return the last of the rounds of propagation and least squares, which end when hardly a pixel changes."""
         settings = self.settings
-        distances = settings.offsets_px(prepared.context.scale)
+        distances, narrow = settings.offsets_px(prepared.context.scale), prepared.context.windows.narrow
         for turn in range(settings.rounds):
             alternating = turn if settings.rounds > 1 else None
             propagated = propagate(surface, prepared, distances, alternating)
-            solution = _optimise(propagated.surface, prepared, settings.round_tolerances_px)
+            solution = solve_least_squares(propagated.surface, prepared, settings.round_tolerances_px, narrow)
             if turn + 1 == settings.rounds or _compute_changed_share(surface, propagated.surface) < _SETTLED:
                 self.on_step()
                 return propagated, solution
@@ -65,7 +64,7 @@ class PyramidSolver:
     def _solve_half(self, prepared: PreparedFrame) -> Surface:
         """Return the surface of the grid of half the resolution, enlarged."""
         _, solution = self.propagate(*self.initialise(halve_frame(prepared)))
-        return _double_surface(solution.surface, prepared.core.shape)
+        return double_surface(solution.surface, prepared.core.shape)
 
     def _sweep(self, prepared: PreparedFrame) -> Surface:
         """Return the optimised surface of a sweep, or of the temporal prior where that fits."""
@@ -77,22 +76,10 @@ class PyramidSolver:
         s_range = 1 / (far * unit), 1 / (near * unit)
         s = initialise_inverse_depth(predicted, prepared, s_range, resolution)
         self.on_step()
-        return _optimise(fit_slopes(s, context.kernels, context.threads), prepared, _FIRST_PX).surface
-
-
-def _optimise(surface: Surface, prepared: PreparedFrame, tolerances: tuple[float, ...]) -> LeastSquaresResult:
-    return solve_least_squares(surface, prepared, tolerances, prepared.context.windows.narrow)
+        surface = fit_slopes(s, context.kernels, context.threads)
+        return solve_least_squares(surface, prepared, _FIRST_PX, context.windows.narrow).surface
 
 
 def _compute_changed_share(before: Surface, after: Surface) -> float:
     """Return the share of pixels whose s changed by more than `_CHANGED_PX`."""
     return float(np.mean(np.abs(after.s - before.s) > _CHANGED_PX))
-
-
-def _double_surface(surface: Surface, shape: tuple[int, ...]) -> Surface:
-    """Return the surface on the grid (H, W) of twice the resolution, with s in pixels of that grid."""
-    return Surface(
-        enlarge_blocks(2 * upsample_surface(surface, 2), 1, shape),
-        enlarge_blocks(surface.slope_u, 2, shape),
-        enlarge_blocks(surface.slope_v, 2, shape),
-    )

@@ -16,9 +16,8 @@ from beltscape.kernels import Kernels, load
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
 from beltscape.stereo.multiview.confidence.estimate import estimate_depth
 from beltscape.stereo.multiview.confidence.features import (
-    add_initial_confidence,
     compute_initial_confidence_features,
-    compute_initial_features,
+    compute_selection_features,
 )
 from beltscape.stereo.multiview.confidence.image_features import compute_image_features
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
@@ -125,8 +124,8 @@ class MultiviewReconstructor:
         if not self.settings.selections:
             return None
         context = state.prepared.context
-        features = compute_initial_features(ConfidenceInputs.from_state(state))
-        planes = add_initial_confidence(features, context)
+        inputs = ConfidenceInputs.from_state(state)
+        planes = compute_selection_features(inputs)
         selection = select_candidates(state.solution.surface, planes, state.prepared)
         for _ in range(self.settings.selections - 1):
             planes |= compute_initial_confidence_features(selection.initial_confidence, context.windows)

@@ -50,9 +50,11 @@ def estimate_depth(state: MatcherState) -> DepthEstimate:
     noise is added to sigma afterwards.
     """
     inputs = ConfidenceInputs.from_state(state)
-    prediction = _predict_fast(inputs) if state.selection is None else _predict(inputs, state.selection)
+    prediction = _predict(inputs, state.selection)
     confidence = 1 / (1 + np.exp(-prediction.logit))
-    valid = _mask_measurable(inputs) & (state.textured | state.filled) & np.isfinite(prediction.s)
+    contradicted = (inputs.agreeing == 0) & (cv2.blur(inputs.cost, (7, 7)) > CONTRADICTION)
+    measurable = np.isfinite(inputs.prepared.core) & (state.textured | state.filled) & ~contradicted
+    valid = np.isfinite(prediction.s) & (inputs.visible > 0) & measurable
     return DepthEstimate(
         surface=Surface(prediction.s, inputs.surface.slope_u, inputs.surface.slope_v),
         sigma=inflate_sigma(np.exp(prediction.log_sigma), inputs),
@@ -61,21 +63,12 @@ def estimate_depth(state: MatcherState) -> DepthEstimate:
     )
 
 
-def _predict_fast(inputs: ConfidenceInputs) -> Prediction:
-    """Return the prediction from the initial features."""
-    features, context = compute_initial_features(inputs), inputs.prepared.context
-    outputs = load_network("fast_confidence").evaluate(features, context.kernels, context.threads)
-    return Prediction(inputs.surface.s, *outputs)
-
-
-def _predict(inputs: ConfidenceInputs, selection: Selection) -> Prediction:
-    """Return the prediction from the refined features, refined at uncertain pixels."""
-    refinement, context = RefinementInputs.from_selection(inputs, selection), inputs.prepared.context
-    outputs = load_network("confidence").evaluate(refinement.planes, context.kernels, context.threads)
-    return refine_uncertain_pixels(Prediction(inputs.surface.s, *outputs), refinement)
-
-
-def _mask_measurable(inputs: ConfidenceInputs) -> NDArray[np.bool_]:
-    """Return the mask (H, W) of pixels inside the image that a view sees, and that some view may confirm."""
-    contradicted = (inputs.agreeing == 0) & (cv2.blur(inputs.cost, (7, 7)) > CONTRADICTION)
-    return np.isfinite(inputs.prepared.core) & (inputs.visible > 0) & ~contradicted
+def _predict(inputs: ConfidenceInputs, selection: Selection | None) -> Prediction:
+    """Return the prediction from the initial features, or after candidate selection from the refined ones."""
+    s, context = inputs.surface.s, inputs.prepared.context
+    if selection is None:
+        network, features = load_network("fast_confidence"), compute_initial_features(inputs)
+        return Prediction(s, *network.evaluate(features, context.kernels, context.threads))
+    network, refinement = load_network("confidence"), RefinementInputs.from_selection(inputs, selection)
+    outputs = network.evaluate(refinement.planes, context.kernels, context.threads)
+    return refine_uncertain_pixels(Prediction(s, *outputs), refinement)

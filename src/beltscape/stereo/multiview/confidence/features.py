@@ -47,8 +47,9 @@ def compute_initial_features(inputs: ConfidenceInputs) -> dict[str, Array]:
     return _compute_planes(parts, inputs.prepared.context) | inputs.image_features
 
 
-def add_initial_confidence(features: dict[str, Array], context: MatchContext) -> dict[str, Array]:
+def compute_selection_features(inputs: ConfidenceInputs) -> dict[str, Array]:
     """Return the initial features with the initial confidence, its means and its minimum around."""
+    features, context = compute_initial_features(inputs), inputs.prepared.context
     network = load_network("initial_confidence")
     (logit,) = network.evaluate(features, context.kernels, context.threads)
     return features | dict(compute_initial_confidence_features(logit, context.windows))

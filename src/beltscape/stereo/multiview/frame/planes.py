@@ -1,4 +1,4 @@
-"""Planes (H, W): replacement of their NaN, and lists of their pixels."""
+"""Planes (H, W): replacement of NaN, enlargement, and lists of pixels."""
 
 from __future__ import annotations
 
@@ -22,3 +22,10 @@ def split_pixels(mask: NDArray[np.bool_], most: int) -> list[Pixels]:
     rows, columns = np.nonzero(mask)
     parts = (slice(first, first + most) for first in range(0, len(rows), most))
     return [(rows[part], columns[part]) for part in parts]
+
+
+def enlarge_blocks(small: NDArray[np.floating], factor: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return (H, W) every value repeated over its block; the last row and column extend to the edge of ``shape``."""
+    full = np.repeat(np.repeat(small.astype(np.float32), factor, axis=0), factor, axis=1)
+    missing = [(0, whole - part) for whole, part in zip(shape, full.shape, strict=True)]
+    return np.ascontiguousarray(np.pad(full, missing, mode="edge"))

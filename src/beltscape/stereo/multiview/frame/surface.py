@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.planes import fill_nan
+from beltscape.stereo.multiview.frame.planes import enlarge_blocks, fill_nan
 
 STEP_PX = 2.5
 """Range of s within 5 × 5 pixels above which there may be a depth step."""
@@ -68,6 +68,15 @@ def upsample_surface(surface: Surface, step: int) -> NDArray[np.float32]:
         for row, dv in enumerate(offsets):
             fine[row::step, column::step] = s_at_column + surface.slope_v * dv
     return fine
+
+
+def double_surface(surface: Surface, shape: tuple[int, ...]) -> Surface:
+    """Return the surface on the grid (H, W) of twice the resolution, with s in pixels of that grid."""
+    return Surface(
+        enlarge_blocks(2 * upsample_surface(surface, 2), 1, shape),
+        enlarge_blocks(surface.slope_u, 2, shape),
+        enlarge_blocks(surface.slope_v, 2, shape),
+    )
 
 
 def fit_slopes(s: NDArray[np.float32], kernels: Kernels, threads: int) -> Surface:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
+from beltscape.stereo.multiview.frame.planes import enlarge_blocks
 from beltscape.stereo.multiview.initialisation.plane_sweep import (
     Block,
     crop_frame,
-    enlarge_blocks,
     shrink_frame,
     sweep_planes,
 )

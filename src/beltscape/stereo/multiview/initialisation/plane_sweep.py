@@ -59,10 +59,3 @@ def sweep_planes(
         _SMALL_JUMP, _LARGE_JUMP, best=2, threads=context.threads,
     )  # fmt: skip
     return (far + plane_step * index).astype(np.float32), margin
-
-
-def enlarge_blocks(small: NDArray[np.floating], factor: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """Return (H, W) every value repeated over its block; the last row and column extend to the edge of ``shape``."""
-    full = np.repeat(np.repeat(small.astype(np.float32), factor, axis=0), factor, axis=1)
-    missing = [(0, whole - part) for whole, part in zip(shape, full.shape, strict=True)]
-    return np.ascontiguousarray(np.pad(full, missing, mode="edge"))

@@ -12,8 +12,9 @@ import numpy as np
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, Standing, Totals
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Observer
+from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Maintenance, Observer
 
 CAMERAS = ("cam1", "cam2", "cam3", "cam4", "cam5")
 _CELL_MM = 5.0
@@ -95,6 +96,7 @@ class SimulatedPlant:
         self.kept: list[tuple[str, str]] = []
         self.degraded = self.stopped = False
         self.alarms: dict[str, Alarm] = {}
+        self.maintenance: Maintenance | None = None
 
     def step(self, wall_ns: int | None = None) -> None:
         """Simulate one trigger instant."""
@@ -180,6 +182,26 @@ class SimulatedPlant:
         """See core.live.Controls."""
         self.kept.append((reason, by))
         return True
+
+    def begin_maintenance(self, reason: str, minutes: float, by: str) -> bool:
+        """See core.live.Controls."""
+        now_ns = time.time_ns()
+        self.maintenance = Maintenance(reason, by, now_ns, now_ns + round(minutes * 60e9))
+        for observer in self.observers:
+            observer.on_maintenance(self.maintenance)
+        return True
+
+    def end_maintenance(self, by: str) -> bool:
+        """See core.live.Controls."""
+        was, self.maintenance = self.maintenance, None
+        for observer in self.observers:
+            observer.on_maintenance(None)
+        return was is not None
+
+    def send_findings(self, findings: Sequence[Finding]) -> None:
+        """Send findings."""
+        for observer in self.observers:
+            observer.on_findings(findings)
 
     def _send_alarms(self) -> None:
         for observer in self.observers:

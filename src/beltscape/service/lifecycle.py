@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from time import monotonic
 from typing import Any
 
+from beltscape.core.supervision import log_uncaught_errors
 from beltscape.files.systemd import notify, watchdog_s
 from beltscape.service.server import RunningServer
 
@@ -22,6 +23,7 @@ def log_to_stderr() -> None:
     log.handlers[:] = [handler]
     log.setLevel(logging.INFO)
     log.propagate = False
+    log_uncaught_errors()
 
 
 def make_stop_event() -> threading.Event:

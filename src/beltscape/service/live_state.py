@@ -7,20 +7,21 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
-from math import inf, nan
+from math import inf, isfinite, nan
 from threading import Lock
 
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
+from beltscape.core.findings import Finding
 from beltscape.core.frames import Image
-from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent
+from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Maintenance
 from beltscape.service.settings import WebSettings
 from beltscape.service.view_models.belt import BeltRows, BeltWindow
 from beltscape.service.view_models.durations import DurationHistogram
 from beltscape.service.view_models.flow import CurrentFlow, FlowAverage
 from beltscape.service.view_models.picture import Picture, encode_thumbnail
 
-_RECORDS, _POINTS, _NOTES, _CAMERAS = 600, 3600, 50, 64
-"""Records, points of curves (15 minutes), messages and cameras that are kept for new pages."""
+_RECORDS, _POINTS, _NOTES, _CAMERAS, _CHECKS = 600, 3600, 50, 64, 1000
+"""Records, points of curves (15 minutes), messages, cameras and checks that are kept for new pages."""
 _POINT_S = 0.25
 """Period of the points of a curve."""
 
@@ -54,6 +55,17 @@ class FrameStatistics:
 
 
 @dataclass(frozen=True, slots=True)
+class CheckState:
+    """The newest finding of one check."""
+
+    finding: Finding
+    wall_ns: int
+    """System clock when it was made."""
+    age_s: float
+    """Seconds since then."""
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """The whole live state without pictures, at one instant."""
 
@@ -79,6 +91,8 @@ class Snapshot:
     """Number of the newest record; None while there is none."""
     picture_frames: Mapping[str, str]
     """Frame name of the newest picture of every camera that has sent one."""
+    maintenance: Maintenance | None
+    """The present maintenance; None: there is none."""
 
 
 @dataclass(slots=True)
@@ -114,9 +128,9 @@ class LiveState:
         self._point_count, self._point_s = 0, -inf
         self._images: dict[str, _CameraImage] = {}
         self._frame_s = self._health_s = -inf
-        self._flow = FlowAverage(
-            self.settings.flow_window_s, self.settings.stale_s, monotonic_s=monotonic_s
-        )
+        self._findings: dict[tuple[str, str], tuple[Finding, int, float]] = {}
+        self._maintenance: Maintenance | None = None
+        self._flow = FlowAverage(self.settings.flow_window_s, self.settings.stale_s, monotonic_s=monotonic_s)
         self._belt = BeltWindow(self.settings.belt_m, self.settings.belt_cell_mm)
         self.durations = DurationHistogram()
         """Histogram of the processing times of frame sets."""
@@ -166,6 +180,22 @@ class LiveState:
         with self._lock:
             self._alarms = tuple(alarms)
 
+    def on_findings(self, findings: Sequence[Finding]) -> None:
+        """Update the checks; one that was not made this time keeps its newest finding."""
+        with self._lock:
+            now = self._wall_ns(), self._monotonic_s()
+            for finding in findings:
+                key = (finding.check, finding.subject)
+                is_made = finding.is_fault or isfinite(finding.value)
+                is_known = key in self._findings
+                if (is_made or not is_known) and (is_known or len(self._findings) < _CHECKS):
+                    self._findings[key] = finding, *now
+
+    def on_maintenance(self, maintenance: Maintenance | None) -> None:
+        """Begin or end maintenance: no flow is shown while it lasts."""
+        with self._lock:
+            self._maintenance = maintenance
+
     def on_message(self, message: str) -> None:
         """Append a message."""
         with self._lock:
@@ -178,8 +208,13 @@ class LiveState:
         self._point_s, wall_ms = now_s, wall_ns // 1_000_000
         while self._points and self._points[-1].wall_ms >= wall_ms:
             self._points.pop()
-        self._points.append(FlowPoint(wall_ms, self._flow.compute(self._frames.speed_mm_s)))
+        self._points.append(FlowPoint(wall_ms, self._compute_flow()))
         self._point_count += 1
+
+    def _compute_flow(self) -> CurrentFlow:
+        if self._maintenance is not None:
+            return CurrentFlow()
+        return self._flow.compute(self._frames.speed_mm_s)
 
     # queries
 
@@ -190,7 +225,7 @@ class LiveState:
             return Snapshot(
                 self._wall_ns(),
                 self._frames,
-                self._flow.compute(self._frames.speed_mm_s),
+                self._compute_flow(),
                 self._totals,
                 tuple(self._cameras.values()),
                 self._alarms,
@@ -199,7 +234,17 @@ class LiveState:
                 now_s - self._health_s,
                 self._records[-1].number if self._records else None,
                 {name: last.frame for name, last in self._images.items()},
+                self._maintenance,
             )
+
+    def list_checks(self) -> list[CheckState]:
+        """Return the newest finding of every check, in the order of check and subject."""
+        with self._lock:
+            now_s = self._monotonic_s()
+            return [
+                CheckState(finding, wall_ns, now_s - made_s)
+                for _, (finding, wall_ns, made_s) in sorted(self._findings.items())
+            ]
 
     def list_points(self, after: int = 0) -> tuple[int, list[FlowPoint]]:
         """Return the number of points since the start, and those still kept after the first ``after``."""

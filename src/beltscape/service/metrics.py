@@ -90,6 +90,8 @@ def format_metrics(live_state: LiveState, snapshot: Snapshot) -> str:
         *_list_frames(live_state, snapshot),
         *_list_cameras(snapshot),
         *_list_alarms(snapshot),
+        *_list_checks(live_state),
+        _make_gauge("maintenance", "1 during maintenance.", float(snapshot.maintenance is not None)),
     ]
     return "".join(family.format() for family in families)
 
@@ -111,6 +113,7 @@ def _list_flow(snapshot: Snapshot) -> list[Family]:
         ),
         _make_gauge("load_area_square_metres", "Mean cross-section of the load.", flow.area_mm2 * 1e-6),
         _make_gauge("belt_speed_metres_per_second", "Speed of the belt.", snapshot.frames.speed_mm_s * 1e-3),
+        _make_gauge("flow_age_seconds", "Since the last measured record; +Inf before the first.", flow.age_s),
         _make_gauge("strip_coverage_ratio", "Share of the belt that was measured, 0..1.", flow.coverage),
     ]
 
@@ -211,6 +214,42 @@ def _list_alarms(snapshot: Snapshot) -> list[Family]:
         _make_labelled("alarm_active", "gauge", "1 while the alarm's condition holds.", on),
         _make_labelled("alarm_unacknowledged", "gauge", "1 while nobody has acknowledged it.", new),
         _make_gauge("disk_trouble", "1 while the history cannot be written.", float(disk)),
+    ]
+
+
+def _list_checks(live_state: LiveState) -> list[Family]:
+    checks = live_state.list_checks()
+    labels = [{"check": one.finding.check, "subject": one.finding.subject} for one in checks]
+    units = [{**label, "unit": one.finding.unit} for label, one in zip(labels, checks, strict=True)]
+    each = list(zip(labels, checks, strict=True))
+    return [
+        _make_labelled(
+            "check_value",
+            "gauge",
+            "Newest value of a check of the system; absent before the first.",
+            [(at, one.finding.value) for at, one in zip(units, checks, strict=True)],
+        ),
+        _make_labelled(
+            "check_sigma",
+            "gauge",
+            "One standard deviation of it.",
+            [(at, one.finding.sigma) for at, one in each],
+        ),
+        _make_labelled(
+            "check_limit",
+            "gauge",
+            "Value beyond which, with its sigma, it is a fault.",
+            [(at, one.finding.limit) for at, one in each],
+        ),
+        _make_labelled(
+            "check_fault",
+            "gauge",
+            "1 while the check finds a fault.",
+            [(at, float(one.finding.is_fault)) for at, one in each],
+        ),
+        _make_labelled(
+            "check_age_seconds", "gauge", "Since the check was made.", [(at, one.age_s) for at, one in each]
+        ),
     ]
 
 

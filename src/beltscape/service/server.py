@@ -15,6 +15,7 @@ from starlette.types import ASGIApp
 from uvicorn import Config, Server
 
 from beltscape.core.errors import OutputError, SettingsError
+from beltscape.core.supervision import make_supervised_thread
 from beltscape.service.access.limits.connections import make_protocols
 from beltscape.service.access.settings import LimitSettings
 from beltscape.service.access.tls import create_tls_context, describe_expiry
@@ -106,7 +107,9 @@ def serve(app: ASGIApp, settings: ListenSettings) -> RunningServer:
         timeout_graceful_shutdown=1,
     )  # fmt: skip
     server = Server(config)
-    thread = threading.Thread(target=_run, args=(server, listener), name="beltscape-web", daemon=True)
+    thread = make_supervised_thread(
+        "beltscape-web", lambda: _run(server, listener), lambda _: None, lambda s: _wait_to_stop(server, s)
+    )
     thread.start()
     while not server.started and thread.is_alive():
         time.sleep(0.005)
@@ -124,6 +127,11 @@ def _run(server: Server, listener: socket.socket) -> None:
     # uvicorn exits if the application does not start; here that only ends the thread, which `serve` notices
     with suppress(SystemExit):
         server.run([listener])
+
+
+def _wait_to_stop(server: Server, seconds: float) -> bool:
+    time.sleep(seconds)
+    return server.should_exit
 
 
 def _bind_socket(host: str, port: int) -> socket.socket:

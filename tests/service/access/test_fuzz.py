@@ -15,6 +15,7 @@ import requests
 from hypothesis import HealthCheck, given, settings
 from hypothesis.errors import Unsatisfiable
 
+from beltscape.core.findings import Finding
 from beltscape.core.live import CameraHealth
 from beltscape.service.access import Access, AccessSettings
 from beltscape.service.access.identity.roles import ROLES, Role, User
@@ -22,7 +23,7 @@ from beltscape.service.access.identity.sessions import derive_page_token
 from beltscape.service.app import create_app
 from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
-from beltscape.sinks.historian import Historian
+from beltscape.sinks.historian import Historian, StoredFinding
 from beltscape.sinks.settings import HistorySettings
 from tests.service.access.sample_app import CHEAP, PASSWORD
 from tests.service.feeder import SimulatedPlant
@@ -46,6 +47,12 @@ class AcceptingControls:
 
     def keep_recording(self, reason: str, by: str) -> bool:
         return len(reason) % 2 == 0
+
+    def begin_maintenance(self, reason: str, minutes: float, by: str) -> bool:
+        return len(reason) % 2 == 0
+
+    def end_maintenance(self, by: str) -> bool:
+        return True
 
 
 class Caller:
@@ -127,6 +134,18 @@ def caller(tmp_path_factory):
         plant = SimulatedPlant([live_state], history)
         for i in range(30):
             plant.step(1_800_000_000_000_000_000 + i * 200_000_000)
+        found = [
+            Finding("sharpness", 0.4, 0.1, 0.5, "", name, "", "none", cause="", place=(0.1, 0.2, 0.3, 0.4))
+            for name in ("cam1", "cam2")
+        ]
+        found.append(
+            Finding("zero_shift", float("nan"), float("nan"), float("nan"), "mm", text="x", effect="missing")
+        )
+        live_state.on_findings(found)
+        history.add_findings([StoredFinding(1_800_000_000_000_000_000, each) for each in found])
+        history.add_event(
+            "alarm", "slip", "raised", wall_ns=1_800_000_000_000_000_000, parameters={"value": 5.0}
+        )
         live_state.on_health({"cam1": CameraHealth("cam1", "lost", 0, 9, 0.0, float("nan"), "gone")})
         caller = Caller(create_app(live_state, history, access, AcceptingControls(), web), access)
         with caller.runner:

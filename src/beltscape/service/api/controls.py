@@ -1,4 +1,4 @@
-"""Endpoints for operators: acknowledge an alarm, keep the recording."""
+"""Endpoints for operators: acknowledge an alarm, keep the recording, begin and end maintenance."""
 
 from __future__ import annotations
 
@@ -24,8 +24,16 @@ class KeepRecording(BaseModel):
     reason: Annotated[str, Field(min_length=1, max_length=200)]
 
 
+class BeginMaintenance(BaseModel):
+    """Why people work at the system, and for how long at most."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    reason: Annotated[str, Field(min_length=1, max_length=200)]
+    minutes: Annotated[float, Field(ge=1, le=1440, allow_inf_nan=False)] = 30.0
+
+
 def make_router(context: AppContext) -> APIRouter:
-    """POST /api/alarms/{name}/acknowledge and /api/recording/keep."""
+    """POST /api/alarms/{name}/acknowledge, /api/recording/keep, /api/maintenance/begin and /api/maintenance/end."""
     router = APIRouter(prefix="/api", tags=["controls"])
 
     @router.post("/alarms/{name}/acknowledge", responses=describe_refusals(404, 409))
@@ -42,6 +50,22 @@ def make_router(context: AppContext) -> APIRouter:
         """Keep the raw frames that the ring of the last minutes holds now."""
         if not context.controls.keep_recording(body.reason, user.name):
             raise HTTPException(409, "nothing is being recorded, or the recording is already kept")
+        return Done(by=user.name)
+
+    @router.post("/maintenance/begin", responses=describe_refusals(409))
+    def begin_maintenance(
+        body: BeginMaintenance, user: Annotated[User, Depends(require_role("operator"))]
+    ) -> Done:
+        """Begin maintenance, or set its reason and end anew: belt that passes is missing, in no total."""
+        if not context.controls.begin_maintenance(body.reason, body.minutes, user.name):
+            raise HTTPException(409, "maintenance cannot begin now")
+        return Done(by=user.name)
+
+    @router.post("/maintenance/end", responses=describe_refusals(409))
+    def end_maintenance(user: Annotated[User, Depends(require_role("operator"))]) -> Done:
+        """End maintenance before its time."""
+        if not context.controls.end_maintenance(user.name):
+            raise HTTPException(409, "there is no maintenance")
         return Done(by=user.name)
 
     return router

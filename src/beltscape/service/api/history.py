@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -138,8 +139,11 @@ class EventOut(ResponseModel):
     wall_ms: int
     kind: str
     name: str
-    text: str
+    text: Annotated[str, Field(description="In English")]
     by: str
+    parameters: Annotated[
+        dict[str, object], Field(description="The parts of the text, for pages in other languages")
+    ]
 
     @classmethod
     def from_event(cls, event: Event) -> EventOut:
@@ -151,6 +155,7 @@ class EventOut(ResponseModel):
             name=event.name,
             text=event.text,
             by=event.by,
+            parameters=json.loads(event.parameters) if event.parameters else {},
         )
 
 

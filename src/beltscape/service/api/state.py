@@ -9,6 +9,7 @@ from pydantic import Field
 
 from beltscape.core.belt.ledger_entries import Standing, Totals
 from beltscape.core.live import Alarm, AlarmState, CameraHealth, CameraState, Severity
+from beltscape.core.messages import get_key, get_values
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, Number, ResponseModel, describe_refusals
 from beltscape.service.live_state import Snapshot
@@ -28,6 +29,7 @@ class FlowOut(ResponseModel):
     trend: Annotated[Trend, Field(description="Against the minute before")]
     change: Annotated[Number, Field(description="Relative change against the minute before")]
     standing: Annotated[Standing, Field(description="The worst standing in it")]
+    age_s: Annotated[Number, Field(description="Since the last measured record; null: there was none yet")]
 
 
 class FramesOut(ResponseModel):
@@ -78,7 +80,9 @@ class CameraOut(ResponseModel):
     missed: int
     rate_hz: Number
     skew_ms: Number
-    message: str
+    message: Annotated[str, Field(description="The fault and the fix, in English")]
+    cause: Annotated[str, Field(description="Key of the message for translations; empty: none")]
+    values: Annotated[dict[str, float | int | str], Field(description="Values in the message")]
     picture: Annotated[str | None, Field(description="Frame of its newest picture; null: there is none")]
 
     @classmethod
@@ -92,6 +96,8 @@ class CameraOut(ResponseModel):
             rate_hz=camera.rate_hz,
             skew_ms=camera.skew_ms,
             message=camera.message,
+            cause=get_key(camera.message),
+            values=get_values(camera.message),
             picture=picture,
         )
 
@@ -106,7 +112,11 @@ class AlarmOut(ResponseModel):
     limit: Number
     unit: str
     since_ms: Annotated[int | None, Field(description="System clock when it was raised")]
-    detail: str
+    detail: Annotated[str, Field(description="The fault and the fix, in English")]
+    cause: Annotated[
+        str, Field(description="Key of the fault among the alarm's, for translations; empty: none")
+    ]
+    values: Annotated[dict[str, float | int | str], Field(description="Values in the detail")]
     by: Annotated[str, Field(description="Who acknowledged it")]
 
     @classmethod
@@ -121,8 +131,19 @@ class AlarmOut(ResponseModel):
             unit=alarm.unit,
             since_ms=None if alarm.since_ns is None else alarm.since_ns // 1_000_000,
             detail=alarm.detail,
+            cause=get_key(alarm.detail),
+            values=get_values(alarm.detail),
             by=alarm.by,
         )
+
+
+class MaintenanceOut(ResponseModel):
+    """The present maintenance: the belt that passes is missing."""
+
+    reason: str
+    by: Annotated[str, Field(description="Who began it")]
+    since_ms: int
+    until_ms: Annotated[int, Field(description="When it ends by itself")]
 
 
 class NoteOut(ResponseModel):
@@ -144,11 +165,12 @@ class StateOut(ResponseModel):
     notes: tuple[NoteOut, ...]
     record: Annotated[int | None, Field(description="Number of the newest record")]
     health_age_s: Annotated[Number, Field(description="Since the cameras' health was reported")]
+    maintenance: Annotated[MaintenanceOut | None, Field(description="null: there is none")]
 
     @classmethod
     def from_snapshot(cls, snapshot: Snapshot) -> StateOut:
         """Return the snapshot in m³, t and m."""
-        frames, flow = snapshot.frames, snapshot.flow
+        frames, flow, present = snapshot.frames, snapshot.flow, snapshot.maintenance
         return cls(
             wall_ms=snapshot.wall_ns // 1_000_000,
             frames=FramesOut(
@@ -170,6 +192,7 @@ class StateOut(ResponseModel):
                 trend=flow.trend,
                 change=flow.change,
                 standing=flow.standing,
+                age_s=flow.age_s,
             ),
             totals=TotalsOut.from_totals(snapshot.totals),
             cameras=tuple(
@@ -180,6 +203,14 @@ class StateOut(ResponseModel):
             notes=tuple(NoteOut(wall_ms=wall_ms, text=text) for wall_ms, text in snapshot.notes),
             record=snapshot.record,
             health_age_s=snapshot.health_age_s,
+            maintenance=None
+            if present is None
+            else MaintenanceOut(
+                reason=present.reason,
+                by=present.by,
+                since_ms=present.since_ns // 1_000_000,
+                until_ms=present.until_ns // 1_000_000,
+            ),
         )
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite, isnan, nan
 from typing import Literal
 
+from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, Standing
 
 Trend = Literal["rising", "falling", "steady", "unknown"]
@@ -42,6 +43,8 @@ class CurrentFlow:
     """Relative change against the minute before."""
     standing: Standing = "missing"
     """The worst standing of the strips in it."""
+    age_s: float = inf
+    """Seconds since the last measured record arrived; inf: there was none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +77,7 @@ class FlowAverage:
         """Add finished records, in order."""
         for record in records:
             strip = record.strip
-            if strip is not None and record.standing != "missing":
+            if strip is not None and _is_measured(record, strip):
                 self._measured_s, self._standing = self._monotonic_s(), record.standing
             if strip is not None and isfinite(strip.speed_mm_s):
                 self._speed_mm_s = strip.speed_mm_s
@@ -97,11 +100,19 @@ class FlowAverage:
             kept -= self._strips.popleft().seconds
 
     def compute(self, speed_mm_s: float) -> CurrentFlow:
-        """Return the flow, given the current speed of the belt (NaN: not known)."""
-        if self._monotonic_s() - self._measured_s > self._stale_s:
-            return CurrentFlow()
+        """Return the flow, given the current speed of the belt (NaN: not known).
+
+        It is unknown without a measured record for ``stale_s``, whatever the belt does.
+        """
+        age_s = self._monotonic_s() - self._measured_s
+        if age_s > self._stale_s:
+            return CurrentFlow(age_s=age_s)
         if speed_mm_s <= _STOPPED_MM_S:
-            return CurrentFlow(0.0, 0.0, 0.0, 0.0, nan, nan, "steady", nan, self._standing)
+            return CurrentFlow(0.0, 0.0, 0.0, 0.0, nan, nan, "steady", nan, self._standing, age_s)
+        return replace(self._average(), age_s=age_s)
+
+    def _average(self) -> CurrentFlow:
+        """Return the average over the window; unknown without a strip in it that was measured."""
         last, before = self._split_strips()
         if not last:
             return CurrentFlow()
@@ -139,6 +150,11 @@ class FlowAverage:
             last.append(strips.pop())
             seconds += last[-1].seconds
         return last, [strip for strip in strips if strip.standing != "missing"]
+
+
+def _is_measured(record: BeltRecord, strip: FlowRecord) -> bool:
+    """Return whether a record tells what lies on the belt: a camera saw a part of it."""
+    return record.standing != "missing" and record.cameras > 0 and strip.coverage > 0
 
 
 def _compute_trend(volume: float, sigma: float, before: list[_Strip]) -> tuple[Trend, float]:

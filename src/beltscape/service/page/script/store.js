@@ -17,6 +17,12 @@ export const store = {
     for (const listener of listeners.get(subject) ?? []) listener(detail);
   },
 
+  /** Seconds since the last measured record, from the newest state; null: there was none. */
+  get flow_age_s() {
+    const age = this.state?.flow.age_s;
+    return age == null ? null : age + (performance.now() - this.received_ms) / 1000;
+  },
+
   /** Seconds since the last frame, from the newest state; null: there was none. */
   get age_s() {
     const age = this.state?.frames.age_s;

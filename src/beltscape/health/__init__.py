@@ -1,0 +1,9 @@
+"""Checks of the system by its own data: each compares two quantities that must agree, and returns a `Finding` with σ.
+
+``images/`` compares the images of one frame set with each other, with those before, and with the reference values of
+each camera. The functions are pure: they take arrays and return findings or estimates. `reference` holds what a sound
+system looked like, `settings` the limits, and `monitor` is the only part with a state: it carries the checks from
+frame to frame. Live, `replay`, `measure flow` and `reconstruct` use the same monitor.
+
+Import from the modules: ``from beltscape.health.monitor import HealthMonitor``.
+"""

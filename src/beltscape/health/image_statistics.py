@@ -1,0 +1,156 @@
+"""Statistics of an image on a grid of blocks: level, texture in two bands, saturation, noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.frames import Image, to_grey
+
+FloatArray = NDArray[np.float32]
+
+GRID = 32, 40
+"""Rows and columns of blocks: about 16 px in an image of 612×512, and the same picture of dirt at any image size."""
+_ROWS = 5 * GRID[0]
+"""This number of rows is examined, evenly spaced; texture is examined along them."""
+_FULL = 255.0
+_NARROW_PX, _WIDE_PX = (3, 1), (7, 1)
+"""Texture finer than the first box is fine; between the two it is coarse. Projected dots: radius 1 to 3 px."""
+_THIRD_DIFFERENCE = np.array([[1, -3, 3, -1]], np.float32)
+_DIFFERENCE_GAIN = 20.0
+"""Sum of the squares of `_THIRD_DIFFERENCE`: its gain of the variance of white noise."""
+_QUIET = 10.0
+"""Percentile of the blocks that have hardly any texture."""
+FINE_NOISE_SHARE, COARSE_NOISE_SHARE = 1 - 1 / 3, 3 * (1 / 3 - 1 / 7) ** 2 + 4 / 7**2
+"""Shares of the variance of white noise in the two bands, from the sums of the boxes' squares."""
+_SATURATED = 0.98
+"""A level from this share of the full range on is saturated; area averages of saturated pixels stay above it."""
+_TEXTURED = 0.25
+"""Blocks with this share of the coarse texture of the image's most textured quarter are compared."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageStatistics:
+    """Statistics of one image; grids are `GRID` float32, levels in counts of 255."""
+
+    level: FloatArray
+    """Mean level."""
+    fine: FloatArray
+    """Variance of fine texture, levels²; its noise is subtracted."""
+    coarse: FloatArray
+    """Variance of coarse texture, levels²; its noise is subtracted."""
+    saturated: FloatArray
+    """Share of saturated pixels."""
+    noise: float
+    """Variance of the noise in the least textured blocks, levels²."""
+    black: float
+    """Level of the darkest percent of the pixels."""
+
+    @property
+    def brightness(self) -> float:
+        """Mean level of the image, at least 0.1."""
+        return max(float(self.level.mean()), 0.1)
+
+    @property
+    def log_sharpness(self) -> float:
+        """Logarithm of fine over coarse texture in the textured blocks; very low without texture."""
+        textured = self.coarse > _TEXTURED * np.percentile(self.coarse, 75)
+        coarse, fine = float(self.coarse[textured].sum()), float(self.fine[textured].sum())
+        return float(np.log(max(fine, 1e-6) / coarse)) if coarse > 0 else -10.0
+
+    @property
+    def contrasts(self) -> FloatArray:
+        """Root of the texture's variance over the level, `GRID`."""
+        return np.asarray(np.sqrt(self.fine + self.coarse) / np.maximum(self.level, 1), np.float32)
+
+    @property
+    def contrast(self) -> float:
+        """Median contrast of the lit blocks."""
+        return max(float(np.median(self.contrasts[self._lit])), 1e-4)
+
+    @property
+    def lit_contrast(self) -> float:
+        """Contrast that four fifths of the lit blocks exceed: high only under projected speckle."""
+        return float(np.percentile(self.contrasts[self._lit], 20))
+
+    @property
+    def shading(self) -> float:
+        """Relative spread of the level between blocks, which a veil reduces but defocus does not."""
+        low, high = np.percentile(self.level, (5, 95))
+        return max(float((high - low) / max(high + low, 0.2)), 1e-4)
+
+    @property
+    def signal_to_noise(self) -> float:
+        """Texture of the median lit block over noise."""
+        texture = np.median((self.fine + self.coarse)[self._lit])
+        return float(np.sqrt(texture / self.noise))
+
+    @property
+    def _lit(self) -> NDArray[np.bool_]:
+        return self.level >= 0.5 * np.median(self.level)
+
+
+def compute_levels(image: Image) -> FloatArray:
+    """Return the grey levels (160, W) of evenly spaced rows of an image, in counts of 255."""
+    rows = ((np.arange(_ROWS) + 0.5) * len(image) / _ROWS).astype(np.intp)
+    grey = to_grey(image[rows])
+    return grey if image.dtype == np.uint8 else grey * np.float32(_FULL / np.iinfo(image.dtype).max)
+
+
+def compute_statistics(levels: FloatArray) -> ImageStatistics:
+    """Return the statistics of an image from the result of `compute_levels`."""
+    narrow, wide = cv2.blur(levels, _NARROW_PX), cv2.blur(levels, _WIDE_PX)
+    edges = np.abs(cv2.filter2D(levels, -1, _THIRD_DIFFERENCE))
+    quiet = float(np.percentile(average_blocks(edges), _QUIET)) * np.sqrt(np.pi / 2)
+    noise = max(quiet**2 / _DIFFERENCE_GAIN, 1 / 12)
+    saturated = levels >= _SATURATED * _FULL
+    return ImageStatistics(
+        level=average_blocks(levels),
+        fine=np.maximum(_average_square(levels, narrow) - np.float32(FINE_NOISE_SHARE * noise), 0),
+        coarse=np.maximum(_average_square(narrow, wide) - np.float32(COARSE_NOISE_SHARE * noise), 0),
+        saturated=average_blocks(saturated.astype(np.float32)),
+        noise=noise,
+        black=float(np.percentile(levels[::4, ::4], 1)),
+    )
+
+
+def compute_block_size(size_px: tuple[int, int]) -> tuple[float, float]:
+    """Return width and height, px, of a block in an image of ``size_px`` (width, height)."""
+    return float(max(size_px[0] // GRID[1], 1)), size_px[1] / GRID[0]
+
+
+def average_blocks(values: FloatArray) -> FloatArray:
+    """Return the mean of (160, W) values in each block of `GRID`; a rest at the right rim is left out."""
+    whole = values[:, : max(values.shape[1] // GRID[1], 1) * GRID[1]]
+    return np.asarray(cv2.resize(whole, GRID[::-1], interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _average_square(one: FloatArray, other: FloatArray) -> FloatArray:
+    difference = one - other
+    return average_blocks(np.asarray(cv2.multiply(difference, difference), np.float32))
+
+
+def remove_single_blocks(blocks: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the blocks of `GRID` that belong to a square of 2×2 blocks that are set."""
+    squares = blocks[:-1, :-1] & blocks[1:, :-1] & blocks[:-1, 1:] & blocks[1:, 1:]
+    kept = np.zeros_like(blocks)
+    for rows in (slice(None, -1), slice(1, None)):
+        for columns in (slice(None, -1), slice(1, None)):
+            kept[rows, columns] |= squares
+    return kept
+
+
+def find_place(blocks: NDArray[np.bool_]) -> tuple[float, float, float, float] | None:
+    """Return left, top, right, bottom of the blocks of `GRID` that are set, as shares of the picture; None: none."""
+    rows, columns = np.nonzero(blocks)
+    if not len(rows):
+        return None
+    return (
+        float(columns.min() / GRID[1]),
+        float(rows.min() / GRID[0]),
+        float((columns.max() + 1) / GRID[1]),
+        float((rows.max() + 1) / GRID[0]),
+    )

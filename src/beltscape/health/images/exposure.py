@@ -1,0 +1,173 @@
+"""Exposure of the cameras: saturation, darkness, brightness against the other cameras, sunlight, flicker."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.findings import Finding
+from beltscape.health.image_statistics import FloatArray, ImageStatistics, find_place, remove_single_blocks
+from beltscape.health.reference import (
+    LEAST_SPECKLE,
+    FrameStatistics,
+    Reference,
+    compare_cameras,
+    log_brightness,
+    measure_speckle,
+)
+from beltscape.health.settings import HealthSettings
+
+BLIND_SATURATION = 0.25
+"""From this share of saturated pixels on an image is not matched (over-exposed × 20: 0.6; × 4: 0.03)."""
+BLIND_DARKNESS = 0.1
+"""Below this brightness over the other cameras', with hardly any light, a lens is covered."""
+BLIND_LEVEL = 1.5
+"""Below this brightness, of 255, rounding leaves nothing to match."""
+_BRIGHTNESS_SIGMA = 0.1
+"""One standard deviation of a sound camera's log brightness against the others': differing views of the scene."""
+_SUNLIT = 2.0
+"""Brightness over the median lit block from which a block without pattern is called sunlit."""
+_FADED = 0.35
+"""Contrast over the image's median below which a bright block has lost the pattern."""
+_UNIFORM = 0.35
+"""Largest spread of the logarithm between blocks for a change of the light, rather than of the scene."""
+
+
+def check_saturation(frame: FrameStatistics, settings: HealthSettings) -> list[Finding]:
+    """Return the finding "overexposure" of every camera: its share of saturated pixels."""
+    return [_check_saturation(name, one, settings.saturated) for name, one in frame.items()]
+
+
+def _check_saturation(camera: str, one: ImageStatistics, limit: float) -> Finding:
+    share = float(one.saturated.mean())
+    finding = Finding("overexposure", 100 * share, 0.0, 100 * limit, "%", camera)
+    if share <= limit:
+        return finding
+    text = (
+        f"{camera}: {share:.0%} of its pixels are saturated; expose shorter, or shade the belt from the sun"
+    )
+    effect = "missing" if share > BLIND_SATURATION else "degraded"
+    return replace(finding, text=text, effect=effect, relative_sigma=share)
+
+
+def check_brightness(
+    frame: FrameStatistics, reference: Reference | None, settings: HealthSettings
+) -> list[Finding]:
+    """Return the findings "exposure" and "lens_covered" of every camera.
+
+    The value is its brightness over that of the other cameras, in percent.
+    """
+    deviations = compare_cameras(frame, log_brightness)
+    if reference is not None:
+        for name in frame.keys() & reference.cameras.keys():
+            deviations[name] -= reference.cameras[name].brightness
+    # with three cameras one wrong exposure moves the others' medians too: only the worst is accused
+    worst = max(deviations, key=lambda name: abs(np.nan_to_num(deviations[name])))
+    findings: list[Finding] = []
+    for name, value in deviations.items():
+        is_compared = len(frame) > 3 or name == worst
+        findings.append(_check_exposure(name, frame[name], value, is_compared, settings))
+        findings.append(_check_cover(name, frame[name], value, settings))
+    return findings
+
+
+def _check_exposure(
+    camera: str, one: ImageStatistics, deviation: float, is_compared: bool, settings: HealthSettings
+) -> Finding:
+    factor = float(np.exp(deviation))
+    limit = 100 / settings.brightness_factor if deviation < 0 else 100 * settings.brightness_factor
+    finding = Finding("exposure", 100 * factor, 100 * factor * _BRIGHTNESS_SIGMA, limit, "%", camera)
+    if one.brightness < settings.dark_level:
+        text = (
+            f"{camera}: its image is too dark ({one.brightness:.1f} of 255); expose longer, check the light"
+        )
+        effect = "missing" if one.brightness < BLIND_LEVEL else "degraded"
+        return replace(finding, text=text, effect=effect, relative_sigma=0.03, cause="dark")
+    if is_compared and abs(deviation) > np.log(settings.brightness_factor):
+        text = (
+            f"{camera}: its brightness is {factor:.2g} times that of the other cameras; correct its exposure, gain "
+            "or aperture, or clean its window"
+        )
+        return replace(finding, text=text, effect="degraded", relative_sigma=0.01, cause="unequal")
+    return finding
+
+
+def _check_cover(camera: str, one: ImageStatistics, deviation: float, settings: HealthSettings) -> Finding:
+    factor = float(np.exp(deviation))
+    limit = 100 * BLIND_DARKNESS
+    finding = Finding("lens_covered", 100 * factor, 100 * factor * _BRIGHTNESS_SIGMA, limit, "%", camera)
+    if factor > BLIND_DARKNESS or one.brightness > settings.dark_level:
+        return finding
+    text = f"{camera}: its image is black ({factor:.1%} of the other cameras' brightness); uncover its lens"
+    return replace(finding, text=text, effect="missing")
+
+
+def check_sunlight(frame: FrameStatistics, reference: Reference | None, settings: HealthSettings) -> Finding:
+    """Return the finding "sunlight": the share of the picture that is bright and lacks the projected pattern.
+
+    Without a projected pattern it is not measured.
+    """
+    speckled = measure_speckle(frame) > LEAST_SPECKLE if reference is None else reference.has_speckle
+    if not speckled:
+        return Finding("sunlight", float("nan"), float("nan"), 100 * settings.sunlight, "%")
+    patches = {name: find_sunlit_blocks(one) for name, one in frame.items()}
+    shares = {name: float(patch.mean()) for name, patch in patches.items()}
+    share = float(np.median(list(shares.values())))
+    camera = max(shares, key=lambda name: shares[name])
+    values = 100 * share, 0.1, 100 * settings.sunlight
+    if share <= settings.sunlight:
+        return Finding("sunlight", *values, "%")
+    text = (
+        f"a bright patch without the projected pattern covers {share:.0%} of the pictures (most in {camera}: "
+        f"{shares[camera]:.0%}); shade the belt from sunlight or lamps"
+    )
+    return Finding(
+        "sunlight",
+        *values,
+        "%",
+        "",
+        text,
+        "degraded",
+        relative_sigma=share,
+        place=find_place(patches[camera]),
+    )
+
+
+def find_sunlit_blocks(one: ImageStatistics) -> NDArray[np.bool_]:
+    """Return the blocks of `GRID` that are far brighter than the picture and have lost the pattern."""
+    patch = (one.level > _SUNLIT * np.median(one.level)) & (one.contrasts < _FADED * one.contrast)
+    return remove_single_blocks(patch)  # single blocks are glints or smooth stones
+
+
+def measure_light_step(before: FrameStatistics, now: FrameStatistics) -> tuple[float, float]:
+    """Return the logarithm of the change of brightness common to all blocks, and its spread over the cameras.
+
+    It is 0 if the blocks do not change alike: then the scene changed, not the light.
+    """
+    steps: list[float] = []
+    for name in now.keys() & before.keys():
+        lit = before[name].level > 0.3 * np.median(before[name].level)
+        ratio: FloatArray = np.log(np.maximum(now[name].level, 0.1) / np.maximum(before[name].level, 0.1))[
+            lit
+        ]
+        low, high = np.percentile(ratio, (25, 75))
+        steps.append(float(np.median(ratio)) if high - low < _UNIFORM else 0.0)
+    if not steps:
+        return float("nan"), float("nan")
+    return float(np.median(steps)), float(np.std(steps) / np.sqrt(len(steps)))
+
+
+def check_flicker(light: Sequence[float], sigma: float, settings: HealthSettings) -> Finding:
+    """Return the finding "flicker": the change of the light against the median of the last frames.
+
+    ``light`` is the logarithm of the light's brightness in the last frames, up to the sum of its steps.
+    """
+    change = float(np.exp(light[-1] - np.median(light))) - 1 if light else float("nan")
+    values = 100 * change, 100 * sigma, 100 * settings.flicker
+    if not abs(change) > settings.flicker:
+        return Finding("flicker", *values, "%")
+    text = f"the light changed by {change:+.0%} between frames; check lamps, projector and exposure times"
+    return Finding("flicker", *values, "%", "", text)

@@ -1,0 +1,178 @@
+"""The projected pattern in all cameras at once: projector off, dim or out of focus; dust in the air; lamp ageing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.findings import Effect, Finding
+from beltscape.health.image_statistics import ImageStatistics
+from beltscape.health.images.sharpness import FAINT_SIGNAL
+from beltscape.health.reference import (
+    FrameStatistics,
+    Reference,
+    log_contrast,
+    log_shading,
+    log_sharpness,
+)
+from beltscape.health.settings import HealthSettings
+
+BLIND_CONTRAST = 0.25
+"""Below this contrast over the reference nothing is matched: only chance matches remain."""
+_DIM = -0.3
+"""A fall of the log light that goes with a dimmed projector; dust in the air scatters light and brightens."""
+_BLUR = -0.4
+"""A fall of the log sharpness in all cameras that makes the projector out of focus; dust: −0.05."""
+_VEIL = -0.2
+"""A fall of the log spread between blocks that a veil causes, but not defocus."""
+_AGED = 0.6
+"""Light over the reference from which the lamp is to be replaced."""
+_DARK_LIGHT = 0.5
+"""Below this light over the reference a projector is called dim, whatever the contrast."""
+_LEAST_SIGNAL = 1.5
+"""Below this texture over noise in most cameras nothing can be matched (bare rubber in ambient light: 1.9)."""
+_SIGMA = 0.05
+"""One standard deviation of the median log contrast of a sound system: other material reflects otherwise."""
+
+
+def check_projected_pattern(
+    frame: FrameStatistics, reference: Reference | None, light: float, settings: HealthSettings
+) -> list[Finding]:
+    """Return the findings "projector", "projector_focus" and "dust", of which one at most is a fault.
+
+    ``light`` is the logarithm of the light's brightness over that of the reference. The value is the pattern's
+    contrast over that of the reference in percent; without a projected pattern it is not measured.
+    """
+    limit = 100 * (1 - settings.pattern_loss)
+    if reference is None or not has_projector(reference, settings):
+        return [_check_without_reference(frame, limit, settings), *_pass(("projector_focus", "dust"), limit)]
+    change = _compare_with_reference(frame, reference, settings)
+    if change is None:
+        return _pass(("projector", "projector_focus", "dust"), limit)
+    fault = _name_fault(change, light, settings)
+    value = float(np.exp(change.contrast))
+    return [
+        _describe(check, value, float(np.exp(light)), limit, check == fault)
+        for check in ("projector", "projector_focus", "dust")
+    ]
+
+
+def has_projector(reference: Reference, settings: HealthSettings) -> bool:
+    """Return whether a projector is to light the belt."""
+    return settings.projector == "yes" or (settings.projector == "auto" and reference.has_speckle)
+
+
+@dataclass(frozen=True, slots=True)
+class _Change:
+    """Median change of the cameras against their reference; logarithms."""
+
+    contrast: float
+    sharpness: float
+    shading: float
+    signal_to_noise: float
+    """Texture over noise, no logarithm."""
+
+
+def _compare_with_reference(
+    frame: FrameStatistics, reference: Reference, settings: HealthSettings
+) -> _Change | None:
+    """Return the change of the cameras that are not saturated; None if there is none."""
+    pairs = [
+        (one, reference.cameras[name])
+        for name, one in frame.items()
+        if name in reference.cameras and one.saturated.mean() < settings.saturated
+    ]
+    if not pairs:
+        return None
+    return _Change(
+        float(np.median([log_contrast(one) - known.own_contrast for one, known in pairs])),
+        float(np.median([log_sharpness(one) - known.own_sharpness for one, known in pairs])),
+        float(np.median([log_shading(one) - known.own_shading for one, known in pairs])),
+        float(np.median([one.signal_to_noise for one, _ in pairs])),
+    )
+
+
+def _name_fault(change: _Change, light: float, settings: HealthSettings) -> str:
+    """Return the check whose fault explains the change; empty for a change within the limits."""
+    if light < np.log(_DARK_LIGHT):
+        return "projector"
+    if change.contrast > np.log(1 - settings.pattern_loss):
+        return ""
+    if light < _DIM:
+        return "projector"
+    is_faint = change.signal_to_noise < FAINT_SIGNAL and change.shading > _VEIL
+    return "projector_focus" if change.sharpness < _BLUR or is_faint else "dust"
+
+
+def _describe(check: str, contrast: float, light: float, limit: float, is_fault: bool) -> Finding:
+    values = 100 * contrast, 100 * contrast * _SIGMA, limit
+    if not is_fault:
+        return Finding(check, *values, "%")
+    effect: Effect = "missing" if contrast < BLIND_CONTRAST else "degraded"
+    state = "off" if effect == "missing" else "dim"
+    cause = {
+        "projector": f"the projector is {state}; check its lamp, its supply and its shutter",
+        "projector_focus": "the projector is out of focus; focus it, clean its lens",
+        "dust": "dust or mist hangs in the air, or the ambient light is too bright; extract the dust, shade the belt",
+    }[check]
+    text = f"the projected pattern has {contrast:.0%} of its contrast and {light:.0%} of its light: {cause}"
+    return Finding(check, *values, "%", "", text, effect, 0.0, 0.03 - 0.02 * float(np.log(min(contrast, 1))))
+
+
+def _check_without_reference(frame: FrameStatistics, limit: float, settings: HealthSettings) -> Finding:
+    """Return the finding "projector" of a frame in which no camera shows texture above its noise."""
+    signal = float(np.median([one.signal_to_noise for one in frame.values()]))
+    nan = float("nan")
+    if settings.projector == "no" or signal > _LEAST_SIGNAL:
+        return Finding("projector", nan, nan, limit, "%")
+    text = "no camera shows texture above its noise; is the projector on and in focus, is there light?"
+    return Finding("projector", nan, nan, limit, "%", "", text, "missing")
+
+
+def _pass(checks: tuple[str, ...], limit: float) -> list[Finding]:
+    return [Finding(check, float("nan"), float("nan"), limit, "%") for check in checks]
+
+
+def measure_light(frame: FrameStatistics, reference: Reference) -> tuple[float, float]:
+    """Return the logarithm of the bare belt's brightness over the reference, and its σ; NaN without a reference.
+
+    The bare belt is the most frequent ratio of brightness over all blocks; material is brighter or darker.
+    """
+    ratios = [
+        _compute_lit_ratios(one, reference.cameras[name].level)
+        for name, one in frame.items()
+        if name in reference.cameras
+    ]
+    return estimate_mode(np.concatenate(ratios)) if ratios else (float("nan"), float("nan"))
+
+
+def _compute_lit_ratios(one: ImageStatistics, level: NDArray[np.float32]) -> NDArray[np.float32]:
+    lit = level > 0.3 * np.median(level)
+    return np.log(np.maximum(one.level[lit], 0.1) / np.maximum(level[lit], 0.1))
+
+
+def describe_lamp(light: float, sigma: float) -> Finding:
+    """Return the finding "lamp", a trend: the light over that of the reference, percent; it warns of ageing."""
+    value = 100 * float(np.exp(light))
+    finding = Finding("lamp", value, value * sigma, 100 * _AGED, "%")
+    if not value + 2 * value * sigma < 100 * _AGED:
+        return finding
+    return replace(
+        finding, text=f"the light has fallen to {value:.0f} % of that at the start; replace the lamp soon"
+    )
+
+
+def estimate_mode(values: NDArray[np.float32]) -> tuple[float, float]:
+    """Return the half-sample mode (Bickel and Frühwirth 2006) of values, and half the width of the densest eighth."""
+    ordered = np.sort(values)
+    width = float("nan")
+    while len(ordered) > 2:
+        half = (len(ordered) + 1) // 2
+        widths = ordered[half - 1 :] - ordered[: len(ordered) - half + 1]
+        start = int(np.argmin(widths))
+        if half >= len(values) // 8:
+            width = float(widths[start]) / 2
+        ordered = ordered[start : start + half]
+    return float(ordered.mean()), width

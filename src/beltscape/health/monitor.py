@@ -1,0 +1,193 @@
+"""The monitor of the images: it carries the checks from frame to frame and decides what is matched."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding, worst_effect
+from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
+from beltscape.health.image_statistics import FloatArray, ImageStatistics, compute_levels, compute_statistics
+from beltscape.health.images.exposure import (
+    check_brightness,
+    check_flicker,
+    check_saturation,
+    check_sunlight,
+    measure_light_step,
+)
+from beltscape.health.images.obstruction import (
+    SHORT_MEMORY,
+    LightMap,
+    accumulate_light,
+    check_obstruction,
+    compute_block_rays,
+    learn_light,
+    sample_light,
+)
+from beltscape.health.images.projected_pattern import check_projected_pattern, describe_lamp, measure_light
+from beltscape.health.images.repeated import check_repeated, measure_changes
+from beltscape.health.images.sharpness import check_contrast
+from beltscape.health.reference import Reference, learn_reference
+from beltscape.health.settings import HealthSettings
+
+_FLICKER_FRAMES = 8
+"""Number of frames whose median brightness the present one is compared with."""
+_CONTINUOUS = 0.15
+"""Largest difference of the bare belt's log brightness from the light that follows from the frames before."""
+_COVERED_SIGMA = 0.3
+"""σ of the log light while no bare belt shows it."""
+_LIGHT_FRAMES = 12
+"""Number of frames of a moving belt before dirt is searched."""
+_MOVING = 3.0
+"""Change over noise from which a frame shows other material than the one before."""
+_AUXILIARY_SHARE = 0.25
+"""Share of a fault's volume error that it has in one of several auxiliaries, instead of the core."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageCheck:
+    """The result of the checks of a frame's images."""
+
+    findings: tuple[Finding, ...]
+    frames: FrameSet
+    """The frame set with the cameras that can be matched; without images if nothing can be measured."""
+    is_whole: bool
+    """Whether no camera was left out of a frame that is matched."""
+
+
+class HealthMonitor:
+    """Checks the images of successive frame sets of one rig; the same frames give the same findings."""
+
+    def __init__(self, rig: Rig, settings: HealthSettings) -> None:
+        self._rig, self._settings = rig, settings
+        self._reference: Reference | None = None
+        self._learned: list[dict[str, ImageStatistics]] = []
+        self._before: dict[str, ImageStatistics] = {}
+        self._levels_before: dict[str, FloatArray] = {}
+        self._light = 0.0
+        """Logarithm of the light over that of the reference."""
+        self._lights: deque[float] = deque(maxlen=_FLICKER_FRAMES)
+        self._is_moving = False
+        self._light_maps: dict[str, LightMap] = {}
+        self._light_references: dict[str, FloatArray] = {}
+        self._recent_maps: dict[str, LightMap] = {}
+        self._rays: NDArray[np.float64] | None = None
+        self._moving_frames = 0
+        self._dirt: tuple[Finding, ...] = ()
+
+    @property
+    def reference(self) -> Reference | None:
+        """Return what was learned from the first sound frames; None before."""
+        return self._reference
+
+    def check_images(self, frames: FrameSet) -> ImageCheck:
+        """Return the findings about a frame's images, and what of them can be matched."""
+        images = {name: image for name, image in frames.images.items() if name in self._rig.cameras}
+        if not self._settings.images or not images:
+            return ImageCheck((), frames, True)
+        levels = {name: compute_levels(image) for name, image in images.items()}
+        statistics = {name: compute_statistics(level) for name, level in levels.items()}
+        findings = self._check(statistics, levels)
+        if self._reference is None and worst_effect(findings) == "none":
+            self._learn(statistics)
+        self._before, self._levels_before = statistics, levels
+        blind = {one.subject for one in findings if one.effect == "missing"}
+        return self._select(frames, blind, tuple(map(self._weight_camera, findings)))
+
+    def check_depth(self, depth: DepthMap) -> tuple[Finding, ...]:
+        """Return the findings that need the depth of the frame that `check_images` received last.
+
+        Dirt is searched in frames of a moving belt; while it stands the last findings hold.
+        """
+        if not self._settings.images or len(self._before) < 3:
+            return ()
+        self._moving_frames += self._is_moving
+        if self._is_moving:
+            self._dirt = tuple(map(self._weight_camera, self._check_dirt(depth)))
+        return self._dirt
+
+    def _check_dirt(self, depth: DepthMap) -> list[Finding]:
+        self._rays = compute_block_rays(self._rig) if self._rays is None else self._rays
+        levels = {name: one.level for name, one in self._before.items()}
+        for name, light in sample_light(levels, self._rig, self._rays, depth).items():
+            self._light_maps[name] = accumulate_light(self._light_maps.get(name), light)
+            self._recent_maps[name] = accumulate_light(self._recent_maps.get(name), light, SHORT_MEMORY)
+        if self._moving_frames < _LIGHT_FRAMES:
+            return []
+        if self._moving_frames == max(_LIGHT_FRAMES, self._settings.learning_frames):
+            self._light_references = {
+                name: learn_light(light, self._settings) for name, light in self._light_maps.items()
+            }
+        return [
+            check_obstruction(
+                name, light, self._recent_maps[name], self._light_references.get(name), self._settings
+            )
+            for name, light in self._light_maps.items()
+        ]
+
+    def _check(
+        self, statistics: dict[str, ImageStatistics], levels: dict[str, FloatArray]
+    ) -> tuple[Finding, ...]:
+        settings, reference = self._settings, self._reference
+        noise = min(one.noise for one in statistics.values())
+        changes = measure_changes(self._levels_before, levels, noise)
+        finite = [one.noise_ratio for one in changes.values() if np.isfinite(one.noise_ratio)]
+        self._is_moving = bool(finite) and float(np.median(finite)) > _MOVING
+        step_sigma, lamp = self._follow_light(statistics)
+        findings = [
+            *check_saturation(statistics, settings),
+            *check_brightness(statistics, reference, settings),
+            *check_contrast(statistics, reference, settings),
+            *check_repeated(changes),
+            *check_projected_pattern(statistics, reference, self._light, settings),
+            check_sunlight(statistics, reference, settings),
+            check_flicker(tuple(self._lights), step_sigma, settings),
+            lamp,
+        ]
+        return tuple(findings)
+
+    def _follow_light(self, statistics: dict[str, ImageStatistics]) -> tuple[float, Finding]:
+        """Update the light; return the σ of its last step and the finding "lamp".
+
+        The bare belt's brightness is taken where it follows from the light before: else material covers the belt.
+        """
+        step, step_sigma = (
+            measure_light_step(self._before, statistics) if self._before else (0.0, float("nan"))
+        )
+        step = step if np.isfinite(step) else 0.0
+        self._lights.append((self._lights[-1] if self._lights else 0.0) + step)
+        self._light += step
+        if self._reference is None:
+            return step_sigma, describe_lamp(float("nan"), float("nan"))
+        light, sigma = measure_light(statistics, self._reference)
+        if abs(light - self._light) < _CONTINUOUS:
+            self._light = light
+        else:
+            sigma = _COVERED_SIGMA
+        return step_sigma, describe_lamp(self._light, sigma)
+
+    def _learn(self, statistics: dict[str, ImageStatistics]) -> None:
+        self._learned.append(statistics)
+        if len(self._learned) >= self._settings.learning_frames:
+            self._reference, self._learned, self._light = learn_reference(self._learned), [], 0.0
+            self._lights.clear()
+
+    def _weight_camera(self, finding: Finding) -> Finding:
+        """Return the finding as it concerns the volume: an auxiliary that fails is left out, the core is not."""
+        if finding.subject in ("", self._rig.core) or not finding.is_fault:
+            return finding
+        effect = "degraded" if finding.effect == "missing" else finding.effect
+        sigma = _AUXILIARY_SHARE * finding.relative_sigma
+        return replace(finding, effect=effect, relative_sigma=sigma)
+
+    def _select(self, frames: FrameSet, blind: set[str], findings: tuple[Finding, ...]) -> ImageCheck:
+        """Return the check with the images of cameras that are not ``blind``; "" stands for all cameras."""
+        images = {name: image for name, image in frames.images.items() if name not in blind}
+        if not blind & {"", self._rig.core} and len(images) > 1:
+            return ImageCheck(findings, replace(frames, images=images), not blind)
+        return ImageCheck(findings, replace(frames, images={}), True)

@@ -1,0 +1,43 @@
+"""Settings of the system's checks of itself: the table [health] of project.toml."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+_Share = Annotated[float, Field(gt=0, lt=1)]
+
+
+class HealthSettings(BaseModel):
+    """Limits of the checks of images; the defaults are above what sound captures of seven rigs showed."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+    images: bool = True
+    """Whether the images are checked before they are matched."""
+    projector: Literal["auto", "yes", "no"] = "auto"
+    """Whether a projector lights the belt; "auto": recognised from the contrast of the first sound frames."""
+    learning_frames: Annotated[int, Field(ge=3, le=10_000)] = 20
+    """Number of sound frames from which the reference values of the cameras are learned."""
+    saturated: _Share = 0.02
+    """Share of saturated pixels; sound captures have up to 0.0005."""
+    brightness_factor: Annotated[float, Field(gt=1, le=100)] = 1.8
+    """Brightness over, or under, that of the other cameras; sound captures differ by up to 1.3."""
+    dark_level: Annotated[float, Field(gt=0, le=128)] = 4.0
+    """Brightness of an image, of 255, below which rounding to whole levels hides texture; sound: from 9."""
+    contrast_loss: _Share = 0.35
+    """Loss of contrast against the other cameras, before reference values are known; sound: up to 0.1."""
+    contrast_change: _Share = 0.25
+    """Loss of contrast against the other cameras and the camera's own reference; sound: up to 0.08."""
+    pattern_loss: _Share = 0.3
+    """Loss of the projected pattern's contrast in all cameras against the reference; sound: up to 0.03."""
+    flicker: _Share = 0.15
+    """Sudden change of the brightness of the whole picture in all cameras."""
+    sunlight: _Share = 0.02
+    """Share of the picture that is bright and without the projected pattern; sound: up to 0.003."""
+    dirt: _Share = 0.12
+    """Loss of light at fixed pixels against the other cameras, averaged over frames; sound: up to 0.06."""
+    dirt_area: _Share = 0.005
+    """Share of the picture from which dirt is reported."""
+    skew_ms: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    """Difference of a camera's instant from the core's."""

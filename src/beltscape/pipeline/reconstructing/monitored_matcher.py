@@ -1,0 +1,69 @@
+"""A matcher whose frames pass the checks of images: what cannot be measured is not matched."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import ReconstructionError
+from beltscape.core.findings import Finding, summarise_faults
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Reporter
+from beltscape.health.monitor import HealthMonitor
+
+
+class Matcher(Protocol):
+    """The matcher behind the checks."""
+
+    @property
+    def is_inconsistent(self) -> bool:
+        """Return whether cameras contradict the rig."""
+        ...
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the findings about the cameras in the last frame."""
+        ...
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
+        """Return the depth of a frame; ReconstructionError if its images do not suffice."""
+        ...
+
+
+class MonitoredMatcher:
+    """Checks the images of a frame before it is matched, and the windows' dirt after it."""
+
+    def __init__(self, matcher: Matcher, monitor: HealthMonitor) -> None:
+        self._matcher, self._monitor = matcher, monitor
+        self._findings: tuple[Finding, ...] = ()
+        self._is_whole = True
+
+    @property
+    def is_inconsistent(self) -> bool:
+        """Return whether cameras contradict the rig, or one was left out of the last frame."""
+        return self._matcher.is_inconsistent or not self._is_whole
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the findings about images and cameras of the last frame, also if it was not matched."""
+        return self._findings
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
+        """Return the depth of a frame from the cameras that passed the checks.
+
+        Raises
+        ------
+        ReconstructionError
+            When the checks leave nothing to match, or the images do not suffice.
+        """
+        check = self._monitor.check_images(frame_set)
+        self._findings, self._is_whole = check.findings, check.is_whole
+        if frame_set.images and not check.frames.images:
+            faults = summarise_faults(one for one in check.findings if one.effect != "none")
+            raise ReconstructionError(f"frame {frame_set.frame}: {faults}")
+        try:
+            depth = self._matcher.reconstruct(check.frames, reporter, prior=prior)
+        finally:
+            self._findings = (*check.findings, *self._matcher.findings)
+        self._findings = (*self._findings, *self._monitor.check_depth(depth))
+        return depth

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import shutil
+import subprocess
+import sys
+import tempfile
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -269,3 +274,47 @@ def test_a_move_that_a_crash_interrupted_is_finished(tmp_path):
     kept.rename(kept.with_name(f"{kept.name}.part"))
     Recorder(tmp_path, settings(mode="off")).close()
     assert holds(kept, range(3))
+
+
+def test_a_folder_that_cannot_be_entered_pauses_recording_only():
+    with tempfile.TemporaryDirectory() as name:
+        done = subprocess.run(
+            [sys.executable, "-m", "tests.sinks.recording.forbidden_folder", name],
+            cwd=Path(__file__).parents[2], capture_output=True, text=True, check=False, timeout=60,
+        )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    out = json.loads(done.stdout)
+    assert out["before"]["written"] > 0 and out["before"]["trouble"] == ""
+    assert "Permission denied" in out["forbidden"]["trouble"] and "permissions" in out["forbidden"]["trouble"]
+    assert out["after"]["trouble"] == ""
+    assert out["after"]["written"] > out["before"]["written"]
+    assert "Permission denied" in out["begun forbidden"]["trouble"]
+    assert out["begun forbidden"]["written"] == 0
+    assert out["begun after"]["trouble"] == "" and out["begun after"]["written"] > 0
+    assert len(out["captures"]) == len(set(out["captures"]))  # no number is given twice
+
+
+@pytest.mark.parametrize(
+    "error", [PermissionError(13, "Permission denied"), RuntimeError("no idea"), KeyError("x")]
+)
+def test_no_error_ends_the_recorder(tmp_path, monkeypatch, error):
+    monkeypatch.setattr("beltscape.core.supervision.RESTART_S", 0.01)
+    recorder = Recorder(tmp_path, settings(mode="all"))
+
+    def fail(*_):
+        raise error
+
+    with monkeypatch.context() as patch:
+        patch.setattr(recorder_module.CaptureWriter, "write", fail)
+        for number in range(3):
+            recorder.take(frames(number))
+        settled(recorder)
+        assert str(error.args[-1]) in recorder.state.trouble
+        assert recorder.state.dropped == 3
+    recorder._checked_s = float("-inf")
+    recorder.take(frames(7))
+    settled(recorder)
+    assert recorder.state.written == 1
+    assert recorder.trouble == ""
+    recorder.close()

@@ -43,6 +43,10 @@ class Readings:
     """Frame sets that were not measured."""
     history_trouble: str | None = None
     """Why the history cannot be written, and the fix, in one line; empty: it can."""
+    history_repair: str | None = None
+    """What was repaired in the history a moment ago; empty: nothing."""
+    users_trouble: str | None = None
+    """Why nobody can sign in, and the fix, in one line; empty: everybody can."""
     recording_trouble: str | None = None
     """Why raw frames are not recorded, and the fix; empty: they are, or need not be."""
     encoder_silent_s: float = _NAN

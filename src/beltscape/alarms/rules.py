@@ -166,6 +166,8 @@ RULES: Mapping[str, Rule] = {
     "camera_skew": _camera_skew,
     "frames_dropped": _frames_dropped,
     "disk_full": lambda now, _: {"": condition_from_text(now.history_trouble)},
+    "history_repaired": lambda now, _: {"": condition_from_text(now.history_repair)},
+    "users_unreadable": lambda now, _: {"": condition_from_text(now.users_trouble)},
     "recording_paused": lambda now, _: {"": condition_from_text(now.recording_trouble)},
     "encoder_silent": _encoder_silent,
     "encoder_wrong": lambda now, _: {"": condition_from_text(now.encoder_trouble)},

@@ -160,6 +160,14 @@ class DiskFull(CommonSettings):
     severity: Severity = "critical"
 
 
+class HistoryRepaired(CommonSettings):
+    """The database was damaged, emptied or changed by another program, and was repaired."""
+
+
+class UsersUnreadable(CommonSettings):
+    """The users' database is damaged: nobody can sign in, measuring continues."""
+
+
 class RecordingPaused(CommonSettings):
     """Raw frames should be recorded and are not."""
 
@@ -231,6 +239,8 @@ class AlarmSettings(BaseModel):
     camera_skew: CameraSkew = CameraSkew()
     frames_dropped: FramesDropped = FramesDropped()
     disk_full: DiskFull = DiskFull()
+    history_repaired: HistoryRepaired = HistoryRepaired()
+    users_unreadable: UsersUnreadable = UsersUnreadable()
     recording_paused: RecordingPaused = RecordingPaused()
     encoder_silent: EncoderSilent = EncoderSilent()
     encoder_wrong: EncoderWrong = EncoderWrong()

@@ -15,6 +15,8 @@ TEXTS = {
     "camera_skew": "{value}, limit {limit}: check the trigger line and the cameras' clocks",
     "frames_dropped": "{value}, limit {limit}: lower the frame rate or choose a faster preset",
     "disk_full": "the history is not written: free space on its disk",
+    "history_repaired": "the history was damaged or changed from outside and was repaired: find out by what",
+    "users_unreadable": "the users' database cannot be read, nobody can sign in: restore users.db from a backup",
     "recording_paused": "raw frames are not recorded: free space on their disk",
     "encoder_silent": "no reading for {value}, limit {limit}: check the encoder and its line",
     "encoder_wrong": "its readings are impossible: check wiring and settings",

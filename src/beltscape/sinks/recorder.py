@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.frames import FrameSet
+from beltscape.core.supervision import make_supervised_thread
 from beltscape.sinks.recording.capture_store import CaptureStore
 from beltscape.sinks.recording.capture_writer import CaptureWriter
 from beltscape.sinks.recording.ring import PARTS, Ring
@@ -44,7 +45,7 @@ class Recorder:
         """Record captures below ``folder``, which is created with the first frame set."""
         self._folder, self._settings = folder, settings
         self._store = CaptureStore(folder)
-        self._ring = Ring(self._store, settings.ring_min * 60, time.monotonic())
+        self._ring = self._make_ring()
         self._queue: deque[FrameSet | Path] = deque()
         self._wake = threading.Condition()
         self._closing = False
@@ -52,7 +53,8 @@ class Recorder:
         self._capture_start_s = self._checked_s = float("-inf")
         self._written = self._dropped = 0
         self._trouble = ""
-        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._check_folder()
+        self._thread = make_supervised_thread("recorder", self._run, self._on_failure, self._wait_to_stop)
         self._thread.start()
 
     @property
@@ -92,6 +94,8 @@ class Recorder:
         with self._wake:
             if self._settings.mode != "ring" or self._closing or not (self._ring or self._waiting()):
                 return None
+            if not self._store.is_scanned:  # no number is known that is free
+                return None
             target = self._store.new_path("kept", reason)
             self._queue.append(target)
             self._wake.notify()
@@ -114,24 +118,43 @@ class Recorder:
                 if not self._queue:
                     return
                 item = self._queue[0]
-            if isinstance(item, FrameSet):
-                self._record(item)
-            else:
-                self._keep(item)
-            with self._wake:
-                self._queue.popleft()
+            try:
+                if isinstance(item, FrameSet):
+                    self._record(item)
+                else:
+                    self._keep(item)
+            finally:  # what fails is not tried again: the next frame set is as good
+                with self._wake:
+                    self._queue.popleft()
+
+    def _make_ring(self) -> Ring:
+        return Ring(self._store, self._settings.ring_min * 60, time.monotonic())
+
+    def _on_failure(self, failure: str) -> None:
+        """Report an unexpected error; recording goes on with the next frame set."""
+        self._trouble = f"{self._folder}: recording failed ({failure}) and starts again"
+        with self._wake:
+            self._dropped += 1
+
+    def _wait_to_stop(self, seconds: float) -> bool:
+        with self._wake:
+            return self._wake.wait_for(lambda: self._closing, seconds)
+
+    def _describe(self, error: OSError) -> str:
+        reason = error.strerror or str(error)
+        return f"{self._folder}: recording pauses ({reason}); free some space, or correct its permissions"
 
     def _record(self, frames: FrameSet) -> None:
         """Write one frame set, or count it as skipped and set ``trouble``."""
         now = time.monotonic()
         if now - self._checked_s >= _CHECK_S:
             self._checked_s = now
-            self._trouble = self._make_room()
+            self._check_folder()
         size = 0
         try:
             size = 0 if self._trouble else self._capture_for(frames, now).write(frames)
         except OSError as error:
-            self._trouble = f"{self._folder}: recording pauses ({error.strerror or error}); free some space"
+            self._trouble = self._describe(error)
         if not self._trouble and self._capture is not None:
             self._store.add_size(self._capture.folder, size)
         with self._wake:
@@ -158,6 +181,16 @@ class Recorder:
             self._ring.keep(target)
         except OSError as error:
             self._trouble = f"{target}: cannot be kept ({error.strerror or error})"
+
+    def _check_folder(self) -> None:
+        """Set ``trouble`` if the folder cannot be used now, else clear it and make room."""
+        try:
+            if not self._store.is_scanned:
+                self._store.scan()
+                self._ring = self._make_ring()
+            self._trouble = "" if self._settings.mode == "off" else self._make_room()
+        except OSError as error:
+            self._trouble = self._describe(error)
 
     def _make_room(self) -> str:
         """Remove the oldest captures that are not kept; return why space is still short, or an empty text."""

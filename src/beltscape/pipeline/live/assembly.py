@@ -32,6 +32,7 @@ from beltscape.pipeline.measuring.flow import Instant, list_instants, scale_rig_
 from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
+from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
 from beltscape.sinks.csv_sink import CsvSink
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
@@ -87,7 +88,7 @@ def assemble(project: Project[RunSettings], options: RunOptions, observer: Obser
     rig = read_rig(project.resolve(settings.rig))
     if settings.capture is not None:
         rig = scale_rig_to_capture(rig, project.resolve(settings.capture.folder), reporter)
-    context = build_context(project, rig, reporter)
+    context = build_context(project, rig, reporter, propose_rig=make_rig_writer(options.data, rig, reporter))
     source = open_source(project, rig, reporter, paced=options.paced)
     check_encoder(project)
     historian = Historian(ensure_output_folder(options.data), settings.history)
@@ -131,15 +132,23 @@ def _open_table(folder: Path, settings: CsvSettings, historian: Historian) -> Cs
     return table
 
 
-def build_context(project: Project[RunSettings], rig: Rig, reporter: Reporter) -> MeasurementContext:
-    """Return rig, empty belt and matcher for the settings' image width."""
+def build_context(
+    project: Project[RunSettings],
+    rig: Rig,
+    reporter: Reporter,
+    propose_rig: Callable[[Rig], None] | None = None,
+) -> MeasurementContext:
+    """Return rig, empty belt and matcher for the settings' image width.
+
+    ``propose_rig`` receives the rig with the estimated pose of a camera that moved.
+    """
     settings, matching = project.settings, project.settings.matching
     width = rig.core_camera.size_px[0]
     if matching.width_px is not None and matching.width_px < width:
         rig = scale_rig(rig, matching.width_px / width)
     empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
     near_far = compute_depth_range(empty_belt, matching.load_mm)
-    matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview())
+    matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
     return MeasurementContext(rig, empty_belt, matcher, settings.flow, read_density(project))
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from beltscape.files.tables.csv_table import append_rows
@@ -21,17 +23,25 @@ class CaptureStore:
     """
 
     def __init__(self, folder: Path) -> None:
-        """List the captures of earlier runs and finish their interrupted moves."""
+        """Create the store; ``scan`` lists what the folder holds."""
         self.folder = folder
         self._sizes: dict[Path, int] = {}
+        self._next = 1
+        self.is_scanned = False
+        """Whether the folder was listed; before, numbers of captures are not known."""
+
+    def scan(self) -> None:
+        """List the captures of earlier runs and finish their interrupted moves; OSError if they cannot be read."""
         for place in ("ring", "all", "kept"):
-            for capture in _captures(folder / place):
+            _require_listable(self.folder / place)
+            for capture in _captures(self.folder / place):
                 self._sizes[capture] = _size(capture)
-        for part in (folder / "kept").glob(f"*{_PART}"):
+        for part in (self.folder / "kept").glob(f"*{_PART}"):
             self._sizes[_finish_move(part)] = _size(part.with_suffix(""))
         for capture in [*self.list_captures("ring"), *self.list_captures("all")[-1:]]:
             truncate_partial_line(capture / ENCODER)
         self._next = 1 + max((_number(path) for path in self._sizes), default=0)
+        self.is_scanned = True
 
     @property
     def size_bytes(self) -> int:
@@ -85,6 +95,12 @@ class CaptureStore:
             self.remove(capture)
             self.add_size(target, size)
         part.replace(target)
+
+
+def _require_listable(folder: Path) -> None:
+    """Raise OSError if a folder that exists cannot be listed, which ``Path.glob`` hides."""
+    with suppress(FileNotFoundError, NotADirectoryError):
+        os.scandir(folder).close()
 
 
 def _captures(place: Path) -> Iterator[Path]:

@@ -82,6 +82,10 @@ class ReadingStream:
         if failure:
             self.add_notice("offset", failure, now_ns)
 
+    def add_failure(self, failure: str) -> None:
+        """Report that the thread that reads the encoder failed and starts again."""
+        self.add_notice("failure", f"reading it failed ({failure}) and starts again", monotonic_ns())
+
     def add_notice(self, kind: str, text: str, now_ns: int) -> None:
         """Add a fault to ``trouble`` for one minute."""
         with self._lock:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from threading import Event, Thread
+from threading import Event
 from time import monotonic_ns
 
 from beltscape.core.errors import InputError
+from beltscape.core.supervision import make_supervised_thread
 from beltscape.sources.encoder.file_tail import FileTail
 from beltscape.sources.encoder.offset import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
@@ -33,7 +34,7 @@ class TailEncoder(ReadingStream):
                 f"{path}: cannot be read ({error.strerror or error}); check its rights"
             ) from error
         self._stop = Event()
-        self._thread = Thread(target=self._run, name="encoder", daemon=True)
+        self._thread = make_supervised_thread("encoder", self._run, self.add_failure, self._stop.wait)
         self._thread.start()
 
     def _run(self) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import socket
-from threading import Event, Thread
+from threading import Event
 from time import monotonic_ns
 
 from beltscape.core.errors import InputError
+from beltscape.core.supervision import make_supervised_thread
 from beltscape.sources.encoder.offset import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.encoder.stream import ReadingStream
@@ -25,7 +26,7 @@ class UdpEncoder(ReadingStream):
         super().__init__(settings, offset, resume_mm)
         self._socket = _open_socket(settings.host, settings.port)
         self._stop = Event()
-        self._thread = Thread(target=self._run, name="encoder", daemon=True)
+        self._thread = make_supervised_thread("encoder", self._run, self.add_failure, self._stop.wait)
         self._thread.start()
 
     def _run(self) -> None:

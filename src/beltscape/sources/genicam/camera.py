@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from beltscape.core.supervision import make_supervised_thread
 from beltscape.sources.genicam.device import RawImage
 
 REOPEN_AFTER_S = 1.5
@@ -81,7 +82,11 @@ class CameraThreads:
         """Why it cannot be opened; empty while it is open."""
         self._threads = [threading.Thread(target=self._run, name=f"camera {name}", daemon=True)]
         if pace is not None:
-            self._threads.append(threading.Thread(target=self._trigger, name=f"trigger {name}", daemon=True))
+            self._threads.append(
+                make_supervised_thread(
+                    f"trigger {name}", self._trigger, self._on_trigger_failure, self._stop.wait
+                )
+            )
         for thread in self._threads:
             thread.start()
 
@@ -129,6 +134,9 @@ class CameraThreads:
                 self._on_image(self._name, raw)
             elif self._is_overdue(self._name, time.monotonic() - last_s):
                 return
+
+    def _on_trigger_failure(self, failure: str) -> None:
+        self.trouble = f"its trigger failed: {failure}"
 
     def _trigger(self) -> None:
         assert self._pace is not None

@@ -1,0 +1,57 @@
+"""A recorder whose folder nobody may enter for a while; prints its states as JSON. Run by test_recorder.py.
+
+``python -m tests.sinks.recording.forbidden_folder FOLDER``; as root it becomes another user first, whom rights bind.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.frames import FrameSet
+from beltscape.sinks.recorder import Recorder
+from beltscape.sinks.settings import RecordingSettings
+
+NOBODY = 65534
+
+
+def record(recorder: Recorder, start: int, seconds: float) -> dict[str, object]:
+    """Record for some seconds; return the state at the end."""
+    for number in range(start, start + round(10 * seconds)):
+        image = np.full((20, 30), number % 250, np.uint8)
+        recorder.take(FrameSet(f"{number:06d}", {"cam0": image}, number * 100_000_000, float(number)))
+        time.sleep(0.1)
+    state = recorder.state
+    return {"written": state.written, "dropped": state.dropped, "trouble": state.trouble}
+
+
+def main(folder: Path) -> None:
+    """Record before, while and after the folder cannot be entered, and begin once in such a folder."""
+    if os.geteuid() == 0:
+        os.chown(folder, NOBODY, NOBODY)
+        os.seteuid(NOBODY)
+    recordings = folder / "recordings"
+    recorder = Recorder(recordings, RecordingSettings(mode="all", free_gib=0))
+    out = {"before": record(recorder, 0, 0.5)}
+    recordings.chmod(0)
+    out["forbidden"] = record(recorder, 100, 2.5)
+    recordings.chmod(0o750)
+    out["after"] = record(recorder, 200, 2.5)
+    recorder.close()
+    (recordings / "all").chmod(0)
+    recorder = Recorder(recordings, RecordingSettings(mode="all", free_gib=0))
+    out["begun forbidden"] = record(recorder, 300, 1.5)
+    (recordings / "all").chmod(0o750)
+    out["begun after"] = record(recorder, 400, 2.5)
+    recorder.close()
+    captures = sorted(path.name.partition("-")[0] for path in (recordings / "all").iterdir())
+    print(json.dumps({**out, "captures": captures}))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

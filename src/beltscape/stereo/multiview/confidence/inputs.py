@@ -18,7 +18,7 @@ Array = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConfidenceInputs:
-    """Planes (H, W) from which the features of a surface are computed; without NaN except for three of them."""
+    """Planes (H, W) from which the features of a surface are computed; without NaN unless stated."""
 
     prepared: PreparedFrame
     image_features: dict[str, NDArray[np.floating]]
@@ -26,7 +26,7 @@ class ConfidenceInputs:
     surface: Surface
     """As matched, with NaN where there is none."""
     filled: Surface
-    """The surface with 0 in place of NaN."""
+    """The surface with 0 in place of NaN, as in all planes below unless stated."""
     propagated_s: Array
     """Inverse depth before the last iterations of least squares."""
     depth_steps: NDArray[np.bool_]
@@ -38,7 +38,7 @@ class ConfidenceInputs:
     agreeing: NDArray[np.uint8]
     """Number of auxiliaries that agree with the core."""
     cost: Array
-    """Dissimilarity of the images, 0..1; 1 in place of NaN."""
+    """Dissimilarity of the images, 0..1, with 1 in place of NaN."""
     margin: Array
     """Difference to the cost of the next candidate."""
     information: Array

@@ -39,6 +39,7 @@ class FakeMatcher:
     """Returns the depth map of the belt position that the frame's name contains."""
 
     is_inconsistent = False
+    findings = ()
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
         return depth_map_at(float(frame_set.frame))

@@ -13,7 +13,7 @@ from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.stereo.consistency.check import check_consistency
 from beltscape.stereo.consistency.exchange import find_exchange_among
-from beltscape.stereo.consistency.fault_texts import describe_faults
+from beltscape.stereo.consistency.fault_texts import list_faults
 from beltscape.stereo.consistency.pose_change import apply_pose_change
 from beltscape.stereo.consistency.systematic_residual import estimate_systematic_residual
 from beltscape.stereo.consistency.tolerance import compute_least_px, compute_tolerance
@@ -54,7 +54,7 @@ def test_sound_rig_is_sound(rig, frame, depth, names):
     assert consistency.guided
     assert consistency.is_sound
     assert consistency.misfit_px == 0
-    assert not describe_faults(consistency, rig)
+    assert not list_faults(consistency, rig)
     for each in consistency.cameras:
         assert each.state == "sound"
         assert each.epipolar_px < 0.05
@@ -86,7 +86,7 @@ def test_moved_auxiliary_is_isolated(rig, frame, camera, degrees, shift_mm):
     assert consistency.pose_change is not None
     assert consistency.pose_change.camera == camera
     assert consistency.pose_change.angle_deg == pytest.approx(float(np.linalg.norm(degrees)), abs=0.06)
-    (line,) = describe_faults(consistency, off)
+    (line,) = (fault.text for fault in list_faults(consistency, off))
     assert line.startswith(f"{camera} is ")
 
 
@@ -96,7 +96,7 @@ def test_moved_core_is_isolated(rig, frame):
     assert consistency.core_moved
     assert consistency.inconsistent == rig.auxiliaries
     assert consistency.misfit_px > compute_least_px(rig)
-    assert describe_faults(consistency, off)[0].startswith("the core camera cam0 moved")
+    assert list_faults(consistency, off)[0].text.startswith("the core camera cam0 moved")
 
 
 def test_two_contradicting_auxiliaries_are_both_inconsistent(rig, frame):
@@ -121,7 +121,7 @@ def test_image_of_another_scene_is_unmatched(rig, frame, depth):
     images = {**frame.images, "cam2": np.ascontiguousarray(frame.images["cam2"][::-1])}
     consistency = check_consistency(replace(frame, images=images), rig, depth)
     assert consistency.find_auxiliaries("unmatched") == ("cam2",)
-    assert "cam2: no correspondence found" in describe_faults(consistency, rig)[0]
+    assert "cam2: no correspondence found" in list_faults(consistency, rig)[0].text
 
 
 def test_covariance_of_the_rig_widens_the_tolerance(rig):

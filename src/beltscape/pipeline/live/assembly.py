@@ -17,6 +17,7 @@ from beltscape.core.live import LiveSource, Observer, RecordSink
 from beltscape.core.progress import Reporter
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.rig_json import read_rig
+from beltscape.health.monitor import HealthMonitor
 from beltscape.measure.volume.capacity import compute_capacity_mm2
 from beltscape.pipeline.live.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.engine import Engine, EngineComponents, notify_records
@@ -31,6 +32,7 @@ from beltscape.pipeline.live.writer import Writer
 from beltscape.pipeline.measuring.flow import Instant, list_instants, scale_rig_to_capture
 from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
+from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
 from beltscape.sinks.csv_sink import CsvSink
@@ -149,6 +151,7 @@ def build_context(
     empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
     near_far = compute_depth_range(empty_belt, matching.load_mm)
     matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
+    matcher = MonitoredMatcher(matcher, HealthMonitor(rig, settings.health))
     return MeasurementContext(rig, empty_belt, matcher, settings.flow, read_density(project))
 
 

@@ -48,6 +48,11 @@ class SequenceMatcher(Protocol):
         """Return whether cameras contradict the rig; the belt in such frames counts as degraded."""
         ...
 
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the findings about the cameras in the last frame, also if it could not be reconstructed."""
+        ...
+
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
         """Return the depth of a frame, started from ``prior``; ReconstructionError if its images do not suffice."""
         ...
@@ -106,6 +111,7 @@ class FlowChain:
             records = self.flush()
         finally:
             depth = matching.result()
+        cameras = self._matcher.findings if frames.images else ()
         self._before = self._waiting = _MatchedFrame(
             frames.frame,
             frames.time_ns,
@@ -113,9 +119,9 @@ class FlowChain:
             depth,
             whole and not (self._matcher.is_inconsistent and depth is not None),
             self.meter.prediction,
-            tuple(findings),
+            (*findings, *cameras),
         )
-        return ChainResult(depth, records, (*findings, *self.pop_findings()))
+        return ChainResult(depth, records, (*findings, *cameras, *self.pop_findings()))
 
     def flush(self) -> list[FlowRecord]:
         """Measure the pending frame without waiting for the next one."""
@@ -131,7 +137,11 @@ class FlowChain:
             whole=one.whole,
             findings=(*one.findings, *heights),
         )
-        self._findings += (*heights, *self.meter.findings)
+        last = self.meter.motion.last
+        # an empty belt shows no direction: positions on it are then off by less than the view
+        direction = self.meter.direction or 1
+        marks = self._belt.follow(None if last is None else last.position_mm, direction)
+        self._findings += (*heights, *marks, *self.meter.findings)
         return records
 
     def pop_findings(self) -> tuple[Finding, ...]:

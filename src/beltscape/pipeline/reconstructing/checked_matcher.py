@@ -1,8 +1,8 @@
-"""A matcher with a consistency check: inconsistent cameras are excluded, or σ of the depth is raised."""
+"""A matcher with a check of the cameras: inconsistent cameras are excluded, or σ of the depth is raised."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,16 +10,19 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
+from beltscape.pipeline.reconstructing.camera_check import CameraCheck
+from beltscape.pipeline.reconstructing.camera_findings import CameraFindings
+from beltscape.pipeline.reconstructing.check_schedule import CheckSchedule
+from beltscape.pipeline.reconstructing.rig_proposal import RigProposals
 from beltscape.stereo.cameras import list_usable_auxiliaries
-from beltscape.stereo.consistency.check import LEAST_COVERAGE, check_consistency
-from beltscape.stereo.consistency.exchange import find_exchange
-from beltscape.stereo.consistency.fault_texts import describe_faults
+from beltscape.stereo.consistency.check import LEAST_COVERAGE
+from beltscape.stereo.consistency.fault_texts import CameraFault
 from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
-from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
@@ -27,8 +30,8 @@ GROSS_PX = 2.0
 """If no set of cameras is consistent and residuals exceed this, the depth map is refused as chance matches."""
 _AVERAGING_AUXILIARIES = 4
 """The errors of this number of auxiliaries average out; with fewer, σ is raised (2 and a moved core: z 1.5)."""
-CHECK_EVERY = 50
-"""Number of frames of a moving belt per check; a check takes a few percent of the time of one frame."""
+CHECK_EVERY = 10
+"""Number of frames of a moving belt per check; a check takes about a tenth of the time of the fastest preset."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +48,7 @@ class CheckedDepth:
 
 
 class CheckedMatcher:
-    """Reconstructs frames and checks the cameras' consistency in every n-th of them."""
+    """Reconstructs frames and checks the cameras' consistency in some of them."""
 
     def __init__(
         self,
@@ -55,22 +58,31 @@ class CheckedMatcher:
         make_matcher: Callable[[tuple[str, ...]], Any],
         *,
         every: int = 1,
+        propose_rig: Callable[[Rig], None] | None = None,
     ) -> None:
-        """``make_matcher`` returns the matcher for a set of auxiliaries; every ``every``-th frame is checked."""
+        """``make_matcher`` returns the matcher for a set of auxiliaries; every ``every``-th frame is checked.
+
+        ``propose_rig`` receives the rig with the estimated pose of a camera that moved; the matcher does not use it.
+        """
         self.rig = rig
         self.excluded: tuple[str, ...] = ()
         """Auxiliaries that were inconsistent in a frame and are no longer used."""
         self.is_inconsistent = False
         """Whether the last checked frame was inconsistent with the rig."""
-        self._auxiliaries, self._near_far, self._every = auxiliaries, depth_range_mm, every
+        self._auxiliaries, self._near_far = auxiliaries, depth_range_mm
         self._make_matcher = make_matcher
         self._matchers: dict[tuple[str, ...], Any] = {}
-        self._tolerance: Tolerance | None = None
-        self._exchanged: dict[tuple[str, ...], tuple[str, str] | None] = {}
+        self._schedule = CheckSchedule(every)
+        self._cameras = CameraCheck(rig, depth_range_mm)
+        self._findings = CameraFindings(rig, auxiliaries)
+        self._proposals = RigProposals(rig, propose_rig)
         self._systematic_px = 0.0
-        self._frames = 0
-        self._refused = False
         self._reported: tuple[tuple[str, ...], bool] = (), False
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the findings about the cameras in the last frame."""
+        return self._findings.latest
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
         """Return the depth of a frame; report its faults when they are new."""
@@ -84,63 +96,106 @@ class CheckedMatcher:
         return checked.depth
 
     def measure(self, frame_set: FrameSet, reporter: Reporter, prior: Any = None) -> CheckedDepth:
-        """Return the depth of a frame and the consistency of its cameras.
+        """Return the depth of a frame and the consistency of its cameras; `findings` are then those of this frame.
 
         Raises
         ------
         ReconstructionError
             When its images do not suffice, or the cameras contradict each other grossly.
         """
-        is_due = self._refused or self._frames % self._every == 0
-        self._frames += 1
-        self._refused = False
+        self._findings.set_unmatched()
         names = self._select_auxiliaries(frame_set)
-        depth = self._match(names, frame_set, reporter, prior)
-        if not is_due:
+        try:
+            depth = self._match(names, frame_set, reporter, prior)
+        except ReconstructionError:
+            self._explain_failure(frame_set)
+            raise
+        if not self._schedule.is_due(frame_set, depth):
+            self._findings.set_unchecked(names)
             return CheckedDepth(self._add_systematic(depth), None, names, ())
+        names, depth, consistency = self._check_cameras(names, frame_set, depth, reporter)
+        return self._assess(frame_set, depth, consistency, names)
+
+    def _check_cameras(
+        self, names: tuple[str, ...], frame_set: FrameSet, depth: DepthMap, reporter: Reporter
+    ) -> tuple[tuple[str, ...], DepthMap, RigConsistency]:
+        """Return the consistent auxiliaries, the depth measured with them, and the cameras' consistency."""
         usable = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
-        consistency = self._check(frame_set, depth, usable)
+        consistency = self._cameras.check(frame_set, depth, usable)
         for _ in usable:
             consistent = _select_consistent(consistency)
-            if not consistent or consistent == names:
+            if consistency.is_sound or not consistent or consistent == names:
                 break
             names = consistent
             depth = self._match(names, frame_set, reporter, None)
-            consistency = self._check(frame_set, depth, usable)
+            consistency = self._cameras.check(frame_set, depth, usable)
+        if consistency.is_sound:
+            consistency = self._cameras.accumulate(consistency)
+            consistent = tuple(name for name in _select_consistent(consistency) if name in usable)
+            if consistent and consistent != names:
+                names = consistent
+                depth = self._match(names, frame_set, reporter, None)
         self.excluded = tuple(n for n in usable if n in consistency.inconsistent and n not in names)
-        return self._assess(frame_set, depth, consistency, names)
+        return names, depth, consistency
 
     def _assess(
         self, frame_set: FrameSet, depth: DepthMap, consistency: RigConsistency, names: tuple[str, ...]
     ) -> CheckedDepth:
         """Return the depth, with raised σ if it was measured with inconsistent cameras."""
         self.is_inconsistent = not consistency.is_sound
-        faults = describe_faults(consistency, self.rig, self._find_exchange(frame_set, consistency))
+        faults = self._cameras.diagnose(frame_set, consistency)
         uses_inconsistent = consistency.core_moved or not set(names).isdisjoint(consistency.inconsistent)
         # at low coverage or with gross residuals, an inconsistent camera's pixels match by chance
         is_gross = uses_inconsistent and consistency.misfit_px > GROSS_PX
+        self._schedule.note_check(frame_set, depth, has_passed=consistency.is_sound)
+        self._proposals.add(consistency)
         if faults and (depth.coverage < LEAST_COVERAGE or is_gross):
-            self._refused = True
-            raise ReconstructionError(f"frame {frame_set.frame}: {'; '.join(faults)}")
+            self._refuse(frame_set, consistency, faults)
         self._systematic_px = consistency.misfit_px * max(
             1.0, float(np.sqrt(_AVERAGING_AUXILIARIES / len(names)))
         )
         depth = self._add_systematic(depth)
+        is_suspect = self._cameras.is_suspect(consistency)
+        self._findings.set_checked(consistency, faults, names, depth.systematic_mm, is_suspect=is_suspect)
         if uses_inconsistent and faults:
             end = f"σ of the depth includes an error of {depth.systematic_mm:.2f} mm common to all pixels"
         else:
             end = f"the depth is measured without {', '.join(self.excluded)}"
-        faults = [f"{line}; {end}" for line in faults]
+        lines = [f"{fault.text}; {end}" for fault in faults]
         if depth.coverage < LEAST_COVERAGE:
-            cause, is_unreliable = diagnose_low_coverage(
-                frame_set, self.rig, consistency, self._near_far, depth.coverage
-            )
-            faults = [cause]
-            if is_unreliable:
-                depth = add_systematic_error(
-                    depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12))
-                )
-        return CheckedDepth(depth, consistency, names, tuple(faults))
+            depth, lines = self._diagnose_coverage(frame_set, depth, consistency)
+        return CheckedDepth(depth, consistency, names, tuple(lines))
+
+    def _diagnose_coverage(
+        self, frame_set: FrameSet, depth: DepthMap, consistency: RigConsistency
+    ) -> tuple[DepthMap, list[str]]:
+        """Return the cause of low coverage, and the depth with raised σ if no image fits the rig."""
+        cause, is_unreliable = diagnose_low_coverage(
+            frame_set, self.rig, consistency, self._near_far, depth.coverage
+        )
+        if is_unreliable:
+            depth = add_systematic_error(depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12)))
+        return depth, [cause]
+
+    def _refuse(
+        self, frame_set: FrameSet, consistency: RigConsistency, faults: Sequence[CameraFault]
+    ) -> None:
+        """Raise a ReconstructionError with the faults; the next frame is checked, too."""
+        self._schedule.request()
+        self._findings.set_refused(consistency, faults)
+        raise ReconstructionError(f"frame {frame_set.frame}: {'; '.join(fault.text for fault in faults)}")
+
+    def _explain_failure(self, frame_set: FrameSet) -> None:
+        """Raise a ReconstructionError that names the cameras at fault if they explain a frame without a surface."""
+        if not self._schedule.is_due(frame_set, None):
+            return
+        usable = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
+        consistency = self._cameras.check(frame_set, None, usable)
+        self._schedule.note_check(frame_set, None, has_passed=False)
+        faults = self._cameras.diagnose(frame_set, consistency)
+        if faults:
+            self.is_inconsistent = True
+            self._refuse(frame_set, consistency, faults)
 
     def _select_auxiliaries(self, frame_set: FrameSet) -> tuple[str, ...]:
         """Return the auxiliaries with an image, without the excluded ones unless none remains."""
@@ -157,19 +212,6 @@ class CheckedMatcher:
             return matcher.reconstruct(frame_set, reporter)
         return matcher.reconstruct(frame_set, reporter, prior=prior)
 
-    def _check(self, frame_set: FrameSet, depth: DepthMap, names: tuple[str, ...]) -> RigConsistency:
-        if self._tolerance is None:
-            middle = 2 / (1 / self._near_far[0] + 1 / self._near_far[1])
-            self._tolerance = compute_tolerance(self.rig, middle)
-        return check_consistency(frame_set, self.rig, depth, names, self._tolerance)
-
-    def _find_exchange(self, frame_set: FrameSet, consistency: RigConsistency) -> tuple[str, str] | None:
-        """Return the two cameras that were exchanged, or None; searched once per set of inconsistent cameras."""
-        inconsistent = consistency.inconsistent
-        if inconsistent not in self._exchanged:
-            self._exchanged[inconsistent] = find_exchange(frame_set, self.rig, consistency)
-        return self._exchanged[inconsistent]
-
     def _add_systematic(self, depth: DepthMap) -> DepthMap:
         if not self._systematic_px or not depth.measured.any():
             return depth
@@ -177,7 +219,11 @@ class CheckedMatcher:
 
 
 def make_sequence_matcher(
-    rig: Rig, cameras: Collection[str], depth_range_mm: tuple[float, float], settings: MultiviewSettings
+    rig: Rig,
+    cameras: Collection[str],
+    depth_range_mm: tuple[float, float],
+    settings: MultiviewSettings,
+    propose_rig: Callable[[Rig], None] | None = None,
 ) -> CheckedMatcher:
     """Return the matcher of a moving belt; its first frame is checked, and every `CHECK_EVERY`-th after it."""
 
@@ -185,7 +231,9 @@ def make_sequence_matcher(
         return MultiviewReconstructor(rig, depth_range_mm, settings, auxiliaries=names)
 
     auxiliaries = tuple(name for name in rig.auxiliaries if name in cameras)
-    return CheckedMatcher(rig, auxiliaries, depth_range_mm, make_matcher, every=CHECK_EVERY)
+    return CheckedMatcher(
+        rig, auxiliaries, depth_range_mm, make_matcher, every=CHECK_EVERY, propose_rig=propose_rig
+    )
 
 
 def _select_consistent(consistency: RigConsistency) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 from beltscape.core.depth import DepthMap
@@ -37,6 +38,7 @@ class MonitoredMatcher:
         self._matcher, self._monitor = matcher, monitor
         self._findings: tuple[Finding, ...] = ()
         self._is_whole = True
+        self._reported: set[tuple[str, str]] = set()
 
     @property
     def is_inconsistent(self) -> bool:
@@ -58,6 +60,7 @@ class MonitoredMatcher:
         """
         check = self._monitor.check_images(frame_set)
         self._findings, self._is_whole = check.findings, check.is_whole
+        self._report(frame_set, check.findings, reporter)
         if frame_set.images and not check.frames.images:
             faults = summarise_faults(one for one in check.findings if one.effect != "none")
             raise ReconstructionError(f"frame {frame_set.frame}: {faults}")
@@ -65,5 +68,14 @@ class MonitoredMatcher:
             depth = self._matcher.reconstruct(check.frames, reporter, prior=prior)
         finally:
             self._findings = (*check.findings, *self._matcher.findings)
-        self._findings = (*self._findings, *self._monitor.check_depth(depth))
+        dirt = self._monitor.check_depth(depth)
+        self._report(frame_set, dirt, reporter)
+        self._findings = (*self._findings, *dirt)
         return depth
+
+    def _report(self, frame_set: FrameSet, findings: Sequence[Finding], reporter: Reporter) -> None:
+        """Warn of the first fault of every check of every camera."""
+        for one in findings:
+            if one.is_fault and (one.check, one.subject) not in self._reported:
+                self._reported.add((one.check, one.subject))
+                reporter.warn(f"frame {frame_set.frame}: {one.text}")

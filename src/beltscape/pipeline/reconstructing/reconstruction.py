@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,12 @@ from beltscape.files.rig_json import write_rig
 from beltscape.files.rig_limits import LEAST_DEPTH_MM, find_oddities
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth, CheckedMatcher
 from beltscape.pipeline.reconstructing.regions import write_regions
+from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
 from beltscape.pipeline.reconstructing.search_range import check_depth_range
 from beltscape.report.drawing.depth_picture import draw_depth_map
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.consistency.check import check_consistency
-from beltscape.stereo.consistency.exchange import find_exchange
-from beltscape.stereo.consistency.fault_texts import describe_faults
+from beltscape.stereo.consistency.diagnosis import diagnose_cameras
 from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
 from beltscape.stereo.consistency.rig_consistency import make_consistency_document
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range, find_depth_range
@@ -95,7 +95,7 @@ def reconstruct_capture(
     ensure_output_folder(out)
     check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or find_capture_depth_range(source, rig, reporter)
-    matcher = _make_matcher(method, preset, rig, near_far, auxiliaries)
+    matcher = _make_matcher(method, preset, rig, near_far, auxiliaries, make_rig_writer(out, rig, reporter))
     documents: list[Mapping[str, Any]] = []
     regions: Path | None = None
     builder = CloudBuilder(rig.core_camera)
@@ -207,21 +207,26 @@ def _diagnose_missing_surface(frame_set: FrameSet, rig: Rig) -> str:
     """Return the most likely reason why a frame shows no surface."""
     consistency = check_consistency(frame_set, rig, None)
     names = tuple(each.camera for each in consistency.cameras)
-    faults = describe_faults(consistency, rig, find_exchange(frame_set, rig, consistency))
+    faults = diagnose_cameras(frame_set, rig, consistency)
     if faults:
-        return f"frame {frame_set.frame}: {'; '.join(faults)}"
+        return f"frame {frame_set.frame}: {'; '.join(fault.text for fault in faults)}"
     return diagnose_low_coverage(frame_set, rig, consistency, compute_search_range(rig, names), 0.0)[0]
 
 
 def _make_matcher(
-    method: str, preset: str, rig: Rig, near_far: tuple[float, float], auxiliaries: tuple[str, ...]
+    method: str,
+    preset: str,
+    rig: Rig,
+    near_far: tuple[float, float],
+    auxiliaries: tuple[str, ...],
+    propose_rig: Callable[[Rig], None],
 ) -> CheckedMatcher:
     def make_matcher(names: tuple[str, ...]) -> PairwiseReconstructor | MultiviewReconstructor:
         if method != "multiview":
             return PairwiseReconstructor(rig, near_far, PairwiseSettings(), auxiliaries=names)
         return MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset), auxiliaries=names)
 
-    return CheckedMatcher(rig, auxiliaries, near_far, make_matcher)
+    return CheckedMatcher(rig, auxiliaries, near_far, make_matcher, propose_rig=propose_rig)
 
 
 def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporter) -> Iterator[Frame]:

@@ -19,8 +19,7 @@ from beltscape.report.rectification import draw_rectification
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import check_consistency
-from beltscape.stereo.consistency.exchange import find_exchange
-from beltscape.stereo.consistency.fault_texts import describe_faults
+from beltscape.stereo.consistency.diagnosis import diagnose_cameras
 from beltscape.stereo.consistency.rig_consistency import RigConsistency, make_consistency_document
 from beltscape.stereo.pairwise.rectification import rectify_pair
 from beltscape.stereo.pairwise.rectified_images import RectifiedImages, rectify_images
@@ -107,7 +106,7 @@ def rectify(
         images = [rectify_images(frame_set, pairs[name]) for name in names]
         consistency = check_consistency(frame_set, rig, None, names)
         faults = [
-            *describe_faults(consistency, rig, find_exchange(frame_set, rig, consistency)),
+            *(fault.text for fault in diagnose_cameras(frame_set, rig, consistency)),
             *_describe_row_errors(images, consistency),
         ]
         for line in faults:

@@ -19,9 +19,9 @@ _FITS_PX = 1.0
 """Greatest systematic residual of a camera that fits, px of the small images."""
 _LEAST_INLIERS = 0.6
 """Least share of inliers of a camera that fits."""
-_POINTS = 150
+POINTS = 150
 """Number of points that distinguishes a camera that fits from one that does not."""
-_GAIN = 1.3
+GAIN = 1.3
 """Least ratio of the points that fit after the exchange to those that fit before."""
 _KNOCK = 2.0, 20.0
 """A knock turns a camera by less (°) and shifts it by less (mm); a larger pose change that explains a frame arises by
@@ -38,7 +38,9 @@ def find_exchange(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) ->
         return None
     if pose_change is not None and pose_change.angle_deg < _KNOCK[0] and pose_change.shift_mm < _KNOCK[1]:
         return None
-    suspects = inconsistent if len(inconsistent) > 1 and has_sound else _list_auxiliaries(frame_set, rig)
+    suspects = (
+        inconsistent if len(inconsistent) > 1 and has_sound else list_imaged_auxiliaries(frame_set, rig)
+    )
     return find_exchange_among(frame_set, rig, suspects)
 
 
@@ -47,11 +49,11 @@ def find_exchange_among(frame_set: FrameSet, rig: Rig, suspects: tuple[str, ...]
 
     The core is suspected as well if all auxiliaries are.
     """
-    names = _list_auxiliaries(frame_set, rig)
-    points_px = detect_textured_points(frame_set.images[rig.core], rig.core_camera, max_points=_POINTS)
-    before = _count_fitting_points(frame_set, rig, names, points_px)
+    names = list_imaged_auxiliaries(frame_set, rig)
+    points_px = detect_textured_points(frame_set.images[rig.core], rig.core_camera, max_points=POINTS)
+    before = count_fitting_points(frame_set, rig, names, points_px)
     best: tuple[str, str] | None = None
-    most = _GAIN * sum(before.values()) + 1
+    most = GAIN * sum(before.values()) + 1
     cameras = (rig.core, *suspects) if len(suspects) == len(names) else suspects
     for pair in combinations(cameras, 2):
         images = dict(frame_set.images)
@@ -61,19 +63,20 @@ def find_exchange_among(frame_set: FrameSet, rig: Rig, suspects: tuple[str, ...]
         affected, affected_px = pair, points_px
         if rig.core in pair:
             affected = names
-            affected_px = detect_textured_points(images[rig.core], rig.core_camera, max_points=_POINTS)
-        after = _count_fitting_points(replace(frame_set, images=images), rig, affected, affected_px)
+            affected_px = detect_textured_points(images[rig.core], rig.core_camera, max_points=POINTS)
+        after = count_fitting_points(replace(frame_set, images=images), rig, affected, affected_px)
         total = sum({**before, **after}.values())
         if all(after[name] for name in affected) and total >= most:
             best, most = pair, total
     return best
 
 
-def _list_auxiliaries(frame_set: FrameSet, rig: Rig) -> tuple[str, ...]:
+def list_imaged_auxiliaries(frame_set: FrameSet, rig: Rig) -> tuple[str, ...]:
+    """Return the auxiliaries that have an image in the frame."""
     return tuple(name for name in rig.auxiliaries if name in frame_set.images)
 
 
-def _count_fitting_points(
+def count_fitting_points(
     frame_set: FrameSet, rig: Rig, names: tuple[str, ...], points_px: Array
 ) -> dict[str, int]:
     """Return by auxiliary the number of points on their epipolar lines; 0 for one that does not fit."""

@@ -2,54 +2,93 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from beltscape.core.geometry.rig import Rig
+from beltscape.stereo.consistency.mirroring import Mirroring
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 
 _FIX = "calibrate again"
 
 
-def describe_faults(
-    consistency: RigConsistency, rig: Rig, exchanged: tuple[str, str] | None = None
-) -> list[str]:
-    """Return one line per inconsistency; none for a sound rig."""
-    if exchanged is not None:
-        one, other = exchanged
-        return [
+@dataclass(frozen=True, slots=True)
+class CameraFault:
+    """A fault of one or more cameras, in one line."""
+
+    cameras: tuple[str, ...]
+    """Empty: the images do not show which of the cameras is at fault."""
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class MisplacedImages:
+    """Images that fit the rig in another camera's place or flipped."""
+
+    exchanged: tuple[str, str] | None = None
+    mirroring: Mirroring | None = None
+
+
+def list_faults(
+    consistency: RigConsistency, rig: Rig, misplaced: MisplacedImages | None = None
+) -> list[CameraFault]:
+    """Return the inconsistencies with the cameras that they concern; none for a sound rig."""
+    if misplaced is not None and misplaced.exchanged is not None:
+        one, other = misplaced.exchanged
+        text = (
             f"the images of {one} and {other} are exchanged: both fit the rig the other way round; "
             f"rename the two folders, or their cameras in rig.json"
-        ]
+        )
+        return [CameraFault((one, other), text)]
+    if misplaced is not None and misplaced.mirroring is not None:
+        mirrored = misplaced.mirroring
+        cameras = () if len(mirrored.cameras) == len(rig.cameras) else mirrored.cameras
+        return [CameraFault(cameras, _describe_mirroring(mirrored, rig))]
     if consistency.is_sound:
         return []
     inconsistent = [each for each in consistency.cameras if each.camera in consistency.inconsistent]
     if consistency.core_moved:
-        return [
+        text = (
             f"the core camera {rig.core} moved or its lens changed{_describe_pose_change(consistency)}: "
-            f"{_list_residuals(inconsistent)}; {_FIX}"
-        ]
+            f"{_list_residuals(inconsistent, consistency)}; {_FIX}"
+        )
+        return [CameraFault((rig.core,), text)]
     contradicting = [each for each in inconsistent if each.state == "contradicting"]
-    lines: list[str] = []
+    faults: list[CameraFault] = []
     if contradicting and (consistency.ambiguous or not consistency.find_auxiliaries("sound")):
-        lines.append(_describe_without_sound_set(contradicting, rig, consistency))
+        faults.append(CameraFault((), _describe_without_sound_set(contradicting, rig, consistency)))
     else:
-        lines += [
-            f"{_describe_residuals(each)}: it moved or its lens changed{_describe_pose_change(consistency, each)}, "
-            f"or it is not the rig's camera; {_FIX}"
+        faults += [
+            CameraFault(
+                (each.camera,),
+                f"{_describe_residuals(each, consistency)}: it moved or its lens changed"
+                f"{_describe_pose_change(consistency, each)}, or it is not the rig's camera; {_FIX}",
+            )
             for each in contradicting
         ]
-    lines += [
-        f"{each.camera}: no correspondence found ({each.points} of {each.searched} points): its lens is covered or "
-        "out of focus, its image is of another instant, or the rig is another's"
+    faults += [
+        CameraFault(
+            (each.camera,),
+            f"{each.camera}: no correspondence found ({each.points} of {each.searched} points): its lens is covered "
+            "or out of focus, its image is of another instant, or the rig is another's",
+        )
         for each in inconsistent
         if each.state == "unmatched"
     ]
-    return lines
+    return faults
+
+
+def _describe_mirroring(mirroring: Mirroring, rig: Rig) -> str:
+    names = mirroring.cameras
+    whose = "all images are" if len(names) == len(rig.cameras) else f"the image of {', '.join(names)} is"
+    how = "turned by 180°" if mirroring.flip == "by 180°" else f"mirrored {mirroring.flip}"
+    return f"{whose} {how}: flipped back, it fits the rig; switch the flip off in the camera's settings"
 
 
 def _describe_without_sound_set(
     contradicting: list[CameraConsistency], rig: Rig, consistency: RigConsistency
 ) -> str:
     """Return the line for a frame in which no set of auxiliaries is sound."""
-    residuals, cameras = _list_residuals(contradicting), [each.camera for each in contradicting]
+    residuals, cameras = _list_residuals(contradicting, consistency), [each.camera for each in contradicting]
     if len(consistency.cameras) == 1:
         return f"{residuals}: {rig.core} or {cameras[0]} moved, or the rig is another's; {_FIX}"
     if consistency.ambiguous and len(cameras) > 1:
@@ -62,22 +101,28 @@ def _describe_without_sound_set(
     return f"no auxiliary agrees with {rig.core}: {residuals}: {moved}, or the rig is another's; {_FIX}"
 
 
-def _list_residuals(cameras: list[CameraConsistency]) -> str:
-    return ", ".join(_describe_residuals(each) for each in cameras)
+def _list_residuals(cameras: list[CameraConsistency], consistency: RigConsistency) -> str:
+    return ", ".join(_describe_residuals(each, consistency) for each in cameras)
 
 
-def _describe_residuals(each: CameraConsistency) -> str:
+def _describe_residuals(each: CameraConsistency, consistency: RigConsistency) -> str:
+    since = "further " if consistency.is_change else ""
     text = (
-        f"{each.camera} is {each.epipolar_px:.2f} ± {each.epipolar_sigma_px:.2f} px off its epipolar lines "
+        f"{each.camera} is {each.epipolar_px:.2f} ± {each.epipolar_sigma_px:.2f} px {since}off its epipolar lines "
         f"(allowed {each.tolerance_px:.2f})"
     )
     if each.disparity_px > each.tolerance_px:
         text += f" and {each.disparity_px:.2f} px off the others' depth"
-    return text
+    if each.depth_error_mm > 0:
+        text += f", as much as {each.depth_error_mm:.2g} mm of depth"
+    return text + (" than in the first frames" if consistency.is_change else "")
 
 
 def _describe_pose_change(consistency: RigConsistency, each: CameraConsistency | None = None) -> str:
     change = consistency.pose_change
     if change is None or (each is not None and change.camera != each.camera):
         return ""
-    return f" (a turn of {change.angle_deg:.2f}° and a shift of {change.shift_mm:.2f} mm explain it)"
+    return (
+        f" (a turn of {change.angle_deg:.3f} ± {change.angle_sigma_deg:.3f}° and a shift of {change.shift_mm:.2f} ± "
+        f"{change.shift_sigma_mm:.2f} mm explain it)"
+    )

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from beltscape.stereo.consistency.pose_change import PoseChange
 from beltscape.stereo.consistency.tie_points import TiePoints
 
@@ -34,6 +36,16 @@ class CameraConsistency:
     """Share of the searched points found within a pixel of their epipolar line; NaN: none searched."""
     depth_mm_per_px: float
     """Error of the depth that one pixel of error along the epipolar lines causes, mm; NaN without tie points."""
+
+    @property
+    def depth_error_mm(self) -> float:
+        """Return the size of the residuals as an error of depth; NaN where they were not measured.
+
+        The difference of two auxiliaries' disparities is normalised to one pixel of error in either image; a camera
+        that is off by itself is off by √2 of it.
+        """
+        along = float(np.nan_to_num(self.disparity_px)) * float(np.sqrt(2))
+        return float(np.hypot(self.epipolar_px, along)) * self.depth_mm_per_px
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +115,7 @@ def make_consistency_document(consistency: RigConsistency) -> Mapping[str, objec
                 "points": each.points,
                 "searched": each.searched,
                 "agreement": each.agreement,
-                "depth_mm_per_px": each.depth_mm_per_px,
+                "depth_error_mm": each.depth_error_mm,
             }
             for each in consistency.cameras
         ],

@@ -1,0 +1,23 @@
+"""Diagnosis of the cameras of a frame: exchanged or mirrored images, moved or unmatched cameras."""
+
+from __future__ import annotations
+
+from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
+from beltscape.stereo.consistency.exchange import find_exchange
+from beltscape.stereo.consistency.fault_texts import CameraFault, MisplacedImages, list_faults
+from beltscape.stereo.consistency.mirroring import find_mirroring
+from beltscape.stereo.consistency.rig_consistency import RigConsistency
+
+
+def diagnose_cameras(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> list[CameraFault]:
+    """Return the faults that explain the inconsistencies of a frame; none for a sound rig."""
+    return list_faults(consistency, rig, find_misplaced_images(frame_set, rig, consistency))
+
+
+def find_misplaced_images(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> MisplacedImages:
+    """Return the images that fit the rig when they are exchanged, or else flipped."""
+    exchanged = find_exchange(frame_set, rig, consistency)
+    return MisplacedImages(
+        exchanged, None if exchanged or consistency.is_sound else find_mirroring(frame_set, rig, consistency)
+    )

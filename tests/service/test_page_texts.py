@@ -10,8 +10,9 @@ from typing import get_args
 
 import pytest
 
-from beltscape.alarms.settings import AlarmSettings
+from beltscape.alarms.rules import RULES
 from beltscape.core.belt.ledger_entries import STANDINGS
+from beltscape.core.findings import EFFECTS
 from beltscape.core.live import AlarmState, CameraState, Severity
 from beltscape.service.access.identity.roles import ROLES
 from beltscape.service.settings import Language
@@ -80,11 +81,43 @@ def test_every_key_is_used():
     assert unused == []
 
 
+SOURCE = FOLDER.parents[1]
+
+
+def find_check_names() -> set[str]:
+    """Return the names of checks in the source: of findings and of the constants that name them."""
+    names: set[str] = set()
+    for path in SOURCE.rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        names |= set(re.findall(r'\bFinding\(\s*"([a-z_]+)"', text))
+        if "core.findings import" in text:
+            for line in re.findall(r'(?m)^[A-Z][A-Z_, ]* = ("[a-z_]+"(?:, "[a-z_]+")*)$', text):
+                names |= set(re.findall(r'"([a-z_]+)"', line))
+    assert len(names) > 10
+    return names
+
+
+def find_camera_causes() -> set[str]:
+    """Return the keys of the cameras' messages in the source."""
+    texts = [path.read_text(encoding="utf-8") for path in (SOURCE / "sources").rglob("*.py")]
+    keys = {key for text in texts for key in re.findall(r'"([a-z_]+)"(?=[^"\n]*\)$|,\s*\n\s*\))', text)}
+    used = {
+        key
+        for text in texts
+        for key in re.findall(r'Message\([^()]*?(?:\([^()]*\)[^()]*?)*"([a-z_]+)"[,)\s]', text)
+    }
+    assert len(keys | used) > 5
+    return used
+
+
 @pytest.mark.parametrize(
     ("family", "names"),
     [
-        ("alarm.", AlarmSettings.model_fields),
-        ("help.", AlarmSettings.model_fields),
+        ("alarm.", RULES),
+        ("help.", RULES),
+        ("check.", find_check_names()),
+        ("health.", (*EFFECTS[1:], "ok", "unknown", "fault")),
+        ("cause.", find_camera_causes()),
         ("alarm.", get_args(AlarmState)),
         ("severity.", get_args(Severity)),
         ("camera.", get_args(CameraState)),
@@ -129,5 +162,5 @@ def test_scripts_contain_no_text(name):
         for text in strings
         if re.search(r"[A-Za-z]{2,} [a-z]{2,}", text) and not re.search(r"[#\[\](){}<>:=/,-]|^\.", text)
     ]
-    allowed = {"no WebGL", "webgl2", "high performance", "plain soft"}
+    allowed = {"no WebGL", "webgl2", "high performance", "plain soft", "plain main"}
     assert [text for text in texts if text not in allowed and " WebGL" not in text] == []

@@ -12,14 +12,15 @@ let raised_before = new Set();
 /** Return an alarm's title: "camera_lost:cam2" → "Camera lost: cam2"; an unknown name is kept. */
 export function format_title(name) {
   const [kind, ...rest] = name.split(":");
-  const text = has_text(`alarm.${kind}`) ? t(`alarm.${kind}`) : kind.replaceAll("_", " ");
+  const key = [`alarm.${kind}`, `check.${kind}`].find(has_text);
+  const text = key ? t(key) : kind.replaceAll("_", " ");
   return rest.length ? `${text}: ${rest.join(":")}` : text;
 }
 
-function format_value(value, unit) {
+export function format_value(value, unit) {
   if (value == null) return "";
   if (unit === "" || unit === "1") return format_significant(value);
-  return unit === "%" ? format_percent(value / 100) : `${format_significant(value)}\u00a0${unit}`;
+  return unit === "%" ? format_percent(value / 100, Math.abs(value) < 9.95 ? 1 : 0) : `${format_significant(value)}\u00a0${unit}`;
 }
 
 function format_value_and_limit(alarm) {
@@ -28,9 +29,21 @@ function format_value_and_limit(alarm) {
   return alarm.limit == null ? value : t("alarms.limit", { value, limit: format_value(alarm.limit, alarm.unit) });
 }
 
-function find_help(alarm) {
-  const key = `help.${alarm.name.split(":")[0]}`;
-  return has_text(key) ? t(key) : alarm.detail;
+/** Return a camera's or an alarm's cause in the chosen language; null without a text. */
+export function translate_cause(cause, values) {
+  if (!cause || !has_text(`cause.${cause}`)) return null;
+  const shown = Object.fromEntries(Object.entries(values ?? {}).map(([name, value]) => [name, typeof value === "number" ? (Number.isInteger(value) ? format_number(value) : format_significant(value)) : value]));
+  return t(`cause.${cause}`, shown);
+}
+
+/** Return the fault and the fix in the chosen language; a check's own text in English. */
+export function explain({ name, detail, cause, values }) {
+  const kind = name.split(":")[0];
+  const own = translate_cause(cause, values);
+  if (own) return own;
+  const help = [`help.${kind}_${cause}`, `help.${kind}`].find(has_text);
+  const is_check = has_text(`check.${kind}`) || !help;
+  return detail && (is_check && get_language() === "en" || !help) ? detail : t(help);
 }
 
 function create_item(alarm) {
@@ -48,8 +61,8 @@ function update_item(item, alarm) {
   set_text(when, alarm.since_ms ? t("alarms.since", { time: format_moment(alarm.since_ms) }) : "");
   set_text(value.firstChild, `${t(`severity.${alarm.severity}`)} · ${t(`alarm.${alarm.state}`)}`);
   set_text(value.lastChild, ["", format_value_and_limit(alarm), by].filter((part, i) => part || !i).join(" · "));
-  set_text(advice, find_help(alarm));
-  item.title = alarm.detail;
+  set_text(advice, explain(alarm));
+  item.title = get_language() === "en" ? alarm.detail : "";
   advice.hidden = !advice.textContent;
   button.hidden = !is_unacknowledged(alarm) || store.page?.role === "viewer";
   button.disabled = store.link === "lost";

@@ -1,7 +1,8 @@
 // Pictures and health of the cameras; pictures are loaded only while the panel is visible.
 import { $, create_element, create_icon, set_text, sync_children } from "./dom.js";
 import { store } from "./store.js";
-import { format_number, format_unit, t } from "./texts.js";
+import { translate_cause } from "./alarms.js";
+import { format_number, format_unit, get_language, t } from "./texts.js";
 
 const RELOAD_MS = 2000;
 let visible = true;
@@ -26,7 +27,8 @@ function update_item(item, camera) {
   set_text(skew, format_unit(format_number(camera.skew_ms, 2), "ms"));
   set_text(missed, format_number(camera.missed));
   const message = item.querySelector(".message");
-  set_text(message, camera.message);
+  set_text(message, translate_cause(camera.cause, camera.values) ?? camera.message);
+  message.title = get_language() === "en" ? camera.message : "";
   message.hidden = !camera.message;
   const now = performance.now();
   if (!visible || document.hidden || store.link === "lost") return;

@@ -72,12 +72,22 @@ function handle_message(data) {
   store.emit(header.kind, { ...header, counts: new Uint16Array(data, 4 + length) });
 }
 
+const is_older = (age_s) => age_s == null || age_s > (store.page?.stale_s ?? 5);
+
+/** Return whether no frame is newer than the allowed age. */
+export const is_frame_stale = () => is_older(store.age_s);
+
+/** Return whether no measured record is newer than the allowed age, although the belt moves and is measured. */
+function is_record_stale() {
+  const { frames, maintenance } = store.state ?? {};
+  const is_stopped = frames?.speed_m_s != null && Math.abs(frames.speed_m_s) < 0.001;
+  return !is_stopped && !maintenance && is_older(store.flow_age_s);
+}
+
 /** Set the link state: live, stale (connected, but nothing new is measured), lost or waiting. */
 function update_link() {
   const is_silent = !socket || socket.readyState !== WebSocket.OPEN || performance.now() - last_message_ms > SILENT_MS;
-  const age = store.age_s;
-  const stale_s = store.page?.stale_s ?? 5;
-  const link = is_silent ? (has_connected ? "lost" : "waiting") : age == null || age > stale_s ? "stale" : "live";
+  const link = is_silent ? (has_connected ? "lost" : "waiting") : is_frame_stale() || is_record_stale() ? "stale" : "live";
   if (link !== store.link) {
     store.link = link;
     document.body.dataset.link = link;

@@ -3,13 +3,17 @@ import { $, create_element, create_icon, create_svg, set_text, throttle } from "
 import { store } from "./store.js";
 import { format_date_time, format_moment, format_number, format_percent, format_signed_percent, format_significant, format_uncertainty, format_unit, t } from "./texts.js";
 
+// a flow without a record newer than the allowed age, also between two messages
+const UNKNOWN = { volume_m3_h: null, sigma_m3_h: null, mass_t_h: null, mass_sigma_t_h: null, area_m2: null, coverage: null, trend: "unknown", change: null, standing: "missing" };
 let last = null; // the last flow that was current, and when
 
 function render() {
   const state = store.state;
   if (!state) return;
-  const { flow, frames } = state;
+  const { frames } = state;
   const live = store.link === "live";
+  const is_old = store.flow_age_s == null || store.flow_age_s > (store.page?.stale_s ?? 5);
+  const flow = is_old ? { ...state.flow, ...UNKNOWN } : state.flow;
   if (live && flow.volume_m3_h != null) last = { value: flow.volume_m3_h, wall_ms: state.wall_ms };
   set_text($("flow-volume"), live ? format_significant(flow.volume_m3_h) : "–");
   set_text($("flow-sigma"), live && flow.sigma_m3_h != null ? format_uncertainty(flow.sigma_m3_h) : "");
@@ -18,8 +22,9 @@ function render() {
   $("flow-no-density").hidden = !no_density;
   set_text($("flow-mass"), live ? format_significant(flow.mass_t_h) : "–");
   set_text($("flow-mass-sigma"), live && flow.mass_sigma_t_h ? format_uncertainty(flow.mass_sigma_t_h) : "");
-  $("flow-last").hidden = live || !last;
-  if (!live && last) set_text($("flow-last"), t("flow.last", { value: format_unit(format_significant(last.value), "m3_h"), time: format_moment(last.wall_ms) }));
+  const is_shown = live && flow.volume_m3_h != null;
+  $("flow-last").hidden = is_shown || !last;
+  if (!is_shown && last) set_text($("flow-last"), t("flow.last", { value: format_unit(format_significant(last.value), "m3_h"), time: format_moment(last.wall_ms) }));
   show_standing(live ? flow : null);
   show_trend(live ? flow : null, frames);
   show_rated(live ? flow : null);
@@ -33,9 +38,11 @@ function render() {
 
 function show_standing(flow) {
   const chip = $("flow-standing");
-  chip.dataset.standing = flow?.standing ?? "";
-  set_text(chip, flow ? t(`standing.${flow.standing}`) : "");
-  chip.title = flow ? t(`standing.${flow.standing}_help`) : "";
+  const maintained = Boolean(store.state.maintenance);
+  const standing = flow && (flow.volume_m3_h == null ? "missing" : flow.standing);
+  chip.dataset.standing = standing ?? "";
+  set_text(chip, maintained ? t("maintenance.title") : standing ? t(`standing.${standing}`) : "");
+  chip.title = standing ? t(`standing.${standing}_help`) : "";
 }
 
 function show_trend(flow, frames) {
@@ -112,4 +119,5 @@ function show_ledger(box, totals, belt_m) {
 export function start() {
   store.on("state", throttle(render));
   for (const subject of ["link", "texts", "page"]) store.on(subject, render);
+  store.on("tick", () => { if (store.link === "live" && store.flow_age_s > (store.page?.stale_s ?? 5)) render(); });
 }

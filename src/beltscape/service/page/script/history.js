@@ -1,11 +1,11 @@
 // The history view: a period chosen by preset or dates, with its curve, sums, days, events, cross-sections and exports.
-import { format_title } from "./alarms.js";
+import { explain, format_title, format_value } from "./alarms.js";
 import { get } from "./api.js";
 import { $, create_element, set_text } from "./dom.js";
 import { is_empty, Plot, read_series } from "./plot.js";
 import { SectionPlot } from "./section.js";
 import { store } from "./store.js";
-import { apply_texts, format_date_time, format_day, format_number, format_unit, t } from "./texts.js";
+import { apply_texts, format_date_time, format_day, format_number, format_unit, get_language, has_text, t } from "./texts.js";
 
 const PRESETS = { h1: 3600, h8: 8 * 3600, h24: 24 * 3600, d7: 7 * 86400, d30: 30 * 86400 };
 let plot = null, section_plot = null, period = null, results = null;
@@ -22,10 +22,10 @@ function build() {
   const panel = (name, key, ...inside) => create_element("section", { class: `panel ${name}` }, create_element("header", {}, create_element("h2", { "data-text": key })), ...inside);
   $("history-view").append(
     create_element("section", { class: "panel period" }, create_element("header", {}, create_element("h2", { "data-text": "history.title" })), form, create_element("p", { class: "problem", id: "history-problem", role: "alert", hidden: true })),
-    panel("curve chart", "chart.title", create_element("div", { class: "plot", id: "history-chart", role: "img", "data-label": "chart.label" }), create_element("p", { class: "nothing", id: "history-none", hidden: true })),
+    panel("curve chart", "chart.title_unit", create_element("div", { class: "plot", id: "history-chart", role: "img", "data-label": "chart.label" }), create_element("p", { class: "nothing", id: "history-none", hidden: true })),
     panel("side section", "section.title", create_element("div", { class: "plot", id: "history-section" }), create_element("p", { class: "nothing", id: "history-section-none", "data-text": "history.section_help" })),
     panel("events", "history.events", create_element("div", { class: "table", tabindex: 0, "data-label": "history.events" }, create_element("table", { id: "history-events" }))),
-    panel("days", "history.days", create_element("div", { class: "table", tabindex: 0, "data-label": "history.days" }, create_element("table", { id: "history-days" }))),
+    panel("days", "history.days", create_element("div", { class: "table", tabindex: 0, "data-label": "history.days" }, create_element("table", { id: "history-days", class: "stacked" }))),
     panel("sums", "history.sum", create_element("dl", { class: "facts", id: "history-sums" })));
   apply_texts($("history-view"));
   plot = new Plot($("history-chart"), show_section);
@@ -94,16 +94,30 @@ function show_sums(series) {
   $("history-sums").replaceChildren(...rows.map(([key, value, standing]) => create_element("div", {}, create_element("dt", standing ? { class: "standing", "data-standing": standing } : {}, t(key)), create_element("dd", {}, value))));
 }
 
-/** Return an event's text with its leading alarm state translated. */
-function translate_event(text) {
-  const state = /^(raised|acknowledged|gone|clear)\b/.exec(text)?.[0];
-  return state ? t(`alarm.${state}`) + text.slice(state.length) : text;
+/** Return an event's text in the chosen language; what a person wrote is kept. */
+function translate_event(event) {
+  const { kind, name, text, parameters } = event;
+  if (kind === "maintenance") return t(`event.maintenance_${name}`, { reason: parameters.reason ?? text, minutes: format_number(parameters.minutes ?? null) });
+  if (kind === "recording") return `${t("event.recording")}: ${text} (${name})`;
+  if (kind === "note") return get_language() !== "en" && has_text(`event.note_${name}`) ? t(`event.note_${name}`) : `${name} – ${text}`;
+  return kind === "alarm" ? translate_alarm(event) : `${name} – ${text}`;
+}
+
+/** Return an alarm's event: its title, its state, value and limit, and while it is raised the fix. */
+function translate_alarm({ name, text, parameters }) {
+  const state = parameters.state ?? /^(raised|acknowledged|gone|clear)\b/.exec(text)?.[0];
+  if (!state) return `${format_title(name)} – ${text}`;
+  const detail = text.slice(state.length).replace(/^: /, "");
+  const { value, limit, unit } = parameters;
+  const numbers = value == null ? "" : limit == null ? format_value(value, unit) : t("alarms.limit", { value: format_value(value, unit), limit: format_value(limit, unit) });
+  const help = state !== "raised" ? "" : get_language() === "en" ? detail : explain({ name, detail, cause: parameters.cause, values: parameters.values });
+  return `${format_title(name)} – ${[t(`alarm.${state}`), get_language() === "en" && help ? "" : numbers].filter(Boolean).join(": ")}${help ? `: ${help}` : ""}`;
 }
 
 function show_events(events) {
   const head = create_element("tr", {}, ...["history.when", "history.what", "history.who"].map((key) => create_element("th", { scope: "col" }, t(key))));
   const rows = events.map((event) => create_element("tr", {}, create_element("td", { class: "when" }, format_date_time(event.wall_ms, true)),
-    create_element("td", {}, [event.kind === "alarm" ? format_title(event.name) : event.name, translate_event(event.text)].filter(Boolean).join(" – ")), create_element("td", {}, event.by)));
+    create_element("td", {}, translate_event(event)), create_element("td", {}, event.by)));
   if (!rows.length) rows.push(create_element("tr", {}, create_element("td", { colspan: 3, class: "when" }, t("history.no_events"))));
   $("history-events").replaceChildren(create_element("thead", {}, head), create_element("tbody", {}, ...rows));
 }
@@ -113,7 +127,7 @@ function show_days(days) {
   const head = create_element("tr", {}, ...names.map((key, i) => create_element("th", { scope: "col", class: i ? "number" : "" }, t(key))));
   const rows = [...days].reverse().map((one) => {
     const cells = [[one.volume_m3, "m3"], [one.mass_t, "t"], [one.valid_m, "m"], [one.degraded_m, "m"], [one.missing_m, "m"]];
-    return create_element("tr", {}, create_element("td", { class: "when" }, format_day(new Date(`${one.day}T12:00`))), ...cells.map(([value, name]) => create_element("td", { class: "number" }, format_unit(format_number(value, 1), name))));
+    return create_element("tr", {}, create_element("td", { class: "when" }, format_day(new Date(`${one.day}T12:00`))), ...cells.map(([value, name], i) => create_element("td", { class: "number", "data-name": t(names[i + 1]) }, format_unit(format_number(value, 1), name))));
   });
   $("history-days").replaceChildren(create_element("thead", {}, head), create_element("tbody", {}, ...rows));
 }

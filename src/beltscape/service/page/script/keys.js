@@ -3,6 +3,7 @@ import { focus_next_alarm } from "./alarms.js";
 import * as belt from "./belt.js";
 import * as chart from "./chart.js";
 import { $, create_element } from "./dom.js";
+import * as maintenance from "./maintenance.js";
 import { store } from "./store.js";
 import * as recording from "./recording.js";
 import { get_language, list_languages, set_language, t } from "./texts.js";
@@ -33,6 +34,7 @@ const KEYS = {
   t: ["keys.theme", () => theme.next()],
   g: ["keys.language", next_language],
   w: ["keys.wall", toggle_wall],
+  m: ["keys.maintenance", maintenance.open],
   "?": ["keys.help", () => toggle_help()],
 };
 
@@ -48,7 +50,7 @@ export function start() {
   document.addEventListener("keydown", (event) => {
     const typing = event.target.closest?.("input, select, textarea");
     const action = KEYS[event.key.toLowerCase()];
-    if (!action || typing || event.ctrlKey || event.metaKey || event.altKey || $("keep-dialog").open || ($("keys").open && event.key !== "?")) return;
+    if (!action || typing || event.ctrlKey || event.metaKey || event.altKey || $("keep-dialog").open || $("maintenance-dialog").open || ($("keys").open && event.key !== "?")) return;
     event.preventDefault();
     action[1]();
   });

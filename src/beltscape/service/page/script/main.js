@@ -4,10 +4,12 @@ import { get, post } from "./api.js";
 import * as belt from "./belt.js";
 import * as cameras from "./cameras.js";
 import * as chart from "./chart.js";
-import { connect, retry } from "./connection.js";
+import { connect, is_frame_stale, retry } from "./connection.js";
 import { $, create_element, create_icon, set_text, throttle } from "./dom.js";
 import * as flow from "./flow.js";
+import * as health from "./health.js";
 import * as history from "./history.js";
+import * as maintenance from "./maintenance.js";
 import * as recording from "./recording.js";
 import * as keys from "./keys.js";
 import { compute_area_m2, read_section, SectionPlot } from "./section.js";
@@ -21,11 +23,10 @@ function show_link() {
 }
 
 function show_banner() {
-  const age = store.age_s;
   // a page that is just opening shows no message for the first seconds
   const is_opening = performance.now() < 3000;
   const text = store.link === "lost" ? t("banner.lost", { time: format_moment(store.state.wall_ms) })
-    : store.link === "stale" ? (age == null ? t("banner.nothing") : t("banner.stale", { age: format_duration(age) }))
+    : store.link === "stale" ? (store.age_s == null ? t("banner.nothing") : is_frame_stale() ? t("banner.stale", { age: format_duration(store.age_s) }) : store.flow_age_s == null ? t("banner.no_record_yet") : t("banner.no_record", { age: format_duration(store.flow_age_s) }))
     : store.link === "waiting" && !is_opening ? t("banner.never") : "";
   $("banner").hidden = !text;
   $("retry").hidden = store.link === "stale";
@@ -58,12 +59,16 @@ function show_theme() {
 }
 
 function show_view() {
-  const is_history = location.hash === "#history" && !document.documentElement.classList.contains("wall");
-  $("live-view").hidden = is_history;
-  $("history-view").hidden = !is_history;
-  $("to-live").toggleAttribute("aria-current", !is_history);
-  $("to-history").toggleAttribute("aria-current", is_history);
-  if (is_history) history.open(); else store.emit("layout");
+  const is_wall = document.documentElement.classList.contains("wall");
+  const view = is_wall ? "live" : location.hash === "#history" ? "history" : location.hash === "#health" && health.is_allowed() ? "health" : "live";
+  for (const name of ["live", "history", "health"]) {
+    $(`${name}-view`).hidden = name !== view;
+    $(`to-${name}`).toggleAttribute("aria-current", name === view);
+  }
+  $("to-health").hidden = !health.is_allowed();
+  if (view === "history") history.open();
+  else if (view === "health") health.open();
+  else store.emit("layout");
 }
 
 function start_section() {
@@ -105,13 +110,13 @@ function go_to_login() {
 await load_page_settings();
 await load_texts(store.page?.language);
 start_tools();
-for (const part of [flow, alarms, cameras, chart, recording, keys]) part.start();
+for (const part of [flow, alarms, cameras, chart, recording, maintenance, health, keys]) part.start();
 start_section();
 apply_texts(document);
 store.on("link", show_link);
 store.on("texts", () => { $("language").value = get_language(); show_link(); show_page(); show_theme(); });
 store.on("theme", show_theme);
-store.on("page", show_page);
+store.on("page", () => { show_page(); show_view(); });
 store.on("tick", () => { show_clock(); show_banner(); });
 store.on("opened", () => { if (!store.page) load_page_settings(); });
 store.on("signed_out", go_to_login);

@@ -15,6 +15,7 @@ from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.errors import InputError
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.tables.density import DENSITY_LIMITS
+from beltscape.health.settings import HealthSettings
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.volume.settings import SURCHARGE_DEG, Surcharge
@@ -110,6 +111,7 @@ class RunSettings(_Table):
     density: DensitySettings = DensitySettings()
     queue: QueueSettings = QueueSettings()
     watch: WatchSettings = WatchSettings()
+    health: HealthSettings = HealthSettings()
     alarms: AlarmSettings = AlarmSettings()
     history: HistorySettings = HistorySettings()
     recording: RecordingSettings = RecordingSettings()

@@ -16,6 +16,8 @@ from beltscape.core.progress import Reporter
 from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.encoder_csv import BeltReading, read_encoder
+from beltscape.health.monitor import HealthMonitor
+from beltscape.health.settings import HealthSettings
 from beltscape.measure.flow.fusion.picture import BeltPicture
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density
@@ -28,6 +30,7 @@ from beltscape.pipeline.measuring.flow_chain import (
 )
 from beltscape.pipeline.measuring.flow_checks import require_consistent_motion, warn_of_motion_conflicts
 from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
+from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.pipeline.reconstructing.reconstruction import find_capture_depth_range, open_capture
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
@@ -101,7 +104,7 @@ def measure_flow_of_capture(
     picture, steps = BeltPicture(ground), list[FramePlacement]()
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
     matcher = make_sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
-    chain = FlowChain(matcher, meter)
+    chain = FlowChain(MonitoredMatcher(matcher, HealthMonitor(rig, HealthSettings())), meter)
     direction = None if settings is None else settings.direction
     began, records = perf_counter(), list[FlowRecord]()
     for done, instant in enumerate(instants, 1):

@@ -46,6 +46,9 @@ class BeltCells:
     y_middle_mm: float
     """Middle of the view along the belt."""
 
+    y_extent_mm: float
+    """Length of all rows of cells."""
+
     def __len__(self) -> int:
         return len(self.x_mm)
 
@@ -110,7 +113,8 @@ def _reduce(
         row=full // shape[1],
         shape=shape,
         side_mm=side,
-        y_middle_mm=0.5 * (reference.seen_mm[0] + reference.seen_mm[1]),
+        y_middle_mm=reference.seen_mm[0] + 0.5 * shape[0] * side,
+        y_extent_mm=shape[0] * side,
     )
 
 

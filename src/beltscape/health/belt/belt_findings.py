@@ -1,0 +1,52 @@
+"""Findings about what clings to the belt and about the belt's own marks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from beltscape.core.findings import Finding
+from beltscape.health.belt.passes import BeltEvent, BeltPasses
+from beltscape.health.belt.settings import BeltLimits
+
+CARRY_BACK, CARRY_BACK_TOTAL, STUCK_TOTAL = "carry_back", "carry_back_total", "carry_back_stuck"
+_NAN = float("nan")
+_MM3_PER_L = 1e6
+_CHECKS = {"splice": "splice", "torn left edge": "torn_edge_left", "torn right edge": "torn_edge_right"}
+
+
+def make_carry_back_findings(
+    residue: tuple[float, float], passes: BeltPasses, limits: BeltLimits
+) -> tuple[Finding, ...]:
+    """Return the cross-section of ``residue`` (value and σ, mm²) and the totals on otherwise empty belt.
+
+    The material is part of the flow's records each time that it passes; the totals state how much of these it is.
+    """
+    area, sigma = residue
+    limit = limits.carry_back_mm2
+    is_fault = area > limit and area > limits.zero_sigmas * sigma
+    text = (
+        f"{area / 100:.1f} ± {sigma / 100:.1f} cm² of material on the empty belt: "
+        "check the scraper; what returns with the belt is counted in every revolution"
+    )
+    totals = [Finding(CARRY_BACK_TOTAL, passes.residue_mm3 / _MM3_PER_L, _NAN, _NAN, "l")]
+    if limits.belt_length_m is not None:
+        totals.append(Finding(STUCK_TOTAL, passes.stuck_mm3 / _MM3_PER_L, _NAN, _NAN, "l"))
+    return (Finding(CARRY_BACK, area, sigma, limit, "mm²", text=text if is_fault else ""), *totals)
+
+
+def make_event_findings(events: Iterable[BeltEvent], side_mm: float) -> tuple[Finding, ...]:
+    """Return the position, in m along the belt, of each splice and torn edge that passed; a torn edge is a fault."""
+    out: list[Finding] = []
+    for event in events:
+        text = (
+            f"{event.kind} of the belt at {event.position_mm / 1000:.2f} m: {event.size_mm:.0f} mm deep, "
+            f"{event.length_mm:.0f} mm long; inspect it there"
+        )
+        is_fault = event.kind != "splice"
+        sigma = side_mm / 2000
+        out.append(
+            Finding(
+                _CHECKS[event.kind], event.position_mm / 1000, sigma, _NAN, "m", text=text if is_fault else ""
+            )
+        )
+    return tuple(out)

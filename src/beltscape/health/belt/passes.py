@@ -1,0 +1,176 @@
+"""The belt followed over its revolutions: carry-back in its own total, splices and torn edges with their position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.health.belt.residue import BeltRows
+
+_LONGEST_RIDGE_MM = 1500.0
+"""A longer rise is no splice."""
+_LEAST_TEAR_CELLS = 2
+"""Cells by which an edge must recede, and rows over which it must, to count as torn."""
+_LONGEST_TEAR_MM = 3000.0
+"""A longer change of an edge is the belt running off."""
+_STUCK_MM = 1.0
+"""Least height that must be found again after a revolution."""
+_USUAL = 0.98
+"""Memory of an edge's usual place, per row."""
+_SAME_PLACE_MM = 100.0
+"""Events of one revolution and the next at the same place differ by less, with the encoder's scale and slip."""
+
+Kind = Literal["splice", "torn left edge", "torn right edge"]
+
+
+@dataclass(frozen=True, slots=True)
+class BeltEvent:
+    """Something that belongs to the belt itself and passed."""
+
+    kind: Kind
+    position_mm: float
+    """Belt coordinate of its middle; within one revolution if the belt's length is known."""
+    length_mm: float
+    """Along the belt."""
+    size_mm: float
+    """Height of a splice; depth of a tear across the belt."""
+    passes: int
+    """Number of times that it was recognised at this place."""
+
+
+@dataclass(slots=True)
+class _Run:
+    """Consecutive rows with a ridge or a receded edge."""
+
+    first: int
+    last: int
+    sizes: list[float] = field(default_factory=list)
+
+
+class BeltPasses:
+    """Collects the rows of a moving belt, each once, by belt coordinate; unknown rows end what was open."""
+
+    def __init__(self, side_mm: float, length_mm: float | None) -> None:
+        """``side_mm`` is the edge of a cell, ``length_mm`` that of the endless belt."""
+        self._side_mm, self._length_mm = side_mm, length_mm
+        self._next: int | None = None
+        self._runs: dict[Kind, _Run] = {}
+        self._edges: dict[Kind, float] = {}
+        self._seen: list[BeltEvent] = []
+        self._last: dict[int, tuple[int, NDArray[np.float32]]] = {}
+        """By row of the belt, when it last was empty: its number since the start, and the heights of its material."""
+        self.residue_mm3 = 0.0
+        """Material on otherwise empty belt."""
+        self.stuck_mm3 = 0.0
+        """Part of it that was at the same place a revolution before."""
+        self.empty_mm = 0.0
+        """Length of otherwise empty belt."""
+
+    def add(self, rows: BeltRows, position_mm: float, direction: int) -> list[BeltEvent]:
+        """Add the rows of a frame that were not in view before; return the events that they complete.
+
+        The rows that enter the view wait until they are so far inside that a load behind them is in view.
+        """
+        s = position_mm - direction * rows.y_mm
+        numbers = np.rint(s / self._side_mm).astype(np.int64)
+        order = np.argsort(numbers)[: len(numbers) - rows.margin]
+        if self._next is None or numbers.max() < self._next - 2 * len(numbers):
+            self._next = int(numbers.min())  # the first frame, or an encoder that began anew
+        if numbers.min() > self._next:
+            self._runs.clear()
+        empty, area, ridge = rows.is_empty, rows.area_mm2, rows.ridge_mm
+        events: list[BeltEvent] = []
+        for index in order:
+            number = int(numbers[index])
+            if number < self._next:
+                continue
+            self._next = number + 1
+            if empty[index] and not ridge[index]:
+                self._count(number, rows.over_mm[index], rows.bare[index], float(area[index]))
+            events += self._follow(
+                number, rows.over_mm[index], float(ridge[index]), is_empty=bool(empty[index])
+            )
+        return [self._identify(event) for event in events]
+
+    def _count(
+        self, number: int, over_mm: NDArray[np.float64], bare: NDArray[np.bool_], area_mm2: float
+    ) -> None:
+        self.empty_mm += self._side_mm
+        self.residue_mm3 += area_mm2 * self._side_mm
+        if self._length_mm is None:
+            return
+        period = max(1, round(self._length_mm / self._side_mm))
+        material = np.where(bare, 0.0, np.clip(np.nan_to_num(over_mm), 0, None)).astype(np.float32)
+        near = [self._last.get((number + offset) % period) for offset in (-1, 0, 1)]
+        known = [row for one in near if one is not None for at, row in [one] if number - at > period // 2]
+        if known:
+            common = np.minimum(np.max(known, axis=0), material)
+            self.stuck_mm3 += float(common[common >= _STUCK_MM].sum()) * self._side_mm**2
+        self._last[number % period] = (number, material)
+
+    def _follow(
+        self, number: int, over_mm: NDArray[np.float64], ridge_mm: float, *, is_empty: bool
+    ) -> list[BeltEvent]:
+        """Return the splices and tears that end before a row."""
+        left, right = _find_ends(over_mm)
+        sizes: dict[Kind, float] = {
+            "splice": ridge_mm,
+            "torn left edge": self._recede("torn left edge", left) if is_empty else 0.0,
+            "torn right edge": self._recede("torn right edge", len(over_mm) - 1 - right) if is_empty else 0.0,
+        }
+        events: list[BeltEvent] = []
+        for kind, size in sizes.items():
+            run = self._runs.get(kind)
+            if size > 0:
+                run = self._runs.setdefault(kind, _Run(number, number))
+                run.last = number
+                run.sizes.append(size)
+            elif run is not None:
+                del self._runs[kind]
+                if is_empty:
+                    events += self._complete(kind, run)
+        return events
+
+    def _recede(self, kind: Kind, cells: int) -> float:
+        """Return by how much an edge recedes from its usual place, mm; 0 where it does not."""
+        usual = self._edges.setdefault(kind, float(cells))
+        by = cells - usual
+        if abs(by) < _LEAST_TEAR_CELLS:
+            self._edges[kind] = _USUAL * usual + (1 - _USUAL) * cells
+            return 0.0
+        return max(0.0, by) * self._side_mm
+
+    def _complete(self, kind: Kind, run: _Run) -> list[BeltEvent]:
+        length = (run.last + 1 - run.first) * self._side_mm
+        longest = _LONGEST_RIDGE_MM if kind == "splice" else _LONGEST_TEAR_MM
+        rows = run.last + 1 - run.first
+        if length > longest or (kind != "splice" and rows < _LEAST_TEAR_CELLS):
+            return []
+        middle = 0.5 * (run.first + run.last) * self._side_mm
+        return [BeltEvent(kind, middle, length, float(np.max(run.sizes)), 1)]
+
+    def _identify(self, event: BeltEvent) -> BeltEvent:
+        """Return the event with its place on the belt and the number of its passes."""
+        if self._length_mm is None:
+            return event
+        place = event.position_mm % self._length_mm
+        for number, known in enumerate(self._seen):
+            apart = abs(
+                (place - known.position_mm + self._length_mm / 2) % self._length_mm - self._length_mm / 2
+            )
+            if known.kind == event.kind and apart < _SAME_PLACE_MM + event.length_mm / 2:
+                again = BeltEvent(event.kind, place, event.length_mm, event.size_mm, known.passes + 1)
+                self._seen[number] = again
+                return again
+        first = BeltEvent(event.kind, place, event.length_mm, event.size_mm, 1)
+        self._seen.append(first)
+        return first
+
+
+def _find_ends(over_mm: NDArray[np.float64]) -> tuple[int, int]:
+    """Return the first and last measured cell of a row (m,) that lies on the belt."""
+    on = np.flatnonzero(np.isfinite(over_mm))
+    return (int(on[0]), int(on[-1])) if len(on) else (0, len(over_mm) - 1)

@@ -1,0 +1,106 @@
+"""Material on an otherwise empty belt: what a frame shows of carry-back and spillage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from beltscape.health.belt.cells import BeltCells
+from beltscape.health.belt.zero_shift import ZeroShift
+
+_LEAST_BARE = 0.5
+"""Least share of a row's cells that is bare on an otherwise empty stretch."""
+_LEAST_MEASURED = 0.6
+"""Least share of a row's cells that must be measured; steep cakes hide some."""
+_HIGHEST_MM = 40.0
+"""Higher material is a load, not carry-back."""
+_LOADED_SHARE = 0.1
+"""Share of a row's cells that may be higher, as single lumps."""
+_LEAST_RIDGE_MM, _HIGHEST_RIDGE_MM = 0.6, 15.0
+"""Heights of a splice, with its fasteners, over the belt around it."""
+_EVEN_SHARE, _EVEN_MM = 0.3, 0.4
+"""A splice is as high across the belt: most cells lie within this share of its height, or this many mm."""
+_LEAST_EVEN = 0.7
+"""Least share of the measured cells that are."""
+_FAR_MM = 1e9
+"""Stands for a cell that was not measured."""
+_MARGIN_MM, _MARGIN_SHARE = 200.0, 0.3
+"""Rows this close to a load may hold its thin ends; at most this share of the view."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeltRows:
+    """Rows of cells across the belt, in the order of y."""
+
+    y_mm: NDArray[np.float64]
+    """(n,) middles."""
+    over_mm: NDArray[np.float64]
+    """(n, m) heights over the belt as it lies; NaN: not measured."""
+    sigma_mm: NDArray[np.float64]
+    """(n, m) one standard deviation of them, independent between cells; NaN: not measured."""
+    bare: NDArray[np.bool_]
+    """(n, m) which cells show the bare belt."""
+    side_mm: float
+    """Edge of a cell."""
+
+    @property
+    def is_empty(self) -> NDArray[np.bool_]:
+        """Return which rows (n,) are empty except for what clings to the belt, with no load near them in view."""
+        known = np.isfinite(self.over_mm)
+        number = np.maximum(known.sum(axis=1), 1)
+        loaded = (np.nan_to_num(self.over_mm) > _HIGHEST_MM).sum(axis=1)
+        is_bare = (self.bare.sum(axis=1) >= _LEAST_BARE * number) | (self.ridge_mm > 0)
+        is_low = loaded <= _LOADED_SHARE * number
+        empty = (known.mean(axis=1) >= _LEAST_MEASURED) & is_bare & is_low
+        near_load = ndimage.binary_dilation(~empty, np.ones(2 * self.margin + 1))
+        return empty & ~np.asarray(near_load, bool)
+
+    @property
+    def ridge_mm(self) -> NDArray[np.float64]:
+        """Return the height (n,) of a ridge that is even across the belt, such as a splice; 0: there is none."""
+        known = np.isfinite(self.over_mm)
+        number = known.sum(axis=1)
+        filled = np.where(known, self.over_mm, _FAR_MM)
+        height = np.sort(filled, axis=1)[np.arange(len(filled)), np.maximum(number - 1, 0) // 2]
+        tolerance = np.maximum(_EVEN_SHARE * height, _EVEN_MM)
+        even = (np.abs(filled - height[:, None]) <= tolerance[:, None]).sum(axis=1) >= _LEAST_EVEN * number
+        is_ridge = (number >= _LEAST_MEASURED * known.shape[1]) & even
+        is_ridge &= (height >= _LEAST_RIDGE_MM) & (height <= _HIGHEST_RIDGE_MM)
+        return np.where(is_ridge, height, 0.0)
+
+    @property
+    def margin(self) -> int:
+        """Return the number of rows beside a load that count as part of it."""
+        return round(min(_MARGIN_MM / self.side_mm, _MARGIN_SHARE * len(self.y_mm)))
+
+    @property
+    def area_mm2(self) -> NDArray[np.float64]:
+        """Return the cross-section (n,) of the material on the belt: of the cells that are not bare."""
+        return self.side_mm * np.where(self.bare, 0.0, np.clip(np.nan_to_num(self.over_mm), 0, None)).sum(
+            axis=1
+        )
+
+
+def arrange_rows(cells: BeltCells, shift: ZeroShift) -> BeltRows:
+    """Return the cells of a frame as rows over the belt as it lies."""
+    over, sigma = np.full(cells.shape, np.nan), np.full(cells.shape, np.nan)
+    bare = np.zeros(cells.shape, bool)
+    place = cells.row, cells.column
+    over[place], sigma[place], bare[place] = shift.over_mm, cells.sigma_mm, shift.bare
+    first = cells.y_middle_mm - 0.5 * (cells.y_extent_mm - cells.side_mm)
+    y = first + cells.side_mm * np.arange(cells.shape[0], dtype=np.float64)
+    return BeltRows(y, over, sigma, bare, cells.side_mm)
+
+
+def measure_residue(rows: BeltRows, shift: ZeroShift) -> tuple[float, float]:
+    """Return the mean cross-section of material on the empty stretches in view and its σ, mm²; NaN without one."""
+    empty = rows.is_empty
+    if not shift.is_measured or empty.sum() < 0.5 * len(empty):
+        return float("nan"), float("nan")
+    own = np.where(rows.bare, 0.0, np.nan_to_num(rows.sigma_mm))[empty]
+    independent = rows.side_mm * np.sqrt((own**2).sum()) / empty.sum()
+    width = rows.side_mm * float((np.isfinite(rows.over_mm) & ~rows.bare)[empty].sum(axis=1).mean())
+    return float(rows.area_mm2[empty].mean()), float(np.hypot(independent, shift.sigma_mm * width))

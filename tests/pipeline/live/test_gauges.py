@@ -1,0 +1,56 @@
+"""The values that alarms are evaluated on: each has an age."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.core.belt.ledger_entries import BeltRecord, Standing
+from beltscape.core.findings import Finding
+from beltscape.pipeline.live import gauges as module
+from beltscape.pipeline.live.gauges import Gauges
+
+NAN = float("nan")
+
+
+def make_entry(standing: Standing) -> BeltRecord:
+    strip = FlowRecord("f", None, 0, (0, 100.0), 2e4, 2e6, 1e4, 600.0, 1600.0, 0.9, 0.8, "measured")
+    return BeltRecord(1, 1, (0.0, 100.0), standing, "", 0, strip, 0.0, 5, None)
+
+
+def read(gauges: Gauges):
+    return gauges.collect_readings(
+        cameras={}, dropped=0, history_trouble="", recording_trouble="", encoder=None, certificate_days=NAN
+    )
+
+
+def test_load_is_unknown_without_a_new_measured_record(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 50.0
+    monkeypatch.setattr(module, "monotonic", lambda: now_s)
+    gauges = Gauges(1e5, stale_s=3.0)
+    assert math.isnan(read(gauges).area_mm2)
+    gauges.add([make_entry("valid")])
+    gauges.update_frame(None, 600.0)
+    now_s = 52.9
+    gauges.add([make_entry("missing")])
+    assert read(gauges).area_mm2 == 2e4
+    assert read(gauges).volume_flow_m3_h == pytest.approx(2e4 * 600 * 3600e-9)
+    now_s = 53.1
+    assert math.isnan(read(gauges).area_mm2)
+    assert math.isnan(read(gauges).volume_flow_m3_h)
+    gauges.add([make_entry("degraded")])
+    assert read(gauges).area_mm2 == 2e4
+
+
+def test_findings_reach_the_alarms_and_expire(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 50.0
+    monkeypatch.setattr(module, "monotonic", lambda: now_s)
+    gauges = Gauges(1e5)
+    fault = Finding("zero_shift", 5.0, 0.1, 0.5, "mm", text="the belt has risen", effect="degraded")
+    gauges.add_findings([fault, Finding("zero_shift", 0.1, 0.1, 0.5, "mm", "cam2")])
+    gauges.add_findings([Finding("zero_shift", NAN, NAN, 0.5, "mm")])  # not made: the fault stays
+    assert {one.subject: one.is_fault for one in read(gauges).findings} == {"": True, "cam2": False}
+    now_s = 200.0
+    assert list(read(gauges).findings) == []

@@ -1,6 +1,6 @@
 # Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
 .DEFAULT_GOAL := help
-.PHONY: help install dev system demo test quick sanitize check format bench docs lock clean
+.PHONY: help install dev system demo test quick sanitize check format bench faults docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
 SOURCES := $(wildcard native/*.* native/*/*)
@@ -70,6 +70,9 @@ format: dev ## put Python and C++ into shape
 bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md, and the manual's tables of it
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python tools/write_figures.py
+
+faults: dev ## every fault in front of the running system, against exact truth; writes benchmarks/FAULTS.md (an hour)
+	cd benchmarks && ../$(BIN)/python -m faults
 
 docs: dev ## the manual as a web site in site/
 	$(BIN)/mkdocs build --strict --quiet

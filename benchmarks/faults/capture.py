@@ -1,0 +1,142 @@
+"""The capture that the bench plays: one round of a heap on a moving belt, which repeats without a seam."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.progress import Reporter
+from beltscape.files.documents.json_text import read_json
+from beltscape.files.rasters.images import read_image, write_image
+from beltscape.files.rig_json import read_rig
+from beltscape.pipeline.simulation import simulate
+from beltscape.simulate.faults.settings import Faults
+from beltscape.simulate.scenario import Scenario
+from beltscape.simulate.scene_assembly import SimulatedScene
+
+FRAMES_PER_S = 8.0
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How large the capture is."""
+
+    name: str
+    frames: int
+    """Of one round."""
+    scale: float
+    """Of the images to the sensor of 2448 × 2048 pixels."""
+    passes: int
+    """Sets of sub-samples of the rendering."""
+
+
+LONG = Sizes("long", 25, 0.25, 3)
+SHORT = Sizes("short", 20, 0.125, 1)
+
+
+@dataclass(frozen=True)
+class RoundCapture:
+    """A rendered round with its truth."""
+
+    folder: Path
+    """Holds ``moving`` and ``empty_rec``, the reconstruction of the empty belt."""
+    sizes: Sizes
+    seed: int
+
+    @cached_property
+    def rig(self) -> Rig:
+        """Return the true rig."""
+        return read_rig(self.folder / "moving" / "truth" / "rig.json")
+
+    @cached_property
+    def truth(self) -> dict[str, Any]:
+        """Return belt_moving.json."""
+        return read_json(self.folder / "moving" / "truth" / "belt_moving.json")
+
+    @cached_property
+    def frames(self) -> int:
+        """Return the number of frames of the round."""
+        return len(self.truth["frames"])
+
+    @cached_property
+    def step_mm(self) -> float:
+        """Return the travel of the belt from frame to frame."""
+        return float(self.truth["speed_mm_s"]) / FRAMES_PER_S
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """Return the scene as it was rendered."""
+        return Scenario.model_validate(read_json(self.folder / "moving" / "truth" / "scenario.json"))
+
+    @cached_property
+    def area(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return y (mm, on the heap) and the load's cross-section there (mm²) over one round."""
+        with np.load(self.folder / "moving" / "truth" / "belt_moving_load.npz") as arrays:
+            return arrays["y_mm"], arrays["area_mm2"]
+
+    def images(self, frame: int) -> FrameSet:
+        """Return the images of a frame of the endless belt, with its time and true position."""
+        index = frame % self.frames
+        name = self.truth["frames"][index]["frame"]
+        cameras = {c: read_image(self.folder / "moving" / c / f"{name}.png") for c in self.rig.cameras}
+        time_ns = round(frame / FRAMES_PER_S * 1e9)
+        return FrameSet(f"{frame:05d}", cameras, time_ns, frame * self.step_mm)
+
+
+def open_capture(folder: Path, sizes: Sizes, seed: int, reporter: Reporter) -> RoundCapture:
+    """Return the capture in a cache folder; render it first where it is not there yet (minutes)."""
+    out = folder / f"{sizes.name}-{seed}"
+    moving = {**_describe_plant(sizes, seed), "kind": "belt_moving", "seed": seed + 1, "frames": sizes.frames}
+    if not (out / "moving" / "encoder.csv").is_file():
+        speed = _choose_speed(Scenario.model_validate(moving), sizes.frames)
+        motion = {"speed_mm_s": speed, "frames_per_s": FRAMES_PER_S}
+        simulate(Scenario.model_validate({**moving, "motion": motion}), out / "moving", reporter)
+    capture = RoundCapture(out, sizes, seed)
+    render_empty_belt(capture, "empty_rec", {}, reporter)
+    return capture
+
+
+def render_empty_belt(
+    capture: RoundCapture, name: str, faults: Mapping[str, Any], reporter: Reporter
+) -> Path:
+    """Return the folder of the empty belt's reconstruction, as it was with these faults when the zero was learned."""
+    out, images = capture.folder / name, capture.folder / f"{name}_images"
+    if not (out / "reconstruction.json").is_file():
+        from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
+
+        plant = _describe_plant(capture.sizes, capture.seed)
+        scene = {**plant, "kind": "belt_empty", "seed": capture.seed + 2, "faults": faults}
+        simulate(Scenario.model_validate(scene), images, reporter)
+        reconstruct_capture(images, capture.rig, out, reporter)
+    return out
+
+
+def render_camera(capture: RoundCapture, name: str, camera: str, faults: Mapping[str, Any]) -> Path:
+    """Return the folder with one camera's images of the whole round, rendered with these faults."""
+    out = capture.folder / name
+    others = [{"camera": other} for other in capture.rig.cameras if other != camera]
+    changed = {"faults": Faults.model_validate({**faults, "missing_frames": others})}
+    scene = SimulatedScene(capture.scenario.model_copy(update=changed))
+    for frame in range(capture.frames):
+        path = out / f"{scene.frame_name(frame)}.png"
+        if not path.is_file():
+            write_image(path, scene.render_frame(frame).images[camera])
+    return out
+
+
+def _describe_plant(sizes: Sizes, seed: int) -> dict[str, Any]:
+    render = {"passes": sizes.passes, "ambient_samples": 1 if sizes.passes == 1 else 4}
+    return {"rig": {"seed": seed, "scale": sizes.scale}, "render": render}
+
+
+def _choose_speed(scenario: Scenario, frames: int) -> float:
+    """Return the speed at which the heap comes again after exactly this number of frames, mm/s."""
+    round_mm = -2 * SimulatedScene(scenario).heap_position_mm(0)
+    return round_mm / frames * FRAMES_PER_S

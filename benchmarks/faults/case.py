@@ -1,0 +1,42 @@
+"""A row of the bench: a fault, what is promised about it, and how it is put before the running system."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fault of one size."""
+
+    name: str
+    promised: str
+    """In the words of the table."""
+    within_s: float
+    """Time from the fault to the alarm or finding that names it."""
+    named_by: tuple[str, ...]
+    """Names of alarms or checks, any of which names the fault; a name ends at ":" or is a beginning with "*"."""
+    faults: Mapping[str, Any] = field(default_factory=dict)
+    """The table [faults] of a scene, without ``first``, which is the row's."""
+    rendered: str = ""
+    """Camera whose images are rendered anew with the fault; empty: the fault is applied to the images."""
+    zero_faults: Mapping[str, Any] = field(default_factory=dict)
+    """The table [faults] with which the empty belt was rendered when the zero was learned: wrong from the start."""
+    allows_valid: bool = False
+    """Whether valid records may go on, because the fault harms nothing or is covered by σ."""
+    rounds: float = 5.0
+    """Duration after the fault, in rounds of the capture."""
+    is_short: bool = False
+    """Whether it belongs to the short form."""
+
+    @property
+    def is_sound(self) -> bool:
+        """Return whether nothing is wrong: any alarm is a false accusation."""
+        return not self.faults and not self.zero_faults
+
+    def is_named_by(self, name: str) -> bool:
+        """Return whether an alarm or check of this name names the fault."""
+        kind = name.split(":", maxsplit=1)[0]
+        return any(kind.startswith(one[:-1]) if one.endswith("*") else kind == one for one in self.named_by)

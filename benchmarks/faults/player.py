@@ -1,0 +1,164 @@
+"""Plays a row through the running system's engine, frame by frame and by the recording's clock."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.belt.ledger_entries import BeltRecord, Totals
+from beltscape.core.findings import Finding
+from beltscape.core.progress import Silent
+from beltscape.pipeline.live.assembly import RunOptions, assemble
+from beltscape.pipeline.live.engine import Engine, EngineComponents
+from beltscape.pipeline.live.measurement_run import Outcome
+from beltscape.pipeline.live.project import RunSettings, read_project
+from faults.capture import FRAMES_PER_S, RoundCapture, render_empty_belt
+from faults.case import Case
+from faults.clock import Clock, use_clock
+from faults.feed import Feed
+from faults.matching import Cache, share_cache
+
+_SOUND_ROUNDS = 3
+"""Rounds before the fault: checks learn their reference values there."""
+_MONITOR_EVERY = int(FRAMES_PER_S // 2)
+"""Frames between two evaluations of the alarms: half a second, as in the running system."""
+
+
+class Silence(Silent):
+    """An observer and reporter that keeps the messages; events it does not know are dropped."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.messages: list[str] = []
+
+    def on_message(self, message: str) -> None:
+        """Keep a message."""
+        self.messages.append(message)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("on_"):
+            return lambda *_: None
+        raise AttributeError(name)
+
+
+@dataclass
+class Played:
+    """What happened in a row; times are seconds of the recording."""
+
+    case: Case
+    onset: int
+    """The first frame with the fault."""
+    count: int
+    records: list[tuple[float, BeltRecord]] = field(default_factory=list)
+    """With the time at which each was published."""
+    alarms: dict[str, float] = field(default_factory=dict)
+    """Time at which an alarm was first raised."""
+    findings: dict[str, tuple[float, str]] = field(default_factory=dict)
+    """Time and text of a check's first fault."""
+    flow_m3_h: list[tuple[float, float]] = field(default_factory=list)
+    """The shown flow; NaN: unknown."""
+    totals: Totals = field(default_factory=Totals)
+    messages: list[str] = field(default_factory=list)
+
+    @property
+    def onset_s(self) -> float:
+        """Return the time at which the fault begins."""
+        return self.onset / FRAMES_PER_S
+
+
+class RecordingEngine(Engine):
+    """The engine without its threads, which notes what it publishes."""
+
+    def __init__(self, components: EngineComponents, played: Played, clock: Clock) -> None:
+        super().__init__(components)
+        self._played, self._clock = played, clock
+
+    def play(self, feed: Feed) -> None:
+        """Measure every frame of a feed and evaluate the alarms by the recording's clock."""
+        board = self._components.board
+        for number, frames in enumerate(feed):
+            self._clock.now_s = number / FRAMES_PER_S
+            self._last_frame_s = self._clock.monotonic()
+            self._measure(self._add_position(frames))
+            self._flush()
+            if number % _MONITOR_EVERY == 0:
+                self._update_alarms()
+                for alarm in board.alarms:
+                    if alarm.state != "clear":
+                        self._played.alarms.setdefault(alarm.name, self._clock.now_s)
+        self._publish(self._components.measurement.finish())
+
+    def _publish(self, outcome: Outcome) -> None:
+        self._played.records += [(self._clock.now_s, entry) for entry in outcome.entries]
+        for finding in outcome.findings:
+            if finding.is_fault:
+                self._played.findings.setdefault(_name(finding), (self._clock.now_s, finding.text))
+        super()._publish(outcome)
+
+
+def play(capture: RoundCapture, case: Case, cache: Cache, *, sound_rounds: int = _SOUND_ROUNDS) -> Played:
+    """Play a row and return what happened."""
+    onset = 0 if case.zero_faults else sound_rounds * capture.frames
+    count = round((sound_rounds + case.rounds) * capture.frames)
+    played, clock = Played(case, onset, count), Clock()
+    with tempfile.TemporaryDirectory() as folder, use_clock(clock):
+        observer: Any = Silence()
+        run = assemble(_open_project(capture, case, Path(folder)), _options(Path(folder)), observer)
+        try:
+            components = run.engine._components
+            matcher: Any = components.measurement.context.matcher
+            matcher._make_matcher = share_cache(matcher._make_matcher, cache)
+            _note_flow(components, played, clock)
+            feed = Feed(capture, case, onset, count)
+            engine = RecordingEngine(replace(components, source=feed), played, clock)
+            engine.play(feed)
+            for writer in components.writers:
+                writer.close()
+            played.totals = components.historian.totals
+        finally:
+            run.close()
+        played.messages = [*observer.messages, *observer.warnings]
+    return played
+
+
+def _options(folder: Path) -> RunOptions:
+    return RunOptions(data=folder / "data", paced=False, record=False)
+
+
+def _open_project(capture: RoundCapture, case: Case, folder: Path) -> Any:
+    """Write and read the row's project.toml."""
+    empty = capture.folder / "empty_rec"
+    if case.zero_faults:
+        name = "empty_" + case.name.replace(" ", "_").replace("/", "_")
+        empty = render_empty_belt(capture, name, case.zero_faults, Silent())
+    path = folder / "project.toml"
+    moving = capture.folder / "moving"
+    path.write_text(
+        f'rig = "{moving / "truth" / "rig.json"}"\nempty = "{empty}"\n'
+        f'[capture]\nfolder = "{moving}"\n[encoder]\nkind = "capture"\n'
+        '[matching]\npreset = "fast"\n[watch]\nlumps_every_s = 0\nedges_every_s = 0\n'
+        "[history]\nreserve_mib = 1\n[csv]\nenabled = false\n",
+        encoding="utf-8",
+    )
+    return read_project(path, RunSettings)
+
+
+def _note_flow(components: EngineComponents, played: Played, clock: Clock) -> None:
+    """Note the flow of every evaluation of the alarms."""
+    board: Any = components.board
+    update = board.update
+
+    def update_and_note(readings: Any, *rest: Any) -> Sequence[Any]:
+        played.flow_m3_h.append((clock.now_s, readings.volume_flow_m3_h))
+        return update(readings, *rest)
+
+    with contextlib.suppress(AttributeError):
+        board.update = update_and_note
+
+
+def _name(finding: Finding) -> str:
+    return f"{finding.check}:{finding.subject}" if finding.subject else finding.check

@@ -1,0 +1,66 @@
+"""The table of the bench as text, and benchmarks/FAULTS.md."""
+
+from __future__ import annotations
+
+import datetime
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+from faults.verdict import Verdict
+
+ROOT = Path(__file__).resolve().parents[2]
+HEAD = (
+    "| fault | promised | noticed after | valid / degraded / missing; live flow | error of the total | verdict |",
+    "|---|---|---|---|---|---|",
+)
+
+
+def format_row(verdict: Verdict) -> str:
+    """Return a row of the table."""
+    result = "passed" if verdict.passes else "**failed**: " + "; ".join(verdict.failures)
+    cells = (verdict.name, verdict.promised, verdict.noticed, verdict.published, verdict.error, result)
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def format_count(verdicts: Sequence[Verdict]) -> str:
+    """Return the last line."""
+    passed = sum(verdict.passes for verdict in verdicts)
+    return f"{passed} passed, {len(verdicts) - passed} failed"
+
+
+def write_table(
+    path: Path, verdicts: Sequence[Verdict], unplayed: Sequence[tuple[str, str]], description: str
+) -> None:
+    """Write the table with the commit that it was measured at."""
+    today = datetime.datetime.now(datetime.UTC).date().isoformat()
+    lines = [
+        "# Faults",
+        "",
+        f"Written by `make faults` at commit {_commit()} on {today}. {description}",
+        "",
+        "Times are seconds of the recording from the fault on, and frames. Metres and the total count from the fault",
+        "on, against the exact truth of the rendered heap. A row passes if the fault is named in time, no wrong",
+        "record is valid after the promised time, the metres are within 1 % and the total covers the truth within",
+        "2.5 σ.",
+        "",
+        *HEAD,
+        *(format_row(verdict) for verdict in verdicts),
+        "",
+        f"{format_count(verdicts)}.",
+        "",
+        "Not played here:",
+        "",
+        *(f"- {what}: {why}." for what, why in unplayed),
+        "",
+    ]
+    path.write_text("\n".join(lines), encoding="utf-8")
+
+
+def _commit() -> str:
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False)
+        return done.stdout.strip() if done.returncode == 0 else ""
+
+    changed = git("status", "--porcelain", "--", "src", "native", "benchmarks", ":!benchmarks/FAULTS.md")
+    return (git("rev-parse", "--short=9", "HEAD") or "unknown") + ("+" if changed else "")

@@ -1,0 +1,126 @@
+"""The verdict on a row: what was noticed when, what was published meanwhile, and whether the truth is covered."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from faults.capture import FRAMES_PER_S, RoundCapture
+from faults.player import Played
+from faults.truth import Comparison, Selection, compare
+
+_LENGTH_ERROR = 0.01
+"""Largest error of the counted metres that is called right."""
+_ALL = ("valid", "degraded", "missing")
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The result of a row."""
+
+    name: str
+    promised: str
+    noticed: str
+    published: str
+    error: str
+    failures: tuple[str, ...]
+    """Why the row fails; empty: it passes."""
+
+    @property
+    def passes(self) -> bool:
+        """Return whether the row passes."""
+        return not self.failures
+
+
+def assess(capture: RoundCapture, played: Played) -> Verdict:
+    """Return the verdict on a row."""
+    case, records = played.case, [record for _, record in played.records]
+    if not records:
+        return Verdict(case.name, case.promised, "", "no record", "", ("no record was published",))
+    numbers = np.array([-1 if r.strip is None else int(r.strip.frame) for r in records])
+    numbers = np.maximum.accumulate(numbers)
+    before = numbers < played.onset
+    sound = int(before.sum())
+    if case.zero_faults:  # the ledger is wrong from the start: only its place is fitted
+        before, sound = np.zeros(len(records), bool), len(records)
+    comparison = compare(capture, records, sound)
+    since = ~before
+    late = since & (numbers >= played.onset + math.ceil(case.within_s * FRAMES_PER_S))
+    noticed, is_in_time = _describe_notice(played)
+    total = comparison.select(("valid", "degraded"), since.tolist())
+    failures = [] if is_in_time else ["not named in time"]
+    failures += _judge_records(played, comparison, since, late)
+    if not total.covers_truth():
+        failures.append("total beyond 2.5 σ")
+    return Verdict(
+        case.name, case.promised, noticed, _describe_published(played, comparison, since), _describe(total),
+        tuple(failures),
+    )  # fmt: skip
+
+
+def _judge_records(played: Played, comparison: Comparison, since: np.ndarray, late: np.ndarray) -> list[str]:
+    """Return what is wrong about the records since the fault."""
+    failures: list[str] = []
+    valid = comparison.select(("valid",), late.tolist())
+    if not played.case.allows_valid and valid.length_mm > 0:
+        failures.append(f"{valid.length_mm / 1000:.2f} m valid after the promised time")
+    if not valid.covers_truth():
+        failures.append(f"valid records wrong by {100 * valid.relative_error:+.1f} %")
+    everything = comparison.select(_ALL, since.tolist())
+    if abs(everything.length_mm - everything.true_mm) > _LENGTH_ERROR * everything.true_mm:
+        failures.append(f"{everything.length_mm / 1000:.2f} m counted of {everything.true_mm / 1000:.2f} m")
+    missing = comparison.select(("missing",), since.tolist())
+    if missing.volume_mm3 != 0:
+        failures.append("missing records hold volume")
+    return failures
+
+
+def _describe_notice(played: Played) -> tuple[str, bool]:
+    """Return when the fault was noticed and by what, and whether a name of it came in time."""
+    case = played.case
+    found = [(at, name, "finding") for name, (at, _) in played.findings.items()]
+    found += [(at, name, "alarm") for name, at in played.alarms.items()]
+    if case.is_sound:
+        accused = [f"{name} after {at:.1f} s" for at, name, _ in sorted(found) if _is_fault_alarm(name)]
+        return "; ".join(accused) or "nothing", not accused
+    found = sorted(one for one in found if one[0] >= played.onset_s)
+    named = [one for one in found if case.is_named_by(one[1])]
+    parts = []
+    for kind in ("finding", "alarm"):
+        first = next((one for one in named if one[2] == kind), None)
+        if first is not None:
+            after = first[0] - played.onset_s
+            parts.append(f"{after:.1f} s ({round(after * FRAMES_PER_S)} frames): {kind} {first[1]}")
+    others = sorted({name.split(":")[0] for _, name, _ in found if not case.is_named_by(name)})
+    text = "; ".join(parts) or "not named"
+    if others:
+        text += f" (also {', '.join(others)})"
+    is_in_time = bool(named) and named[0][0] - played.onset_s <= case.within_s
+    return text, is_in_time
+
+
+def _is_fault_alarm(name: str) -> bool:
+    """Return whether an alarm accuses the system; an empty belt between two heaps is none."""
+    return name.split(":", maxsplit=1)[0] not in (
+        "empty",
+        "overload",
+        "oversize_lump",
+        "certificate_expiring",
+    )
+
+
+def _describe_published(played: Played, comparison: Comparison, since: np.ndarray) -> str:
+    lengths = [comparison.select((one,), since.tolist()).length_mm / 1000 for one in _ALL]
+    flows = np.array([flow for at, flow in played.flow_m3_h if at >= played.onset_s])
+    known = flows[np.isfinite(flows)]
+    live = f"{known.min():.1f} to {known.max():.1f} m³/h" if len(known) else "none"
+    unknown = f", – in {np.mean(~np.isfinite(flows)):.0%}" if len(flows) and len(known) < len(flows) else ""
+    return f"{lengths[0]:.2f} / {lengths[1]:.2f} / {lengths[2]:.2f} m; live {live}{unknown}"
+
+
+def _describe(total: Selection) -> str:
+    litres = (total.volume_mm3 - total.true_mm3) * 1e-6
+    times = abs(litres) * 1e6 / total.sigma_mm3 if total.sigma_mm3 > 0 else math.inf if litres else 0.0
+    return f"{litres:+.2f} l ({100 * total.relative_error:+.1f} %), {times:.1f} σ"

@@ -27,7 +27,7 @@ TEXTURE, TEXTURE_PX = 2.0, 9
 
 
 class ImageFeatures(NamedTuple):
-    """What the core's image says about its pixels."""
+    """Features of the pixels of the core's image, and where it has texture."""
 
     planes: dict[str, Array]
     """(H, W) features by name."""

@@ -10,10 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.core.live import Alarm
+from beltscape.core.findings import Finding
+from beltscape.core.live import Alarm, CameraHealth
+from beltscape.core.messages import Message
 from beltscape.service.access.identity.roles import User
 from beltscape.service.app import create_app
 from beltscape.service.server import serve
+from beltscape.sinks.historian import StoredFinding
 from tests.service.feeder import PlantThread
 from tests.service.plants import PASSWORD, make_service
 
@@ -46,6 +49,7 @@ class Site:
         self.browser = browser
         self.works = make_service(folder, full_m3_h=900.0, stale_s=1.5)
         self.works.access.accounts.add("ana", "operator", PASSWORD)
+        self.works.access.accounts.add("eva", "engineer", PASSWORD)
         self.server = serve(self.works.app, self.works.settings)
         self.address = self.server.address
         for _ in range(frames):
@@ -56,13 +60,22 @@ class Site:
         self.errors: list[str] = []
         self.foreign_requests: list[str] = []
 
-    def page(self, path: str = "/", *, wide: int = 1300, high: int = 800, webgl: bool = False, **more):
+    def page(
+        self,
+        path: str = "/",
+        *,
+        wide: int = 1300,
+        high: int = 800,
+        webgl: bool = False,
+        user: str = "ana",
+        **more,
+    ):
         """Open a page, signed in; without WebGL by default, which is slow without a graphics card."""
         context = self.browser.new_context(
             viewport={"width": wide, "height": high}, locale="en-GB", reduced_motion="reduce", **more
         )
         context.set_default_timeout(SOON_MS)
-        token = self.works.access.sessions.open(User("ana", "operator"), "")
+        token = self.works.access.sessions.open(User(user, "operator"), "")
         context.add_cookies([{"name": "beltscape", "value": token, "url": self.address}])
         if not webgl:
             context.add_init_script(NO_WEBGL)
@@ -194,7 +207,7 @@ def test_language_and_theme_change_by_keyboard(site):
     page.reload()
     page.wait_for_selector("html[data-theme=dark][lang=zh-Hans]")
     page.keyboard.press("?")
-    assert page.locator("#keys kbd").count() == 11
+    assert page.locator("#keys kbd").count() == 12
     assert site.errors == []
     page.context.close()
 
@@ -292,3 +305,173 @@ def test_page_before_the_first_frame_states_this_and_shows_alarms(tmp_path, brow
     assert made.errors == []
     page.context.close()
     made.close()
+
+
+def test_negative_belt_positions_are_drawn_without_errors(tmp_path, browser):
+    made = Site(tmp_path, browser, frames=0)
+    made.works.plant.belt_mm = -200_000.0
+    made.running.paused.clear()
+    for webgl in (False, True):
+        page = made.page(webgl=webgl)
+        wait_for(page, "document.querySelector('#belt-none').hidden")
+        page.wait_for_timeout(600)
+        if not webgl:
+            wait_for(page, "document.querySelector('#belt').width > 500")
+            pixel = page.evaluate(
+                "[...document.querySelector('#belt').getContext('2d').getImageData(590, 50, 1, 1).data]"
+            )
+            assert pixel[3] == 255 and max(pixel[:3]) - min(pixel[:3]) > 30
+        page.context.close()
+    assert made.works.plant.belt_mm < -1000 and made.errors == []
+    made.close()
+
+
+def test_a_flow_without_a_measured_record_is_not_shown_though_frames_arrive(site):
+    page = site.page("/?lang=en")
+    wait_until_live(page)
+    wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
+    measure, site.works.plant._measure = site.works.plant._measure, lambda _: None
+    try:
+        page.wait_for_selector("body[data-link=stale]")
+        assert read_text(page, "#flow-volume") == "–"
+        assert read_text(page, "#flow-standing") != "valid"
+        assert "No measured record" in read_text(page, "#banner")
+    finally:
+        site.works.plant._measure = measure
+    wait_until_live(page)
+    assert site.errors == []
+    page.context.close()
+
+
+def test_a_long_camera_message_stretches_no_picture_and_is_translated(site):
+    plant = site.works.plant
+    message = Message("overexposed: " + "the pixels are saturated; " * 40, "overexposed", share=37)
+    camera = CameraHealth("cam3", "unusable", 9, 0, 5.0, 0.1, message)
+
+    def send_health() -> None:
+        cameras = {name: replace(camera, name=name, state="ok", message="") for name in ("cam1", "cam2")}
+        site.works.live_state.on_health({**cameras, "cam3": camera})
+
+    plant.send_health = send_health
+    try:
+        page = site.page("/?lang=de")
+        page.wait_for_selector(".camera[data-state=unusable]")
+        wait_for(page, "document.querySelectorAll('#cameras .camera').length === 3")
+        heights = page.evaluate(
+            "[...document.querySelectorAll('#cameras figure')].map((each) => each.clientHeight)"
+        )
+        assert max(heights) - min(heights) <= 1
+        assert "37 % der Pixel sind gesättigt" in read_text(page, ".camera[data-state=unusable] .message")
+        page.context.close()
+    finally:
+        del plant.send_health
+    assert site.errors == []
+
+
+def test_sign_out_on_a_phone(site):
+    page = site.page("/?lang=en", wide=360, high=740)
+    wait_until_live(page)
+    button = page.locator("#who button")
+    assert button.is_visible() and button.inner_text() == "Sign out"
+    box = button.bounding_box()
+    assert box["x"] >= 0 and box["x"] + box["width"] <= 360
+    page.evaluate("location.hash = '#history'")
+    page.wait_for_selector("#history-days td")
+    cells = "[...document.querySelectorAll('#history-days td, #history-events td')]"
+    cut = f"{cells}.filter((cell) => cell.getBoundingClientRect().right > 360).length"
+    assert page.evaluate(cut) == 0
+    button.click()
+    page.wait_for_url("**/login")
+    assert site.errors == []
+    page.context.close()
+
+
+def test_maintenance_is_begun_shown_and_ended(site):
+    page = site.page("/?lang=en")
+    wait_until_live(page)
+    page.click("#maintenance-begin")
+    page.fill("#maintenance-reason", "cleaning the windows")
+    page.select_option("#maintenance-minutes", "15")
+    page.click("#maintenance-dialog .main")
+    page.wait_for_selector("#maintenance:visible")
+    assert "cleaning the windows (ana" in read_text(page, "#maintenance-text")
+    wait_for(page, "document.querySelector('#flow-volume').innerText === '–'")
+    assert read_text(page, "#flow-standing") == "Maintenance"
+    assert site.works.plant.maintenance is not None
+    (entry,) = [one for one in site.works.access.audit.read_last(50) if one["what"] == "begin_maintenance"]
+    assert entry["who"] == "ana"
+    page.click("#maintenance-end")
+    page.wait_for_selector("#maintenance", state="hidden")
+    wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
+    assert site.works.plant.maintenance is None and site.errors == []
+    page.context.close()
+
+
+FINDINGS = (
+    Finding(
+        "dirt",
+        6.2,
+        0.5,
+        2.0,
+        "%",
+        "cam2",
+        "cam2: dirt at the marked place",
+        "degraded",
+        place=(0.5, 0.2, 0.8, 0.5),
+    ),
+    Finding("zero_shift", 0.3, 0.1, 2.0, "mm"),
+    Finding("encoder_motion", nan, nan, 0.02, ""),
+)
+
+
+@pytest.mark.parametrize(("language", "wide"), [("en", 1300), ("de", 360), ("zh", 1300)])
+def test_engineers_see_the_checks_with_trends_and_pictures(site, language, wide):
+    works, now = site.works, time.time_ns()
+    works.plant.send_findings(FINDINGS)
+    works.history.add_findings(
+        [StoredFinding(now - k * 10_000_000_000, each) for k in range(60) for each in FINDINGS]
+    )
+    page = site.page(f"/?lang={language}#health", wide=wide, high=740, user="eva")
+    page.wait_for_selector("#checks .check")
+    assert page.locator("#checks .check").count() == 3
+    first = page.locator("#checks .check").first
+    assert first.get_attribute("data-state") == "degraded" and "cam2" in first.inner_text()
+    page.wait_for_selector("#checks .check[data-key='zero_shift:'] .trend-plot .outline", state="attached")
+    page.wait_for_selector("#checks .check[data-key='dirt:cam2'] .trend-plot .fault", state="attached")
+    wait_for(page, "document.querySelectorAll('#health-pictures rect').length === 1")
+    assert page.evaluate("document.documentElement.scrollWidth") == wide
+    page.emulate_media(media="print")
+    assert not page.locator(".bar").is_visible() and first.is_visible()
+    assert site.errors == []
+    page.context.close()
+
+
+def test_operators_do_not_see_the_checks(site):
+    page = site.page("/#health")
+    wait_until_live(page)
+    assert not page.locator("#to-health").is_visible() and not page.locator("#health-view").is_visible()
+    assert page.locator("#live-view").is_visible()
+    page.context.close()
+
+
+def test_events_are_in_the_pages_language(site):
+    history = site.works.history
+    history.add_event(
+        "alarm", "camera_lost:cam3", "raised: no image for 4 s; check its power",
+        parameters={"state": "raised", "cause": "silent", "values": {"seconds": 4}},
+    )  # fmt: skip
+    history.add_event(
+        "alarm", "oversize_lump", "raised: a lump of 230 mm",
+        parameters={"state": "raised", "value": 230.0, "limit": 200.0, "unit": "mm"},
+    )  # fmt: skip
+    history.add_event("alarm", "slip", "gone: encoder and material differ by 5 %")  # of an older version
+    history.add_event("maintenance", "begin", "x", parameters={"reason": "Reinigung", "minutes": 30.0})
+    page = site.page("/?lang=de#history")
+    page.wait_for_selector("#history-events td")
+    wait_for(page, "document.querySelectorAll('#history-events tbody tr').length >= 4")
+    text = read_text(page, "#history-events")
+    assert "Kamera verloren: cam3 – anstehend: Seit 4 s kein Bild" in text
+    assert "Überkorn – anstehend: 230\u00a0mm, Grenze 200\u00a0mm" in text
+    assert "Wartung beginnt: Reinigung, höchstens 30 min" in text
+    assert "check" not in text and "differ" not in text
+    page.context.close()

@@ -26,7 +26,8 @@ function render() {
   $("flow-last").hidden = is_shown || !last;
   if (!is_shown && last) set_text($("flow-last"), t("flow.last", { value: format_unit(format_significant(last.value), "m3_h"), time: format_moment(last.wall_ms) }));
   show_standing(live ? flow : null);
-  show_trend(live ? flow : null, frames);
+  const is_stopped = frames.speed_m_s != null && Math.abs(frames.speed_m_s) < 0.001;
+  show_trend(is_shown || (live && is_stopped) ? flow : null, is_stopped);
   show_rated(live ? flow : null);
   set_text($("flow-speed"), live ? format_unit(format_number(frames.speed_m_s, 2), "m_s") : "–");
   set_text($("flow-area"), live ? format_unit(format_number(flow.area_m2, 4), "m2") : "–");
@@ -45,8 +46,8 @@ function show_standing(flow) {
   chip.title = standing ? t(`standing.${standing}_help`) : "";
 }
 
-function show_trend(flow, frames) {
-  const stopped = flow && frames.speed_m_s != null && frames.speed_m_s < 0.001;
+function show_trend(flow, is_stopped) {
+  const stopped = flow && is_stopped;
   const key = !flow ? "" : stopped ? "stopped" : flow.trend;
   const text = !flow ? "" : stopped ? t("flow.stopped") : t(`flow.trend_${flow.trend}`);
   const change = flow && !stopped && flow.change != null && flow.trend !== "unknown" ? `${format_signed_percent(flow.change)} ${t("flow.against_minute")}` : "";

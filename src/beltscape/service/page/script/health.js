@@ -101,19 +101,16 @@ async function load_trends() {
   if (!is_built || is_drawing || !is_open()) return;
   is_drawing = true;
   const chosen = period;
-  for (const item of [...visible]) {
+  const stored = await list_stored();
+  // the others follow once, so that a printed page is complete
+  const others = [...$("checks").children].filter((item) => item.check && !visible.has(item) && !trends.has(get_key(item.check)));
+  for (const item of [...visible, ...others]) {
     const one = item.check;
     if (!one || chosen !== period || !is_open()) continue;
     const key = get_key(one);
     const known = trends.get(key);
     if (!known || performance.now() - known.loaded_ms > TREND_MS) {
-      const until_ms = Math.round(Date.now() + store.clock_ms);
-      let series = known?.series ?? null;
-      try {
-        series = await get("/api/checks/series", { check: one.check, subject: one.subject, since_ms: until_ms - PERIODS[chosen] * 1000, until_ms, points: POINTS });
-      } catch {
-        // without a series the plot is empty; the next call tries again
-      }
+      const series = stored.has(key) ? await load_series(one, chosen) ?? known?.series : null;
       if (chosen !== period) break;
       trends.set(key, { series, loaded_ms: performance.now() });
       draw(item.lastChild, series, one);
@@ -121,6 +118,25 @@ async function load_trends() {
   }
   is_drawing = false;
   if (chosen !== period) load_trends();
+}
+
+/** Return the keys of the checks that have a series. */
+async function list_stored() {
+  try {
+    return new Set((await get("/api/checks/stored")).map(get_key));
+  } catch {
+    return new Set();
+  }
+}
+
+/** Return the series of a check over a period until now; null if it cannot be read at the moment. */
+async function load_series({ check, subject }, name) {
+  const until_ms = Math.round(Date.now() + store.clock_ms);
+  try {
+    return await get("/api/checks/series", { check, subject, since_ms: until_ms - PERIODS[name] * 1000, until_ms, points: POINTS });
+  } catch {
+    return null;
+  }
 }
 
 const is_number = (value) => value != null;
@@ -145,7 +161,7 @@ function draw(host, series, one) {
     svg.append(create_svg("path", { class: "band", d: `M${band.join("L")}z` }), create_svg("path", { class: "outline", d: `M${piece.map((i) => `${x(i)} ${y(series.mean[i])}`).join("L")}h.01` }));
   }
   if (near.length) svg.append(create_svg("path", { class: "limit", d: `M0 ${y(near.at(-1))}H${WIDTH}` }));
-  const scale = create_element("p", { class: "soft scale" }, create_element("span", {}, format_value(least, one.unit)), create_element("span", {}, format_date_time(series.start_ms[0])), create_element("span", {}, format_value(most, one.unit)));
+  const scale = create_element("p", { class: "soft scale" }, create_element("span", {}, `${format_value(least, one.unit)} – ${format_value(most, one.unit)}`), create_element("span", {}, t("totals.since", { time: format_date_time(series.start_ms[0]) })));
   host.replaceChildren(svg, scale);
 }
 

@@ -25,6 +25,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Run until SIGINT or SIGTERM, or to the end of a capture."""
     from beltscape.pipeline.live.assembly import RunOptions
     from beltscape.service.check import check_plant
+    from beltscape.service.data_rights import restrict_rights
     from beltscape.service.lifecycle import log_to_stderr, make_stop_event, make_watchdog
     from beltscape.service.plant import make_expiry_counter, run_plant
     from beltscape.service.project import open_project
@@ -41,7 +42,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         certificate_days=make_expiry_counter(web.tls_certificate, web.tls_key),
         heartbeat=make_watchdog(),
     )
-    return run_plant(project, options, make_stop_event(), page=not arguments.no_page)
+    with restrict_rights(options.data):
+        return run_plant(project, options, make_stop_event(), page=not arguments.no_page)
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import closing
+
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.check import is_running, list_checks
 from beltscape.pipeline.live.project import Project
+from beltscape.service.access.identity.database import FILE, Database
 from beltscape.service.project import ProjectSettings
 from beltscape.service.server import check_listening
 
@@ -23,6 +26,7 @@ def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: 
     checks = list(list_checks(project, reporter))
     if page:
         checks.append(("page", lambda: _page_line(project)))
+        checks.append(("users", lambda: _users_line(project)))
     for name, check in checks:
         try:
             lines[name] = check()
@@ -35,6 +39,14 @@ def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: 
         more = f"; further faults in {', '.join(name for name, _ in others)}" if others else ""
         raise type(first[1])(f"{first[1]}{more}") from first[1]
     return lines
+
+
+def _users_line(project: Project[ProjectSettings]) -> str:
+    folder = project.resolve(project.settings.data)
+    if not (folder / FILE).exists():
+        return "none yet"
+    with closing(Database(folder)) as database:
+        return f"{database.select('SELECT count(*) FROM users')[0][0]} users"
 
 
 def _page_line(project: Project[ProjectSettings]) -> str:

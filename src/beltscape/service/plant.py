@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from contextlib import closing, contextmanager, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from threading import Event
 from time import time
@@ -49,9 +49,12 @@ def run_plant(
     if page:
         check_listening(project.settings.web)  # before the history is opened
     live_state = LiveState(project.settings.web)
+    access = Access(options.data, project.settings.web.access) if page else None
+    if access is not None:
+        options = replace(options, users_trouble=lambda: access.trouble)
     assembled = assemble(project, options, Observers([live_state, LogObserver()]))
     totals_before = assembled.historian.totals
-    with _serve_page(project, options.data, live_state, assembled) if page else nullcontext() as running:
+    with _serve_page(project, access, live_state, assembled) if access else nullcontext() as running:
         assembled.engine.start()
         notify("READY=1")
         log_address(running)
@@ -68,10 +71,10 @@ def run_plant(
 
 @contextmanager
 def _serve_page(
-    project: Project[ProjectSettings], data: Path, live_state: LiveState, assembled: AssembledRun
+    project: Project[ProjectSettings], access: Access, live_state: LiveState, assembled: AssembledRun
 ) -> Generator[RunningServer]:
     web = project.settings.web
-    with closing(Access(data, web.access)) as access:
+    with closing(access):
         running = serve(create_app(live_state, assembled.historian, access, assembled.engine, web), web)
         try:
             yield running

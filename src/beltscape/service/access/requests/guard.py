@@ -15,6 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from beltscape.service.access.access import Access
 from beltscape.service.access.identity.cookie import TOKEN_HEADER, read_session_token
+from beltscape.service.access.identity.database import UsersUnreadableError
 from beltscape.service.access.identity.keys import read_key
 from beltscape.service.access.identity.roles import User
 from beltscape.service.access.identity.sessions import derive_page_token
@@ -33,6 +34,12 @@ from beltscape.service.access.requests.checks import (
 from beltscape.service.access.requests.dependencies import USER, get_address
 from beltscape.service.access.requests.headers import add_security_headers
 from beltscape.service.access.requests.sockets import WebSocketLimiter
+
+UNREADABLE_USERS = (
+    "users.db cannot be read, so nobody can sign in; measuring continues; restore it from a backup, or remove it and "
+    "set up again"
+)
+"""Answer while the users' database is damaged; the log has its path and the error."""
 
 
 class RequestRefused(Exception):  # noqa: N818
@@ -71,6 +78,9 @@ class Guard:
                 receive = await self._read_body(scope, receive)
         except RequestRefused as refused:
             await _send_refusal(refused, scope, receive, send)
+            return
+        except UsersUnreadableError:
+            await _send_refusal(RequestRefused(503, UNREADABLE_USERS), scope, receive, send)
             return
         if scope["type"] == "websocket":
             await self._sockets.run(self._app, scope, receive, send)
@@ -114,11 +124,15 @@ class Guard:
             scope[USER] = await self._identify_program(scope, key)
             return
         token = read_session_token(connection)
-        user = scope[USER] = (
-            await run_in_threadpool(self._access.identify, token) if token else self._access.identify(None)
-        )
         path = scope["path"]
         is_public = any(path.startswith(p) if p.endswith("/") else path == p for p in self._public)
+        try:
+            user = await run_in_threadpool(self._access.identify, token) if token else None
+        except UsersUnreadableError:
+            user, token = None, None
+            if not is_public and self._access.identify(None) is None:
+                raise
+        user = scope[USER] = user or self._access.identify(None)
         if user is None and not is_public:
             raise self._make_login_refusal(scope)
         if user is None or token is None or self._access.is_anonymous(user):

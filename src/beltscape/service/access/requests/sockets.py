@@ -13,6 +13,7 @@ from starlette.websockets import WebSocketDisconnect
 
 from beltscape.service.access.access import Access
 from beltscape.service.access.identity.cookie import read_session_token
+from beltscape.service.access.identity.database import UsersUnreadableError
 from beltscape.service.access.limits.throttle import TokenBuckets
 from beltscape.service.access.requests.dependencies import USER, get_address
 
@@ -56,7 +57,11 @@ class WebSocketLimiter:
             nonlocal checked_s
             if message["type"] == "websocket.send" and time.monotonic() - checked_s >= SESSION_CHECK_S:
                 checked_s = time.monotonic()
-                if await run_in_threadpool(self._access.identify, token, touch=False) != user:
+                try:
+                    present = await run_in_threadpool(self._access.identify, token, touch=False)
+                except UsersUnreadableError:  # the end of a session cannot be told from damage
+                    present = None
+                if present != user:
                     await send(
                         {"type": "websocket.close", "code": SESSION_ENDED_CODE, "reason": "log in again"}
                     )

@@ -1,4 +1,4 @@
-"""Rights of the data folder: its files are for the program's user and group, whatever the umask it was started with."""
+"""Rights of the data folder: its files are for the user and the group of the program, whatever its umask."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding, worst_effect
+from beltscape.core.findings import worst_effect
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.motion.belt_motion import (
     MAX_DISAGREEMENT,
@@ -145,7 +145,9 @@ class MotionTracker:
         if place is not None and frame.encoder_mm is not None:
             self._last_reading = place
         has_turned = was_assumed and self.direction != direction
-        finding = self._make_finding(frame, before, place)
+        finding = None
+        if place is not None and not (frame.encoder_mm is None and self.check.is_trusted):
+            finding = make_encoder_finding(self.check, before, place)
         return Location(place, shift, self.check.is_trusted, contradiction, finding, has_turned)
 
     def update_key(self, frame: PushedFrame, place: BeltPosition) -> None:
@@ -296,15 +298,3 @@ class MotionTracker:
         agrees = abs(step - by_speed) <= MAX_DISAGREEMENT * abs(by_speed)
         if abs(by_speed) > LEAST_MM and agrees and self.check.count_agreement():
             self.motion.scale = EncoderScale()
-
-    def _make_finding(
-        self, frame: PushedFrame, before: BeltPosition | None, place: BeltPosition | None
-    ) -> Finding | None:
-        if (frame.encoder_mm is None and self.check.is_trusted) or place is None:
-            return None
-        step = 0.0 if before is None else abs(place.position_mm - before.position_mm)
-        return make_encoder_finding(
-            self.check,
-            is_measured=place.source == "material",
-            relative_sigma=min(1.0, place.sigma_mm / max(step, 1.0)),
-        )

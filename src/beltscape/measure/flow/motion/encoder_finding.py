@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from beltscape.core.findings import Finding
+from beltscape.measure.flow.motion.belt_motion import BeltPosition
 from beltscape.measure.flow.motion.encoder_check import EncoderCheck, Kind
 
 CHECK = "encoder_motion"
@@ -19,12 +20,11 @@ _TEXTS: dict[Kind, str] = {
 _NAN = float("nan")
 
 
-def make_encoder_finding(check: EncoderCheck, *, is_measured: bool, relative_sigma: float) -> Finding:
-    """Return the finding of a frame.
-
-    ``is_measured``: the material's motion was measured in it; else ``relative_sigma`` is the relative uncertainty of
-    the belt's step.
-    """
+def make_encoder_finding(check: EncoderCheck, before: BeltPosition | None, place: BeltPosition) -> Finding:
+    """Return the finding of a frame at a position; ``before`` is that of the frame before."""
+    is_measured = place.source == "material"
+    step = 0.0 if before is None else abs(place.position_mm - before.position_mm)
+    relative_sigma = min(1.0, place.sigma_mm / max(step, 1.0))
     contradiction = check.contradiction
     if contradiction is None:
         value, sigma = check.deviation if is_measured else (_NAN, _NAN)

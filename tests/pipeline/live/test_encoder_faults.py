@@ -1,0 +1,221 @@
+"""Encoder and material contradict each other: nothing is valid, and the ledger counts the metres by the material."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Reporter, Silent
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementRun
+from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
+from tests.measure.flow.moving_belt import Heap, depth_map
+from tests.synthetic.belt_feed import CAMERAS, IMAGE, FakeMatcher, make_context
+
+Array = NDArray[np.floating]
+HEAP = Heap(start_mm=-60_000, end_mm=900, seed=8)
+STEP_MM = 75.0
+RATE_HZ = 8.0
+COUNT, FIRST, END = 38, 12, 24
+"""Number of frames; the fault is in the frames from FIRST to before END."""
+FAULT = np.arange(COUNT)
+FAULT = (FAULT >= FIRST) & (FAULT < END)
+
+
+@cache
+def depth_at(place_mm: float, is_empty: bool) -> DepthMap:
+    return depth_map(None if is_empty else HEAP, place_mm, seed=3)
+
+
+class PlaceMatcher(FakeMatcher):
+    """Returns the depth map of the place that the frame's name contains."""
+
+    def __init__(self, is_empty: bool) -> None:
+        self._is_empty = is_empty
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
+        return depth_at(float(frame_set.frame.split("|")[1]), self._is_empty)
+
+
+def measure(
+    places_mm: Array, encoder_mm: Sequence[float | None], *, is_empty: bool = False
+) -> tuple[list[BeltRecord], list[list[Finding]]]:
+    """Return the entries, and the encoder's findings by frame set."""
+    context = replace(make_context(), matcher=PlaceMatcher(is_empty))
+    run = MeasurementRun(context, LedgerState(1, 0, None), CAMERAS, lambda: 17, Silent())
+    entries: list[BeltRecord] = []
+    findings: list[list[Finding]] = []
+    for number, (place, reading) in enumerate(zip(places_mm, encoder_mm, strict=True)):
+        time_ns = round(number / RATE_HZ * 1e9)
+        outcome = run.push(FrameSet(f"{number}|{place}", dict.fromkeys(CAMERAS, IMAGE), time_ns, reading))
+        entries += outcome.entries
+        findings.append([one for one in outcome.findings if one.check == "encoder_motion"])
+    return entries + run.finish().entries, findings
+
+
+def list_not_valid(entries: Sequence[BeltRecord]) -> list[int]:
+    return [
+        int(entry.strip.frame.split("|")[0])
+        for entry in entries
+        if entry.strip is not None and entry.standing != "valid"
+    ]
+
+
+def check_ledger(entries: Sequence[BeltRecord], travel_mm: float) -> None:
+    """Check that the entries follow each other and add up to the belt that passed."""
+    for before, after in pairwise(entries):
+        assert after.belt_mm[0] == before.belt_mm[1]
+    assert entries[-1].belt_mm[1] - entries[0].belt_mm[1] == pytest.approx(travel_mm, rel=0.01)
+    assert all(entry.length_mm > 0 for entry in entries)
+    for entry in entries:
+        assert (entry.reason == "") == (entry.standing == "valid")
+
+
+def places(step_mm: float = STEP_MM) -> Array:
+    return step_mm * np.arange(COUNT)
+
+
+def alter_steps(places_mm: Array, factor: float) -> Array:
+    """Return readings whose steps are multiplied by a factor during the fault."""
+    steps = np.diff(places_mm, prepend=places_mm[0])
+    return np.cumsum(np.where(FAULT, factor * steps, steps))
+
+
+def jump_wildly(places_mm: Array) -> Array:
+    return np.where(FAULT, np.random.default_rng(4).uniform(-5000, 20_000, COUNT), places_mm)
+
+
+FAULTS: dict[str, Callable[[Array], Array]] = {
+    "frozen, then catching up": lambda p: np.where(FAULT, p[FIRST - 1], p),
+    "lifted, then counting on": lambda p: alter_steps(p, 0.0),
+    "reversed": lambda p: alter_steps(p, -1.0),
+    "wild": jump_wildly,
+    "10 % slow": lambda p: alter_steps(p, 0.9),
+    "wrong scale": lambda p: alter_steps(p, 10.0),
+}
+JUMPS: dict[str, Callable[[Array], Array]] = {
+    "by 300 mm": lambda p: p + 300.0 * (p >= p[FIRST]),
+    "by 5 m": lambda p: p + 5000.0 * (p >= p[FIRST]),
+    "reset to 0": lambda p: p - p[FIRST] * (p >= p[FIRST]),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_nothing_is_valid_from_the_first_contradicted_frame_on(fault: str) -> None:
+    track = places()
+    entries, findings = measure(track, [float(reading) for reading in FAULTS[fault](track)])
+    check_ledger(entries, track[-1])
+    not_valid = list_not_valid(entries)
+    assert set(range(FIRST, END)) <= set(not_valid)
+    assert set(not_valid) <= set(range(FIRST, END + 6))  # trusted again after several steps that agree
+    assert any(one.is_fault for made in findings[: FIRST + 3] for one in made)
+    assert not any(one.is_fault for made in findings[:FIRST] for one in made)
+    sound, _ = measure(track, list(track))
+    volume = sum(entry.volume_mm3 for entry in entries)
+    assert volume == pytest.approx(sum(entry.volume_mm3 for entry in sound), rel=0.005)
+
+
+@pytest.mark.parametrize("jump", JUMPS)
+def test_a_jump_is_no_belt_and_the_encoder_is_trusted_again_after_it(jump: str) -> None:
+    track = places()
+    entries, findings = measure(track, [float(reading) for reading in JUMPS[jump](track)])
+    check_ledger(entries, track[-1])
+    assert list_not_valid(entries) == list(range(FIRST, FIRST + 4))
+    assert not any(one.is_fault for one in findings[-1])
+
+
+@pytest.mark.parametrize(("slip", "frames"), [(0.01, 30), (0.03, 5)])
+def test_slip_adds_up_until_it_exceeds_its_uncertainty(slip: float, frames: int) -> None:
+    track = places()
+    steps = np.diff(track, prepend=track[0]) * np.where(np.arange(COUNT) >= FIRST, 1 - slip, 1.0)
+    entries, findings = measure(track, [float(reading) for reading in np.cumsum(steps)])
+    check_ledger(entries, track[-1])
+    faults = [one for made in findings[: FIRST + frames] for one in made if one.is_fault]
+    assert faults
+    assert faults[-1].value == pytest.approx(-slip, abs=4 * faults[-1].sigma + 0.002)
+    assert list_not_valid(entries)[-1] == COUNT - 1
+
+
+def test_a_small_slip_is_a_trend_with_sigma_and_no_fault() -> None:
+    track = places()
+    entries, findings = measure(track, [0.997 * float(place) for place in track])
+    assert list_not_valid(entries) == []
+    (last,) = findings[-1]
+    assert not last.is_fault
+    assert last.value == pytest.approx(-0.003, abs=0.0015)
+    assert 0 < last.sigma < 0.001
+
+
+@pytest.mark.parametrize("step_mm", [330.0, 460.0])
+def test_fast_belts_whose_views_hardly_overlap(step_mm: float) -> None:
+    track = places(step_mm)
+    entries, _ = measure(track, [float(reading) for reading in FAULTS["frozen, then catching up"](track)])
+    check_ledger(entries, track[-1])
+    assert set(range(FIRST, END)) <= set(list_not_valid(entries))
+
+
+@pytest.mark.parametrize("step_mm", [20.0, 75.0, 330.0, 600.0, 900.0])
+@pytest.mark.parametrize("is_empty", [False, True])
+def test_a_sound_encoder_is_not_accused(step_mm: float, is_empty: bool) -> None:
+    """Also where the views have nothing in common, and where nothing lies on the belt."""
+    track = places(step_mm)
+    jitter = np.random.default_rng(6).normal(0, 0.4, COUNT)
+    _, findings = measure(track, [float(reading) for reading in track + jitter], is_empty=is_empty)
+    assert not any(one.is_fault for made in findings for one in made)
+
+
+def test_a_stop_and_a_start_accuse_nobody() -> None:
+    speed = np.concatenate([np.full(12, 75.0), np.linspace(75, 0, 5), np.zeros(10), np.linspace(0, 75, 5)])
+    track = np.cumsum(np.concatenate([speed, np.full(COUNT - len(speed), 75.0)]))
+    entries, findings = measure(track, [float(place) for place in track])
+    assert list_not_valid(entries) == []
+    assert not any(one.is_fault for made in findings for one in made)
+
+
+def test_frozen_images_give_no_multiples_of_the_load() -> None:
+    track = places()
+    frozen = np.where(np.arange(COUNT) >= FIRST, track[FIRST - 1], track)
+    entries, findings = measure(frozen, [float(place) for place in track])
+    assert set(range(FIRST, COUNT)) <= set(list_not_valid(entries))
+    assert any(one.is_fault for made in findings[: FIRST + 4] for one in made)
+    before, _ = measure(track[:FIRST], [float(place) for place in track[:FIRST]])
+    assert sum(entry.volume_mm3 for entry in entries) == pytest.approx(
+        sum(entry.volume_mm3 for entry in before), rel=0.05
+    )
+
+
+def test_a_silent_encoder_that_returns_with_another_count() -> None:
+    track = places()
+    readings = [
+        None if silent else float(place) - 2000 * (number >= END)
+        for number, (place, silent) in enumerate(zip(track, FAULT, strict=True))
+    ]
+    entries, _ = measure(track, readings)
+    check_ledger(entries, track[-1])
+    assert list_not_valid(entries) == list(range(END, END + 4))
+
+
+def test_an_encoder_that_counts_in_reverse_from_the_start() -> None:
+    track = places()
+    context = replace(make_context(), matcher=PlaceMatcher(False))
+    context = replace(context, flow=context.flow.model_copy(update={"direction": None}))
+    run = MeasurementRun(context, LedgerState(1, 0, None), CAMERAS, lambda: 17, Silent())
+    entries: list[BeltRecord] = []
+    for number, place in enumerate(track):
+        frames = FrameSet(
+            f"{number}|{place}", dict.fromkeys(CAMERAS, IMAGE), round(number / RATE_HZ * 1e9), -float(place)
+        )
+        entries += run.push(frames).entries
+    entries += run.finish().entries
+    assert entries[-1].belt_mm[1] - entries[0].belt_mm[1] == pytest.approx(track[-1], rel=0.01)
+    assert len(list_not_valid(entries)) == len([entry for entry in entries if entry.strip is not None])

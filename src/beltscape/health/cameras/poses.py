@@ -44,6 +44,11 @@ def make_pose_findings(
     return tuple(_add_faults(finding, faults) for finding in findings)
 
 
+def make_unreliable_finding(text: str) -> Finding:
+    """Return the finding of a frame whose few pixels match by chance, because no image fits the rig."""
+    return Finding(POSE, _NAN, _NAN, _NAN, "mm", "", text, "missing")
+
+
 def make_unchecked_finding() -> Finding:
     """Return the finding of frames before the first that shows whether the cameras agree with the rig."""
     text = (

@@ -49,7 +49,7 @@ class CameraCheck:
 
     def diagnose(self, frame_set: FrameSet, consistency: RigConsistency) -> list[CameraFault]:
         """Return the faults that explain the inconsistencies; exchanged images are searched once."""
-        if consistency.is_sound:
+        if consistency.is_sound and consistency.find_auxiliaries("sound"):
             self._misplaced.clear()
             return []
         key = consistency.inconsistent

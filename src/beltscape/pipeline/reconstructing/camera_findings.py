@@ -12,6 +12,7 @@ from beltscape.health.cameras.poses import (
     PoseFault,
     make_pose_findings,
     make_unchecked_finding,
+    make_unreliable_finding,
     repeat_faults,
 )
 from beltscape.health.cameras.redundancy import make_redundancy_finding
@@ -67,6 +68,10 @@ class CameraFindings:
         lost = [PoseFault(fault, "missing", 0.0) for fault in faults]
         self._checked = make_pose_findings(consistency, self._rig, lost)
         self.latest = self._checked
+
+    def set_unreliable(self, cause: str) -> None:
+        """Add that the last frame's depth is unreliable."""
+        self.latest = (*self.latest, make_unreliable_finding(cause))
 
     def set_unmatched(self) -> None:
         """Set the findings of a frame without depth that was not checked."""

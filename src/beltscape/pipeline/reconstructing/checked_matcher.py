@@ -174,6 +174,8 @@ class CheckedMatcher:
             frame_set, self.rig, consistency, self._near_far, depth.coverage
         )
         if is_unreliable:
+            self._findings.set_unreliable(cause)
+            self._schedule.request()
             depth = add_systematic_error(depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12)))
         return depth, [cause]
 

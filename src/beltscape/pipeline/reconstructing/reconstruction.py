@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from beltscape.core.errors import InputError, ReconstructionError, SettingsError
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
@@ -19,6 +20,8 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.reconstruction import write_frame, write_reconstruction
 from beltscape.files.rig_json import write_rig
 from beltscape.files.rig_limits import LEAST_DEPTH_MM, find_oddities
+from beltscape.health.monitor import HealthMonitor
+from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth, CheckedMatcher
 from beltscape.pipeline.reconstructing.regions import write_regions
 from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
@@ -48,6 +51,8 @@ class Frame:
 
     frame_set: FrameSet
     checked: CheckedDepth
+    health: tuple[Finding, ...] = ()
+    """The findings about its images."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +104,8 @@ def reconstruct_capture(
     documents: list[Mapping[str, Any]] = []
     regions: Path | None = None
     builder = CloudBuilder(rig.core_camera)
-    for frame in reconstruct(source, matcher, reporter):
+    monitor = HealthMonitor(rig, HealthSettings(learning=False))
+    for frame in reconstruct(source, matcher, monitor, reporter):
         if not documents:
             write_rig(out / "rig.json", rig)
             regions = write_regions(out / "regions.png", frame.frame_set, rig, (rig.core, *auxiliaries))
@@ -128,6 +134,20 @@ def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, An
         "systematic_mm": depth.systematic_mm,
         "doubts": checked.faults,
         "consistency": checked.consistency and make_consistency_document(checked.consistency),
+        "health": [_make_finding_document(finding) for finding in frame.health],
+    }
+
+
+def _make_finding_document(finding: Finding) -> Mapping[str, Any]:
+    return {
+        "check": finding.check,
+        "camera": finding.subject,
+        "value": finding.value,
+        "sigma": finding.sigma,
+        "limit": finding.limit,
+        "unit": finding.unit,
+        "effect": finding.effect,
+        "text": finding.text,
     }
 
 
@@ -229,8 +249,10 @@ def _make_matcher(
     return CheckedMatcher(rig, auxiliaries, near_far, make_matcher, propose_rig=propose_rig)
 
 
-def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporter) -> Iterator[Frame]:
-    """Yield every frame that can be measured; warn of the others and of inconsistent cameras.
+def reconstruct(
+    source: FolderSource, matcher: CheckedMatcher, monitor: HealthMonitor, reporter: Reporter
+) -> Iterator[Frame]:
+    """Yield every frame that can be measured; warn of the others, of faulty images and of inconsistent cameras.
 
     Raises
     ------
@@ -239,6 +261,10 @@ def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporte
     """
     done, failure = 0, None
     for frame_set in source:
+        health = monitor.check_images(frame_set).findings
+        for finding in health:
+            if finding.is_fault:
+                reporter.warn(f"frame {frame_set.frame}: {finding.text}")
         try:
             checked = matcher.measure(frame_set, reporter)
         except ReconstructionError as error:
@@ -249,6 +275,6 @@ def reconstruct(source: FolderSource, matcher: CheckedMatcher, reporter: Reporte
         done += 1
         for line in checked.faults:
             reporter.warn(line)
-        yield Frame(frame_set, checked)
+        yield Frame(frame_set, checked, health)
     if not done:
         raise failure or ReconstructionError(f"{source.folder}: no frame in it")

@@ -52,7 +52,7 @@ class RigProposals:
     def add(self, consistency: RigConsistency) -> None:
         """Propose the rig of a frame's pose change if it is new or more precise than the proposal before."""
         change = consistency.pose_change
-        if change is None or self._propose is None or not self._is_better(change):
+        if change is None or self._propose is None or not (change.is_plausible and self._is_better(change)):
             return
         self._last = change
         self._propose(make_proposed_rig(self._rig, change))

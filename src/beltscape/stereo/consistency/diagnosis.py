@@ -17,7 +17,7 @@ def diagnose_cameras(frame_set: FrameSet, rig: Rig, consistency: RigConsistency)
 
 def find_misplaced_images(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> MisplacedImages:
     """Return the images that fit the rig when they are exchanged, or else flipped."""
+    if consistency.is_sound and consistency.find_auxiliaries("sound"):
+        return MisplacedImages()
     exchanged = find_exchange(frame_set, rig, consistency)
-    return MisplacedImages(
-        exchanged, None if exchanged or consistency.is_sound else find_mirroring(frame_set, rig, consistency)
-    )
+    return MisplacedImages(exchanged, None if exchanged else find_mirroring(frame_set, rig, consistency))

@@ -21,11 +21,8 @@ _LEAST_INLIERS = 0.6
 """Least share of inliers of a camera that fits."""
 POINTS = 150
 """Number of points that distinguishes a camera that fits from one that does not."""
-GAIN = 1.3
+_GAIN = 1.3
 """Least ratio of the points that fit after the exchange to those that fit before."""
-_KNOCK = 2.0, 20.0
-"""A knock turns a camera by less (°) and shifts it by less (mm); a larger pose change that explains a frame arises by
-chance among images of other cameras."""
 
 
 def find_exchange(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> tuple[str, str] | None:
@@ -36,7 +33,7 @@ def find_exchange(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) ->
         return None
     if pose_change is None and len(inconsistent) < 2 and has_sound:
         return None
-    if pose_change is not None and pose_change.angle_deg < _KNOCK[0] and pose_change.shift_mm < _KNOCK[1]:
+    if pose_change is not None and pose_change.is_plausible:
         return None
     suspects = (
         inconsistent if len(inconsistent) > 1 and has_sound else list_imaged_auxiliaries(frame_set, rig)
@@ -53,7 +50,7 @@ def find_exchange_among(frame_set: FrameSet, rig: Rig, suspects: tuple[str, ...]
     points_px = detect_textured_points(frame_set.images[rig.core], rig.core_camera, max_points=POINTS)
     before = count_fitting_points(frame_set, rig, names, points_px)
     best: tuple[str, str] | None = None
-    most = GAIN * sum(before.values()) + 1
+    most = _GAIN * sum(before.values()) + 1
     cameras = (rig.core, *suspects) if len(suspects) == len(names) else suspects
     for pair in combinations(cameras, 2):
         images = dict(frame_set.images)

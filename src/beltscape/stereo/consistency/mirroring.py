@@ -10,7 +10,6 @@ import numpy as np
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.exchange import (
-    GAIN,
     POINTS,
     count_fitting_points,
     list_imaged_auxiliaries,
@@ -23,6 +22,12 @@ _STEPS: dict[Flip, tuple[int, int]] = {"left to right": (1, -1), "upside down": 
 """Steps of rows and columns that undo each flip."""
 
 
+_WELL_CONFIRMED = 2
+"""With this number of sound auxiliaries, the core's image is not flipped."""
+_SHARE = 0.4
+"""A flipped image fits if it finds this share of the points of the best auxiliary."""
+
+
 @dataclass(frozen=True, slots=True)
 class Mirroring:
     """Cameras whose images are mirrored or turned by half a turn."""
@@ -32,25 +37,31 @@ class Mirroring:
 
 
 def find_mirroring(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> Mirroring | None:
-    """Return the cameras whose flipped images fit the rig best: all, the core, or one inconsistent auxiliary.
+    """Return the cameras whose flipped images fit the rig: all, the core, or one unmatched auxiliary.
 
-    The result is None if nothing is unmatched: a mirrored image shows hardly any point where the rig predicts it.
+    The result is None if a knock of one camera explains the frame, or if no image is unmatched: hardly any point of a
+    mirrored image lies where the rig predicts it.
     """
-    has_sound = bool(consistency.find_auxiliaries("sound"))
-    if has_sound and not consistency.find_auxiliaries("unmatched"):
+    change = consistency.pose_change
+    if change is not None and change.is_plausible:
         return None
     names = list_imaged_auxiliaries(frame_set, rig)
-    suspects: list[tuple[str, ...]] = [(name,) for name in consistency.inconsistent]
-    if len(suspects) > 1:
-        suspects = [(rig.core, *names), (rig.core,), *suspects]
+    if len(consistency.find_auxiliaries("sound")) >= _WELL_CONFIRMED:
+        suspects = [(name,) for name in consistency.find_auxiliaries("unmatched")]
+    else:
+        suspects = [(rig.core, *names), (rig.core,), *((name,) for name in consistency.inconsistent)]
+    before = _count(frame_set, rig, names) if suspects else {}
     best: Mirroring | None = None
-    most = 1.0 + GAIN * sum(_count(frame_set, rig, names).values())
+    most = sum(before.values())
     for cameras in suspects:
         affected = names if rig.core in cameras else cameras
         for flip in _STEPS:
             points = _count(_flip_images(frame_set, cameras, flip), rig, names)
-            if all(points[name] for name in affected) and sum(points.values()) > most:
-                best, most = Mirroring(cameras, flip), float(sum(points.values()))
+            total = sum(points.values())
+            if total > most and all(
+                points[n] > max(before[n], _SHARE * max(points.values())) for n in affected
+            ):
+                best, most = Mirroring(cameras, flip), total
     return best
 
 

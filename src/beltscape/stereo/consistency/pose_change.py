@@ -21,6 +21,9 @@ _LOSS_PX = 0.5
 """Scale of Cauchy's loss; larger residuals are false matches and weigh less."""
 _BOUND = np.array([0.2, 0.2, 0.2, 100.0, 100.0, 100.0])
 """rad and mm; beyond these the search would not have found the points."""
+_KNOCK = 2.0, 20.0
+"""A knock turns a camera by less (°) and shifts it by less (mm); a larger pose change that explains a frame arises by
+chance among images of other cameras."""
 _BIAS_PX = 0.01
 """Systematic error of the matching in one block; rendered captures under their true rigs have 0.005 px."""
 
@@ -38,6 +41,11 @@ class PoseChange:
     """(6,) rotation vector, rad, and shift of the camera frame, mm."""
     covariance: Array
     """(6, 6) of the change."""
+
+    @property
+    def is_plausible(self) -> bool:
+        """Return whether a knock may have moved the camera by this."""
+        return self.angle_deg < _KNOCK[0] and self.shift_mm < _KNOCK[1]
 
     @property
     def angle_sigma_deg(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import fields, replace
+from pathlib import Path
 from threading import Thread
 
 import numpy as np
@@ -16,6 +17,7 @@ from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES
 from beltscape.alarms.settings import AlarmSettings, Fault, OversizeLump
 from beltscape.alarms.texts import TEXTS
+from beltscape.core.errors import InputError
 from beltscape.core.findings import Finding
 from beltscape.core.live import CameraHealth, CameraState
 from beltscape.core.messages import get_key
@@ -471,3 +473,8 @@ def test_alarms_of_measurement_are_held_during_maintenance():
     plant.run(replace(GOOD, is_maintained=True), 300)  # nor are they cleared
     held = {name for name, state in raised.items() if state == "raised" and name != "disk_full"}
     assert {name for name, state in plant.states().items() if state == "raised"} == held
+
+
+def test_an_unknown_check_in_the_settings_is_refused():
+    with pytest.raises(InputError, match=r"zero_shfit.*did you mean 'zero_shift'"):
+        validate(Path("project.toml"), AlarmSettings, {"checks": {"zero_shfit": {"after_s": 3}}})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from itertools import pairwise
 from math import nan
 
@@ -11,7 +12,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from beltscape.core.live import Alarm, AlarmState
+from beltscape.core.findings import Finding
+from beltscape.core.live import Alarm, AlarmState, CameraHealth
+from beltscape.core.messages import Message
+from beltscape.sinks.historian import StoredFinding
 from tests.service.feeder import make_heights
 from tests.service.plants import BEGIN_NS, OPEN, STEP_NS, make_service
 
@@ -213,3 +217,71 @@ def test_earlier_totals_are_shown_from_the_start(tmp_path):
     again = make_service(tmp_path, access=OPEN)
     assert again.browser()("GET", "/api/state").json()["totals"]["valid_m"] == pytest.approx(4 * 0.48)
     again.history.close()
+
+
+def test_checks_and_their_series_are_for_engineers(tmp_path):
+    made = make_service(tmp_path, 2)
+    dirt = Finding(
+        "dirt",
+        6.2,
+        0.5,
+        2.0,
+        "%",
+        "cam2",
+        "cam2: dirt",
+        "degraded",
+        cause="smeared",
+        place=(0.1, 0.2, 0.3, 0.4),
+    )
+    unknown = Finding("zero_shift", nan, nan, 2.0, "mm")
+    made.plant.send_findings([dirt, unknown])
+    made.history.add_findings([StoredFinding(BEGIN_NS + k * 1_000_000_000, dirt) for k in range(20)])
+    engineer, operator = made.browser("engineer"), made.browser("operator")
+    one, other = engineer("GET", "/api/checks").json()
+    assert (one["check"], one["subject"], one["fault"], one["cause"]) == ("dirt", "cam2", True, "smeared")
+    assert one["place"] == [0.1, 0.2, 0.3, 0.4] and one["effect"] == "degraded"
+    assert other["value"] is None and other["fault"] is False and other["place"] is None
+    assert engineer("GET", "/api/checks/stored").json() == [{"check": "dirt", "subject": "cam2", "unit": "%"}]
+    query = f"since_ms={MS}&until_ms={MS + 40_000}&points=4"
+    series = engineer("GET", f"/api/checks/series?check=dirt&subject=cam2&{query}").json()
+    assert series["mean"] == [6.2, 6.2, None, None] and series["limit"][0] == 2.0
+    assert series["effect"] == ["degraded", "degraded", "none", "none"] and sum(series["faults"]) == 20
+    assert engineer("GET", f"/api/checks/series?check=dirt&{query}").status_code == 404
+    for path in ("/api/checks", "/api/checks/stored", f"/api/checks/series?check=dirt&subject=cam2&{query}"):
+        assert operator("GET", path).status_code == 403
+    made.history.close()
+
+
+def test_maintenance_is_for_operators_and_audited(tmp_path):
+    made = make_service(tmp_path, 3)
+    viewer, operator = made.browser("viewer"), made.browser("operator")
+    body = {"reason": "cleaning", "minutes": 15}
+    assert viewer("POST", "/api/maintenance/begin", json=body).status_code == 403
+    for wrong in ({}, {"reason": ""}, {**body, "minutes": 0}, {**body, "minutes": 1e9}, {**body, "more": 1}):
+        assert operator("POST", "/api/maintenance/begin", json=wrong).status_code == 422
+    assert operator("POST", "/api/maintenance/end").status_code == 409
+    assert operator("POST", "/api/maintenance/begin", json=body).json() == {"by": "the-operator"}
+    state = viewer("GET", "/api/state").json()
+    assert state["maintenance"]["reason"] == "cleaning" and state["maintenance"]["by"] == "the-operator"
+    assert state["flow"]["volume_m3_h"] is None and state["flow"]["standing"] == "missing"
+    assert operator("POST", "/api/maintenance/end").status_code == 200
+    assert viewer("GET", "/api/state").json()["maintenance"] is None
+    written = [(one["what"], one["who"]) for one in made.access.audit.read_last(20)]
+    assert ("begin_maintenance", "the-operator") in written and ("end_maintenance", "the-operator") in written
+    made.history.close()
+
+
+def test_messages_carry_the_parts_of_their_texts(tmp_path):
+    made = make_service(tmp_path, 2, access=OPEN)
+    message = Message("no image for 4 s; check its power", "silent", seconds=4)
+    made.live_state.on_health({"cam1": CameraHealth("cam1", "lost", 1, 2, 0.0, nan, message)})
+    made.plant.raise_alarm(replace(overload(), name="camera_lost:cam1", detail=message))
+    made.history.add_event(
+        "alarm", "slip", "raised", wall_ns=BEGIN_NS, parameters={"state": "raised", "value": 5.0}
+    )
+    state = made.browser()("GET", "/api/state").json()
+    assert (state["cameras"][0]["cause"], state["cameras"][0]["values"]) == ("silent", {"seconds": 4})
+    assert (state["alarms"][0]["cause"], state["alarms"][0]["values"]) == ("silent", {"seconds": 4})
+    (event,) = made.browser()("GET", f"/api/events?since_ms={MS}&until_ms={LATER}").json()
+    assert event["parameters"] == {"state": "raised", "value": 5.0}
+    made.history.close()

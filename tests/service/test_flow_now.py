@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import isnan, nan
 
 import pytest
@@ -91,3 +92,19 @@ def test_memory_is_bounded():
     flow = FlowAverage(1.0)
     flow.add([make_record(1e7)] * 5000)
     assert len(flow._strips) <= 700
+
+
+def test_records_that_no_camera_has_seen_keep_no_flow_alive():
+    now = [0.0]
+    flow = FlowAverage(1.0, 3.0, monotonic_s=lambda: now[0])
+    flow.add([make_record(1e7)] * 20)
+    assert flow.compute(2000.0).age_s == 0
+    for _ in range(40):
+        now[0] += 0.1
+        unseen = replace(make_record(1e7, standing="degraded"), cameras=0)
+        strip = unseen.strip
+        assert strip is not None
+        flow.add([unseen, replace(unseen, cameras=5, strip=replace(strip, coverage=0.0))])
+    old = flow.compute(2000.0)
+    assert isnan(old.volume_m3_h) and old.standing == "missing" and old.age_s == pytest.approx(4.0)
+    assert isnan(flow.compute(0.0).volume_m3_h)  # nor is a stopped belt's 0 shown

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import threading
-from math import inf
+from math import inf, nan
 
 import cv2
 import numpy as np
 
 from beltscape.core.belt.ledger_entries import Totals
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import CameraHealth, FrameEvent
+from beltscape.core.live import CameraHealth, FrameEvent, Maintenance
 from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
 from beltscape.service.view_models.picture import convert_to_8_bit, encode_thumbnail
@@ -148,3 +149,33 @@ def test_a_camera_that_is_lost_keeps_its_last_picture():
     live_state.on_frame(FrameEvent(FrameSet("late", {"cam1": image}), 3, 0, 0, 0.1, 0.5, 2000))
     assert live_state.take_snapshot().picture_frames["cam1"] == "late"
     assert live_state.take_snapshot().picture_frames["cam2"] == "000001"
+
+
+def test_no_flow_is_shown_during_maintenance():
+    live_state, *_ = feed_live_state(12)
+    assert live_state.take_snapshot().flow.volume_m3_h > 0
+    live_state.on_maintenance(Maintenance("cleaning", "ana", 1, 2))
+    shown = live_state.take_snapshot()
+    assert np.isnan(shown.flow.volume_m3_h) and shown.flow.standing == "missing"
+    assert shown.maintenance is not None and shown.maintenance.reason == "cleaning"
+    live_state.on_maintenance(None)
+    assert live_state.take_snapshot().flow.volume_m3_h > 0
+
+
+def test_a_check_keeps_its_newest_finding_that_was_made():
+    live_state, _, clock = feed_live_state(1)
+    sound = Finding("zero_shift", 0.3, 0.1, 2.0, "mm")
+    live_state.on_findings([sound, Finding("lamp", nan, nan, 80.0, "%")])
+    clock.now_s += 4
+    live_state.on_findings(
+        [Finding("zero_shift", nan, nan, 2.0, "mm"), Finding("dirt", 1.0, 0.1, 2.0, "%", "cam1")]
+    )
+    listed = live_state.list_checks()
+    assert [(one.finding.check, one.age_s) for one in listed] == [
+        ("dirt", 0.0),
+        ("lamp", 4.0),
+        ("zero_shift", 4.0),
+    ]
+    assert listed[2].finding == sound
+    live_state.on_findings([Finding(f"check{k}", 1.0, 0.1, 2.0, "") for k in range(2000)])
+    assert len(live_state.list_checks()) == 1000

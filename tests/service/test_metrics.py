@@ -8,6 +8,7 @@ from math import nan
 
 import pytest
 
+from beltscape.core.findings import Finding
 from beltscape.core.live import Alarm, CameraHealth
 from beltscape.service.metrics import MEDIA_TYPE, format_metrics
 from tests.service.plants import OPEN, make_service
@@ -110,4 +111,25 @@ def test_a_key_reads_the_metrics(tmp_path):
     answer = there("GET", "/metrics", {"authorization": f"Bearer {key}"})
     assert answer.status_code == 200
     assert answer.headers["content-type"] == MEDIA_TYPE
+    made.history.close()
+
+
+def test_checks_are_metrics_with_value_sigma_limit_and_fault(tmp_path):
+    made = make_service(tmp_path, 3, access=OPEN)
+    made.plant.send_findings(
+        [
+            Finding("dirt", 6.2, 0.5, 2.0, "%", "cam2", "cam2: dirt", "degraded"),
+            Finding("zero_shift", 0.3, 0.1, 2.0, "mm"),
+            Finding("lamp", nan, nan, nan, "%"),
+        ]
+    )
+    made.plant.begin_maintenance("cleaning", 5, "ana")
+    _, samples = parse_metrics(made.browser()("GET", "/metrics").text)
+    dirt, zero = (("check", "dirt"), ("subject", "cam2")), (("check", "zero_shift"), ("subject", ""))
+    assert samples["beltscape_check_value"] == {(*dirt, ("unit", "%")): 6.2, (*zero, ("unit", "mm")): 0.3}
+    assert samples["beltscape_check_sigma"] == {dirt: 0.5, zero: 0.1}
+    assert samples["beltscape_check_limit"] == {dirt: 2.0, zero: 2.0}
+    assert samples["beltscape_check_fault"] == {dirt: 1, zero: 0, (("check", "lamp"), ("subject", "")): 0}
+    assert samples["beltscape_maintenance"] == {(): 1}
+    assert "beltscape_flow_cubic_metres_per_hour" not in samples
     made.history.close()

@@ -10,6 +10,7 @@ from typing import get_args
 
 import pytest
 
+from beltscape.alarms.checks import CHECKS
 from beltscape.alarms.rules import RULES
 from beltscape.core.belt.ledger_entries import STANDINGS
 from beltscape.core.findings import EFFECTS
@@ -97,6 +98,10 @@ def find_check_names() -> set[str]:
     return names
 
 
+def test_the_list_of_checks_has_all_of_the_source():
+    assert find_check_names() - set(CHECKS) == set()
+
+
 def find_camera_causes() -> set[str]:
     """Return the keys of the cameras' messages in the source."""
     texts = [path.read_text(encoding="utf-8") for path in (SOURCE / "sources").rglob("*.py")]
@@ -115,7 +120,7 @@ def find_camera_causes() -> set[str]:
     [
         ("alarm.", RULES),
         ("help.", RULES),
-        ("check.", find_check_names()),
+        ("check.", CHECKS),
         ("health.", (*EFFECTS[1:], "ok", "unknown", "fault")),
         ("cause.", find_camera_causes()),
         ("alarm.", get_args(AlarmState)),

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from beltscape.alarms.checks import require_check
 from beltscape.core.live import Severity
 
 Seconds = Annotated[float, Field(ge=0, le=86_400, allow_inf_nan=False)]
@@ -18,7 +19,7 @@ Below = Annotated[float, Field(gt=0, le=1)]
 Above = Annotated[float, Field(gt=0, le=10)]
 """Share of a lower limit by which the value must rise above it."""
 Sigmas = Annotated[float, Field(ge=0, le=5)]
-CheckName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,59}$")]
+CheckName = Annotated[str, AfterValidator(require_check)]
 """Name of a check, as in its findings."""
 
 

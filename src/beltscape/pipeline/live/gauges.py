@@ -17,9 +17,9 @@ from beltscape.core.live import CameraHealth
 
 _NAN = float("nan")
 _MINUTE_S = 60.0
+"""Dropped frames are counted over the last minute."""
 _FINDING_S = 60.0
 """A finding older than this is unknown; periodic checks are made more often."""
-"""Dropped frames are counted over the last minute."""
 
 
 @dataclass(slots=True)
@@ -51,6 +51,8 @@ class Gauges:
     """(monotonic clock, frame sets dropped so far)."""
     findings: dict[tuple[str, str], tuple[float, Finding]] = field(default_factory=dict)
     """By check and camera: monotonic clock and the latest finding that was made."""
+    new_faults: dict[tuple[str, str], Finding] = field(default_factory=dict)
+    """By check and camera: the latest fault until the board has it; a fault of a single frame raises its alarm."""
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def add(self, entries: Sequence[BeltRecord]) -> None:
@@ -67,6 +69,8 @@ class Gauges:
             for finding in findings:
                 if finding.is_fault or math.isfinite(finding.value):
                     self.findings[finding.check, finding.subject] = now, finding
+                if finding.is_fault:
+                    self.new_faults[finding.check, finding.subject] = finding
 
     def update_frame(self, depth: DepthMap | None, speed_mm_s: float) -> None:
         """Take over the result of a frame."""
@@ -100,8 +104,12 @@ class Gauges:
         with self.lock:
             lump, self.lump_mm = self.lump_mm, (_NAN, _NAN)
             offset, self.offset_mm = self.offset_mm, (_NAN, _NAN)
-            found = list(self.findings.values())
-        now = monotonic()
+            now = monotonic()
+            found = {
+                key: finding for key, (made_s, finding) in self.findings.items() if now - made_s < _FINDING_S
+            }
+            found |= self.new_faults
+            self.new_faults = {}
         is_measured = now - self.entry_s < self.stale_s
         area, area_sigma, density = self._load() if is_measured else (_NAN, _NAN, _NAN)
         is_current = now - self.last_frame_s < self.stale_s
@@ -128,7 +136,7 @@ class Gauges:
             recording_trouble=recording_trouble,
             encoder_silent_s=_NAN if encoder is None else encoder[0],
             encoder_trouble=None if encoder is None else encoder[1],
-            findings=[finding for made_s, finding in found if now - made_s < _FINDING_S],
+            findings=list(found.values()),
             encoder_ratio=self.encoder_ratio[0],
             encoder_ratio_sigma=self.encoder_ratio[1],
             certificate_days=certificate_days,

@@ -1,0 +1,46 @@
+"""The names of the system's checks, each of which may raise an alarm of its name."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+
+CHECKS = (
+    "camera_pose",
+    "camera_redundancy",
+    "camera_sync",
+    "carry_back",
+    "carry_back_stuck",
+    "carry_back_total",
+    "condensation",
+    "defocus",
+    "dirt",
+    "dust",
+    "encoder_motion",
+    "exposure",
+    "flicker",
+    "frozen_image",
+    "lamp",
+    "lens_covered",
+    "maintenance",
+    "overexposure",
+    "projector",
+    "projector_focus",
+    "projector_moved",
+    "splice",
+    "sunlight",
+    "torn_edge_left",
+    "torn_edge_right",
+    "zero_drift",
+    "zero_shift",
+    "zero_tilt",
+)
+"""In the order of the alphabet; a test compares them with the source."""
+
+
+def require_check(name: str) -> str:
+    """Return the name of a check; ValueError with the most similar one if there is none of that name."""
+    if name in CHECKS:
+        return name
+    similar = get_close_matches(name, CHECKS, 1)
+    hint = f"did you mean {similar[0]!r}?" if similar else f"give one of {', '.join(CHECKS)}"
+    raise ValueError(f"no check is called {name!r}; {hint}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Role = Literal["viewer", "operator", "engineer"]
-"""viewer: reads; operator: also acknowledges alarms and keeps recordings; engineer: also manages users"""
+"""viewer: reads; operator: also acknowledges alarms, keeps recordings, begins maintenance; engineer: also sees checks, manages users"""
 ROLES: tuple[Role, ...] = ("viewer", "operator", "engineer")
 """From least to most; each role includes those before it."""
 ANONYMOUS = "anonymous"

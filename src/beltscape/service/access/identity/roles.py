@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 Role = Literal["viewer", "operator", "engineer"]
-"""viewer: reads; operator: also acknowledges alarms, keeps recordings, begins maintenance; engineer: also sees checks, manages users"""
+"""viewer: reads; operator: also acknowledges alarms, keeps recordings, begins maintenance; engineer: also sees the
+system's checks and manages users"""
 ROLES: tuple[Role, ...] = ("viewer", "operator", "engineer")
 """From least to most; each role includes those before it."""
 ANONYMOUS = "anonymous"

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from beltscape.health.belt.settings import BeltLimits
+
 _Share = Annotated[float, Field(gt=0, lt=1)]
 
 
@@ -17,6 +19,10 @@ class HealthSettings(BaseModel):
     """Whether the images are checked before they are matched."""
     projector: Literal["auto", "yes", "no"] = "auto"
     """Whether a projector lights the belt; "auto": recognised from the contrast of the first sound frames."""
+    belt: BeltLimits = BeltLimits()
+    """Limits of the checks of heights: the table [health.belt]."""
+    learning: bool = True
+    """Whether reference values are learned; without them a camera is compared with the others of its frame only."""
     learning_frames: Annotated[int, Field(ge=3, le=10_000)] = 20
     """Number of sound frames from which the reference values of the cameras are learned."""
     saturated: _Share = 0.02

@@ -13,7 +13,7 @@ from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReferenc
 
 _CELLS_ACROSS = 32
 """Cells over the belt's width: a bare strip of a tenth of the width holds three of them."""
-_SAMPLE_COUNT = 50_000
+_SAMPLE_COUNT = 25_000
 """Approximate number of pixels to which the depth map is thinned; it bounds the time."""
 _LEAST_CONFIDENCE = 0.7
 """Pixels with a lower confidence are excluded, as in the flow meter."""

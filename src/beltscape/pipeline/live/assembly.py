@@ -152,7 +152,8 @@ def build_context(
     near_far = compute_depth_range(empty_belt, matching.load_mm)
     matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
     matcher = MonitoredMatcher(matcher, HealthMonitor(rig, settings.health))
-    return MeasurementContext(rig, empty_belt, matcher, settings.flow, read_density(project))
+    density, limits = read_density(project), settings.health.belt
+    return MeasurementContext(rig, empty_belt, matcher, settings.flow, density, limits)
 
 
 def check_encoder(project: Project[RunSettings]) -> None:

@@ -15,6 +15,7 @@ from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live import BeltStretch
 from beltscape.core.progress import Reporter
+from beltscape.health.belt.settings import BeltLimits
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.rows import BeltPiece
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
@@ -35,6 +36,8 @@ class MeasurementContext:
     matcher: SequenceMatcher
     flow: FlowSettings
     density: Density
+    belt_limits: BeltLimits | None = None
+    """Limits of the comparison of the bare belt with the learned one; None: the defaults."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +143,7 @@ class MeasurementRun:
         if self._chain is not None:
             self._chain.restart(meter)
             return self._chain
-        return FlowChain(context.matcher, meter)
+        return FlowChain(context.matcher, meter, context.belt_limits)
 
     def _set_position(self, step: FramePlacement) -> None:
         self._ledger.set_position(

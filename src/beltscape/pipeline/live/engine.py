@@ -133,12 +133,12 @@ class Engine:
 
     def begin_maintenance(self, reason: str, minutes: float, by: str) -> bool:
         """Begin maintenance, or set its reason and end anew."""
-        begun = self._components.maintenance.begin(reason, minutes, by)
+        present = self._components.maintenance.begin(reason, minutes, by)
         values: dict[str, object] = {"action": "begin", "reason": reason, "minutes": minutes}
         self._events.add(
             "maintenance", "begin", f"{reason}, for at most {minutes:g} min", time_ns(), by, values
         )
-        self._components.observer.on_maintenance(begun)
+        self._components.observer.on_maintenance(present)
         return True
 
     def end_maintenance(self, by: str) -> bool:

@@ -1,6 +1,7 @@
 """Every fault in front of the running system, against exact truth; writes benchmarks/FAULTS.md.
 
-    cd benchmarks && python -m faults [--short] [--only TEXT ...] [--seed 21] [--cache DIR] [--minutes M]
+    cd benchmarks && python -m faults [--short|--small] [--only TEXT ...] [--seed 31] [--cache DIR] [--minutes M]
+        [--rounds R] [--jobs N] [--write]
 
 The capture is rendered once into the cache (default: out/bench-faults; minutes). The exit code is 1 if any row fails.
 """
@@ -8,16 +9,22 @@ The capture is rendered once into the cache (default: out/bench-faults; minutes)
 from __future__ import annotations
 
 import argparse
+import math
+import multiprocessing
 import sys
 import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from beltscape.core.progress import Silent
-from faults.capture import LONG, SHORT, RoundCapture, open_capture
+from faults.capture import FRAMES_PER_S, LONG, SHORT, RoundCapture, open_capture
 from faults.case import Case
 from faults.cases import read_cases, read_not_played
 from faults.matching import Cache
-from faults.player import play
+from faults.player import SOUND_ROUNDS, play
 from faults.table import HEAD, ROOT, format_count, format_row, write_table
 from faults.verdict import Verdict, assess
 
@@ -25,38 +32,50 @@ from faults.verdict import Verdict, assess
 def main() -> int:
     """Play the chosen rows, print the table and write it."""
     arguments = _parse()
-    sizes = SHORT if arguments.short else LONG
+    sizes = SHORT if arguments.short or arguments.small else LONG
     capture = open_capture(arguments.cache, sizes, arguments.seed, Silent())
     chosen = [case for case in read_cases() if _is_chosen(case, arguments)]
+    if arguments.rounds is not None:
+        chosen = [replace(case, rounds=min(case.rounds, arguments.rounds)) for case in chosen]
     print("\n".join(HEAD), flush=True)
     verdicts: list[Verdict] = []
-    cache: Cache = {}
-    began = time.monotonic()
-    for case in chosen:
-        if arguments.minutes is not None and time.monotonic() - began > 60 * arguments.minutes:
-            break
-        verdicts.append(_play(capture, case, cache))
-        print(format_row(verdicts[-1]), flush=True)
-    left = [(case.name, "the time was over") for case in chosen[len(verdicts) :]]
-    if not arguments.short and (not arguments.only or arguments.write):
-        width, height = capture.rig.core_camera.size_px
-        description = (
-            f"Capture: {len(capture.rig.cameras)} cameras of {width}×{height} px, preset fast, seed "
-            f"{arguments.seed}, {capture.step_mm:.1f} mm a frame at 8 frames/s, three rounds of {capture.frames} "
-            "frames before the fault."
-        )
+    end = time.monotonic() + 60 * arguments.minutes
+    with ProcessPoolExecutor(arguments.jobs, multiprocessing.get_context("spawn")) as pool:
+        for verdict in pool.map(partial(_play, capture, end), chosen):
+            if verdict is not None:
+                verdicts.append(verdict)
+                print(format_row(verdict), flush=True)
+    played = {verdict.name for verdict in verdicts}
+    left = [(case.name, "the time was over") for case in chosen if case.name not in played]
+    if arguments.write or not (arguments.short or arguments.only):
+        description = _describe(capture, chosen)
         write_table(ROOT / "benchmarks" / "FAULTS.md", verdicts, [*read_not_played(), *left], description)
     print(format_count(verdicts))
     return int(any(not verdict.passes for verdict in verdicts))
 
 
-def _play(capture: RoundCapture, case: Case, cache: Cache) -> Verdict:
-    """Play a row; its depth maps are kept only where the images are those of the sound plant."""
-    own: Cache = dict(cache)
+def _play(capture: RoundCapture, end: float, case: Case) -> Verdict | None:
+    """Play a row; None where it would begin after the end. Depth maps of the sound plant's images are kept."""
+    if time.monotonic() > end:
+        return None
+    own: Cache = dict(_cache)
     verdict = assess(capture, play(capture, case, own))
     if case.is_sound or set(case.faults) == {"encoder"}:
-        cache.update(own)
+        _cache.update(own)
     return verdict
+
+
+_cache: Cache = {}
+"""Of this process."""
+
+
+def _describe(capture: RoundCapture, chosen: Sequence[Case]) -> str:
+    width, height = capture.rig.core_camera.size_px
+    return (
+        f"Capture: {len(capture.rig.cameras)} cameras of {width}×{height} px, preset fast, seed {capture.seed}, "
+        f"{capture.step_mm:.1f} mm a frame at {FRAMES_PER_S:g} frames/s; {SOUND_ROUNDS} rounds of "
+        f"{capture.frames} frames before the fault, at most {max(case.rounds for case in chosen):g} after it."
+    )
 
 
 def _is_chosen(case: Case, arguments: argparse.Namespace) -> bool:
@@ -68,10 +87,13 @@ def _is_chosen(case: Case, arguments: argparse.Namespace) -> bool:
 def _parse() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--short", action="store_true", help="a handful of rows on small images")
+    parser.add_argument("--small", action="store_true", help="every row on small images")
     parser.add_argument("--only", nargs="+", metavar="TEXT", help="rows whose name contains one of these")
     parser.add_argument("--write", action="store_true", help="write FAULTS.md also with --only")
-    parser.add_argument("--seed", type=int, default=21, help="of plant and heap")
-    parser.add_argument("--minutes", type=float, help="begin no row after this time")
+    parser.add_argument("--seed", type=int, default=31, help="of plant and heap")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="begin no row after this time")
+    parser.add_argument("--rounds", type=float, help="play at most this number of rounds after the fault")
+    parser.add_argument("--jobs", type=int, default=1, help="rows at the same time")
     parser.add_argument(
         "--cache", type=Path, default=ROOT / "out" / "bench-faults", help="of rendered captures"
     )

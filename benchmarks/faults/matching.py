@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
+from beltscape.pipeline.reconstructing import checked_matcher
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 
 Cache = dict[tuple[bytes, tuple[str, ...]], DepthMap | ReconstructionError]
 
@@ -37,11 +40,20 @@ class CachedMatcher:
         return found
 
 
-def share_cache(
-    make_matcher: Callable[[tuple[str, ...]], Any], cache: Cache
-) -> Callable[[tuple[str, ...]], CachedMatcher]:
-    """Return the factory of matchers with a common cache."""
-    return lambda names: CachedMatcher(make_matcher(names), names, cache)
+@contextmanager
+def use_cache(cache: Cache) -> Iterator[None]:
+    """Let the live system's matchers share a cache."""
+
+    def make(*words: Any, auxiliaries: tuple[str, ...], **options: Any) -> CachedMatcher:
+        matcher = MultiviewReconstructor(*words, auxiliaries=auxiliaries, **options)
+        return CachedMatcher(matcher, auxiliaries, cache)
+
+    module: Any = checked_matcher
+    module.MultiviewReconstructor = make
+    try:
+        yield
+    finally:
+        module.MultiviewReconstructor = MultiviewReconstructor
 
 
 def _hash_images(frame_set: FrameSet) -> bytes:

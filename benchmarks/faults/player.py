@@ -20,9 +20,9 @@ from faults.capture import FRAMES_PER_S, RoundCapture, render_empty_belt
 from faults.case import Case
 from faults.clock import Clock, use_clock
 from faults.feed import Feed
-from faults.matching import Cache, share_cache
+from faults.matching import Cache, use_cache
 
-_SOUND_ROUNDS = 3
+SOUND_ROUNDS = 2
 """Rounds before the fault: checks learn their reference values there."""
 _MONITOR_EVERY = int(FRAMES_PER_S // 2)
 """Frames between two evaluations of the alarms: half a second, as in the running system."""
@@ -100,18 +100,16 @@ class RecordingEngine(Engine):
         super()._publish(outcome)
 
 
-def play(capture: RoundCapture, case: Case, cache: Cache, *, sound_rounds: int = _SOUND_ROUNDS) -> Played:
+def play(capture: RoundCapture, case: Case, cache: Cache, *, sound_rounds: float = SOUND_ROUNDS) -> Played:
     """Play a row and return what happened."""
-    onset = 0 if case.zero_faults else sound_rounds * capture.frames
+    onset = 0 if case.zero_faults else round(sound_rounds * capture.frames)
     count = round((sound_rounds + case.rounds) * capture.frames)
     played, clock = Played(case, onset, count), Clock()
-    with tempfile.TemporaryDirectory() as folder, use_clock(clock):
+    with tempfile.TemporaryDirectory() as folder, use_clock(clock), use_cache(cache):
         observer: Any = Silence()
         run = assemble(_open_project(capture, case, Path(folder)), _options(Path(folder)), observer)
         try:
             components = run.engine._components
-            matcher: Any = components.measurement.context.matcher
-            matcher._make_matcher = share_cache(matcher._make_matcher, cache)
             _note_flow(components, played, clock)
             feed = Feed(capture, case, onset, count)
             engine = RecordingEngine(replace(components, source=feed), played, clock)

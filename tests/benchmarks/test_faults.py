@@ -1,0 +1,112 @@
+"""The bench of faults: its rows can be played, its truth is that of the rendered heap, its short form passes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.core.belt.ledger_entries import BeltRecord
+
+ROOT = Path(__file__).resolve().parents[2]
+STEP_MM, ROUND = 50.0, 20
+
+
+@pytest.fixture(autouse=True)
+def on_path(monkeypatch):
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+
+
+def area_at(own_mm):
+    """A heap of 400 mm on a round of 1000 mm, mm²."""
+    return np.where(np.abs(own_mm) < 200, 5000.0 + 10.0 * own_mm, 0.0)
+
+
+def make_capture():
+    y = np.arange(-300.0, 300.5, 1.0)
+    return SimpleNamespace(frames=ROUND, step_mm=STEP_MM, area=(y, area_at(y)))
+
+
+def make_records(count, *, place_mm=130.0, length_mm=STEP_MM, standing="valid"):
+    """Records of a sound ledger; the heap's own y is ``place_mm`` less the belt's position."""
+    records = []
+    for i in range(count):
+        begin, end = 900.0 + i * STEP_MM, 900.0 + (i + 1) * STEP_MM
+        along = np.arange(begin + 0.5, end, 1.0)
+        own = (place_mm - along + 500.0) % 1000.0 - 500.0
+        volume = float(area_at(own).sum())
+        rates = (2e4, 400.0, 1500.0, 1.0, 1.0)
+        strip = FlowRecord(f"{i:05d}", i, end, (begin, end), volume / STEP_MM, volume, *rates, "measured")
+        ledger = (900.0 + i * length_mm, 900.0 + (i + 1) * length_mm)
+        records.append(BeltRecord(i + 1, 1, ledger, standing, "", 0, strip, 0.0, 5, None))
+    return records
+
+
+def test_sound_ledger_agrees_with_the_truth():
+    from faults.truth import compare
+
+    records = make_records(60)
+    compared = compare(make_capture(), records, 40)
+    np.testing.assert_allclose(compared.true_mm, STEP_MM)
+    np.testing.assert_allclose(compared.true_mm3, [r.volume_mm3 for r in records], atol=10_000.0)
+    total = compared.select(("valid",), [True] * 60)
+    assert total.covers_truth()
+    assert abs(total.relative_error) < 3e-3
+
+
+def test_frozen_encoder_loses_length_but_not_truth():
+    from faults.truth import compare
+
+    records = make_records(60)
+    end = records[39].belt_mm[1]
+    frozen = [
+        BeltRecord(r.number, 1, (end, end), "valid", "", 0, r.strip, 0.0, 5, None) for r in records[40:]
+    ]
+    total = compare(make_capture(), [*records[:40], *frozen], 40).select(
+        ("valid",), [False] * 40 + [True] * 20
+    )
+    assert total.length_mm == 0
+    assert total.true_mm == pytest.approx(20 * STEP_MM)
+    assert total.true_mm3 == pytest.approx(399 * 5000.0, rel=1e-6)  # samples within the heap
+
+
+def test_every_row_is_a_fault_that_the_simulator_knows():
+    from faults.cases import read_cases
+    from faults.feed import make_faults
+
+    cases = read_cases()
+    assert len({case.name for case in cases}) == len(cases)
+    assert sum(case.is_short for case in cases) >= 5
+    for case in cases:
+        begun = [fault.first for _, fault in make_faults(case.faults, 60).list_faults()]
+        assert begun == [60] * len(begun)
+        assert case.is_sound or case.named_by
+        assert bool(begun) or case.zero_faults or case.is_sound
+
+
+@pytest.mark.slow
+def test_short_form_plays_its_rows(tmp_path):
+    """The sound row must pass; every row is judged, and the last line counts them."""
+    words = [
+        sys.executable,
+        "-m",
+        "faults",
+        "--short",
+        "--only",
+        "sound",
+        "encoder reversed",
+        "projector off",
+    ]
+    done = subprocess.run(
+        words, cwd=ROOT / "benchmarks", capture_output=True, text=True, check=False, env=dict(os.environ)
+    )
+    rows = [line for line in done.stdout.splitlines() if line.startswith("| ")][1:]
+    assert len(rows) == 3, done.stderr
+    assert done.stdout.splitlines()[-1] == "3 passed, 0 failed", done.stdout
+    assert done.returncode == 0

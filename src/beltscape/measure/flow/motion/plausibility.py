@@ -33,8 +33,10 @@ _ROUGH_MM = 5.0
 """Surfaces with this relief match by 0.75 or more where they are the same, whatever their noise."""
 _ROUGH_SCORE = 0.75
 _LEAST_SCORES = 3
+_BRAKED_MM_S2 = 3000.0
+"""Acceleration of a belt that is braked in an emergency."""
 _HIGHEST_ACCELERATION_MM_S2 = 10_000.0
-"""No belt starts or stops faster; braked ones do at 1000 to 3000."""
+"""No belt starts or stops faster."""
 _LEAST_JUMP_MM = 100.0
 """A reading may differ by this from what speed and acceleration allow."""
 
@@ -51,10 +53,16 @@ def is_certain(
 ) -> bool:
     """Return whether a match that contradicts the encoder is not by chance.
 
-    It has much material, or agrees with the last speed or with the match before, by ``speed_before``; ``along_mm`` is
-    its motion along the travel, ``elapsed`` the time since the key frame.
+    It agrees with the last speed, or a belt can have changed its speed so far, or it is exact; then it must have much
+    material, or agree with the match before, by ``speed_before``. ``along_mm`` is its motion along the travel,
+    ``elapsed`` the time since the key frame.
     """
-    if shift.support >= _LARGE_SUPPORT or (by_speed_mm is not None and not differ(along_mm, by_speed_mm)):
+    if by_speed_mm is not None and not differ(along_mm, by_speed_mm):
+        return True
+    change = 0.0 if by_speed_mm is None else abs(along_mm - by_speed_mm)
+    if shift.score < _STRONG_SCORE and change > _LEAST_JUMP_MM + _BRAKED_MM_S2 * elapsed**2:
+        return False
+    if shift.support >= _LARGE_SUPPORT:
         return True
     if speed_before is None or not shift.clear or elapsed <= 0:
         return False

@@ -39,8 +39,9 @@ def test_answer_and_files_follow_the_contract(run, tmp_path, options, method, au
     assert set(document) == {"method", "auxiliaries", "depth_range_mm", "regions", "frames", "warnings"}
     assert set(document["frames"][0]) == {
         "frame", "folder", "coverage", "median_depth_mm", "median_sigma_mm",
-        "auxiliaries", "systematic_mm", "doubts", "consistency",
+        "auxiliaries", "systematic_mm", "doubts", "consistency", "health",
     }  # fmt: skip
+    assert not any(finding["text"] for finding in document["frames"][0]["health"])
     frame = tmp_path / "r" / "000"
     assert document["frames"][0]["folder"] == str(frame)
     assert document["method"] == method

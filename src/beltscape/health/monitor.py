@@ -93,7 +93,7 @@ class HealthMonitor:
         levels = {name: compute_levels(image) for name, image in images.items()}
         statistics = {name: compute_statistics(level) for name, level in levels.items()}
         findings = self._check(statistics, levels)
-        if self._reference is None and worst_effect(findings) == "none":
+        if self._settings.learning and self._reference is None and worst_effect(findings) == "none":
             self._learn(statistics)
         self._before, self._levels_before = statistics, levels
         blind = {one.subject for one in findings if one.effect == "missing"}
@@ -175,7 +175,6 @@ class HealthMonitor:
         self._learned.append(statistics)
         if len(self._learned) >= self._settings.learning_frames:
             self._reference, self._learned, self._light = learn_reference(self._learned), [], 0.0
-            self._lights.clear()
 
     def _weight_camera(self, finding: Finding) -> Finding:
         """Return the finding as it concerns the volume: an auxiliary that fails is left out, the core is not."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.findings import Finding
+from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.health.image_statistics import FloatArray, ImageStatistics, find_place, remove_single_blocks
 from beltscape.health.reference import (
     LEAST_SPECKLE,
@@ -32,8 +33,8 @@ _SUNLIT = 2.0
 """Brightness over the median lit block from which a block without pattern is called sunlit."""
 _FADED = 0.35
 """Contrast over the image's median below which a bright block has lost the pattern."""
-_UNIFORM = 0.35
-"""Largest spread of the logarithm between blocks for a change of the light, rather than of the scene."""
+_SAME = 0.06
+"""Half the width of the densest eighth of the log ratios below which they are those of what does not move."""
 
 
 def check_saturation(frame: FrameStatistics, settings: HealthSettings) -> list[Finding]:
@@ -143,21 +144,39 @@ def find_sunlit_blocks(one: ImageStatistics) -> NDArray[np.bool_]:
 
 
 def measure_light_step(before: FrameStatistics, now: FrameStatistics) -> tuple[float, float]:
-    """Return the logarithm of the change of brightness common to all blocks, and its spread over the cameras.
+    """Return the logarithm of the light's change between two frames, and its σ; NaN without a common camera.
 
-    It is 0 if the blocks do not change alike: then the scene changed, not the light.
+    The bare belt and all that does not move show the most frequent ratio of the blocks' levels. Where moving material
+    covers everything, the ratios scatter, and their median is taken.
     """
-    steps: list[float] = []
-    for name in now.keys() & before.keys():
-        lit = before[name].level > 0.3 * np.median(before[name].level)
-        ratio: FloatArray = np.log(np.maximum(now[name].level, 0.1) / np.maximum(before[name].level, 0.1))[
-            lit
-        ]
-        low, high = np.percentile(ratio, (25, 75))
-        steps.append(float(np.median(ratio)) if high - low < _UNIFORM else 0.0)
-    if not steps:
+    ratios = [compute_lit_ratios(now[name], before[name].level) for name in now.keys() & before.keys()]
+    if not ratios:
         return float("nan"), float("nan")
-    return float(np.median(steps)), float(np.std(steps) / np.sqrt(len(steps)))
+    pooled = np.concatenate(ratios)
+    mode, width = estimate_mode(pooled)
+    if width < _SAME:
+        return mode, width / 4
+    return float(np.median(pooled)), float(MAD_TO_SIGMA * np.median(np.abs(pooled - np.median(pooled))) / 10)
+
+
+def compute_lit_ratios(one: ImageStatistics, level: FloatArray) -> FloatArray:
+    """Return the logarithms of the levels over earlier ones, (N,), in the blocks that were lit."""
+    lit = level > 0.3 * np.median(level)
+    return np.log(np.maximum(one.level[lit], 0.1) / np.maximum(level[lit], 0.1))
+
+
+def estimate_mode(values: FloatArray) -> tuple[float, float]:
+    """Return the half-sample mode (Bickel and Frühwirth 2006) of values, and half the width of the densest eighth."""
+    ordered = np.sort(values)
+    width = float("nan")
+    while len(ordered) > 2:
+        half = (len(ordered) + 1) // 2
+        widths = ordered[half - 1 :] - ordered[: len(ordered) - half + 1]
+        start = int(np.argmin(widths))
+        if half >= len(values) // 8:
+            width = float(widths[start]) / 2
+        ordered = ordered[start : start + half]
+    return float(ordered.mean()), width
 
 
 def check_flicker(light: Sequence[float], sigma: float, settings: HealthSettings) -> Finding:
@@ -165,7 +184,7 @@ def check_flicker(light: Sequence[float], sigma: float, settings: HealthSettings
 
     ``light`` is the logarithm of the light's brightness in the last frames, up to the sum of its steps.
     """
-    change = float(np.exp(light[-1] - np.median(light))) - 1 if light else float("nan")
+    change = float(np.exp(light[-1] - np.median(light[:-1]))) - 1 if len(light) > 1 else float("nan")
     values = 100 * change, 100 * sigma, 100 * settings.flicker
     if not abs(change) > settings.flicker:
         return Finding("flicker", *values, "%")

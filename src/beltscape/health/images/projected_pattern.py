@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.core.findings import Effect, Finding
-from beltscape.health.image_statistics import ImageStatistics
+from beltscape.health.images.exposure import compute_lit_ratios, estimate_mode
 from beltscape.health.images.sharpness import FAINT_SIGNAL
 from beltscape.health.reference import (
     FrameStatistics,
@@ -141,16 +140,11 @@ def measure_light(frame: FrameStatistics, reference: Reference) -> tuple[float, 
     The bare belt is the most frequent ratio of brightness over all blocks; material is brighter or darker.
     """
     ratios = [
-        _compute_lit_ratios(one, reference.cameras[name].level)
+        compute_lit_ratios(one, reference.cameras[name].level)
         for name, one in frame.items()
         if name in reference.cameras
     ]
     return estimate_mode(np.concatenate(ratios)) if ratios else (float("nan"), float("nan"))
-
-
-def _compute_lit_ratios(one: ImageStatistics, level: NDArray[np.float32]) -> NDArray[np.float32]:
-    lit = level > 0.3 * np.median(level)
-    return np.log(np.maximum(one.level[lit], 0.1) / np.maximum(level[lit], 0.1))
 
 
 def describe_lamp(light: float, sigma: float) -> Finding:
@@ -162,17 +156,3 @@ def describe_lamp(light: float, sigma: float) -> Finding:
     return replace(
         finding, text=f"the light has fallen to {value:.0f} % of that at the start; replace the lamp soon"
     )
-
-
-def estimate_mode(values: NDArray[np.float32]) -> tuple[float, float]:
-    """Return the half-sample mode (Bickel and Frühwirth 2006) of values, and half the width of the densest eighth."""
-    ordered = np.sort(values)
-    width = float("nan")
-    while len(ordered) > 2:
-        half = (len(ordered) + 1) // 2
-        widths = ordered[half - 1 :] - ordered[: len(ordered) - half + 1]
-        start = int(np.argmin(widths))
-        if half >= len(values) // 8:
-            width = float(widths[start]) / 2
-        ordered = ordered[start : start + half]
-    return float(ordered.mean()), width

@@ -1,0 +1,214 @@
+"""What the monitor finds in the images of a moving belt, and after how many frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beltscape.core.findings import Finding
+from beltscape.core.frames import FrameSet
+from beltscape.health.monitor import HealthMonitor, ImageCheck
+from beltscape.health.settings import HealthSettings
+from tests.health.images.speckled_belt import AMBIENT, Levels, add_noise, blur, make_frame, make_rig
+
+LEARNING = 5
+CORE, AUXILIARY = "cam0", "cam3"
+
+
+def make_monitor(**settings: object) -> HealthMonitor:
+    return HealthMonitor(make_rig(), HealthSettings(learning_frames=LEARNING, **settings))  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def monitor() -> HealthMonitor:
+    """Return a monitor that has learned its reference values."""
+    one = make_monitor()
+    for number in range(LEARNING + 1):
+        assert_sound(one.check_images(make_frame(number)))
+    return one
+
+
+def assert_sound(check: ImageCheck) -> None:
+    assert [one.text for one in check.findings if one.is_fault] == []
+    assert check.is_whole
+
+
+def of_camera(camera: str, change: Callable[[Levels], Levels]) -> Callable[[str, Levels], Levels]:
+    return lambda name, light: change(light) if name == camera else light
+
+
+def name_faults(findings: tuple[Finding, ...]) -> set[str]:
+    return {f"{one.check}:{one.subject}".rstrip(":") for one in findings if one.is_fault}
+
+
+def veil(light: Levels) -> Levels:
+    return (0.4 * light + 0.6 * blur(light, 60)).astype(np.float32)
+
+
+NEXT = LEARNING + 1
+
+
+class TestOneCamera:
+    @pytest.mark.parametrize("camera", [CORE, AUXILIARY])
+    @pytest.mark.parametrize(
+        ("change", "check"),
+        [
+            (lambda light: blur(light, 1.0), "defocus"),
+            (lambda light: blur(light, 2.0), "defocus"),
+            (lambda light: blur(light, 4.0), "defocus"),
+            (veil, "condensation"),
+            (lambda light: 0.02 * light, "lens_covered"),
+            (lambda light: 20 * light, "overexposure"),
+            (lambda light: 4 * light, "exposure"),
+            (lambda light: 0.3 * light, "exposure"),
+        ],
+    )
+    def test_fault_is_named_in_its_first_frame(
+        self, monitor: HealthMonitor, camera: str, change: Callable[[Levels], Levels], check: str
+    ) -> None:
+        result = monitor.check_images(make_frame(NEXT, of_camera(camera, change)))
+
+        assert f"{check}:{camera}" in name_faults(result.findings)
+        assert all(one.subject == camera for one in result.findings if one.effect != "none")
+        assert any(one.effect != "none" for one in result.findings)
+
+    def test_lost_core_leaves_nothing_to_match(self, monitor: HealthMonitor) -> None:
+        result = monitor.check_images(make_frame(NEXT, of_camera(CORE, lambda light: blur(light, 4.0))))
+
+        assert not result.frames.images
+
+    def test_covered_auxiliary_is_left_out(self, monitor: HealthMonitor) -> None:
+        result = monitor.check_images(make_frame(NEXT, of_camera(AUXILIARY, lambda light: 0 * light)))
+
+        assert AUXILIARY not in result.frames.images
+        assert len(result.frames.images) == 4
+        assert not result.is_whole
+        assert {one.effect for one in result.findings if one.is_fault} == {"degraded"}
+
+    def test_blur_from_the_first_frame_on_is_not_learned_as_sound(self) -> None:
+        one = make_monitor()
+        for number in range(LEARNING + 3):
+            result = one.check_images(make_frame(number, of_camera(CORE, lambda light: blur(light, 2.0))))
+            assert "defocus:cam0" in name_faults(result.findings)
+
+
+class TestFrozen:
+    @pytest.mark.parametrize("camera", [CORE, AUXILIARY])
+    def test_first_repeated_image_is_noticed(self, monitor: HealthMonitor, camera: str) -> None:
+        now, before = make_frame(NEXT), make_frame(LEARNING)
+        result = monitor.check_images(replace(now, images={**now.images, camera: before.images[camera]}))
+
+        assert name_faults(result.findings) == {f"frozen_image:{camera}"}
+
+    def test_repeated_image_with_new_noise_is_noticed_while_the_belt_moves(
+        self, monitor: HealthMonitor
+    ) -> None:
+        now, before = make_frame(NEXT), make_frame(LEARNING)
+        noisy = add_noise(before.images[CORE].astype(np.float32), (77, 7))
+        result = monitor.check_images(replace(now, images={**now.images, CORE: noisy}))
+
+        assert "frozen_image:cam0" in name_faults(result.findings)
+
+    def test_all_images_repeated(self, monitor: HealthMonitor) -> None:
+        result = monitor.check_images(replace(make_frame(LEARNING), frame="again"))
+
+        assert len([one for one in result.findings if one.check == "frozen_image" and one.is_fault]) == 5
+        assert not result.frames.images
+
+    def test_standing_belt_is_not_frozen(self) -> None:
+        one = make_monitor()
+        for number in range(LEARNING + 3):
+            assert_sound(one.check_images(make_frame(number, standing=True)))
+
+
+class TestLight:
+    def test_projector_off_leaves_nothing_to_match(self, monitor: HealthMonitor) -> None:
+        result = monitor.check_images(
+            make_frame(NEXT, lambda _, light: np.minimum(blur(light, 5) / 4, AMBIENT).astype(np.float32))
+        )
+
+        assert "projector" in name_faults(result.findings)
+        assert not result.frames.images
+
+    def test_projector_dim(self, monitor: HealthMonitor) -> None:
+        dim = make_frame(
+            NEXT, lambda _, light: np.minimum(light, AMBIENT) + 0.3 * np.maximum(light - AMBIENT, 0)
+        )
+        result = monitor.check_images(dim)
+
+        assert "projector" in name_faults(result.findings)
+
+    def test_projector_out_of_focus(self, monitor: HealthMonitor) -> None:
+        result = monitor.check_images(make_frame(NEXT, lambda _, light: blur(light, 1.2)))
+
+        assert "projector_focus" in name_faults(result.findings)
+
+    def test_dust_in_the_air(self, monitor: HealthMonitor) -> None:
+        result = monitor.check_images(make_frame(NEXT, lambda _, light: 0.5 * light + 20))
+
+        assert "dust" in name_faults(result.findings)
+
+    def test_sunlight_patch_has_a_place(self, monitor: HealthMonitor) -> None:
+        def shine(_: str, light: Levels) -> Levels:
+            lit = light.copy()
+            lit[100:200, 150:260] += 130
+            return lit
+
+        findings = monitor.check_images(make_frame(NEXT, shine)).findings
+        (sun,) = [one for one in findings if one.check == "sunlight"]
+
+        assert sun.effect == "degraded"
+        assert sun.place is not None
+        left, top, right, bottom = sun.place
+        assert 0.3 < left < 0.45
+        assert 0.6 < right < 0.72
+        assert 0.25 < top < 0.4
+        assert 0.55 < bottom < 0.7
+
+    def test_flicker_is_only_a_warning(self, monitor: HealthMonitor) -> None:
+        result = monitor.check_images(make_frame(NEXT, lambda _, light: 1.3 * light))
+
+        assert name_faults(result.findings) == {"flicker"}
+        assert result.frames.images
+
+    def test_ageing_lamp_is_a_trend(self) -> None:
+        one, lamps = make_monitor(), list[Finding]()
+        for number in range(40):
+            share = 1 - 0.01 * max(number - LEARNING, 0)
+            check = one.check_images(make_frame(number, lambda _, light, share=share: share * light))
+            lamps += [each for each in check.findings if each.check == "lamp"]
+
+        assert lamps[-1].value == pytest.approx(66, abs=4)
+        assert not any(each.is_fault for each in lamps)
+
+    def test_dark_material_is_not_a_dim_projector(self, monitor: HealthMonitor) -> None:
+        def darken(_: str, light: Levels) -> Levels:
+            coal = light.copy()
+            coal[:, 80:320] *= 0.3
+            return coal
+
+        for number in range(NEXT, NEXT + 3):
+            result = monitor.check_images(make_frame(number, darken))
+            assert not {"projector", "projector_focus", "dust", "lamp"} & name_faults(result.findings)
+
+    def test_project_without_projector_is_not_accused(self) -> None:
+        one = make_monitor(projector="no")
+        for number in range(LEARNING + 3):
+            assert_sound(one.check_images(make_frame(number, speckle=False)))
+
+
+def test_same_frames_give_the_same_findings() -> None:
+    frames = [make_frame(number) for number in range(3)]
+
+    def run(sets: list[FrameSet]) -> list[str]:
+        one = make_monitor()
+        return [repr(one.check_images(each).findings) for each in sets]
+
+    assert run(frames) == run(frames)
+
+
+def test_checks_can_be_switched_off() -> None:
+    assert make_monitor(images=False).check_images(make_frame(0)).findings == ()

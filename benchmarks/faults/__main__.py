@@ -10,23 +10,19 @@ from __future__ import annotations
 
 import argparse
 import math
-import multiprocessing
 import sys
-import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from beltscape.core.progress import Silent
 from faults.capture import FRAMES_PER_S, LONG, SHORT, RoundCapture, open_capture
 from faults.case import Case
 from faults.cases import read_cases, read_not_played
-from faults.matching import Cache
-from faults.player import SOUND_ROUNDS, play
+from faults.player import SOUND_ROUNDS
+from faults.rows import play_rows
 from faults.table import HEAD, ROOT, format_count, format_row, write_table
-from faults.verdict import Verdict, assess
+from faults.verdict import Verdict
 
 
 def main() -> int:
@@ -39,12 +35,9 @@ def main() -> int:
         chosen = [replace(case, rounds=min(case.rounds, arguments.rounds)) for case in chosen]
     print("\n".join(HEAD), flush=True)
     verdicts: list[Verdict] = []
-    end = time.monotonic() + 60 * arguments.minutes
-    with ProcessPoolExecutor(arguments.jobs, multiprocessing.get_context("spawn")) as pool:
-        for verdict in pool.map(partial(_play, capture, end), chosen):
-            if verdict is not None:
-                verdicts.append(verdict)
-                print(format_row(verdict), flush=True)
+    for verdict in play_rows(capture, chosen, jobs=arguments.jobs, minutes=arguments.minutes):
+        verdicts.append(verdict)
+        print(format_row(verdict), flush=True)
     played = {verdict.name for verdict in verdicts}
     left = [(case.name, "the time was over") for case in chosen if case.name not in played]
     if arguments.write or not (arguments.short or arguments.only):
@@ -52,21 +45,6 @@ def main() -> int:
         write_table(ROOT / "benchmarks" / "FAULTS.md", verdicts, [*read_not_played(), *left], description)
     print(format_count(verdicts))
     return int(any(not verdict.passes for verdict in verdicts))
-
-
-def _play(capture: RoundCapture, end: float, case: Case) -> Verdict | None:
-    """Play a row; None where it would begin after the end. Depth maps of the sound plant's images are kept."""
-    if time.monotonic() > end:
-        return None
-    own: Cache = dict(_cache)
-    verdict = assess(capture, play(capture, case, own))
-    if case.is_sound or set(case.faults) == {"encoder"}:
-        _cache.update(own)
-    return verdict
-
-
-_cache: Cache = {}
-"""Of this process."""
 
 
 def _describe(capture: RoundCapture, chosen: Sequence[Case]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -33,7 +34,7 @@ def make_capture():
     return SimpleNamespace(frames=ROUND, step_mm=STEP_MM, area=(y, area_at(y)))
 
 
-def make_records(count, *, place_mm=130.0, length_mm=STEP_MM, standing="valid"):
+def make_records(count, *, place_mm=130.0, length_mm=STEP_MM):
     """Records of a sound ledger; the heap's own y is ``place_mm`` less the belt's position."""
     records = []
     for i in range(count):
@@ -44,13 +45,12 @@ def make_records(count, *, place_mm=130.0, length_mm=STEP_MM, standing="valid"):
         rates = (2e4, 400.0, 1500.0, 1.0, 1.0)
         strip = FlowRecord(f"{i:05d}", i, end, (begin, end), volume / STEP_MM, volume, *rates, "measured")
         ledger = (900.0 + i * length_mm, 900.0 + (i + 1) * length_mm)
-        records.append(BeltRecord(i + 1, 1, ledger, standing, "", 0, strip, 0.0, 5, None))
+        records.append(BeltRecord(i + 1, 1, ledger, "valid", "", 0, strip, 0.0, 5, None))
     return records
 
 
 def test_sound_ledger_agrees_with_the_truth():
-    from faults.truth import compare
-
+    compare = import_module("faults.truth").compare
     records = make_records(60)
     compared = compare(make_capture(), records, 40)
     np.testing.assert_allclose(compared.true_mm, STEP_MM)
@@ -61,8 +61,7 @@ def test_sound_ledger_agrees_with_the_truth():
 
 
 def test_frozen_encoder_loses_length_but_not_truth():
-    from faults.truth import compare
-
+    compare = import_module("faults.truth").compare
     records = make_records(60)
     end = records[39].belt_mm[1]
     frozen = [
@@ -77,10 +76,8 @@ def test_frozen_encoder_loses_length_but_not_truth():
 
 
 def test_every_row_is_a_fault_that_the_simulator_knows():
-    from faults.cases import read_cases
-    from faults.feed import make_faults
-
-    cases = read_cases()
+    make_faults = import_module("faults.feed").make_faults
+    cases = import_module("faults.cases").read_cases()
     assert len({case.name for case in cases}) == len(cases)
     assert sum(case.is_short for case in cases) >= 5
     for case in cases:

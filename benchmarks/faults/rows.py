@@ -1,0 +1,41 @@
+"""Plays rows in several processes at the same time."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+
+from faults.capture import RoundCapture
+from faults.case import Case
+from faults.matching import Cache
+from faults.player import play
+from faults.verdict import Verdict, assess
+
+_cache: Cache = {}
+"""Depth maps of the sound plant's images, of this process."""
+
+
+def play_rows(
+    capture: RoundCapture, cases: Sequence[Case], *, jobs: int = 1, minutes: float = math.inf
+) -> Iterator[Verdict]:
+    """Yield the verdicts in the order of the rows; no row begins after ``minutes``."""
+    end = time.monotonic() + 60 * minutes
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
+        for verdict in pool.map(partial(play_row, capture, end), cases):
+            if verdict is not None:
+                yield verdict
+
+
+def play_row(capture: RoundCapture, end: float, case: Case) -> Verdict | None:
+    """Play a row; None where it would begin after ``end``, on the monotonic clock."""
+    if time.monotonic() > end:
+        return None
+    own: Cache = dict(_cache)
+    verdict = assess(capture, play(capture, case, own))
+    if case.is_sound or set(case.faults) == {"encoder"}:
+        _cache.update(own)
+    return verdict

@@ -81,7 +81,8 @@ def fetch(source: GenicamSource, enough, seconds: float = 6.0) -> list[tuple[flo
     return out
 
 
-def test_trigger_of_a_lost_camera_delays_no_other():
+def test_trigger_of_a_lost_camera_delays_no_other(monkeypatch):
+    monkeypatch.setattr("beltscape.sources.genicam.health.START_GRACE_S", 0.0)
     a, b, again = Steered(), Steered(), Steered()
     source = source_of({"cam0": [a], "cam1": [b, again]})
     fetch(source, lambda one: len(one.images) == 2)
@@ -100,6 +101,7 @@ def test_trigger_of_a_lost_camera_delays_no_other():
 
 def test_camera_that_cannot_be_opened_is_retried_and_reported(monkeypatch):
     monkeypatch.setattr("beltscape.sources.genicam.source.START_S", 0.2)
+    monkeypatch.setattr("beltscape.sources.genicam.health.START_GRACE_S", 0.0)
     trouble = [InputError("cam1 (10.0.0.7): no answer")] * 5
     source = source_of(
         {"cam0": [Steered()], "cam1": [*trouble, RuntimeError("driver broke\nline two"), Steered()]}
@@ -130,6 +132,29 @@ def test_unfetched_frame_sets_are_dropped_oldest_first():
     after = fetch(source, lambda _: True)[0][1]
     assert source.overrun > 0
     assert int(after.frame) - int(first.frame) == source.overrun + 1
+    source.close()
+
+
+def test_frame_sets_of_before_the_first_fetch_are_not_measured_late():
+    source = source_of({"cam0": [Steered()]})
+    time.sleep(0.8)
+    waited = len(source._ready)
+    first = fetch(source, lambda _: True)[0][1]
+    assert waited > 3
+    assert int(first.frame) >= waited
+    source.close()
+
+
+def test_a_camera_that_is_still_held_by_a_killed_program_is_no_loss():
+    held = [InputError("cam1 (10.0.0.7): access denied")] * 4
+    source = source_of({"cam0": [Steered()], "cam1": [*held, Steered()]})
+    states = set()
+    until = time.monotonic() + 10
+    while source.health()["cam1"].state != "ok" and time.monotonic() < until:
+        states.add(source.health()["cam1"].state)
+        time.sleep(0.02)
+    assert states == {"waiting"}
+    assert source.health()["cam1"].state == "ok"
     source.close()
 
 

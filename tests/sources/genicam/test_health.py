@@ -6,7 +6,7 @@ from math import isnan
 
 import pytest
 
-from beltscape.sources.genicam.health import SKEWED_FROM, CameraMonitor, assess_health
+from beltscape.sources.genicam.health import SKEWED_FROM, START_IMAGES, CameraMonitor, assess_health
 from beltscape.sources.genicam.matching_types import CameraStatistics
 from beltscape.sources.genicam.settings import CamerasSettings
 
@@ -28,6 +28,30 @@ def health(settings=SETTINGS, monitor=None, statistics=None, trouble="", is_open
         ({"monitor": CameraMonitor()}, "waiting", "10.0.0.5 is being started"),
         ({"monitor": CameraMonitor(), "is_open": False}, "waiting", "10.0.0.5 is being searched for"),
         ({"monitor": CameraMonitor(), "is_open": False, "trouble": "no camera"}, "lost", "no camera"),
+        (
+            {"monitor": CameraMonitor(90.0), "is_open": False, "trouble": "access denied"},
+            "waiting",
+            "access denied",
+        ),
+        (
+            {"monitor": CameraMonitor(80.0), "is_open": False, "trouble": "access denied"},
+            "lost",
+            "access denied",
+        ),
+        ({"monitor": CameraMonitor(90.0, last_s=97.0)}, "waiting", "is being started"),
+        ({"monitor": CameraMonitor(90.0, last_s=97.0), "is_open": False}, "waiting", "is being searched for"),
+        ({"monitor": CameraMonitor(90.0, last_s=94.0)}, "lost", "no image for 6 s"),
+        ({"monitor": CameraMonitor(80.0, last_s=97.0)}, "lost", "no image for 3 s"),
+        (
+            {"monitor": CameraMonitor(90.0, last_s=97.0), "statistics": CameraStatistics(taken=START_IMAGES)},
+            "lost",
+            "no image for 3 s",
+        ),
+        (
+            {"monitor": CameraMonitor(90.0, last_s=99.9), "statistics": CameraStatistics(silent=True)},
+            "waiting",
+            "is being started",
+        ),
         ({"monitor": CameraMonitor(), "settings": LINE}, "waiting", "no pulse has come on Line1 yet"),
         ({"now_s": 100.4}, "ok", ""),
         ({"now_s": 101.0}, "lost", "no image for 1 s; check its power, cable"),

@@ -90,8 +90,26 @@ def assemble(project: Project[RunSettings], options: RunOptions, observer: Obser
     rig = read_rig(project.resolve(settings.rig))
     if settings.capture is not None:
         rig = scale_rig_to_capture(rig, project.resolve(settings.capture.folder), reporter)
-    context = build_context(project, rig, reporter, propose_rig=make_rig_writer(options.data, rig, reporter))
+    # first: cameras take seconds to answer, in which the rest is loaded
     source = open_source(project, rig, reporter, paced=options.paced)
+    try:
+        return _assemble_around(source, rig, project, options, observer, reporter)
+    except BaseException:
+        source.close()
+        raise
+
+
+def _assemble_around(
+    source: LiveSource,
+    rig: Rig,
+    project: Project[RunSettings],
+    options: RunOptions,
+    observer: Observer,
+    reporter: Reporter,
+) -> AssembledRun:
+    """Open the other parts of a run; see ``assemble``."""
+    settings = project.settings
+    context = build_context(project, rig, reporter, propose_rig=make_rig_writer(options.data, rig, reporter))
     check_encoder(project)
     historian = Historian(ensure_output_folder(options.data), settings.history)
     resume = historian.ledger_end

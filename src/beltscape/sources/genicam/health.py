@@ -24,11 +24,21 @@ SKEWED_FROM = 3
 RECENT_S = 10.0
 """Time for which a broken image is reported."""
 
+START_GRACE_S = 15.0
+"""Time after the start in which a camera is waited for: after a crash it refuses its next program until its heartbeat
+expires (3 s in GenICam's default), and a busy host takes seconds for the first images."""
+START_IMAGES = 30
+"""Number of images after which a camera has started; its silence is a loss from then on."""
+START_SILENCE_S = 5.0
+"""Silence that is no loss within that time: the first frame sets occupy all processors."""
+
 
 @dataclass(slots=True)
 class CameraMonitor:
     """The observations of one camera."""
 
+    start_s: float = float("-inf")
+    """time.monotonic() at the start of the source."""
     last_s: float | None = None
     """time.monotonic() of its last image."""
     times_s: deque[float] = field(default_factory=lambda: deque(maxlen=8192))
@@ -69,7 +79,9 @@ def find_brightness_fault(image: Image) -> str:
         return Message(text, "overexposed", share=round(100 * share))
     top = float(np.quantile(sample, 0.995)) / float(np.iinfo(image.dtype).max)
     if top < DARK:
-        text = f"dark: the brightest pixels reach {top:.1%} of the range; check light, lens cap and exposure_us"
+        text = (
+            f"dark: the brightest pixels reach {top:.1%} of the range; check light, lens cap and exposure_us"
+        )
         return Message(text, "dark", share=round(100 * top, 1))
     return ""
 
@@ -105,14 +117,17 @@ def _state(
     is_open: bool,
     now_s: float,
 ) -> tuple[CameraState, str]:
+    is_starting = now_s - monitor.start_s < START_GRACE_S and statistics.taken < START_IMAGES
     if monitor.last_s is None:
-        return _state_before_first_image(name, settings, trouble, is_open)
+        return _state_before_first_image(name, settings, trouble, is_open, is_starting)
     silence_s = now_s - monitor.last_s
     if (
         not is_open
         or statistics.silent
         or (settings.trigger != "line" and silence_s > silence_limit_s(settings))
     ):
+        if is_starting and silence_s <= START_SILENCE_S:
+            return _state_before_first_image(name, settings, "", is_open, is_starting)
         why = f" ({trouble})" if trouble else ""
         wire = "trigger wire, " if settings.trigger == "line" else ""
         text = f"no image for {silence_s:.0f} s; check its {wire}power, cable and switch{why}"
@@ -150,10 +165,10 @@ def _state(
 
 
 def _state_before_first_image(
-    name: str, settings: CamerasSettings, trouble: str, is_open: bool
+    name: str, settings: CamerasSettings, trouble: str, is_open: bool, is_starting: bool
 ) -> tuple[CameraState, str]:
     if trouble:
-        return "lost", Message(trouble, "unavailable")
+        return "waiting" if is_starting else "lost", Message(trouble, "unavailable")
     if is_open and settings.trigger == "line":
         text = f"no pulse has come on {settings.trigger_line} yet"
         return "waiting", Message(text, "no_pulse", line=settings.trigger_line)

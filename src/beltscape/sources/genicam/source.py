@@ -57,9 +57,10 @@ class GenicamSource:
         self._matcher: InstantMatcher[CountedImage] = InstantMatcher(self.cameras, core, _rules(settings))
         self._counter = None if settings.encoder is None else BeltCounter(settings.encoder)
         self._ready: deque[FrameSet] = deque()
-        self._monitors = {name: CameraMonitor() for name in self.cameras}
+        start_s = time.monotonic()
+        self._monitors = {name: CameraMonitor(start_s) for name in self.cameras}
         self._number = 0
-        self._closed = False
+        self._closed = self._is_fetched = False
         self.overrun = 0
         """Frame sets dropped since the start because the queue was full."""
         pace = (
@@ -80,7 +81,14 @@ class GenicamSource:
         return tuple(self._settings.devices)
 
     def __iter__(self) -> Iterator[FrameSet]:
-        """Yield frame sets until the source is closed; if they are not fetched in time, the oldest are dropped."""
+        """Yield frame sets until the source is closed; if they are not fetched in time, the oldest are dropped.
+
+        It begins with the newest: those that came while the program was loading are not measured late.
+        """
+        with self._lock:
+            while len(self._ready) > 1 and not self._is_fetched:
+                self._ready.popleft()
+            self._is_fetched = True
         while True:
             with self._lock:
                 while not self._ready and not self._closed:

@@ -142,6 +142,7 @@ def test_small_movement_becomes_significant_over_frames():
     assert assess(make_tie_points(moved)).is_sound
     number, found = accumulate([RIG] * REFERENCE_FRAMES + [moved] * 8)
     assert found is not None
+    assert number is not None
     assert found.inconsistent == ("cam2",)
     assert found.is_change
     assert number < REFERENCE_FRAMES + POOLED_FRAMES

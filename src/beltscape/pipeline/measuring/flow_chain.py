@@ -22,6 +22,7 @@ from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReferenc
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.motion.prediction import MotionPrediction
 from beltscape.pipeline.measuring.belt import read_empty_belt
+from beltscape.pipeline.measuring.same_rig import require_same_rig
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 
 _MARGIN = 0.02
@@ -196,7 +197,9 @@ def read_reference(empty: Path, rig: Rig, cell_mm: float | None, reporter: Repor
         raise InputError(
             f"{empty}: reconstructed with another rig; reconstruct the empty belt with the rig.json given here"
         )
-    return make_reference(belt, rig.core_camera, cell_mm)
+    reference = make_reference(belt, rig.core_camera, cell_mm)
+    require_same_rig(empty, rig, sum(reference.depths_mm()) / 2, reporter)
+    return reference
 
 
 def compute_depth_range(ground: EmptyBeltReference, load_mm: float) -> tuple[float, float]:

@@ -18,6 +18,8 @@ class CameraFault:
     cameras: tuple[str, ...]
     """Empty: the images do not show which of the cameras is at fault."""
     text: str
+    concerns_core: bool = False
+    """Whether the core's image is not what the rig takes it for, so that no depth is right."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +40,12 @@ def list_faults(
             f"the images of {one} and {other} are exchanged: both fit the rig the other way round; "
             f"rename the two folders, or their cameras in rig.json"
         )
-        return [CameraFault((one, other), text)]
+        return [CameraFault((one, other), text, rig.core in (one, other))]
     if misplaced is not None and misplaced.mirroring is not None:
         mirrored = misplaced.mirroring
         cameras = () if len(mirrored.cameras) == len(rig.cameras) else mirrored.cameras
-        return [CameraFault(cameras, _describe_mirroring(mirrored, rig))]
+        text = _describe_mirroring(mirrored, rig)
+        return [CameraFault(cameras, text, rig.core in mirrored.cameras)]
     if consistency.is_sound:
         return []
     inconsistent = [each for each in consistency.cameras if each.camera in consistency.inconsistent]

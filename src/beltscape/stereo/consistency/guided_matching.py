@@ -55,7 +55,7 @@ def _fit_planes(depth_mm: NDArray[np.float32], centres: NDArray[np.int64]) -> tu
     window = depth_mm[
         centres[:, 1, None, None] + step[None, :, None], centres[:, 0, None, None] + step[None, None, :]
     ]
-    window = window.reshape(len(centres), -1).astype(np.float64)
+    window = window.reshape(len(centres), len(step) ** 2).astype(np.float64)
     measured = np.isfinite(window)
     inverse = np.where(measured, 1 / np.where(measured, window, 1.0), 0.0)
     u, v = (x.ravel().astype(np.float64) for x in np.meshgrid(step, step))

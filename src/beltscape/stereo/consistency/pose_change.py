@@ -92,7 +92,8 @@ def fit_pose_change(
     per_block = len(tie_points.core_px) / (BLOCKS[0] * BLOCKS[1])
     variance = 2 * scatter**2 + per_block * (_BIAS_PX * tie_points.pixel_scale) ** 2
     normal = np.asarray(fitted.jac.T @ fitted.jac, np.float64)
-    covariance = variance * np.linalg.pinv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+    inverse = np.linalg.pinv(normal * np.outer(scale, scale)) * np.outer(scale, scale)
+    covariance = np.asarray(variance * inverse, np.float64)
     return PoseChange(
         camera,
         float(np.rad2deg(np.linalg.norm(change[:3]))),
@@ -111,17 +112,6 @@ def apply_pose_change(rig: Rig, camera: str, change: Array) -> Rig:
     inverse = movement.inverse()
     poses = {name: pose if name == camera else pose @ inverse for name, pose in rig.cam_from_core.items()}
     return replace(rig, cam_from_core=poses)
-
-
-def compute_displacement_px(tie_points: TiePoints, rig: Rig, moved: Rig, name: str) -> float:
-    """Return by how much the tie points move in an auxiliary's image between two poses of the rig, RMS, px."""
-    core = rig.core_camera
-    rays = (tie_points.core_px - core.center_px) / core.focal_px
-    points = np.concatenate([rays, np.ones((len(rays), 1))], axis=1) / tie_points.inverse_depth[:, None]
-    before, after = (
-        rig.cameras[name].project(each.cam_from_core[name].apply(points)) for each in (rig, moved)
-    )
-    return float(np.sqrt(np.nanmean(np.square(after - before).sum(axis=1))))
 
 
 def _compute_length_sigma(vector: Array, covariance: Array) -> float:

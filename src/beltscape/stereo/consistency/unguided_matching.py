@@ -54,6 +54,8 @@ def _search(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the positions of the points in the auxiliary's full image (N, 2), and which were searched."""
     nothing = np.full(points_px.shape, np.nan), np.zeros(len(points_px), np.bool_)
+    if not len(points_px):
+        return nothing
     try:
         pair = rectify_pair(small, name, depth_range_mm)
     except ReconstructionError:

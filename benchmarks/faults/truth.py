@@ -29,7 +29,7 @@ class Comparison:
             float(self.true_mm[chosen].sum()),
             sum(self.records[i].volume_mm3 for i in chosen),
             float(self.true_mm3[chosen].sum()),
-            sum(self.records[i].sigma_mm3 for i in chosen),
+            min(sum(self.records[i].sigma_mm3 for i in chosen), self.records[-1].run_sigma_mm3),
         )
 
 
@@ -42,7 +42,7 @@ class Selection:
     volume_mm3: float
     true_mm3: float
     sigma_mm3: float
-    """Sum of the records' σ: their errors are taken as common."""
+    """Sum of the records' σ, as if their errors were common, but not more than the run's own σ."""
 
     @property
     def relative_error(self) -> float:

@@ -45,7 +45,7 @@ def make_records(count, *, place_mm=130.0, length_mm=STEP_MM):
         rates = (2e4, 400.0, 1500.0, 1.0, 1.0)
         strip = FlowRecord(f"{i:05d}", i, end, (begin, end), volume / STEP_MM, volume, *rates, "measured")
         ledger = (900.0 + i * length_mm, 900.0 + (i + 1) * length_mm)
-        records.append(BeltRecord(i + 1, 1, ledger, "valid", "", 0, strip, 0.0, 5, None))
+        records.append(BeltRecord(i + 1, 1, ledger, "valid", "", 0, strip, 1e6, 5, None))
     return records
 
 
@@ -65,7 +65,7 @@ def test_frozen_encoder_loses_length_but_not_truth():
     records = make_records(60)
     end = records[39].belt_mm[1]
     frozen = [
-        BeltRecord(r.number, 1, (end, end), "valid", "", 0, r.strip, 0.0, 5, None) for r in records[40:]
+        BeltRecord(r.number, 1, (end, end), "valid", "", 0, r.strip, 1e6, 5, None) for r in records[40:]
     ]
     total = compare(make_capture(), [*records[:40], *frozen], 40).select(
         ("valid",), [False] * 40 + [True] * 20

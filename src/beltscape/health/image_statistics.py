@@ -28,6 +28,8 @@ FINE_NOISE_SHARE, COARSE_NOISE_SHARE = 1 - 1 / 3, 3 * (1 / 3 - 1 / 7) ** 2 + 4 /
 """Shares of the variance of white noise in the two bands, from the sums of the boxes' squares."""
 _SATURATED = 0.98
 """A level from this share of the full range on is saturated; area averages of saturated pixels stay above it."""
+_NO_TEXTURE = -10.0
+"""Logarithm of the sharpness of an image without any texture."""
 _TEXTURED = 0.25
 """Blocks with this share of the coarse texture of the image's most textured quarter are compared."""
 
@@ -42,55 +44,27 @@ class ImageStatistics:
     """Variance of fine texture, levels²; its noise is subtracted."""
     coarse: FloatArray
     """Variance of coarse texture, levels²; its noise is subtracted."""
-    saturated: FloatArray
+    saturated_share: float
     """Share of saturated pixels."""
     noise: float
     """Variance of the noise in the least textured blocks, levels²."""
-    black: float
-    """Level of the darkest percent of the pixels."""
-
-    @property
-    def brightness(self) -> float:
-        """Mean level of the image, at least 0.1."""
-        return max(float(self.level.mean()), 0.1)
-
-    @property
-    def log_sharpness(self) -> float:
-        """Logarithm of fine over coarse texture in the textured blocks; very low without texture."""
-        textured = self.coarse > _TEXTURED * np.percentile(self.coarse, 75)
-        coarse, fine = float(self.coarse[textured].sum()), float(self.fine[textured].sum())
-        return float(np.log(max(fine, 1e-6) / coarse)) if coarse > 0 else -10.0
+    brightness: float
+    """Mean level of the image, at least 0.1."""
+    contrast: float
+    """Median contrast (root of the texture's variance over the level) of the lit blocks, at least 0.0001."""
+    lit_contrast: float
+    """Contrast that four fifths of the lit blocks exceed: high only under projected speckle."""
+    log_sharpness: float
+    """Logarithm of fine over coarse texture in the textured blocks; -10 without texture."""
+    shading: float
+    """Relative spread of the level between blocks, which a veil reduces but defocus does not; at least 0.0001."""
+    signal_to_noise: float
+    """Texture of the median lit block over noise."""
 
     @property
     def contrasts(self) -> FloatArray:
         """Root of the texture's variance over the level, `GRID`."""
-        return np.asarray(np.sqrt(self.fine + self.coarse) / np.maximum(self.level, 1), np.float32)
-
-    @property
-    def contrast(self) -> float:
-        """Median contrast of the lit blocks."""
-        return max(float(np.median(self.contrasts[self._lit])), 1e-4)
-
-    @property
-    def lit_contrast(self) -> float:
-        """Contrast that four fifths of the lit blocks exceed: high only under projected speckle."""
-        return float(np.percentile(self.contrasts[self._lit], 20))
-
-    @property
-    def shading(self) -> float:
-        """Relative spread of the level between blocks, which a veil reduces but defocus does not."""
-        low, high = np.percentile(self.level, (5, 95))
-        return max(float((high - low) / max(high + low, 0.2)), 1e-4)
-
-    @property
-    def signal_to_noise(self) -> float:
-        """Texture of the median lit block over noise."""
-        texture = np.median((self.fine + self.coarse)[self._lit])
-        return float(np.sqrt(texture / self.noise))
-
-    @property
-    def _lit(self) -> NDArray[np.bool_]:
-        return self.level >= 0.5 * np.median(self.level)
+        return _compute_contrasts(self.fine + self.coarse, self.level)
 
 
 def compute_levels(image: Image) -> FloatArray:
@@ -106,15 +80,35 @@ def compute_statistics(levels: FloatArray) -> ImageStatistics:
     edges = np.abs(cv2.filter2D(levels, -1, _THIRD_DIFFERENCE))
     quiet = float(np.percentile(average_blocks(edges), _QUIET)) * np.sqrt(np.pi / 2)
     noise = max(quiet**2 / _DIFFERENCE_GAIN, 1 / 12)
-    saturated = levels >= _SATURATED * _FULL
+    level = average_blocks(levels)
+    fine = np.maximum(_average_square(levels, narrow) - np.float32(FINE_NOISE_SHARE * noise), 0)
+    coarse = np.maximum(_average_square(narrow, wide) - np.float32(COARSE_NOISE_SHARE * noise), 0)
+    texture, lit = fine + coarse, level >= 0.5 * np.median(level)
+    faint, middle = np.percentile(_compute_contrasts(texture, level)[lit], (20, 50))
+    low, high = np.percentile(level, (5, 95))
     return ImageStatistics(
-        level=average_blocks(levels),
-        fine=np.maximum(_average_square(levels, narrow) - np.float32(FINE_NOISE_SHARE * noise), 0),
-        coarse=np.maximum(_average_square(narrow, wide) - np.float32(COARSE_NOISE_SHARE * noise), 0),
-        saturated=average_blocks(saturated.astype(np.float32)),
+        level=level,
+        fine=fine,
+        coarse=coarse,
+        saturated_share=float(np.mean(levels >= _SATURATED * _FULL)),
         noise=noise,
-        black=float(np.percentile(levels[::4, ::4], 1)),
+        brightness=max(float(level.mean()), 0.1),
+        contrast=max(float(middle), 1e-4),
+        lit_contrast=float(faint),
+        log_sharpness=_compute_log_sharpness(fine, coarse),
+        shading=max(float((high - low) / max(high + low, 0.2)), 1e-4),
+        signal_to_noise=float(np.sqrt(np.median(texture[lit]) / noise)),
     )
+
+
+def _compute_contrasts(texture: FloatArray, level: FloatArray) -> FloatArray:
+    return np.asarray(np.sqrt(texture) / np.maximum(level, 1), np.float32)
+
+
+def _compute_log_sharpness(fine: FloatArray, coarse: FloatArray) -> float:
+    textured = coarse > _TEXTURED * np.percentile(coarse, 75)
+    high, low = float(fine[textured].sum()), float(coarse[textured].sum())
+    return float(np.log(max(high, 1e-6) / low)) if low > 0 else _NO_TEXTURE
 
 
 def compute_block_size(size_px: tuple[int, int]) -> tuple[float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 
@@ -77,7 +78,7 @@ def compare_cameras(frame: FrameStatistics, value: Callable[[ImageStatistics], f
     """Return each camera's value less the median of the others'; NaN for a single camera."""
     values = {name: value(one) for name, one in frame.items()}
     return {
-        name: own - float(np.median([other for key, other in values.items() if key != name]))
+        name: own - median(other for key, other in values.items() if key != name)
         if len(values) > 1
         else float("nan")
         for name, own in values.items()
@@ -86,7 +87,7 @@ def compare_cameras(frame: FrameStatistics, value: Callable[[ImageStatistics], f
 
 def measure_speckle(frame: FrameStatistics) -> float:
     """Return the contrast that four fifths of the lit blocks exceed, median over the cameras."""
-    return float(np.median([one.lit_contrast for one in frame.values()]))
+    return median(one.lit_contrast for one in frame.values())
 
 
 def log_brightness(one: ImageStatistics) -> float:

@@ -127,17 +127,17 @@ class TestFrozen:
 class TestLight:
     def test_projector_off_leaves_nothing_to_match(self, monitor: HealthMonitor) -> None:
         result = monitor.check_images(
-            make_frame(NEXT, lambda _, light: np.minimum(blur(light, 5) / 4, AMBIENT).astype(np.float32))
+            make_frame(NEXT, lambda _, light: np.asarray(np.minimum(blur(light, 5) / 4, AMBIENT), np.float32))
         )
 
         assert "projector" in name_faults(result.findings)
         assert not result.frames.images
 
     def test_projector_dim(self, monitor: HealthMonitor) -> None:
-        dim = make_frame(
-            NEXT, lambda _, light: np.minimum(light, AMBIENT) + 0.3 * np.maximum(light - AMBIENT, 0)
-        )
-        result = monitor.check_images(dim)
+        def dim(_: str, light: Levels) -> Levels:
+            return np.asarray(np.minimum(light, AMBIENT) + 0.3 * np.maximum(light - AMBIENT, 0), np.float32)
+
+        result = monitor.check_images(make_frame(NEXT, dim))
 
         assert "projector" in name_faults(result.findings)
 
@@ -147,7 +147,9 @@ class TestLight:
         assert "projector_focus" in name_faults(result.findings)
 
     def test_dust_in_the_air(self, monitor: HealthMonitor) -> None:
-        result = monitor.check_images(make_frame(NEXT, lambda _, light: 0.5 * light + 20))
+        result = monitor.check_images(
+            make_frame(NEXT, lambda _, light: (0.5 * light + 20).astype(np.float32))
+        )
 
         assert "dust" in name_faults(result.findings)
 

@@ -43,7 +43,7 @@ def check_saturation(frame: FrameStatistics, settings: HealthSettings) -> list[F
 
 
 def _check_saturation(camera: str, one: ImageStatistics, limit: float) -> Finding:
-    share = float(one.saturated.mean())
+    share = one.saturated_share
     finding = Finding("overexposure", 100 * share, 0.0, 100 * limit, "%", camera)
     if share <= limit:
         return finding

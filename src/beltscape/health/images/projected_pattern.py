@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from statistics import median
 
 import numpy as np
 
@@ -81,15 +82,15 @@ def _compare_with_reference(
     pairs = [
         (one, reference.cameras[name])
         for name, one in frame.items()
-        if name in reference.cameras and one.saturated.mean() < settings.saturated
+        if name in reference.cameras and one.saturated_share < settings.saturated
     ]
     if not pairs:
         return None
     return _Change(
-        float(np.median([log_contrast(one) - known.own_contrast for one, known in pairs])),
-        float(np.median([log_sharpness(one) - known.own_sharpness for one, known in pairs])),
-        float(np.median([log_shading(one) - known.own_shading for one, known in pairs])),
-        float(np.median([one.signal_to_noise for one, _ in pairs])),
+        median(log_contrast(one) - known.own_contrast for one, known in pairs),
+        median(log_sharpness(one) - known.own_sharpness for one, known in pairs),
+        median(log_shading(one) - known.own_shading for one, known in pairs),
+        median(one.signal_to_noise for one, _ in pairs),
     )
 
 
@@ -122,7 +123,7 @@ def _describe(check: str, contrast: float, light: float, limit: float, is_fault:
 
 def _check_without_reference(frame: FrameStatistics, limit: float, settings: HealthSettings) -> Finding:
     """Return the finding "projector" of a frame in which no camera shows texture above its noise."""
-    signal = float(np.median([one.signal_to_noise for one in frame.values()]))
+    signal = median(one.signal_to_noise for one in frame.values())
     nan = float("nan")
     if settings.projector == "no" or signal > _LEAST_SIGNAL:
         return Finding("projector", nan, nan, limit, "%")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from statistics import median
+
 import numpy as np
 
 from beltscape.core.findings import Effect, Finding
@@ -43,7 +45,7 @@ def check_contrast(
     contrast, sharpness, shading, brightness = (
         compare_cameras(frame, value) for value in (log_contrast, log_sharpness, log_shading, log_brightness)
     )
-    texture = float(np.median([one.contrast for one in frame.values()]))
+    texture = median(one.contrast for one in frame.values())
     findings: list[Finding] = []
     for name in frame:
         known = None if reference is None else reference.cameras.get(name)
@@ -54,7 +56,7 @@ def check_contrast(
         is_compared = (
             texture > LEAST_CONTRAST
             and brightness[name] > np.log(BLIND_DARKNESS)
-            and frame[name].saturated.mean() < settings.saturated
+            and frame[name].saturated_share < settings.saturated
         )
         is_lost = is_compared and change < np.log(1 - limit)
         is_blurred = (blur < _BLUR or frame[name].signal_to_noise < FAINT_SIGNAL) and veil > _VEIL

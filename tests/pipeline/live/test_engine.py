@@ -185,6 +185,34 @@ def test_slow_worker_drops_frames_and_keeps_the_ledger_complete(tmp_path: Path) 
     historian.close()
 
 
+def test_a_deleted_history_is_written_again_and_told(tmp_path: Path) -> None:
+    engine, watcher, historian, parts = engine_of(tmp_path, Feed(track(0, 3000), pause_s=0.08))
+    engine.start()
+    time.sleep(1.5)
+    for name in ("history.db", "history.db-wal", "history.db-shm"):
+        (tmp_path / name).unlink()
+    assert engine.wait(30)
+    until = time.monotonic() + 5
+    while watcher.alarms.get("history_repaired", "clear") == "clear" and time.monotonic() < until:
+        time.sleep(0.05)
+    engine.stop()
+    assert watcher.alarms["history_repaired"] in ("raised", "gone")
+    assert any("it was deleted while the program ran" in line for line in parts.reporter.warnings)  # type: ignore[attr-defined]
+    names = {(event.kind, event.name) for event in historian.events(0, 1 << 62)}
+    assert names >= {("note", "history"), ("alarm", "history_repaired")}
+    check(everything(historian))
+    assert len(everything(historian)) == 50
+    historian.close()
+    assert len(everything_of(tmp_path)) == 50
+
+
+def everything_of(folder: Path) -> tuple[BeltRecord, ...]:
+    historian = history(folder)
+    kept = everything(historian)
+    historian.close()
+    return kept
+
+
 def test_source_failure_is_reported_and_the_source_restarted(tmp_path: Path) -> None:
     feed = Feed(track(0, 900), fail_at=6)
     engine, _, historian, parts = engine_of(tmp_path, feed)

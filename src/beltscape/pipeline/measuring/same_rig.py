@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
@@ -64,6 +65,10 @@ def _compute_angle(rig: Rig, other: Rig, name: str, depth_mm: float) -> float:
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
     rays = (pixels - core.center_px) / core.focal_px
     points = np.concatenate([rays, np.ones((len(rays), 1))], axis=1) * depth_mm
-    one, two = (each.cam_from_core[name].apply(points) for each in (rig, other))
-    one, two = (each / np.linalg.norm(each, axis=1, keepdims=True) for each in (one, two))
-    return float(np.sqrt(np.mean(np.square(one - two).sum(axis=1))))
+    directions = [_normalise(each.cam_from_core[name].apply(points)) for each in (rig, other)]
+    return float(np.sqrt(np.mean(np.square(directions[0] - directions[1]).sum(axis=1))))
+
+
+def _normalise(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points (N, 3) at the length 1."""
+    return points / np.sqrt(np.square(points).sum(axis=1, keepdims=True))

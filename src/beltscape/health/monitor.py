@@ -79,6 +79,8 @@ class HealthMonitor:
         self._rays: NDArray[np.float64] | None = None
         self._moving_frames = 0
         self._dirt: tuple[Finding, ...] = ()
+        self._faulty: set[str] = set()
+        """Cameras whose last image has another fault: its light says nothing about dirt."""
 
     @property
     def reference(self) -> Reference | None:
@@ -96,6 +98,7 @@ class HealthMonitor:
         if self._settings.learning and self._reference is None and worst_effect(findings) == "none":
             self._learn(statistics)
         self._before, self._levels_before = statistics, levels
+        self._faulty = {one.subject for one in findings if one.is_fault}
         blind = {one.subject for one in findings if one.effect == "missing"}
         return self._select(frames, blind, tuple(map(self._weight_camera, findings)))
 
@@ -104,7 +107,7 @@ class HealthMonitor:
 
         Dirt is searched in frames of a moving belt; while it stands the last findings hold.
         """
-        if not self._settings.images or len(self._before) < 3:
+        if not self._settings.images or len(self._before.keys() - self._faulty) < 3:
             return ()
         self._moving_frames += self._is_moving
         if self._is_moving:
@@ -113,7 +116,7 @@ class HealthMonitor:
 
     def _check_dirt(self, depth: DepthMap) -> list[Finding]:
         self._rays = compute_block_rays(self._rig) if self._rays is None else self._rays
-        levels = {name: one.level for name, one in self._before.items()}
+        levels = {name: one.level for name, one in self._before.items() if name not in self._faulty}
         for name, light in sample_light(levels, self._rig, self._rays, depth).items():
             self._light_maps[name] = accumulate_light(self._light_maps.get(name), light)
             self._recent_maps[name] = accumulate_light(self._recent_maps.get(name), light, SHORT_MEMORY)
@@ -128,6 +131,7 @@ class HealthMonitor:
                 name, light, self._recent_maps[name], self._light_references.get(name), self._settings
             )
             for name, light in self._light_maps.items()
+            if name not in self._faulty
         ]
 
     def _check(

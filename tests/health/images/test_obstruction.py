@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,3 +66,14 @@ def test_faint_dirt_is_found_in_time() -> None:
 
 def test_clean_windows_have_no_dirt() -> None:
     assert not any(follow("cam0", 0.0, 10))
+
+
+def test_frozen_camera_is_not_accused_of_dirt() -> None:
+    monitor = HealthMonitor(make_rig(), HealthSettings(learning_frames=5))
+    frozen = make_frame(CLEAN).images["cam2"]
+    for number in range(CLEAN + 8):
+        frames = make_frame(number)
+        if number > CLEAN:
+            frames = replace(frames, images={**frames.images, "cam2": frozen})
+        monitor.check_images(frames)
+        assert not any(one.is_fault for one in monitor.check_depth(make_depth()))

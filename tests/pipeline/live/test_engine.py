@@ -19,7 +19,8 @@ from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Maintenance
 from beltscape.core.progress import Silent
-from beltscape.pipeline.live.engine import Engine, EngineComponents, notify_records
+from beltscape.pipeline.live.engine import Engine, notify_records
+from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.inspector import PeriodicInspector

@@ -20,7 +20,8 @@ from beltscape.files.rig_json import read_rig
 from beltscape.health.monitor import HealthMonitor
 from beltscape.measure.volume.capacity import compute_capacity_mm2
 from beltscape.pipeline.live.deduplicating_reporter import DeduplicatingReporter
-from beltscape.pipeline.live.engine import Engine, EngineComponents, notify_records
+from beltscape.pipeline.live.engine import Engine, notify_records
+from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.inspector import PeriodicInspector

@@ -4,27 +4,19 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from time import monotonic, monotonic_ns, time_ns
 
-from beltscape.alarms.board import AlarmBoard
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import FrameEvent, LiveSource, Maintenance, Observer
-from beltscape.core.progress import Reporter
+from beltscape.core.live import FrameEvent, Maintenance, Observer
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.pipeline.live import maintenance
+from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.event_log import EventLog
-from beltscape.pipeline.live.finding_log import FindingLog
-from beltscape.pipeline.live.frame_queue import FrameQueue
-from beltscape.pipeline.live.gauges import Gauges
-from beltscape.pipeline.live.inspector import PeriodicInspector
-from beltscape.pipeline.live.measurement_run import MeasurementRun, Outcome
+from beltscape.pipeline.live.measurement_run import Outcome
 from beltscape.pipeline.live.repair_notice import RepairNotice
-from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.recorder import Recorder
-from beltscape.sources.encoder.protocol import Encoder
 
 _WAIT_S = 0.2
 """Longest wait for a frame set before the engine checks whether it must stop."""
@@ -36,37 +28,6 @@ _MONITOR_S = 0.5
 """Period in which cameras, encoder and alarms are evaluated."""
 _HOUSEKEEPING_S = 60.0
 """Period of the removal of old records."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class EngineComponents:
-    """The components of an engine."""
-
-    source: LiveSource
-    encoder: Encoder | None
-    """None where the frame sets contain the position themselves, or the position is unknown."""
-    queue: FrameQueue
-    measurement: MeasurementRun
-    historian: Historian
-    writers: Sequence[Writer]
-    recorder: Recorder | None
-    board: AlarmBoard
-    inspector: PeriodicInspector
-    gauges: Gauges
-    observer: Observer
-    reporter: Reporter
-    """Receives warnings."""
-    polls_encoder: bool
-    """Whether the encoder is read while no frame set arrives; False for a recording."""
-    certificate_days: Callable[[], float] = lambda: float("nan")
-    users_trouble: Callable[[], str] = lambda: ""
-    """Why nobody can sign in, in one line; empty without a fault."""
-    heartbeat: Callable[[], None] = lambda: None
-    """Called periodically while the worker thread lives; it feeds a watchdog."""
-    maintenance: maintenance.MaintenanceMode = field(
-        default_factory=lambda: maintenance.MaintenanceMode(None)
-    )
-    finding_log: FindingLog = field(default_factory=FindingLog)
 
 
 class Engine:

@@ -1,0 +1,49 @@
+"""The components of an engine: what feeds, measures, stores and shows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from beltscape.alarms.board import AlarmBoard
+from beltscape.core.live import LiveSource, Observer
+from beltscape.core.progress import Reporter
+from beltscape.pipeline.live.finding_log import FindingLog
+from beltscape.pipeline.live.frame_queue import FrameQueue
+from beltscape.pipeline.live.gauges import Gauges
+from beltscape.pipeline.live.inspector import PeriodicInspector
+from beltscape.pipeline.live.maintenance import MaintenanceMode
+from beltscape.pipeline.live.measurement_run import MeasurementRun
+from beltscape.pipeline.live.writer import Writer
+from beltscape.sinks.historian import Historian
+from beltscape.sinks.recorder import Recorder
+from beltscape.sources.encoder.protocol import Encoder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EngineComponents:
+    """The components of an engine."""
+
+    source: LiveSource
+    encoder: Encoder | None
+    """None where the frame sets contain the position themselves, or the position is unknown."""
+    queue: FrameQueue
+    measurement: MeasurementRun
+    historian: Historian
+    writers: Sequence[Writer]
+    recorder: Recorder | None
+    board: AlarmBoard
+    inspector: PeriodicInspector
+    gauges: Gauges
+    observer: Observer
+    reporter: Reporter
+    """Receives warnings."""
+    polls_encoder: bool
+    """Whether the encoder is read while no frame set arrives; False for a recording."""
+    certificate_days: Callable[[], float] = lambda: float("nan")
+    users_trouble: Callable[[], str] = lambda: ""
+    """Why nobody can sign in, in one line; empty without a fault."""
+    heartbeat: Callable[[], None] = lambda: None
+    """Called periodically while the worker thread lives; it feeds a watchdog."""
+    maintenance: MaintenanceMode = field(default_factory=lambda: MaintenanceMode(None))
+    finding_log: FindingLog = field(default_factory=FindingLog)

@@ -39,7 +39,7 @@ def main() -> int:
         verdicts.append(verdict)
         print(format_row(verdict), flush=True)
     played = {verdict.name for verdict in verdicts}
-    left = [(case.name, "the time was over") for case in chosen if case.name not in played]
+    left = [(case.name, "not run this time") for case in read_cases() if case.name not in played]
     if arguments.write or not (arguments.short or arguments.only):
         description = _describe(capture, chosen)
         write_table(ROOT / "benchmarks" / "FAULTS.md", verdicts, [*read_not_played(), *left], description)

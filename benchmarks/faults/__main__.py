@@ -21,13 +21,13 @@ from faults.case import Case
 from faults.cases import read_cases, read_not_played
 from faults.player import SOUND_ROUNDS
 from faults.rows import play_rows
-from faults.table import HEAD, ROOT, format_count, format_row, write_table
+from faults.table import HEAD, ROOT, format_count, format_row, read_commit, write_table
 from faults.verdict import Verdict
 
 
 def main() -> int:
     """Play the chosen rows, print the table and write it."""
-    arguments = _parse()
+    arguments, commit = _parse(), read_commit()
     sizes = SHORT if arguments.short or arguments.small else LONG
     capture = open_capture(arguments.cache, sizes, arguments.seed, Silent())
     chosen = [case for case in read_cases() if _is_chosen(case, arguments)]
@@ -42,7 +42,9 @@ def main() -> int:
     left = [(case.name, "not run this time") for case in read_cases() if case.name not in played]
     if arguments.write or not (arguments.short or arguments.only):
         description = _describe(capture, chosen)
-        write_table(ROOT / "benchmarks" / "FAULTS.md", verdicts, [*read_not_played(), *left], description)
+        write_table(
+            ROOT / "benchmarks" / "FAULTS.md", verdicts, [*read_not_played(), *left], description, commit
+        )
     print(format_count(verdicts))
     return int(any(not verdict.passes for verdict in verdicts))
 

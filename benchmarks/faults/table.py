@@ -30,14 +30,18 @@ def format_count(verdicts: Sequence[Verdict]) -> str:
 
 
 def write_table(
-    path: Path, verdicts: Sequence[Verdict], unplayed: Sequence[tuple[str, str]], description: str
+    path: Path,
+    verdicts: Sequence[Verdict],
+    unplayed: Sequence[tuple[str, str]],
+    description: str,
+    commit: str,
 ) -> None:
-    """Write the table with the commit that it was measured at."""
+    """Write the table; ``commit`` is that at the beginning of the run."""
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
     lines = [
         "# Faults",
         "",
-        f"Written by `make faults` at commit {_commit()} on {today}. {description}",
+        f"Written by `make faults` at commit {commit} on {today}. {description}",
         "",
         "Times are seconds of the recording from the fault on, and frames. Metres and the total count from the fault",
         "on, against the exact truth of the rendered heap. A row passes if the fault is named in time, no wrong",
@@ -57,7 +61,9 @@ def write_table(
     path.write_text("\n".join(lines), encoding="utf-8")
 
 
-def _commit() -> str:
+def read_commit() -> str:
+    """Return the checked-out commit, with ``+`` where files differ from it."""
+
     def git(*words: str) -> str:
         done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False)
         return done.stdout.strip() if done.returncode == 0 else ""

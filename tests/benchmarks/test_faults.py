@@ -89,7 +89,7 @@ def test_every_row_is_a_fault_that_the_simulator_knows():
 
 @pytest.mark.slow
 def test_short_form_plays_its_rows(tmp_path):
-    """The sound row must pass; every row is judged, and the last line counts them."""
+    """Three rows of the short form pass; the last line counts them."""
     words = [
         sys.executable,
         "-m",

@@ -61,14 +61,16 @@ def _find_rig(empty: Path) -> Path | None:
 def _compute_angle(rig: Rig, other: Rig, name: str, depth_mm: float) -> float:
     """Return the RMS angle between the directions in which two rigs' auxiliary sees points at a depth, rad."""
     core = rig.core_camera
-    u, v = np.meshgrid(*(np.linspace(0, size - 1, _GRID) for size in core.size_px))
+    width, height = core.size_px
+    u, v = np.meshgrid(np.linspace(0, width - 1, _GRID), np.linspace(0, height - 1, _GRID))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-    rays = (pixels - core.center_px) / core.focal_px
+    rays: NDArray[np.float64] = (pixels - core.center_px) / core.focal_px
     points = np.concatenate([rays, np.ones((len(rays), 1))], axis=1) * depth_mm
     directions = [_normalise(each.cam_from_core[name].apply(points)) for each in (rig, other)]
-    return float(np.sqrt(np.mean(np.square(directions[0] - directions[1]).sum(axis=1))))
+    difference = directions[0] - directions[1]
+    return float(np.sqrt(3 * np.mean(difference * difference)))
 
 
 def _normalise(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return points (N, 3) at the length 1."""
-    return points / np.sqrt(np.square(points).sum(axis=1, keepdims=True))
+    return points / np.linalg.norm(points, axis=1, keepdims=True)

@@ -102,7 +102,9 @@ def train_pairwise_ranking(folders: list[Path]) -> TrainedNetwork:
             first, second, score = frame.selector.rank_top_two(candidates, values)
             paired = np.flatnonzero(second >= 0)
             pair = first[paired], second[paired]
-            pairs = frame.selector.compute_pairwise_features(at, candidates, {**values, "score": score}, paired, pair)
+            pairs = frame.selector.compute_pairwise_features(
+                at, candidates, {**values, "score": score}, paired, pair
+            )
             features.append(np.concatenate(list(pairs.values())).T.astype(np.float32))
             right.append(np.stack([np.abs(ds[index, paired]) <= RIGHT_PX for index in pair], -1))
             names = tuple(pairs)

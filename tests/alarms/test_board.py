@@ -20,7 +20,7 @@ from beltscape.alarms.texts import TEXTS
 from beltscape.core.errors import InputError
 from beltscape.core.findings import Finding
 from beltscape.core.live import CameraHealth, CameraState
-from beltscape.core.messages import get_key
+from beltscape.core.translatable_message import get_key
 from beltscape.files.documents.toml_text import validate
 from tests.strategies import floats
 

@@ -14,7 +14,7 @@ import pytest
 
 from beltscape.core.findings import Finding
 from beltscape.core.live import Alarm, AlarmState, CameraHealth
-from beltscape.core.messages import Message
+from beltscape.core.translatable_message import Message
 from beltscape.sinks.historian import StoredFinding
 from tests.service.feeder import make_heights
 from tests.service.plants import BEGIN_NS, OPEN, STEP_NS, make_service

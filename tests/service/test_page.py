@@ -12,7 +12,7 @@ import pytest
 
 from beltscape.core.findings import Finding
 from beltscape.core.live import Alarm, CameraHealth
-from beltscape.core.messages import Message
+from beltscape.core.translatable_message import Message
 from beltscape.service.access.identity.roles import User
 from beltscape.service.app import create_app
 from beltscape.service.server import serve

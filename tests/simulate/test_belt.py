@@ -56,7 +56,8 @@ def test_slab_is_closed_and_its_upper_side_is_height_at(belt):
     mesh = Mesh(slab.vertices_mm, slab.faces)
     assert mesh.is_closed
     nominal_mm3 = belt.width_mm * belt.thickness_mm * belt.length_mm
-    at_folds = np.cos(np.deg2rad(belt.wing_deg) / 2)  # the lower side's corners lie one thickness below the upper's
+    # the corners of the lower side lie one thickness below those of the upper side
+    at_folds = np.cos(np.deg2rad(belt.wing_deg) / 2)
     assert 0.99 * at_folds * nominal_mm3 < mesh.volume_mm3 < 1.01 * nominal_mm3
     corners = mesh.vertices_mm[mesh.faces]
     up = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2] > 1e-6

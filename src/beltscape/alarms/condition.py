@@ -9,7 +9,7 @@ from typing import Literal
 
 from beltscape.core.findings import Finding
 from beltscape.core.live import Severity
-from beltscape.core.messages import Message
+from beltscape.core.translatable_message import Message
 
 ConditionState = Literal["on", "off", "between", "unknown"]
 """past the limit; back beyond the clear limit; between the two; not known"""

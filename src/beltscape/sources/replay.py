@@ -9,7 +9,7 @@ from time import monotonic, monotonic_ns
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import CameraHealth, CameraState
-from beltscape.core.messages import Message
+from beltscape.core.translatable_message import Message
 from beltscape.sources.folder import FolderSource
 
 _RATE_S = 5.0

@@ -19,7 +19,6 @@ from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.rig_json import read_rig
 from beltscape.health.monitor import HealthMonitor
 from beltscape.measure.volume.capacity import compute_capacity_mm2
-from beltscape.pipeline.live.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.engine import Engine, notify_records
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.frame_queue import FrameQueue
@@ -29,6 +28,7 @@ from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.maintenance import MaintenanceMode
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
+from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.writer import Writer
 from beltscape.pipeline.measuring.flow import Instant, list_instants, scale_rig_to_capture
 from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference

@@ -13,9 +13,9 @@ from beltscape.core.live import FrameEvent, Maintenance, Observer
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.engine_components import EngineComponents
-from beltscape.pipeline.live.event_log import EventLog
 from beltscape.pipeline.live.measurement_run import Outcome
-from beltscape.pipeline.live.repair_notice import RepairNotice
+from beltscape.pipeline.live.reporting.event_log import EventLog
+from beltscape.pipeline.live.reporting.repair_notice import RepairNotice
 from beltscape.sinks.historian import Historian
 
 _WAIT_S = 0.2

@@ -12,7 +12,7 @@ from time import monotonic, time_ns
 
 from beltscape.core.findings import Finding
 from beltscape.core.live import Maintenance
-from beltscape.core.messages import Message
+from beltscape.core.translatable_message import Message
 from beltscape.sinks.durable import write_durably
 
 CHECK = "maintenance"

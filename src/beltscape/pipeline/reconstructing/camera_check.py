@@ -7,7 +7,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.accumulation import ResidualAccumulator
 from beltscape.stereo.consistency.check import check_consistency
-from beltscape.stereo.consistency.diagnosis import MisplacedImages, find_misplaced_images
+from beltscape.stereo.consistency.diagnosis.diagnosis import MisplacedImages, find_misplaced_images
 from beltscape.stereo.consistency.fault_texts import CameraFault, list_faults
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance

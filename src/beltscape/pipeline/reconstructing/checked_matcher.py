@@ -20,8 +20,8 @@ from beltscape.pipeline.reconstructing.check_schedule import CheckSchedule
 from beltscape.pipeline.reconstructing.rig_proposal import RigProposals
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE
+from beltscape.stereo.consistency.diagnosis.low_coverage import diagnose_low_coverage
 from beltscape.stereo.consistency.fault_texts import CameraFault
-from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings

@@ -29,8 +29,8 @@ from beltscape.pipeline.reconstructing.search_range import check_depth_range
 from beltscape.report.drawing.depth_picture import draw_depth_map
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.consistency.check import check_consistency
-from beltscape.stereo.consistency.diagnosis import diagnose_cameras
-from beltscape.stereo.consistency.low_coverage import diagnose_low_coverage
+from beltscape.stereo.consistency.diagnosis.diagnosis import diagnose_cameras
+from beltscape.stereo.consistency.diagnosis.low_coverage import diagnose_low_coverage
 from beltscape.stereo.consistency.rig_consistency import make_consistency_document
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range, find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor

@@ -19,7 +19,7 @@ from beltscape.report.rectification import draw_rectification
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import check_consistency
-from beltscape.stereo.consistency.diagnosis import diagnose_cameras
+from beltscape.stereo.consistency.diagnosis.diagnosis import diagnose_cameras
 from beltscape.stereo.consistency.rig_consistency import RigConsistency, make_consistency_document
 from beltscape.stereo.pairwise.rectification import rectify_pair
 from beltscape.stereo.pairwise.rectified_images import RectifiedImages, rectify_images

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from beltscape.core.belt.ledger_entries import Standing, Totals
 from beltscape.core.live import Alarm, AlarmState, CameraHealth, CameraState, Severity
-from beltscape.core.messages import get_key, get_values
+from beltscape.core.translatable_message import get_key, get_values
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, Number, ResponseModel, describe_refusals
 from beltscape.service.live_state import Snapshot

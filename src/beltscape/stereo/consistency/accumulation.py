@@ -9,7 +9,7 @@ from beltscape.stereo.consistency.check import assess_tie_points
 from beltscape.stereo.consistency.fault_isolation import compute_frame_residuals, exceeds_tolerance
 from beltscape.stereo.consistency.residual_reference import ResidualReference, compute_reference
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
-from beltscape.stereo.consistency.tie_points import TiePoints, join_tie_points
+from beltscape.stereo.consistency.tie_points.tie_points import TiePoints, join_tie_points
 from beltscape.stereo.consistency.tolerance import compute_change_tolerance, compute_tolerance
 
 POOLED_FRAMES = 4

@@ -9,6 +9,7 @@ import numpy as np
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.stereo.consistency.diagnosis.pose_change import PoseChange, fit_pose_change
 from beltscape.stereo.consistency.fault_isolation import (
     FaultIsolation,
     FrameResiduals,
@@ -16,14 +17,13 @@ from beltscape.stereo.consistency.fault_isolation import (
     exceeds_tolerance,
     isolate_faults,
 )
-from beltscape.stereo.consistency.guided_matching import match_guided
-from beltscape.stereo.consistency.pose_change import PoseChange, fit_pose_change
 from beltscape.stereo.consistency.residual_reference import ResidualReference
 from beltscape.stereo.consistency.residuals import PairResiduals, compute_pair_residuals
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency, State
-from beltscape.stereo.consistency.tie_points import Array, TiePoints, detect_textured_points
+from beltscape.stereo.consistency.tie_points.guided_matching import match_guided
+from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints, detect_textured_points
+from beltscape.stereo.consistency.tie_points.unguided_matching import match_unguided
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
-from beltscape.stereo.consistency.unguided_matching import match_unguided
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
 
 LEAST_COVERAGE = 0.3

@@ -18,7 +18,7 @@ from beltscape.stereo.consistency.systematic_residual import (
     SystematicResidual,
     estimate_systematic_residual,
 )
-from beltscape.stereo.consistency.tie_points import TiePoints
+from beltscape.stereo.consistency.tie_points.tie_points import TiePoints
 from beltscape.stereo.consistency.tolerance import Tolerance
 
 _LEAST_INLIERS = 0.5

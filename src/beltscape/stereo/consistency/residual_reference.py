@@ -11,7 +11,7 @@ import numpy as np
 from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.residuals import compute_disparity_residuals, compute_pair_residuals
 from beltscape.stereo.consistency.systematic_residual import BLOCKS, LEAST_IN_BLOCK, find_blocks
-from beltscape.stereo.consistency.tie_points import Array, TiePoints
+from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.tie_points import Array, TiePoints
+from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.statistics import MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA
-from beltscape.stereo.consistency.tie_points import Array
+from beltscape.stereo.consistency.tie_points.tie_points import Array
 
 LEAST_POINTS = 12
 """Fewer residuals give no usable estimate."""

@@ -15,7 +15,7 @@ from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.stereo.consistency.residual_reference import ResidualReference
 from beltscape.stereo.consistency.residuals import compute_disparity_residuals, compute_pair_residuals
 from beltscape.stereo.consistency.systematic_residual import BLOCKS
-from beltscape.stereo.consistency.tie_points import Array, TiePoints
+from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints
 
 _LOSS_PX = 0.5
 """Scale of Cauchy's loss; larger residuals are false matches and weigh less."""

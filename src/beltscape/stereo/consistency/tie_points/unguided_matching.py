@@ -12,7 +12,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import scale_rig
-from beltscape.stereo.consistency.tie_points import Array, TiePoints
+from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints
 from beltscape.stereo.pairwise.contrast import quantise_root
 from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair
 from beltscape.stereo.pairwise.row_error import match_rows

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.live import Alarm
-from beltscape.core.messages import get_key, get_values
 from beltscape.core.progress import Reporter
+from beltscape.core.translatable_message import get_key, get_values
 from beltscape.sinks.historian import Historian
 
 

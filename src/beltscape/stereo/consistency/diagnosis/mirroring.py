@@ -9,13 +9,13 @@ import numpy as np
 
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.exchange import (
+from beltscape.stereo.consistency.diagnosis.exchange import (
     POINTS,
     count_fitting_points,
     list_imaged_auxiliaries,
 )
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
-from beltscape.stereo.consistency.tie_points import detect_textured_points
+from beltscape.stereo.consistency.tie_points.tie_points import detect_textured_points
 
 Flip = Literal["left to right", "upside down", "by 180°"]
 _STEPS: dict[Flip, tuple[int, int]] = {"left to right": (1, -1), "upside down": (-1, 1), "by 180°": (-1, -1)}

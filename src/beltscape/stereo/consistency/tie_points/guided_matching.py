@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet, Image, to_grey
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.tie_points import Array, TiePoints
+from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints
 from beltscape.stereo.correlation_peak import refine_peak
 
 _HALF_PX = 7

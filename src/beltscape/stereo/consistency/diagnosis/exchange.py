@@ -11,8 +11,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.fault_isolation import compute_frame_residuals
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
-from beltscape.stereo.consistency.tie_points import Array, detect_textured_points
-from beltscape.stereo.consistency.unguided_matching import match_unguided
+from beltscape.stereo.consistency.tie_points.tie_points import Array, detect_textured_points
+from beltscape.stereo.consistency.tie_points.unguided_matching import match_unguided
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
 
 _FITS_PX = 1.0

@@ -1,0 +1,1 @@
+"""Diagnosis of inconsistent cameras: moved, exchanged, mirrored, or too little to match."""

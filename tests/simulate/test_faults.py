@@ -96,7 +96,7 @@ ONE_OF_EACH = Faults.model_validate(
 )
 
 
-@pytest.mark.parametrize("name", list(ONE_OF_EACH.model_fields_set))
+@pytest.mark.parametrize("name", sorted(ONE_OF_EACH.model_fields_set))
 def test_image_fault_begins_in_its_frame_and_is_reproducible(name):
     faults = Faults.model_validate({name: getattr(ONE_OF_EACH, name)})
     image = np.rint(255 * LIGHT).astype(np.uint8)

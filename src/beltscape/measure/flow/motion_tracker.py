@@ -28,6 +28,7 @@ from beltscape.measure.flow.motion.plausibility import (
     is_belt_surface,
     is_certain,
     is_certain_apart,
+    is_confirmed,
     is_jump,
     is_unmatched,
 )
@@ -57,8 +58,7 @@ class MotionTracker:
         given = settings.direction
         self.direction = 0 if given is None else 1 if given == "+y" else -1
         """+1 towards +y, -1 towards -y, 0 if not known yet."""
-        self.is_assumed = False
-        """Whether the direction is only assumed."""
+        self.is_assumed = False  # whether the direction is only assumed
         self._reference, self._settings, self._key_step_mm = reference, settings, key_step_mm
         low, high = reference.seen_mm
         self._reach_mm = (1 - settings.least_overlap) * (high - low)
@@ -71,6 +71,7 @@ class MotionTracker:
         self._unmatched = 0
         self._speed_by_match: float | None = None
         """Speed by the last registration, mm per unit of the clock."""
+        self._first_mm = float("nan")  # motion of the pair of frames before, until the first motion is known
         self._last_reading: BeltPosition | None = None
         """The last position with an encoder reading."""
 
@@ -92,17 +93,13 @@ class MotionTracker:
         """Return the high-pass heights of a depth map."""
         if depth is None:
             return None
-        reference = self._reference
-        return compute_high_pass(
-            reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * reference.cell_mm, reference.belt.noise_mm
-        )
+        height, cell_mm = self._reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * self._reference.cell_mm
+        return compute_high_pass(height, cell_mm, self._reference.belt.noise_mm)
 
     def can_locate(self, waiting: Sequence[PushedFrame]) -> bool:
         """Return whether frames can be placed: by a known motion, by an encoder, or by a first motion found now."""
         newest = waiting[-1]
-        if self.motion.key is not None:
-            return True
-        if self.direction and newest.encoder_mm is not None:
+        if self.motion.key is not None or (self.direction and newest.encoder_mm is not None):
             return True
         before = next((one for one in waiting[-2::-1] if one.high_pass is not None), None)
         if before is None or before.high_pass is None or newest.high_pass is None:
@@ -112,6 +109,9 @@ class MotionTracker:
             return False
         if newest.encoder_mm is not None and newest.encoder_mm < (before.encoder_mm or 0.0):
             return False  # the belt rolls back, or the encoder counts in reverse: a longer motion decides
+        earlier, self._first_mm = self._first_mm, shift.along_mm
+        if not is_confirmed(shift.along_mm, newest.encoder_mm, before.encoder_mm, earlier):
+            return False
         self.direction = self.direction or (1 if shift.along_mm > 0 else -1)
         if newest.encoder_mm is None and newest.clock > before.clock:
             self.motion.speed = self.direction * shift.along_mm / (newest.clock - before.clock)

@@ -133,3 +133,19 @@ def is_jump(
         allowed = min(allowed, _HIGHEST_ACCELERATION_MM_S2 * elapsed**2)
     step = encoder_mm - (before.encoder_mm or 0.0)
     return abs(step - expected) > _LEAST_JUMP_MM + allowed + 0.05 * abs(expected)
+
+
+def is_confirmed(
+    along_mm: float, encoder_mm: float | None, encoder_before_mm: float | None, earlier_mm: float
+) -> bool:
+    """Return whether a first motion is the encoder's step, or that of the pair of frames before (``earlier_mm``).
+
+    A chance registration of a thin load may have any length and sign; it must not set the direction of travel.
+    Without an encoder every motion counts as confirmed.
+    """
+    if encoder_mm is None or encoder_before_mm is None:
+        return True
+    step = encoder_mm - encoder_before_mm
+    if abs(abs(along_mm) - step) <= MAX_DISAGREEMENT * step + LEAST_MM:
+        return True
+    return abs(along_mm - earlier_mm) <= MAX_DISAGREEMENT * abs(along_mm)

@@ -22,7 +22,7 @@ from faults.cases import read_cases, read_not_played
 from faults.player import SOUND_ROUNDS
 from faults.rows import play_rows
 from faults.table import HEAD, ROOT, format_count, format_row, read_commit, write_table
-from faults.verdict import Verdict
+from faults.verdict import RowResult
 
 
 def main() -> int:
@@ -34,7 +34,7 @@ def main() -> int:
     if arguments.rounds is not None:
         chosen = [replace(case, rounds=min(case.rounds, arguments.rounds)) for case in chosen]
     print("\n".join(HEAD), flush=True)
-    verdicts: list[Verdict] = []
+    verdicts: list[RowResult] = []
     for verdict in play_rows(capture, chosen, jobs=arguments.jobs, minutes=arguments.minutes):
         verdicts.append(verdict)
         print(format_row(verdict), flush=True)

@@ -96,11 +96,11 @@ class Feed:
 
 def make_faults(described: Mapping[str, Any], onset: int) -> Faults:
     """Return faults that begin in the frame ``onset``."""
-    begun = {
+    started = {
         name: [{"first": onset, **_shift_last(one, onset)} for one in many]
         for name, many in described.items()
     }
-    return Faults.model_validate(begun)
+    return Faults.model_validate(started)
 
 
 def _shift_last(one: Mapping[str, Any], onset: int) -> dict[str, Any]:

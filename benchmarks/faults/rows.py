@@ -13,7 +13,7 @@ from faults.capture import RoundCapture
 from faults.case import Case
 from faults.matching import Cache
 from faults.player import play
-from faults.verdict import Verdict, assess
+from faults.verdict import RowResult, assess
 
 _cache: Cache = {}
 """Depth maps of the sound plant's images, of this process."""
@@ -21,7 +21,7 @@ _cache: Cache = {}
 
 def play_rows(
     capture: RoundCapture, cases: Sequence[Case], *, jobs: int = 1, minutes: float = math.inf
-) -> Iterator[Verdict]:
+) -> Iterator[RowResult]:
     """Yield the verdicts in the order of the rows; no row begins after ``minutes``."""
     end = time.monotonic() + 60 * minutes
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
@@ -30,7 +30,7 @@ def play_rows(
                 yield verdict
 
 
-def play_row(capture: RoundCapture, end: float, case: Case) -> Verdict | None:
+def play_row(capture: RoundCapture, end: float, case: Case) -> RowResult | None:
     """Play a row; None where it would begin after ``end``, on the monotonic clock."""
     if time.monotonic() > end:
         return None

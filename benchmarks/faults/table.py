@@ -7,7 +7,7 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from faults.verdict import Verdict
+from faults.verdict import RowResult
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAD = (
@@ -16,14 +16,14 @@ HEAD = (
 )
 
 
-def format_row(verdict: Verdict) -> str:
+def format_row(verdict: RowResult) -> str:
     """Return a row of the table."""
     result = "passed" if verdict.passes else "**failed**: " + "; ".join(verdict.failures)
     cells = (verdict.name, verdict.promised, verdict.noticed, verdict.published, verdict.error, result)
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def format_count(verdicts: Sequence[Verdict]) -> str:
+def format_count(verdicts: Sequence[RowResult]) -> str:
     """Return the last line."""
     passed = sum(verdict.passes for verdict in verdicts)
     return f"{passed} passed, {len(verdicts) - passed} failed"
@@ -31,7 +31,7 @@ def format_count(verdicts: Sequence[Verdict]) -> str:
 
 def write_table(
     path: Path,
-    verdicts: Sequence[Verdict],
+    verdicts: Sequence[RowResult],
     unplayed: Sequence[tuple[str, str]],
     description: str,
     commit: str,

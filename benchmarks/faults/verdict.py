@@ -17,7 +17,7 @@ _ALL = ("valid", "degraded", "missing")
 
 
 @dataclass(frozen=True)
-class Verdict:
+class RowResult:
     """The result of a row."""
 
     name: str
@@ -34,11 +34,11 @@ class Verdict:
         return not self.failures
 
 
-def assess(capture: RoundCapture, played: Played) -> Verdict:
+def assess(capture: RoundCapture, played: Played) -> RowResult:
     """Return the verdict on a row."""
     case, records = played.case, [record for _, record in played.records]
     if not records:
-        return Verdict(case.name, case.promised, "", "no record", "", ("no record was published",))
+        return RowResult(case.name, case.promised, "", "no record", "", ("no record was published",))
     numbers = np.array([-1 if r.strip is None else int(r.strip.frame) for r in records])
     numbers = np.maximum.accumulate(numbers)
     before = numbers < played.onset
@@ -51,16 +51,16 @@ def assess(capture: RoundCapture, played: Played) -> Verdict:
     noticed, is_in_time = _describe_notice(played)
     total = comparison.select(("valid", "degraded"), since.tolist())
     failures = [] if is_in_time else ["not named in time"]
-    failures += _judge_records(played, comparison, since, late)
+    failures += _check_records(played, comparison, since, late)
     if not total.covers_truth():
         failures.append("total beyond 2.5 σ")
-    return Verdict(
+    return RowResult(
         case.name, case.promised, noticed, _describe_published(played, comparison, since), _describe(total),
         tuple(failures),
     )  # fmt: skip
 
 
-def _judge_records(played: Played, comparison: Comparison, since: np.ndarray, late: np.ndarray) -> list[str]:
+def _check_records(played: Played, comparison: Comparison, since: np.ndarray, late: np.ndarray) -> list[str]:
     """Return what is wrong about the records since the fault."""
     failures: list[str] = []
     valid = comparison.select(("valid",), late.tolist())

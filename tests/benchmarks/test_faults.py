@@ -81,10 +81,10 @@ def test_every_row_is_a_fault_that_the_simulator_knows():
     assert len({case.name for case in cases}) == len(cases)
     assert sum(case.is_short for case in cases) >= 5
     for case in cases:
-        begun = [fault.first for _, fault in make_faults(case.faults, 60).list_faults()]
-        assert begun == [60] * len(begun)
+        started = [fault.first for _, fault in make_faults(case.faults, 60).list_faults()]
+        assert started == [60] * len(started)
         assert case.is_sound or case.named_by
-        assert bool(begun) or case.zero_faults or case.is_sound
+        assert bool(started) or case.zero_faults or case.is_sound
 
 
 @pytest.mark.slow

@@ -55,7 +55,7 @@ def test_rise_is_measured_beside_a_load(rise_mm, heap):
 
 
 @pytest.mark.parametrize(("across_deg", "along_deg"), [(0.3, 0.0), (-0.3, 0.0), (0.0, 0.3), (0.2, -0.2)])
-def test_tilt_is_told_from_a_rise(across_deg, along_deg):
+def test_tilt_and_rise_are_distinguished(across_deg, along_deg):
     shift = shift_of(
         depth_map(Heap(-400.0, 2000.0, half_width_mm=150.0), 300.0),
         moved(1.0, across_deg=across_deg, along_deg=along_deg),

@@ -129,9 +129,10 @@ def test_overexposed_view_causes_a_warning(run, capture, tmp_path):
     cv2.imwrite(str(folder / "cam1" / "000.png"), image)
     code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
     assert code == 0
-    assert warnings(err) == [
-        f"warning: {folder / 'cam1' / '000.png'}: overexposed, 50% of the pixels are saturated; lower the exposure"
-    ]
+    path = folder / "cam1" / "000.png"
+    lines = warnings(err)
+    assert f"warning: {path}: overexposed, 50% of the pixels are saturated; lower the exposure" in lines
+    assert all("cam1" in line for line in lines)
 
 
 def test_low_coverage_causes_a_warning(run, capture, tmp_path):
@@ -144,10 +145,10 @@ def test_low_coverage_causes_a_warning(run, capture, tmp_path):
     assert code == 0
     share = parse_json(out)["frames"][0]["coverage"]
     assert share < 0.3
-    assert warnings(err) == [
+    assert (
         f"warning: frame 000: only {share:.0%} of the pixels are measured; is the speckle projector on, "
         "and the exposure long enough?"
-    ]
+    ) in warnings(err)
 
 
 def test_capture_without_the_core_is_refused(run, capture, tmp_path):

@@ -386,7 +386,7 @@ def test_sign_out_on_a_phone(site):
     page.context.close()
 
 
-def test_maintenance_is_begun_shown_and_ended(site):
+def test_maintenance_begins_is_displayed_and_ends(site):
     page = site.page("/?lang=en")
     wait_until_live(page)
     page.click("#maintenance-begin")

@@ -193,6 +193,16 @@ def run_and_count_frames(command: Sequence[str | Path]) -> tuple[int, int, str]:
     return metering.done, metering.missed, output
 
 
+def fetch_login(server: object, attempts: int = 5) -> int:
+    """Return the status of the login page; connections may be refused until the attackers' are closed."""
+    for _ in range(attempts - 1):
+        try:
+            return httpx.get(f"{server.address}/login", timeout=10).status_code
+        except httpx.TransportError:
+            time.sleep(0.5)
+    return httpx.get(f"{server.address}/login", timeout=10).status_code
+
+
 def test_no_frame_is_missed_under_attack(running):
     """The attackers come from 250 addresses, so that no limit per address stops them."""
     _, port = get_host_and_port(running)
@@ -212,7 +222,7 @@ def test_no_frame_is_missed_under_attack(running):
         assert len(counts["answers"]) > 5
         assert not any(answer.startswith("5") for answer in counts["answers"]), counts["answers"]
         assert time.clock_gettime(used) - before < 0.5 * SECONDS, "the web takes less than half a core"
-        assert httpx.get(f"{running.address}/login", timeout=10).status_code == 200
+        assert fetch_login(running) == 200
         print(done, missed, counts)
         if missed == 0:
             assert done > 0.8 * SECONDS * HZ

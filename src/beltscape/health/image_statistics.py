@@ -48,7 +48,7 @@ class ImageStatistics:
     """Share of saturated pixels."""
     noise: float
     """Variance of the noise in the least textured blocks, levels²."""
-    brightness: float
+    mean_level: float
     """Mean level of the image, at least 0.1."""
     contrast: float
     """Median contrast (root of the texture's variance over the level) of the lit blocks, at least 0.0001."""
@@ -92,7 +92,7 @@ def compute_statistics(levels: FloatArray) -> ImageStatistics:
         coarse=coarse,
         saturated_share=float(np.mean(levels >= _SATURATED * _FULL)),
         noise=noise,
-        brightness=max(float(level.mean()), 0.1),
+        mean_level=max(float(level.mean()), 0.1),
         contrast=max(float(middle), 1e-4),
         lit_contrast=float(faint),
         log_sharpness=_compute_log_sharpness(fine, coarse),

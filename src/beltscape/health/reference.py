@@ -24,7 +24,7 @@ LEAST_CONTRAST = 0.03
 class CameraReference:
     """Values of one camera in sound frames; logarithms."""
 
-    brightness: float
+    mean_level: float
     """Brightness over that of the other cameras."""
     contrast: float
     """Contrast over that of the other cameras."""
@@ -54,13 +54,13 @@ class Reference:
 def learn_reference(frames: Sequence[FrameStatistics]) -> Reference:
     """Return the medians over sound frames; only cameras that are in all of them have a reference."""
     names = [name for name in frames[0] if all(name in frame for frame in frames)]
-    brightness, contrast, sharpness, shading = (
+    mean_level, contrast, sharpness, shading = (
         [compare_cameras(frame, value) for frame in frames]
         for value in (log_brightness, log_contrast, log_sharpness, log_shading)
     )
     cameras = {
         name: CameraReference(
-            _learn_offset(brightness, name),
+            _learn_offset(mean_level, name),
             _learn_offset(contrast, name),
             _learn_offset(sharpness, name, 2 * _LARGEST_OFFSET),
             _learn_offset(shading, name, 4 * _LARGEST_OFFSET),
@@ -92,7 +92,7 @@ def measure_speckle(frame: FrameStatistics) -> float:
 
 def log_brightness(one: ImageStatistics) -> float:
     """Return the logarithm of the mean level."""
-    return float(np.log(one.brightness))
+    return float(np.log(one.mean_level))
 
 
 def log_contrast(one: ImageStatistics) -> float:

@@ -47,7 +47,7 @@ def test_standing_belt_gives_no_delay() -> None:
     assert measure(1.0, 0.0).sigma_ms == np.inf
 
 
-def test_moved_camera_is_told_from_delay_by_the_speeds() -> None:
+def test_speeds_distinguish_a_moved_camera_from_a_delay() -> None:
     delay, sigma = separate_delay([measure(0.8, speed, shift_px=2.0) for speed in (500.0, 1000.0, 2000.0)])
 
     assert delay == pytest.approx(0.8, abs=4 * sigma)

@@ -81,7 +81,7 @@ def check_ledger(entries: Sequence[BeltRecord], travel_mm: float) -> None:
         assert (entry.reason == "") == (entry.standing == "valid")
 
 
-def places(step_mm: float = STEP_MM) -> Array:
+def list_positions(step_mm: float = STEP_MM) -> Array:
     return step_mm * np.arange(COUNT)
 
 
@@ -113,14 +113,14 @@ JUMPS: dict[str, Callable[[Array], Array]] = {
 @cache
 def measure_sound_volume_mm3() -> float:
     """Return the volume by an encoder without a fault."""
-    track = places()
+    track = list_positions()
     entries, _ = measure(track, [float(place) for place in track])
     return sum(entry.volume_mm3 for entry in entries)
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_nothing_is_valid_from_the_first_contradicted_frame_on(fault: str) -> None:
-    track = places()
+    track = list_positions()
     entries, findings = measure(track, [float(reading) for reading in FAULTS[fault](track)])
     check_ledger(entries, track[-1])
     not_valid = list_not_valid(entries)
@@ -133,7 +133,7 @@ def test_nothing_is_valid_from_the_first_contradicted_frame_on(fault: str) -> No
 
 @pytest.mark.parametrize("jump", JUMPS)
 def test_a_jump_is_no_belt_and_the_encoder_is_trusted_again_after_it(jump: str) -> None:
-    track = places()
+    track = list_positions()
     entries, findings = measure(track, [float(reading) for reading in JUMPS[jump](track)])
     check_ledger(entries, track[-1])
     assert list_not_valid(entries) == list(range(FIRST, FIRST + 4))
@@ -142,7 +142,7 @@ def test_a_jump_is_no_belt_and_the_encoder_is_trusted_again_after_it(jump: str) 
 
 @pytest.mark.parametrize(("slip", "frames"), [(0.01, 30), (0.03, 5)])
 def test_slip_adds_up_until_it_exceeds_its_uncertainty(slip: float, frames: int) -> None:
-    track = places()
+    track = list_positions()
     steps = np.diff(track, prepend=track[0]) * np.where(np.arange(COUNT) >= FIRST, 1 - slip, 1.0)
     entries, findings = measure(track, [float(reading) for reading in np.cumsum(steps)])
     check_ledger(entries, track[-1])
@@ -153,7 +153,7 @@ def test_slip_adds_up_until_it_exceeds_its_uncertainty(slip: float, frames: int)
 
 
 def test_a_small_slip_is_a_trend_with_sigma_and_no_fault() -> None:
-    track = places()
+    track = list_positions()
     entries, findings = measure(track, [0.997 * float(place) for place in track])
     assert list_not_valid(entries) == []
     (last,) = findings[-1]
@@ -164,7 +164,7 @@ def test_a_small_slip_is_a_trend_with_sigma_and_no_fault() -> None:
 
 @pytest.mark.parametrize("step_mm", [330.0, 460.0])
 def test_fast_belts_whose_views_hardly_overlap(step_mm: float) -> None:
-    track = places(step_mm)
+    track = list_positions(step_mm)
     entries, _ = measure(track, [float(reading) for reading in FAULTS["frozen, then catching up"](track)])
     check_ledger(entries, track[-1])
     assert set(range(FIRST, END)) <= set(list_not_valid(entries))
@@ -176,7 +176,7 @@ def test_fast_belts_whose_views_hardly_overlap(step_mm: float) -> None:
 )
 def test_a_sound_encoder_is_not_accused(step_mm: float, is_empty: bool) -> None:
     """Also where the views have nothing in common, and where nothing lies on the belt."""
-    track = places(step_mm)
+    track = list_positions(step_mm)
     jitter = np.random.default_rng(6).normal(0, 0.4, COUNT)
     _, findings = measure(track, [float(reading) for reading in track + jitter], is_empty=is_empty)
     assert not any(one.is_fault for made in findings for one in made)
@@ -191,7 +191,7 @@ def test_a_stop_and_a_start_accuse_nobody() -> None:
 
 
 def test_frozen_images_give_no_multiples_of_the_load() -> None:
-    track = places()
+    track = list_positions()
     frozen = np.where(np.arange(COUNT) >= FIRST, track[FIRST - 1], track)
     entries, findings = measure(frozen, [float(place) for place in track])
     assert set(range(FIRST, COUNT)) <= set(list_not_valid(entries))
@@ -203,7 +203,7 @@ def test_frozen_images_give_no_multiples_of_the_load() -> None:
 
 
 def test_a_silent_encoder_that_returns_with_another_count() -> None:
-    track = places()
+    track = list_positions()
     readings = [
         None if silent else float(place) - 2000 * (number >= END)
         for number, (place, silent) in enumerate(zip(track, FAULT, strict=True))
@@ -214,7 +214,7 @@ def test_a_silent_encoder_that_returns_with_another_count() -> None:
 
 
 def test_an_encoder_that_counts_in_reverse_from_the_start() -> None:
-    track = places()
+    track = list_positions()
     context = replace(make_context(), matcher=PlaceMatcher(False))
     context = replace(context, flow=context.flow.model_copy(update={"direction": None}))
     run = MeasurementRun(context, LedgerState(1, 0, None), CAMERAS, lambda: 17, Silent())

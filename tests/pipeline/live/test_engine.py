@@ -186,7 +186,7 @@ def test_slow_worker_drops_frames_and_keeps_the_ledger_complete(tmp_path: Path) 
     historian.close()
 
 
-def test_a_deleted_history_is_written_again_and_told(tmp_path: Path) -> None:
+def test_a_deleted_history_is_written_again_and_reported(tmp_path: Path) -> None:
     engine, watcher, historian, parts = engine_of(tmp_path, Feed(track(0, 3000), pause_s=0.08))
     engine.start()
     time.sleep(1.5)

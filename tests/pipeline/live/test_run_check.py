@@ -101,7 +101,7 @@ FAULTS = {
     "belt a rig": (lambda: shutil.copy("rig.json", "belt.json"), "belt.json: format is 'beltscape-rig/1'"),
     "belt of another rig": (
         lambda: changed("belt.json", lambda d: d["core"].update(focal_px=[9e2, 9e2])),
-        "belt.json: reconstructed with another rig",
+        "belt.json: its content contradicts its sha256",
     ),
     "density table": (lambda: edited("[web]", '[density]\ntable = "d.csv"\n[web]'), "d.csv: no such file"),
     "density product": (

@@ -12,6 +12,8 @@ import time
 import urllib.request
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.synthetic.demo import DEMO, parse_json
@@ -43,9 +45,13 @@ def plant(tmp_path: Path, small_frames: Path) -> Path:
     for camera in (DEMO / "belt_loaded").iterdir():
         if camera.is_dir():
             (tmp_path / "belt" / camera.name).mkdir(parents=True)
-            image = next(camera.iterdir())
-            for frame in ("000", "001", "002"):
-                shutil.copy(image, tmp_path / "belt" / camera.name / f"{frame}{image.suffix}")
+            image = cv2.imread(str(next(camera.iterdir())), cv2.IMREAD_GRAYSCALE)
+            for seed, frame in enumerate(
+                ("000", "001", "002")
+            ):  # noise of their own: equal images are refused
+                noise = np.random.default_rng(seed).integers(-1, 2, image.shape)
+                noisy = np.clip(image + noise, 0, 255).astype(np.uint8)
+                cv2.imwrite(str(tmp_path / "belt" / camera.name / f"{frame}.png"), noisy)
     rows = "".join(f"{k:03d},{0.1 * k},{5000.0}\n" for k in range(3))
     (tmp_path / "belt" / "encoder.csv").write_text("frame,timestamp_s,belt_position_mm\n" + rows)
     (tmp_path / "project.toml").write_text(PROJECT)

@@ -65,7 +65,7 @@ WHOLE = {"cut", "deleted", "database deleted", "overwritten", "replaced", "end c
 
 @pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("checkpointed", [False, True])
-def test_a_foreign_change_is_told_and_the_ledger_continues(tmp_path, change, checkpointed):
+def test_a_foreign_change_is_reported_and_the_ledger_continues(tmp_path, change, checkpointed):
     historian = Historian(tmp_path, SETTINGS)
     historian.begin_run()
     historian.write(RECORDS[:30])
@@ -86,9 +86,9 @@ def test_a_foreign_change_is_told_and_the_ledger_continues(tmp_path, change, che
     assert historian.totals.volume_mm3 == pytest.approx(volume, rel=1e-12)
     numbers = [r.number for r in historian.records(*ALWAYS)]
     assert numbers == list(range(1 if change in WHOLE else 31, 61))
-    told = historian.repair_message
+    message = historian.repair_message
     historian.verify()
-    assert historian.repair_message == told  # one change is told once
+    assert historian.repair_message == message  # one change is reported once
     assert len(historian.events(*ALWAYS)) == 1
     historian.close()
     historian = Historian(tmp_path, SETTINGS)
@@ -125,7 +125,7 @@ def test_reading_and_own_housekeeping_are_no_foreign_change(tmp_path):
     historian.close()
 
 
-def test_an_unreadable_folder_is_told_and_kept(tmp_path, monkeypatch):
+def test_an_unreadable_folder_is_reported_and_kept(tmp_path, monkeypatch):
     historian = Historian(tmp_path, SETTINGS)
     historian.write(RECORDS[:30])
 

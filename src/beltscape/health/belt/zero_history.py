@@ -25,7 +25,7 @@ class ZeroHistory:
     """Sum of the frames' weights 1/σ², 1/mm²."""
     scatter_mm2: float = 0.0
     """Mean square of the frames' deviations from the average."""
-    unseen: int = 0
+    frames_without: int = 0
     """Frames since bare belt was last visible."""
 
     @property
@@ -33,7 +33,7 @@ class ZeroHistory:
         """Return one standard deviation of the average, as a statement about the present frame."""
         if not self.weight:
             return _NAN
-        wander = self.scatter_mm2 * (1 - _MEMORY) * (1 + self.unseen)
+        wander = self.scatter_mm2 * (1 - _MEMORY) * (1 + self.frames_without)
         return float(np.sqrt(self.common_mm**2 + 1 / self.weight + wander))
 
 
@@ -41,7 +41,11 @@ def update_zero_history(history: ZeroHistory, shift: ZeroShift, jump_mm: float) 
     """Return the history with the next frame; a jump beyond ``jump_mm`` and its σ starts it anew."""
     if not shift.is_measured:
         return ZeroHistory(
-            history.offset_mm, history.common_mm, history.weight, history.scatter_mm2, history.unseen + 1
+            history.offset_mm,
+            history.common_mm,
+            history.weight,
+            history.scatter_mm2,
+            history.frames_without + 1,
         )
     variance = max(shift.sigma_mm**2 - shift.common_mm**2, 1e-8)
     change = shift.offset_mm - history.offset_mm

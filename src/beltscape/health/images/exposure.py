@@ -64,7 +64,7 @@ def check_brightness(
     deviations = compare_cameras(frame, log_brightness)
     if reference is not None:
         for name in frame.keys() & reference.cameras.keys():
-            deviations[name] -= reference.cameras[name].brightness
+            deviations[name] -= reference.cameras[name].mean_level
     # with three cameras one wrong exposure moves the others' medians too: only the worst is accused
     worst = max(deviations, key=lambda name: abs(np.nan_to_num(deviations[name])))
     findings: list[Finding] = []
@@ -81,11 +81,11 @@ def _check_exposure(
     factor = float(np.exp(deviation))
     limit = 100 / settings.brightness_factor if deviation < 0 else 100 * settings.brightness_factor
     finding = Finding("exposure", 100 * factor, 100 * factor * _BRIGHTNESS_SIGMA, limit, "%", camera)
-    if one.brightness < settings.dark_level:
+    if one.mean_level < settings.dark_level:
         text = (
-            f"{camera}: its image is too dark ({one.brightness:.1f} of 255); expose longer, check the light"
+            f"{camera}: its image is too dark ({one.mean_level:.1f} of 255); expose longer, check the light"
         )
-        effect = "missing" if one.brightness < BLIND_LEVEL else "degraded"
+        effect = "missing" if one.mean_level < BLIND_LEVEL else "degraded"
         return replace(finding, text=text, effect=effect, relative_sigma=0.03, cause="dark")
     if is_compared and abs(deviation) > np.log(settings.brightness_factor):
         text = (
@@ -100,7 +100,7 @@ def _check_cover(camera: str, one: ImageStatistics, deviation: float, settings: 
     factor = float(np.exp(deviation))
     limit = 100 * BLIND_DARKNESS
     finding = Finding("lens_covered", 100 * factor, 100 * factor * _BRIGHTNESS_SIGMA, limit, "%", camera)
-    if factor > BLIND_DARKNESS or one.brightness > settings.dark_level:
+    if factor > BLIND_DARKNESS or one.mean_level > settings.dark_level:
         return finding
     text = f"{camera}: its image is black ({factor:.1%} of the other cameras' brightness); uncover its lens"
     return replace(finding, text=text, effect="missing")

@@ -42,7 +42,7 @@ def check_contrast(
     The value is its contrast over that of the other cameras, in percent. It is not measured where the others have no
     texture, nor for a black or saturated image.
     """
-    contrast, sharpness, shading, brightness = (
+    contrast, sharpness, shading, mean_level = (
         compare_cameras(frame, value) for value in (log_contrast, log_sharpness, log_shading, log_brightness)
     )
     texture = median(one.contrast for one in frame.values())
@@ -55,7 +55,7 @@ def check_contrast(
         veil = 0.0 if known is None else shading[name] - known.shading
         is_compared = (
             texture > LEAST_CONTRAST
-            and brightness[name] > np.log(BLIND_DARKNESS)
+            and mean_level[name] > np.log(BLIND_DARKNESS)
             and frame[name].saturated_share < settings.saturated
         )
         is_lost = is_compared and change < np.log(1 - limit)

@@ -93,7 +93,10 @@ class MotionTracker:
         """Return the high-pass heights of a depth map."""
         if depth is None:
             return None
-        height, cell_mm = self._reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * self._reference.cell_mm
+        height, cell_mm = (
+            self._reference.coarse(depth, _COARSE_CELLS),
+            _COARSE_CELLS * self._reference.cell_mm,
+        )
         return compute_high_pass(height, cell_mm, self._reference.belt.noise_mm)
 
     def can_locate(self, waiting: Sequence[PushedFrame]) -> bool:

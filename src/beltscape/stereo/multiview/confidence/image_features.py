@@ -37,10 +37,10 @@ class ImageFeatures(NamedTuple):
 
 def compute_image_features(prepared: PreparedFrame) -> ImageFeatures:
     """Return the features of the core's image, and where it has texture."""
-    return ImageFeatures(dict(_compare_with_surroundings(prepared)), _mask_textured(prepared))
+    return ImageFeatures(dict(_compare_with_neighbourhood(prepared)), _mask_textured(prepared))
 
 
-def _compare_with_surroundings(prepared: PreparedFrame) -> Iterator[tuple[str, Array]]:
+def _compare_with_neighbourhood(prepared: PreparedFrame) -> Iterator[tuple[str, Array]]:
     """Yield brightness and contrast relative to the surroundings: both are lower outside the projector's light."""
     boxes = prepared.context.windows.boxes
     core = np.maximum(prepared.filled_core, 0)  # splines undershoot

@@ -11,7 +11,7 @@ from hypothesis import settings
 from beltscape.target.board import CharucoBoard
 from tests.synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras
 
-settings.register_profile("beltscape", deadline=None, max_examples=60, derandomize=True)
+settings.register_profile("beltscape", deadline=None, max_examples=30, derandomize=True)
 settings.load_profile("beltscape")
 
 cv2.setNumThreads(1)  # xdist already keeps every core busy

@@ -205,7 +205,7 @@ def test_encoder_that_starts_later_takes_over() -> None:
     lost=st.sets(st.integers(0, 40), max_size=12),
     blind=st.sets(st.integers(0, 40), max_size=8),
 )
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=15, deadline=None)
 def test_any_stops_kills_and_losses_leave_a_ledger_without_gap_or_overlap(cuts, lost, blind) -> None:
     """Runs of some frames, pauses of some frames during which the belt goes on, frames lost or without images."""
     entries: list[BeltRecord] = []

@@ -193,7 +193,7 @@ def run_and_count_frames(command: Sequence[str | Path]) -> tuple[int, int, str]:
     return metering.done, metering.missed, output
 
 
-def fetch_login(server: object, attempts: int = 5) -> int:
+def fetch_login(server, attempts=5):
     """Return the status of the login page; connections may be refused until the attackers' are closed."""
     for _ in range(attempts - 1):
         try:

@@ -30,8 +30,13 @@ def seen(place_mm: float) -> DepthMap:
     return depth_map(HEAP, place_mm)
 
 
-def make_finding(effect: Effect = "none", text: str = "", **errors: float) -> Finding:
-    return Finding("zero_shift", 1.0, 0.1, 0.5, "mm", text=text, effect=effect, **errors)
+def make_finding(
+    effect: Effect = "none", text: str = "", *, systematic_mm: float = 0.0, relative_sigma: float = 0.0
+) -> Finding:
+    return Finding(
+        "zero_shift", 1.0, 0.1, 0.5, "mm", text=text, effect=effect,
+        systematic_mm=systematic_mm, relative_sigma=relative_sigma,
+    )  # fmt: skip
 
 
 def measure(findings: Mapping[int, Sequence[Finding]]) -> tuple[FlowMeter, list[FlowRecord]]:

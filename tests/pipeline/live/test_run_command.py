@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import pytest
 
+from beltscape.files.rasters.images import read_image
 from tests.synthetic.demo import DEMO, parse_json
 
 PROJECT = """rig = "rig.json"
@@ -45,7 +46,7 @@ def plant(tmp_path: Path, small_frames: Path) -> Path:
     for camera in (DEMO / "belt_loaded").iterdir():
         if camera.is_dir():
             (tmp_path / "belt" / camera.name).mkdir(parents=True)
-            image = cv2.imread(str(next(camera.iterdir())), cv2.IMREAD_GRAYSCALE)
+            image = read_image(next(camera.iterdir()))
             for seed, frame in enumerate(
                 ("000", "001", "002")
             ):  # noise of their own: equal images are refused

@@ -21,7 +21,7 @@ REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 
 SLOW_FOLDERS = {
     "calibrate", "cli", "deploy", "docs", "evaluate", "measure", "pipeline", "report", "service", "simulate", "sinks",
-    "sources", "stereo",
+    "sources", "stereo", "plan", "health", "tools", "benchmarks",
 }  # fmt: skip
 """Folders of tests that work on whole captures or with other processes."""
 BROWSER_FIXTURES = {"browser", "page", "chromium"}

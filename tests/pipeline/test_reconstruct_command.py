@@ -130,9 +130,12 @@ def test_overexposed_view_causes_a_warning(run, capture, tmp_path):
     code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
     assert code == 0
     path = folder / "cam1" / "000.png"
-    lines = warnings(err)
-    assert f"warning: {path}: overexposed, 50% of the pixels are saturated; lower the exposure" in lines
-    assert all("cam1" in line for line in lines)
+    assert warnings(err) == [
+        f"warning: {path}: overexposed, 50% of the pixels are saturated; lower the exposure",
+        "warning: frame 000: cam1: 50% of its pixels are saturated; expose shorter, or shade the belt from the sun",
+        "warning: frame 000: cam1: its brightness is 24 times that of the other cameras; "
+        "correct its exposure, gain or aperture, or clean its window",
+    ]
 
 
 def test_low_coverage_causes_a_warning(run, capture, tmp_path):
@@ -145,10 +148,15 @@ def test_low_coverage_causes_a_warning(run, capture, tmp_path):
     assert code == 0
     share = parse_json(out)["frames"][0]["coverage"]
     assert share < 0.3
-    assert (
+    lines = warnings(err)
+    assert [line.split(": ")[2] for line in lines[:5]] == ["cam0", "cam1", "cam2", "cam3", "cam4"]
+    assert all("its image is too dark" in line for line in lines[:5])
+    assert lines[5:] == [
+        "warning: frame 000: no camera shows texture above its noise; "
+        "is the projector on and in focus, is there light?",
         f"warning: frame 000: only {share:.0%} of the pixels are measured; is the speckle projector on, "
-        "and the exposure long enough?"
-    ) in warnings(err)
+        "and the exposure long enough?",
+    ]
 
 
 def test_capture_without_the_core_is_refused(run, capture, tmp_path):

@@ -5,5 +5,5 @@ each camera. The functions are pure: they take arrays and return findings or est
 system looked like, `settings` the limits, and `monitor` is the only part with a state: it carries the checks from
 frame to frame. Live, `replay`, `measure flow` and `reconstruct` use the same monitor.
 
-Import from the modules: ``from beltscape.health.monitor import HealthMonitor``.
+Import from the modules: ``from beltscape.health.images.monitor import ImageMonitor``.
 """

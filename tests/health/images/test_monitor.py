@@ -10,7 +10,7 @@ import pytest
 
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.health.monitor import HealthMonitor, ImageCheck
+from beltscape.health.images.monitor import ImageCheck, ImageMonitor
 from beltscape.health.settings import HealthSettings
 from tests.health.images.speckled_belt import AMBIENT, Levels, add_noise, blur, make_frame, make_rig
 
@@ -18,12 +18,12 @@ LEARNING = 5
 CORE, AUXILIARY = "cam0", "cam3"
 
 
-def make_monitor(**settings: object) -> HealthMonitor:
-    return HealthMonitor(make_rig(), HealthSettings(learning_frames=LEARNING, **settings))  # type: ignore[arg-type]
+def make_monitor(**settings: object) -> ImageMonitor:
+    return ImageMonitor(make_rig(), HealthSettings(learning_frames=LEARNING, **settings))  # type: ignore[arg-type]
 
 
 @pytest.fixture
-def monitor() -> HealthMonitor:
+def monitor() -> ImageMonitor:
     """Return a monitor that has learned its reference values."""
     one = make_monitor()
     for number in range(LEARNING + 1):
@@ -67,7 +67,7 @@ class TestOneCamera:
         ],
     )
     def test_fault_is_named_in_its_first_frame(
-        self, monitor: HealthMonitor, camera: str, change: Callable[[Levels], Levels], check: str
+        self, monitor: ImageMonitor, camera: str, change: Callable[[Levels], Levels], check: str
     ) -> None:
         result = monitor.check_images(make_frame(NEXT, of_camera(camera, change)))
 
@@ -75,12 +75,12 @@ class TestOneCamera:
         assert all(one.subject == camera for one in result.findings if one.effect != "none")
         assert any(one.effect != "none" for one in result.findings)
 
-    def test_lost_core_leaves_nothing_to_match(self, monitor: HealthMonitor) -> None:
+    def test_lost_core_leaves_nothing_to_match(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(make_frame(NEXT, of_camera(CORE, lambda light: blur(light, 4.0))))
 
         assert not result.frames.images
 
-    def test_covered_auxiliary_is_left_out(self, monitor: HealthMonitor) -> None:
+    def test_covered_auxiliary_is_left_out(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(make_frame(NEXT, of_camera(AUXILIARY, lambda light: 0 * light)))
 
         assert AUXILIARY not in result.frames.images
@@ -97,14 +97,14 @@ class TestOneCamera:
 
 class TestFrozen:
     @pytest.mark.parametrize("camera", [CORE, AUXILIARY])
-    def test_first_repeated_image_is_noticed(self, monitor: HealthMonitor, camera: str) -> None:
+    def test_first_repeated_image_is_noticed(self, monitor: ImageMonitor, camera: str) -> None:
         now, before = make_frame(NEXT), make_frame(LEARNING)
         result = monitor.check_images(replace(now, images={**now.images, camera: before.images[camera]}))
 
         assert name_faults(result.findings) == {f"frozen_image:{camera}"}
 
     def test_repeated_image_with_new_noise_is_noticed_while_the_belt_moves(
-        self, monitor: HealthMonitor
+        self, monitor: ImageMonitor
     ) -> None:
         now, before = make_frame(NEXT), make_frame(LEARNING)
         noisy = add_noise(before.images[CORE].astype(np.float32), (77, 7))
@@ -112,7 +112,7 @@ class TestFrozen:
 
         assert "frozen_image:cam0" in name_faults(result.findings)
 
-    def test_all_images_repeated(self, monitor: HealthMonitor) -> None:
+    def test_all_images_repeated(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(replace(make_frame(LEARNING), frame="again"))
 
         assert len([one for one in result.findings if one.check == "frozen_image" and one.is_fault]) == 5
@@ -125,7 +125,7 @@ class TestFrozen:
 
 
 class TestLight:
-    def test_projector_off_leaves_nothing_to_match(self, monitor: HealthMonitor) -> None:
+    def test_projector_off_leaves_nothing_to_match(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(
             make_frame(NEXT, lambda _, light: np.asarray(np.minimum(blur(light, 5) / 4, AMBIENT), np.float32))
         )
@@ -133,7 +133,7 @@ class TestLight:
         assert "projector" in name_faults(result.findings)
         assert not result.frames.images
 
-    def test_projector_dim(self, monitor: HealthMonitor) -> None:
+    def test_projector_dim(self, monitor: ImageMonitor) -> None:
         def dim(_: str, light: Levels) -> Levels:
             return np.asarray(np.minimum(light, AMBIENT) + 0.3 * np.maximum(light - AMBIENT, 0), np.float32)
 
@@ -141,19 +141,19 @@ class TestLight:
 
         assert "projector" in name_faults(result.findings)
 
-    def test_projector_out_of_focus(self, monitor: HealthMonitor) -> None:
+    def test_projector_out_of_focus(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(make_frame(NEXT, lambda _, light: blur(light, 1.2)))
 
         assert "projector_focus" in name_faults(result.findings)
 
-    def test_dust_in_the_air(self, monitor: HealthMonitor) -> None:
+    def test_dust_in_the_air(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(
             make_frame(NEXT, lambda _, light: (0.5 * light + 20).astype(np.float32))
         )
 
         assert "dust" in name_faults(result.findings)
 
-    def test_sunlight_patch_has_a_place(self, monitor: HealthMonitor) -> None:
+    def test_sunlight_patch_has_a_place(self, monitor: ImageMonitor) -> None:
         def shine(_: str, light: Levels) -> Levels:
             lit = light.copy()
             lit[100:200, 150:260] += 130
@@ -170,7 +170,7 @@ class TestLight:
         assert 0.25 < top < 0.4
         assert 0.55 < bottom < 0.7
 
-    def test_flicker_is_only_a_warning(self, monitor: HealthMonitor) -> None:
+    def test_flicker_is_only_a_warning(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(make_frame(NEXT, lambda _, light: 1.3 * light))
 
         assert name_faults(result.findings) == {"flicker"}
@@ -186,7 +186,7 @@ class TestLight:
         assert lamps[-1].value == pytest.approx(66, abs=4)
         assert not any(each.is_fault for each in lamps)
 
-    def test_dark_material_is_not_a_dim_projector(self, monitor: HealthMonitor) -> None:
+    def test_dark_material_is_not_a_dim_projector(self, monitor: ImageMonitor) -> None:
         def darken(_: str, light: Levels) -> Levels:
             coal = light.copy()
             coal[:, 80:320] *= 0.3

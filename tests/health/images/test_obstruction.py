@@ -10,7 +10,7 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
-from beltscape.health.monitor import HealthMonitor
+from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from tests.health.images.speckled_belt import SIZE, Levels, make_frame, make_rig
 
@@ -37,7 +37,7 @@ def soil(camera: str, opacity: float) -> Callable[[str, Levels], Levels]:
 
 
 def follow(camera: str, opacity: float, frames: int) -> list[list[Finding]]:
-    monitor = HealthMonitor(make_rig(), HealthSettings(learning_frames=5))
+    monitor = ImageMonitor(make_rig(), HealthSettings(learning_frames=5))
     results: list[list[Finding]] = []
     for number in range(CLEAN + frames):
         share = opacity if number >= CLEAN else 0.0
@@ -69,7 +69,7 @@ def test_clean_windows_have_no_dirt() -> None:
 
 
 def test_frozen_camera_is_not_accused_of_dirt() -> None:
-    monitor = HealthMonitor(make_rig(), HealthSettings(learning_frames=5))
+    monitor = ImageMonitor(make_rig(), HealthSettings(learning_frames=5))
     frozen = make_frame(CLEAN).images["cam2"]
     for number in range(CLEAN + 8):
         frames = make_frame(number)

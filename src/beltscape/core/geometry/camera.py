@@ -61,9 +61,9 @@ class Camera:
             is_valid = (error < 1e-9) & (xx * yy > xy * xy) & (xx + yy > 0)
         return np.where(is_valid[..., None], ideal, np.nan)
 
-    def rays(self) -> NDArray[np.float64]:
-        """Return x/z, y/z (H, W, 2) of every pixel of the *undistorted* pinhole grid."""
+    def rays(self, part: slice = slice(None)) -> NDArray[np.float64]:
+        """Return x/z, y/z (H, W, 2) of the pixels of the *undistorted* pinhole grid; ``part`` thins both axes."""
         width, height = self.size_px
-        u = (np.arange(width, dtype=np.float64) - float(self.center_px[0])) / float(self.focal_px[0])
-        v = (np.arange(height, dtype=np.float64) - float(self.center_px[1])) / float(self.focal_px[1])
+        u = (np.arange(width, dtype=np.float64)[part] - float(self.center_px[0])) / float(self.focal_px[0])
+        v = (np.arange(height, dtype=np.float64)[part] - float(self.center_px[1])) / float(self.focal_px[1])
         return np.stack(np.meshgrid(u, v), axis=-1)

@@ -39,11 +39,13 @@ def require_digest(path: Path, document: Mapping[str, Any], fix: str) -> None:
 
 def compute_file_digests(folder: Path, names: Iterable[str]) -> dict[str, str]:
     """Return the digests of those of the files, relative to ``folder``, that exist."""
-    return {
-        name: hashlib.sha256((folder / name).read_bytes()).hexdigest()
-        for name in names
-        if (folder / name).is_file()
-    }
+    return {name: hash_file(folder / name) for name in names if (folder / name).is_file()}
+
+
+def hash_file(path: Path) -> str:
+    """Return the SHA-256 of a file; OSError if it cannot be read."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _compute_digest(document: Mapping[str, Any]) -> str:

@@ -9,14 +9,12 @@ from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.statistics import MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
+from beltscape.measure.flow.fusion.empty_belt_reference import LEAST_CONFIDENCE, EmptyBeltReference
 
 _CELLS_ACROSS = 32
 """Cells over the belt's width: a bare strip of a tenth of the width holds three of them."""
 _SAMPLE_COUNT = 25_000
 """Approximate number of pixels to which the depth map is thinned; it bounds the time."""
-_LEAST_CONFIDENCE = 0.7
-"""Pixels with a lower confidence are excluded, as in the flow meter."""
 _LEAST_FILL = 0.3
 """A cell with a smaller share of the usual number of pixels counts as not measured."""
 
@@ -61,10 +59,10 @@ def compute_belt_cells(depth: DepthMap, reference: EmptyBeltReference) -> BeltCe
     y_low, y_high = reference.seen_mm
     shape = (max(1, int((y_high - y_low) / side)), _CELLS_ACROSS)
     stride = max(1, round(np.sqrt(depth.depth_mm.size / _SAMPLE_COUNT)))
-    part = (slice(stride // 2, None, stride), slice(stride // 2, None, stride))
-    z = depth.depth_mm[part].astype(np.float64)
-    good = np.isfinite(z) & (depth.confidence[part] >= _LEAST_CONFIDENCE)
-    points = np.concatenate([camera.rays()[part][good], np.ones((int(good.sum()), 1))], axis=-1)
+    thin = slice(stride // 2, None, stride)
+    z = depth.depth_mm[thin, thin].astype(np.float64)
+    good = np.isfinite(z) & (depth.confidence[thin, thin] >= LEAST_CONFIDENCE)
+    points = np.concatenate([camera.rays(thin)[good], np.ones((int(good.sum()), 1))], axis=-1)
     x, y, z = belt.belt_from_core.apply(points * z[good][:, None]).T
     bottom = belt.height_mm(x)
     if belt.deviation is not None:

@@ -102,7 +102,7 @@ def _sample_points(depth: DepthMap, camera: Camera) -> NDArray[np.float64]:
     """Return points (N, 3) of an even grid of pixels, in the camera's frame."""
     stride = max(1, round(np.sqrt(depth.measured.sum() / _SAMPLE_COUNT)))
     z = depth.depth_mm[::stride, ::stride].astype(np.float64)
-    points = np.concatenate([camera.rays()[::stride, ::stride] * z[..., None], z[..., None]], axis=-1)
+    points = np.concatenate([camera.rays(slice(None, None, stride)) * z[..., None], z[..., None]], axis=-1)
     return points[np.isfinite(z)]
 
 

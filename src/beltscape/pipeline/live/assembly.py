@@ -17,7 +17,7 @@ from beltscape.core.live import LiveSource, Observer, RecordSink
 from beltscape.core.progress import Reporter
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.rig_json import read_rig
-from beltscape.health.monitor import HealthMonitor
+from beltscape.health.images.monitor import ImageMonitor
 from beltscape.measure.volume.capacity import compute_capacity_mm2
 from beltscape.pipeline.live.engine import Engine, notify_records
 from beltscape.pipeline.live.engine_components import EngineComponents
@@ -170,7 +170,7 @@ def build_context(
     empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
     near_far = compute_depth_range(empty_belt, matching.load_mm)
     matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
-    matcher = MonitoredMatcher(matcher, HealthMonitor(rig, settings.health))
+    matcher = MonitoredMatcher(matcher, ImageMonitor(rig, settings.health))
     density, limits = read_density(project), settings.health.belt
     return MeasurementContext(rig, empty_belt, matcher, settings.flow, density, limits)
 

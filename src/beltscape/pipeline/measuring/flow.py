@@ -16,7 +16,7 @@ from beltscape.core.progress import Reporter
 from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.encoder_csv import BeltReading, read_encoder
-from beltscape.health.monitor import HealthMonitor
+from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.flow.fusion.picture import BeltPicture
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
@@ -104,7 +104,7 @@ def measure_flow_of_capture(
     picture, steps = BeltPicture(ground), list[FramePlacement]()
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
     matcher = make_sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
-    chain = FlowChain(MonitoredMatcher(matcher, HealthMonitor(rig, HealthSettings())), meter)
+    chain = FlowChain(MonitoredMatcher(matcher, ImageMonitor(rig, HealthSettings())), meter)
     direction = None if settings is None else settings.direction
     began, records = perf_counter(), list[FlowRecord]()
     for done, instant in enumerate(instants, 1):

@@ -10,7 +10,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.findings import Finding, summarise_faults
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
-from beltscape.health.monitor import HealthMonitor
+from beltscape.health.images.monitor import ImageMonitor
 
 
 class Matcher(Protocol):
@@ -34,7 +34,7 @@ class Matcher(Protocol):
 class MonitoredMatcher:
     """Checks the images of a frame before it is matched, and the windows' dirt after it."""
 
-    def __init__(self, matcher: Matcher, monitor: HealthMonitor) -> None:
+    def __init__(self, matcher: Matcher, monitor: ImageMonitor) -> None:
         self._matcher, self._monitor = matcher, monitor
         self._findings: tuple[Finding, ...] = ()
         self._is_whole = True

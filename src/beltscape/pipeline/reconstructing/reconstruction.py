@@ -20,7 +20,7 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.reconstruction import write_frame, write_reconstruction
 from beltscape.files.rig_json import write_rig
 from beltscape.files.rig_limits import LEAST_DEPTH_MM, find_oddities
-from beltscape.health.monitor import HealthMonitor
+from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth, CheckedMatcher
 from beltscape.pipeline.reconstructing.regions import write_regions
@@ -104,7 +104,7 @@ def reconstruct_capture(
     documents: list[Mapping[str, Any]] = []
     regions: Path | None = None
     builder = CloudBuilder(rig.core_camera)
-    monitor = HealthMonitor(rig, HealthSettings(learning=False))
+    monitor = ImageMonitor(rig, HealthSettings(learning=False))
     for frame in reconstruct(source, matcher, monitor, reporter):
         if not documents:
             write_rig(out / "rig.json", rig)
@@ -250,7 +250,7 @@ def _make_matcher(
 
 
 def reconstruct(
-    source: FolderSource, matcher: CheckedMatcher, monitor: HealthMonitor, reporter: Reporter
+    source: FolderSource, matcher: CheckedMatcher, monitor: ImageMonitor, reporter: Reporter
 ) -> Iterator[Frame]:
     """Yield every frame that can be measured; warn of the others, of faulty images and of inconsistent cameras.
 

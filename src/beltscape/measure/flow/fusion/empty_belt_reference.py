@@ -20,7 +20,7 @@ Range = tuple[float, float]
 _WHOLE = 0.9
 """Share of the belt's width that must lie in the core's image within the window in which strips are cut."""
 
-_LEAST_CONFIDENCE = 0.7
+LEAST_CONFIDENCE = 0.7
 """Pixels with a lower confidence are excluded; other frames or the filling of holes replace them.
 
 On a simulated heap the preset fast bridges hollows beside rocks by 13 mm on average, and a quarter to a third of its
@@ -140,7 +140,7 @@ def make_reference(belt: Belt, camera: Camera, cell_mm: float | None = None) -> 
 
 def _confident(depth: DepthMap) -> DepthMap:
     """Return the depth map without pixels of low confidence."""
-    sure = depth.confidence >= _LEAST_CONFIDENCE
+    sure = depth.confidence >= LEAST_CONFIDENCE
     planes = (np.where(sure, plane, np.nan) for plane in (depth.depth_mm, depth.sigma_mm))
     depth_mm, sigma_mm = (plane.astype(np.float32) for plane in planes)
     return replace(depth, depth_mm=depth_mm, sigma_mm=sigma_mm)

@@ -13,9 +13,10 @@ from functools import partial
 from pathlib import Path
 
 from beltscape.core.errors import BeltscapeError, OutputError
+from beltscape.files.documents.digest import hash_file
 from beltscape.sinks.days import compute_day_range_ns
 from beltscape.sinks.historian.archive.closed_days import Archive, select_files
-from beltscape.sinks.historian.storage.day_files import DayFile, hash_file
+from beltscape.sinks.historian.storage.day_files import DayFile
 from beltscape.sinks.historian.writing.ledger import transaction
 from beltscape.sinks.historian.writing.store import Store
 from beltscape.sinks.settings import HistorySettings

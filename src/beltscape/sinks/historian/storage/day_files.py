@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
+from beltscape.files.documents.digest import hash_file
 from beltscape.sinks.durable import commit_file
 from beltscape.sinks.historian.storage.day_table import NAMES, hash_table, schema, to_records
 
@@ -121,12 +121,6 @@ def read_day(
         return records
 
     return _with_parquet(path, read)
-
-
-def hash_file(path: Path) -> str:
-    """Return the SHA-256 of a file; OSError if it cannot be read."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _verify(path: Path, digests: list[str]) -> None:

@@ -60,7 +60,7 @@ class ImageCheck:
     """Whether no camera was left out of a frame that is matched."""
 
 
-class HealthMonitor:
+class ImageMonitor:
     """Checks the images of successive frame sets of one rig; the same frames give the same findings."""
 
     def __init__(self, rig: Rig, settings: HealthSettings) -> None:

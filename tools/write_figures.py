@@ -116,7 +116,7 @@ def calibration(results: str) -> str:
 
 
 def accuracy(results: str) -> str:
-    """What the README says of depth."""
+    """Return the README's lines on the accuracy of depth."""
     empty, loaded = (
         _whole_frames(results, scene)["multiview standard"] for scene in ("belt_empty", "belt_loaded")
     )

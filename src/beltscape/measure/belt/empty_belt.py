@@ -204,11 +204,6 @@ def _assemble_belt(
     yaw_sigma = section.sigma_rad[1] * factor if start.troughed else None
     yaw_sigma = start.edges.sigma_rad if start.edges is not None else yaw_sigma
     inside = np.isfinite(residual)
-    # a node averages the points within half a node spacing on either side
-    count = np.bincount(
-        np.rint(np.interp(points[..., 0][inside], x, np.arange(len(x)))).astype(np.intp), minlength=len(x)
-    )
-    node_sigma = noise * np.sqrt(np.minimum(correlation.area_px / np.maximum(count, 1), 1.0))
     low, high = np.quantile(points[..., 1][inside], [0.001, 0.999])
     return Belt(
         belt_from_core=pose,
@@ -223,10 +218,22 @@ def _assemble_belt(
         tilt_sigma_rad=factor * (section.sigma_rad[0] if plane is None else plane.sigma_rad),
         yaw_sigma_rad=yaw_sigma,
         yaw_from="shape" if start.troughed else "camera" if start.edges is None else "edges",
-        z_sigma_mm=node_sigma,
+        z_sigma_mm=_estimate_node_sigma(x, points[..., 0][inside], noise, correlation.area_px),
         along_mm=(float(low), float(high)),
         deviation=deviation,
         edges=None,
         claimed_sigma_mm=float(np.median(depth.sigma_mm[depth.measured])),
         frames=1,
     )
+
+
+def _estimate_node_sigma(
+    nodes_mm: NDArray[np.float64], x_mm: NDArray[np.float64], noise_mm: float, area_px: float
+) -> NDArray[np.float64]:
+    """Return σ (N,) of the nodes' heights; a node averages the points within half a node spacing on either side.
+
+    ``x_mm`` (M,) are the measured points, ``area_px`` the pixels that share one independent error.
+    """
+    nearest = np.rint(np.interp(x_mm, nodes_mm, np.arange(len(nodes_mm)))).astype(np.intp)
+    count = np.bincount(nearest, minlength=len(nodes_mm))
+    return noise_mm * np.sqrt(np.minimum(area_px / np.maximum(count, 1), 1.0))

@@ -65,7 +65,7 @@ class FittedSphere:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _DepthBias:
-    """What the matcher's smoothing adds to the depth (h, w) mm of the cap."""
+    """The error that the matcher's smoothing adds to the depth of the cap, each array (h, w) in mm."""
 
     corrected_mm: NDArray[np.float64]
     """The part that is subtracted."""

@@ -271,12 +271,7 @@ class MotionTracker:
         if step is None or self.is_assumed or shift.support < LEAST_SUPPORT:
             return None
         self._scores.append(shift.score)
-        interval = Interval(
-            step,
-            self.direction * shift.along_mm,
-            shift.sigma_mm**2,
-            self._key_number,
-        )
+        interval = Interval(step, self.direction * shift.along_mm, shift.sigma_mm**2, self._key_number)
         found = self.check.find_contradiction(interval, frame.number, self.motion.speed or 0.0)
         self._open = interval, found is None
         return found

@@ -66,7 +66,7 @@ class MaintenanceMode:
 
     @property
     def is_over(self) -> bool:
-        """Whether the time of the present maintenance has passed."""
+        """True if the time of the present maintenance has passed."""
         with self._lock:
             return self._current is not None and self._monotonic_s() >= self._end_s
 

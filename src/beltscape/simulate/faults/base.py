@@ -1,4 +1,4 @@
-"""What all faults have in common: the frame in which they begin, their camera, their growth."""
+"""Base classes of faults: the frame in which a fault begins, its camera, and its growth over the frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What lies between lens and belt and scatters light: condensation on the window, dust in the air; and defocus."""
+"""Faults that blur an image: condensation on the window, dust in the air, and defocus."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What lies on a camera's window: dirt and the lens cap."""
+"""Dirt on a camera's window, and the lens cap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether a registration, or an encoder's reading, can be the belt's motion."""
+"""Plausibility of a registration, and of an encoder's reading, as the belt's motion."""
 
 from __future__ import annotations
 

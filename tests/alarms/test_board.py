@@ -56,8 +56,6 @@ GOOD = Readings(
     recording_trouble="",
     encoder_silent_s=0.01,
     encoder_trouble="",
-    encoder_ratio=1.002,
-    encoder_ratio_sigma=0.001,
     certificate_days=200,
 )
 BAD = {
@@ -76,7 +74,6 @@ BAD = {
     "recording_paused": {"recording_trouble": "no space left; free some"},
     "encoder_silent": {"encoder_silent_s": 9.0},
     "encoder_wrong": {"encoder_trouble": "runs backwards"},
-    "slip": {"encoder_ratio": 0.9},
     "no_measurement:load": {"area_mm2": NAN, "volume_flow_m3_h": NAN, "mass_flow_t_h": NAN},
     "no_measurement:speed": {"speed_mm_s": NAN},
     "no_measurement:lump": {"largest_lump_mm": NAN},
@@ -311,7 +308,6 @@ BANDS = [
     ("low_coverage", "coverage", 0.6, 0.659),
     ("oversize_lump", "largest_lump_mm", 190.1, 200),
     ("frames_dropped", "dropped_per_minute", 3.1, 6),
-    ("slip", "encoder_ratio", 1.0211, 1.0319),
     ("encoder_silent", "encoder_silent_s", 1.01, 2),
     ("certificate_expiring", "certificate_days", 30, 31.4),
 ]
@@ -340,7 +336,7 @@ SITUATIONS = st.lists(st.tuples(st.sampled_from([{}, *BAD.values()]), st.integer
 def test_alarms_are_independent(situations):
     """What one alarm does, alone on the board or among all others, is the same."""
     every = Plant()
-    kinds = ("overload", "belt_stopped", "camera_lost", "slip")
+    kinds = ("overload", "belt_stopped", "camera_lost", "encoder_silent")
     off = {kind: {"enabled": False} for kind in RULES}
     alone = [
         Plant(AlarmSettings.model_validate({**off, kind: getattr(SETTINGS, kind).model_dump()}))

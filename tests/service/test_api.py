@@ -277,7 +277,7 @@ def test_messages_carry_the_parts_of_their_texts(tmp_path):
     made.live_state.on_health({"cam1": CameraHealth("cam1", "lost", 1, 2, 0.0, nan, message)})
     made.plant.raise_alarm(replace(overload(), name="camera_lost:cam1", detail=message))
     made.history.add_event(
-        "alarm", "slip", "raised", wall_ns=BEGIN_NS, parameters={"state": "raised", "value": 5.0}
+        "alarm", "encoder_silent", "raised", wall_ns=BEGIN_NS, parameters={"state": "raised", "value": 5.0}
     )
     state = made.browser()("GET", "/api/state").json()
     assert (state["cameras"][0]["cause"], state["cameras"][0]["values"]) == ("silent", {"seconds": 4})

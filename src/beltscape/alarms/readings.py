@@ -53,9 +53,6 @@ class Readings:
     """Time since the encoder's last reading; NaN without an encoder."""
     encoder_trouble: str | None = None
     """The fault of the encoder's readings; empty: none; None: there is no encoder."""
-    encoder_ratio: float = _NAN
-    """Ratio of the encoder's travel to the material's; NaN before the first comparison."""
-    encoder_ratio_sigma: float = _NAN
     findings: Sequence[Finding] = ()
     """The latest finding of every check and camera."""
     certificate_days: float = _NAN

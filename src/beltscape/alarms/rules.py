@@ -126,12 +126,6 @@ def _encoder_silent(now: Readings, settings: AlarmSettings) -> Conditions:
     return {"": AlarmCondition(compare_upper(silent, 0, own.silent_s, 0.5), silent, own.silent_s, "s")}
 
 
-def _slip(now: Readings, settings: AlarmSettings) -> Conditions:
-    own, off = settings.slip, now.encoder_ratio - 1
-    state = compare_upper(abs(off), now.encoder_ratio_sigma, own.share, own.hysteresis, own.sigmas)
-    return {"": AlarmCondition(state, 100 * off, 100 * own.share, "%")}
-
-
 def _no_measurement(now: Readings, settings: AlarmSettings) -> Conditions:
     """Return the conditions by quantity; without a load the others are unknown: one cause raises one alarm."""
     load = any(map(math.isfinite, (now.area_mm2, now.volume_flow_m3_h, now.mass_flow_t_h)))
@@ -171,7 +165,6 @@ RULES: Mapping[str, Rule] = {
     "recording_paused": lambda now, _: {"": condition_from_text(now.recording_trouble)},
     "encoder_silent": _encoder_silent,
     "encoder_wrong": lambda now, _: {"": condition_from_text(now.encoder_trouble)},
-    "slip": _slip,
     "certificate_expiring": _certificate_expiring,
 }
 """The rule of every alarm, in the order of display; each name is that of its settings."""

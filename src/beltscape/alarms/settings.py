@@ -185,18 +185,6 @@ class EncoderWrong(CommonSettings):
     clear_after_s: Seconds = 10.0
 
 
-class Slip(CommonSettings):
-    """Encoder and material have different speeds: a slipping or worn wheel, or a wrong mm per count."""
-
-    after_s: Seconds = 10.0
-    clear_after_s: Seconds = 10.0
-    share: Annotated[float, Field(gt=0, lt=1)] = 0.03
-    """Deviation of their ratio from 1, to either side."""
-    hysteresis: Below = 0.3
-    """Over below limit·(1 - hysteresis)."""
-    sigmas: Sigmas = 2.0
-
-
 class NoMeasurement(CommonSettings):
     """A quantity is no longer measured; one alarm per quantity, the load's also from the start."""
 
@@ -245,7 +233,6 @@ class AlarmSettings(BaseModel):
     recording_paused: RecordingPaused = RecordingPaused()
     encoder_silent: EncoderSilent = EncoderSilent()
     encoder_wrong: EncoderWrong = EncoderWrong()
-    slip: Slip = Slip()
     no_measurement: NoMeasurement = NoMeasurement()
     certificate_expiring: CertificateExpiring = CertificateExpiring()
     faults: Fault = Fault()

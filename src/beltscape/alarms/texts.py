@@ -20,7 +20,6 @@ TEXTS = {
     "recording_paused": "raw frames are not recorded: free space on their disk",
     "encoder_silent": "no reading for {value}, limit {limit}: check the encoder and its line",
     "encoder_wrong": "its readings are impossible: check wiring and settings",
-    "slip": "encoder and material differ by {value}, limit {limit}: check the wheel and mm_per_count",
     "no_measurement": "{subject} is no longer measured: check cameras and belt",
     "certificate_expiring": "it ends in {value}: install a new one",
 }

@@ -89,15 +89,7 @@ def test_a_fault_of_a_single_frame_reaches_the_alarms() -> None:
     gauges.add_findings([SOUND])
 
     def collect() -> list[Finding]:
-        readings = gauges.collect_readings(
-            cameras={},
-            dropped=0,
-            history_trouble="",
-            recording_trouble="",
-            encoder=None,
-            certificate_days=nan,
-        )
-        return list(readings.findings)
+        return list(gauges.collect_readings(0).findings)
 
     assert collect() == [FAULT]
     assert collect() == [SOUND]

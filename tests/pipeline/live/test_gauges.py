@@ -21,9 +21,7 @@ def make_entry(standing: Standing) -> BeltRecord:
 
 
 def read(gauges: Gauges):
-    return gauges.collect_readings(
-        cameras={}, dropped=0, history_trouble="", recording_trouble="", encoder=None, certificate_days=NAN
-    )
+    return gauges.collect_readings(0)
 
 
 def test_load_is_unknown_without_a_new_measured_record(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -144,7 +144,7 @@ def caller(tmp_path_factory):
         live_state.on_findings(found)
         history.add_findings([StoredFinding(1_800_000_000_000_000_000, each) for each in found])
         history.add_event(
-            "alarm", "slip", "raised", wall_ns=1_800_000_000_000_000_000, parameters={"value": 5.0}
+            "alarm", "encoder_silent", "raised", wall_ns=1_800_000_000_000_000_000, parameters={"value": 5.0}
         )
         live_state.on_health({"cam1": CameraHealth("cam1", "lost", 0, 9, 0.0, float("nan"), "gone")})
         caller = Caller(create_app(live_state, history, access, AcceptingControls(), web), access)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 
 from beltscape.stereo.markers.detection import MarkerDetections
 from beltscape.stereo.markers.grid import arrange_in_grid, detect_marker_grid
-from beltscape.stereo.markers.regions import label_regions
+from beltscape.stereo.markers.regions import compute_region_outline
 from tests.stereo.projected import MARKERS, compute_luminance, make_view, project_points, render_pattern
 
 SIZE = (816, 680)
@@ -106,31 +105,15 @@ def test_regions_divide_the_pattern_at_the_mean_between_markers(turn, slant):
     true = project_points(MARKERS, make_view(SIZE, turn, slant))
     grid = arrange_in_grid(_make_detections(true), SIZE)
     assert grid is not None
-    labels = label_regions(grid)
-    assert labels.shape == (680, 816) and labels.dtype == np.int8
-    columns, rows = np.rint(true).astype(int).reshape(-1, 2).T
-    np.testing.assert_array_equal(labels[rows, columns], np.arange(16))
+    outlines = [
+        compute_region_outline(grid.center_px, *divmod(number, 4)).astype(np.float32) for number in range(16)
+    ]
+
+    def find_regions(point: np.ndarray) -> list[int]:
+        return [i for i, each in enumerate(outlines) if cv2.pointPolygonTest(each, tuple(point), False) >= 0]
+
     for row in range(4):
         for column in range(3):
             a, b = true[row, column], true[row, column + 1]
-            for share, expected in ((0.45, 0), (0.55, 1)):
-                u, v = np.rint(a + share * (b - a)).astype(int)
-                assert labels[v, u] == 4 * row + column + expected
-    assert set(np.unique(labels)) == set(range(-1, 16))
-
-
-def test_regions_leave_no_gap_between_them():
-    grid = arrange_in_grid(_make_detections(project_points(MARKERS, make_view(SIZE, 13.0, 0.2))), SIZE)
-    assert grid is not None
-    inside = label_regions(grid) >= 0
-    for line in inside:
-        filled = np.flatnonzero(line)
-        assert filled.size == 0 or filled.size == filled[-1] - filled[0] + 1
-
-
-def test_regions_may_extend_far_beyond_the_image():
-    grid = arrange_in_grid(_make_detections(project_points(MARKERS, make_view(SIZE))), SIZE)
-    assert grid is not None
-    far = grid.center_px.copy()
-    far[0, 0] = -1e7
-    assert (label_regions(replace(grid, center_px=far)) >= -1).all()
+            assert find_regions(a + 0.45 * (b - a)) == [4 * row + column]
+            assert find_regions(a + 0.55 * (b - a)) == [4 * row + column + 1]

@@ -116,11 +116,6 @@ class FlowMeter:
         return self._tracker.evidence
 
     @property
-    def encoder_deviation(self) -> tuple[float, float]:
-        """Return encoder over material less 1 over the last metres, and its σ; NaN before they were compared."""
-        return self._tracker.check.deviation
-
-    @property
     def prediction(self) -> MotionPrediction | None:
         """Return the prediction of the motion after the last frame; None if unknown."""
         return None if self._waiting else self._tracker.prediction

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from time import monotonic, monotonic_ns, time_ns
 
+from beltscape.alarms.readings import Readings
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import FrameEvent, Maintenance, Observer
@@ -178,7 +179,6 @@ class Engine:
         self._done += 1
         gauges, depth = components.gauges, outcome.depth
         gauges.update_frame(depth, outcome.speed_mm_s)
-        gauges.encoder_ratio = components.measurement.encoder_ratio
         components.observer.on_frame(
             FrameEvent(
                 frames,
@@ -240,34 +240,32 @@ class Engine:
 
     def _update_alarms(self) -> None:
         components = self._components
-        repair = self._repair.check()
-        cameras = components.source.health()
-        components.observer.on_health(cameras)
         components.inspector.inspect(components.gauges)
-        troubles = [writer.trouble for writer in components.writers] + [components.historian.trouble]
-        recording = "" if components.recorder is None else components.recorder.trouble
-        encoder = components.encoder
-        readings = components.gauges.collect_readings(
-            cameras=cameras,
-            dropped=components.queue.dropped,
-            history_trouble=next((text for text in troubles if text), ""),
-            recording_trouble=recording,
-            encoder=None if encoder is None else (encoder.silent_s, encoder.trouble),
-            certificate_days=components.certificate_days(),
-        )
-        wall = time_ns()
-        readings = replace(
-            readings,
-            is_maintained=components.maintenance.current is not None,
-            history_repair=repair,
-            users_trouble=components.users_trouble(),
-        )
-        changed = components.board.update(readings, wall, monotonic_ns())
-        for alarm in changed:
+        readings, wall = self._collect_readings(), time_ns()
+        components.observer.on_health(readings.cameras)
+        for alarm in components.board.update(readings, wall, monotonic_ns()):
             self._events.add_alarm(alarm, wall)
             if alarm.state == "raised" and alarm.severity == "critical" and components.recorder is not None:
                 components.recorder.keep(alarm.name)
         components.observer.on_alarms(components.board.alarms)
+
+    def _collect_readings(self) -> Readings:
+        """Return the readings of the measurement with the states of the components."""
+        components = self._components
+        encoder, recorder = components.encoder, components.recorder
+        troubles = [writer.trouble for writer in components.writers] + [components.historian.trouble]
+        return replace(
+            components.gauges.collect_readings(components.queue.dropped),
+            cameras=components.source.health(),
+            history_trouble=next((text for text in troubles if text), ""),
+            history_repair=self._repair.check(),
+            users_trouble=components.users_trouble(),
+            recording_trouble="" if recorder is None else recorder.trouble,
+            encoder_silent_s=float("nan") if encoder is None else encoder.silent_s,
+            encoder_trouble=None if encoder is None else encoder.trouble,
+            certificate_days=components.certificate_days(),
+            is_maintained=components.maintenance.current is not None,
+        )
 
 
 def notify_records(observer: Observer, historian: Historian) -> Callable[[Sequence[BeltRecord]], None]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from time import monotonic
 
@@ -13,7 +13,6 @@ from beltscape.alarms.readings import Readings
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
-from beltscape.core.live import CameraHealth
 
 _NAN = float("nan")
 _MINUTE_S = 60.0
@@ -46,7 +45,6 @@ class Gauges:
     """Largest lump and its σ, until the board has them."""
     offset_mm: tuple[float, float] = (_NAN, _NAN)
     """Misalignment of the belt and its σ."""
-    encoder_ratio: tuple[float, float] = (_NAN, _NAN)
     dropped: deque[tuple[float, int]] = field(default_factory=deque)
     """(monotonic clock, frame sets dropped so far)."""
     findings: dict[tuple[str, str], tuple[float, Finding]] = field(default_factory=dict)
@@ -87,19 +85,10 @@ class Gauges:
             self.dropped.popleft()
         return float(total - self.dropped[0][1])
 
-    def collect_readings(
-        self,
-        *,
-        cameras: Mapping[str, CameraHealth],
-        dropped: int,
-        history_trouble: str,
-        recording_trouble: str,
-        encoder: tuple[float, str] | None,
-        certificate_days: float,
-    ) -> Readings:
-        """Return the current readings; a value that is measured periodically is returned once.
+    def collect_readings(self, dropped: int) -> Readings:
+        """Return the current readings of the measurement; a value that is measured periodically is returned once.
 
-        ``encoder``: seconds since its last reading, and its fault; None without an encoder.
+        ``dropped`` is the number of frame sets dropped so far.
         """
         with self.lock:
             lump, self.lump_mm = self.lump_mm, (_NAN, _NAN)
@@ -130,16 +119,8 @@ class Gauges:
             largest_lump_sigma_mm=lump[1],
             belt_offset_mm=offset[0],
             belt_offset_sigma_mm=offset[1],
-            cameras=cameras,
             dropped_per_minute=self.count_dropped(dropped),
-            history_trouble=history_trouble,
-            recording_trouble=recording_trouble,
-            encoder_silent_s=_NAN if encoder is None else encoder[0],
-            encoder_trouble=None if encoder is None else encoder[1],
             findings=list(found.values()),
-            encoder_ratio=self.encoder_ratio[0],
-            encoder_ratio_sigma=self.encoder_ratio[1],
-            certificate_days=certificate_days,
         )
 
     def _load(self) -> tuple[float, float, float]:

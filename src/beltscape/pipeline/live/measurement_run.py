@@ -76,14 +76,6 @@ class MeasurementRun:
         self._finished_sigma_mm3 = 0.0
         """σ of the finished meters of this run."""
 
-    @property
-    def encoder_ratio(self) -> tuple[float, float]:
-        """Ratio of the encoder's to the material's motion over the last metres, and its σ; NaN before these."""
-        if self._chain is None:
-            return float("nan"), float("nan")
-        deviation, sigma = self._chain.meter.encoder_deviation
-        return 1 + deviation, sigma
-
     def push(self, frames: FrameSet, findings: Sequence[Finding] = ()) -> Outcome:
         """Measure the next frame set; without images it only gives the belt's position.
 

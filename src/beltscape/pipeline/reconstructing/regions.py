@@ -13,7 +13,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.files.rasters.images import write_image
 from beltscape.report.regions import draw_regions
-from beltscape.stereo.markers.region_depths import detect_marker_grids
+from beltscape.stereo.markers.correspondence import detect_marker_grids
 
 _WIDEST_PX = 1600
 """Widest picture; three cameras beside each other stay legible at this width."""

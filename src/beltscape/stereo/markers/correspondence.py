@@ -1,4 +1,4 @@
-"""Correspondence of markers between the cameras of a rig: a common numbering, and their positions in space."""
+"""Correspondence of markers between the cameras of a rig: a common numbering of their grids."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.progress import Reporter
 from beltscape.kernels import Kernels, load
-from beltscape.stereo.markers.grid import SIDE, MarkerGrid
+from beltscape.stereo.markers.grid import SIDE, MarkerGrid, detect_marker_grid
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
 
 _MAX_ERROR_RADII = 0.3
@@ -19,6 +21,27 @@ _MAX_ERROR_PX = 2.0
 _MIN_CONSISTENT, _MIN_CONSISTENT_SHARE = 4, 0.7
 """Least number of consistent markers of an accepted numbering, and their share of the common ones; four of five by
 chance are rarer than one in a thousand."""
+
+
+def detect_marker_grids(frame_set: FrameSet, rig: Rig, reporter: Reporter) -> dict[str, MarkerGrid]:
+    """Return the marker grids of a frame's cameras, with the same rows and columns in all of them.
+
+    Cameras without a grid, or with one that contradicts the others', are left out and named in a warning.
+    """
+    detected: dict[str, MarkerGrid] = {}
+    for name in rig.cameras:
+        if name not in frame_set.images:
+            continue
+        grid = detect_marker_grid(frame_set.images[name])
+        if grid is None:
+            reporter.warn(f"frame {frame_set.frame}: no speckle markers in the image of {name}")
+        else:
+            detected[name] = grid
+    aligned = align_grids(detected, rig)
+    for name in detected:
+        if name not in aligned:
+            reporter.warn(f"frame {frame_set.frame}: the markers {name} sees do not fit the other cameras'")
+    return aligned
 
 
 def align_grids(grids: Mapping[str, MarkerGrid], rig: Rig) -> dict[str, MarkerGrid]:
@@ -43,31 +66,6 @@ def align_grids(grids: Mapping[str, MarkerGrid], rig: Rig) -> dict[str, MarkerGr
         if best is not None:
             aligned[name] = best
     return {name: aligned[name] for name in grids if name in aligned}
-
-
-def triangulate_markers(
-    grids: Mapping[str, MarkerGrid], rig: Rig, kernels: Kernels
-) -> tuple[NDArray[np.float64], dict[str, NDArray[np.bool_]]]:
-    """Return the markers' positions (16, 3) in the core's frame, mm, and the masks (16,) of those used by camera.
-
-    Each marker is triangulated from all cameras that detected it; the camera with the largest reprojection error is
-    removed until all errors are small. NaN unless the core and another camera remain.
-    """
-    names = list(grids)
-    pixels = np.stack([_undistort_centers(grids[name], rig, name) for name in names])
-    limit = np.stack([_max_error_px(grids[name]) for name in names])
-    while True:
-        points = kernels.triangulate(np.stack([rig.projection(name) for name in names]), pixels)
-        error = _reprojection_errors_px(points, pixels, rig, names) / limit
-        worst = np.argmax(np.nan_to_num(error, nan=-1.0), axis=0)
-        outliers = np.flatnonzero(np.nan_to_num(error, nan=-1.0).max(axis=0, initial=-1.0) > 1)
-        if not outliers.size:
-            break
-        pixels[worst[outliers], outliers] = np.nan
-    used: NDArray[np.bool_] = np.asarray(np.isfinite(pixels).all(axis=-1))
-    valid = used[names.index(rig.core)] & (used.sum(axis=0) >= 2) & (points[:, 2] > 0)
-    points = np.where(valid[:, None], points, np.nan)
-    return points, {name: used[i] & valid for i, name in enumerate(names)}
 
 
 def _compare_pair(grids: Mapping[str, MarkerGrid], rig: Rig, kernels: Kernels) -> tuple[int, float, int]:

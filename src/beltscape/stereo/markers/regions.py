@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.stereo.markers.grid import SIDE, MarkerGrid
-
-_FRACTION_BITS = 4
-"""Binary places of a pixel in the corners of polygons."""
-_FARTHEST_PX = 30_000.0
-"""Largest coordinate of a corner, within the range of OpenCV's fixed-point numbers."""
+from beltscape.stereo.markers.grid import SIDE
 
 
 def compute_region_corners(center_px: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -36,17 +30,3 @@ def compute_region_outline(center_px: NDArray[np.float64], row: int, column: int
     lattice = compute_region_corners(center_px)
     around = [(0, 0), (0, 1), (0, 2), (1, 2), (2, 2), (2, 1), (2, 0), (1, 0)]
     return np.array([lattice[2 * row + r, 2 * column + c] for r, c in around])
-
-
-def label_regions(grid: MarkerGrid) -> NDArray[np.int8]:
-    """Return (H, W) int8 labels: 4·row + column of each pixel's region, −1 outside the pattern."""
-    width, height = grid.size_px
-    labels = np.full((height, width), -1, np.int16)  # OpenCV fills no int8 polygons below zero
-    for row in range(SIDE):
-        for column in range(SIDE):
-            outline = np.clip(
-                compute_region_outline(grid.center_px, row, column), -_FARTHEST_PX, _FARTHEST_PX
-            )
-            corners = np.rint(outline * 2**_FRACTION_BITS).astype(np.int32)
-            cv2.fillPoly(labels, [corners], float(SIDE * row + column), shift=_FRACTION_BITS)
-    return labels.astype(np.int8)

@@ -66,16 +66,3 @@ def test_unusable_image_is_named_and_skipped(folder):
         f"{folder}/cam0/1.png: the file is empty (0 bytes); copy the image again; going on without this image",
         f"{folder}/cam1/2.png: 31×20 px, but the rig's cam1 has 30×20; going on without this image",
     ]
-
-
-@pytest.mark.parametrize(("rows", "warned"), [(4, False), (5, True), (20, True)])
-def test_an_overexposed_view_is_named_but_used(folder, rows, warned):
-    image = np.full((20, 30), 100, np.uint8)
-    image[:rows] = 255
-    write_image(folder / "cam1" / "1.png", image)
-    frames, reporter = source(folder)
-    assert "cam1" in next(iter(frames)).images
-    expected = (
-        f"{folder}/cam1/1.png: overexposed, {rows / 20:.0%} of the pixels are saturated; lower the exposure"
-    )
-    assert reporter.warnings == ([expected] if warned else [])

@@ -13,9 +13,6 @@ from beltscape.core.arguments import require_images
 
 Image = NDArray[np.uint8 | np.uint16]
 
-OVEREXPOSED_SHARE = 0.2
-"""Share of saturated pixels from which an image is called overexposed."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameSet:
@@ -29,6 +26,9 @@ class FrameSet:
     """Trigger time on a monotonic clock; None: not known."""
     position_mm: float | None = None
     """The encoder's position at that instant, growing with the belt's travel; None without a reading."""
+
+    def __repr__(self) -> str:
+        return f"FrameSet({self.frame}: {', '.join(self.images)})"
 
     def __post_init__(self) -> None:
         """Raise InputError unless ``images`` maps camera names to images."""

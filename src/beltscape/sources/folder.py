@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.core.frames import OVEREXPOSED_SHARE, FrameSet, Image, saturated_fraction
+from beltscape.core.frames import FrameSet, Image
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture
 from beltscape.files.rasters.images import read_image
@@ -38,6 +38,9 @@ class FolderSource:
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    def __repr__(self) -> str:
+        return f"FolderSource({self.folder}: {len(self)} frames of {', '.join(self.cameras)})"
 
     @property
     def folder(self) -> Path:
@@ -75,9 +78,4 @@ class FolderSource:
                 "going on without this image"
             )
             return None
-        share = saturated_fraction(image)
-        if share > OVEREXPOSED_SHARE:
-            self._reporter.warn(
-                f"{path}: overexposed, {share:.0%} of the pixels are saturated; lower the exposure"
-            )
         return image

@@ -249,6 +249,15 @@ def _make_matcher(
     return CheckedMatcher(rig, auxiliaries, near_far, make_matcher, propose_rig=propose_rig)
 
 
+def check_images(monitor: ImageMonitor, frame_set: FrameSet, reporter: Reporter) -> tuple[Finding, ...]:
+    """Return the findings about a frame's images; warn of those that are faults."""
+    findings = monitor.check_images(frame_set).findings
+    for finding in findings:
+        if finding.is_fault:
+            reporter.warn(f"frame {frame_set.frame}: {finding.text}")
+    return findings
+
+
 def reconstruct(
     source: FolderSource, matcher: CheckedMatcher, monitor: ImageMonitor, reporter: Reporter
 ) -> Iterator[Frame]:
@@ -261,10 +270,7 @@ def reconstruct(
     """
     done, failure = 0, None
     for frame_set in source:
-        health = monitor.check_images(frame_set).findings
-        for finding in health:
-            if finding.is_fault:
-                reporter.warn(f"frame {frame_set.frame}: {finding.text}")
+        health = check_images(monitor, frame_set, reporter)
         try:
             checked = matcher.measure(frame_set, reporter)
         except ReconstructionError as error:

@@ -13,7 +13,13 @@ from beltscape.files.documents.json_text import write_json
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rasters.images import write_image
-from beltscape.pipeline.reconstructing.reconstruction import find_capture_depth_range, open_capture
+from beltscape.health.images.monitor import ImageMonitor
+from beltscape.health.settings import HealthSettings
+from beltscape.pipeline.reconstructing.reconstruction import (
+    check_images,
+    find_capture_depth_range,
+    open_capture,
+)
 from beltscape.pipeline.reconstructing.search_range import check_depth_range
 from beltscape.report.rectification import draw_rectification
 from beltscape.sources.folder import FolderSource
@@ -97,7 +103,9 @@ def rectify(
     pairs = {
         name: rectify_pair(rig, name, depth_range_mm) for name in rig.auxiliaries if name in source.cameras
     }
+    monitor = ImageMonitor(rig, HealthSettings(learning=False))
     for done, frame_set in enumerate(source, start=1):
+        check_images(monitor, frame_set, reporter)
         try:
             names = list_usable_auxiliaries(rig, frame_set, tuple(pairs))
         except ReconstructionError as error:

@@ -12,7 +12,8 @@ from beltscape.kernels.arrays import float32
 from beltscape.kernels.backend import KernelFamily
 
 EDGE = 1e-9
-"""Barycentric weight by which a node may lie outside a triangle, so that a node on a shared side lies in both."""
+"""Barycentric weight by which a node may lie outside a triangle, so that a node on a shared side lies in both; far
+above the rounding of doubles (1e-16), far below a cell."""
 
 
 class RasterisedHeights(NamedTuple):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.arrays import float32, image_sizes
+from beltscape.kernels.arrays import PROJECTION_SIZE, float32, image_sizes
 from beltscape.kernels.backend import KernelFamily
 
 
@@ -62,7 +62,8 @@ class VisibilityKernels(KernelFamily):
         -------
         n times (height, width) float32 inverse depth *seen from the auxiliary*, in units of s; 0 where there is none.
         """
-        given = BuffersInput(float32("s", s, ("H", "W")), float32("views", views, (len(sizes), 21)))
+        packed = float32("views", views, (len(sizes), PROJECTION_SIZE))
+        given = BuffersInput(float32("s", s, ("H", "W")), packed)
         buffers = [np.zeros((height, width), np.float32) for width, height in image_sizes(sizes)]
         return self._run("inverse_depth_buffers", given, buffers, threads)
 
@@ -95,7 +96,7 @@ class VisibilityKernels(KernelFamily):
         """
         given = VisibleInput(
             float32("s", s, ("H", "W")),
-            float32("view", view, (21,)),
+            float32("view", view, (PROJECTION_SIZE,)),
             float32("buffer", buffer, ("h", "w")),
             tolerance,
         )

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.arrays import float32, spline
+from beltscape.kernels.arrays import PROJECTION_SIZE, float32, spline
 from beltscape.kernels.backend import KernelFamily
 
 
@@ -81,6 +81,7 @@ class WarpingKernels(KernelFamily):
         slope
             (H, W) float32, derivative of the value by s; 0 where the value is NaN.
         """
-        given = WarpInput(float32("s", s, ("H", "W")), float32("view", view, (21,)), spline(coefficients))
+        packed = float32("view", view, (PROJECTION_SIZE,))
+        given = WarpInput(float32("s", s, ("H", "W")), packed, spline(coefficients))
         value, slope = self._run("warp", given, (np.empty_like(given.s), np.empty_like(given.s)), threads)
         return value, slope

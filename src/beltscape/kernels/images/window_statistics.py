@@ -16,17 +16,18 @@ BAND_ROWS = 128
 TERMS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 """Powers of x and y in a quadratic."""
 FEWEST = 12
-"""The least number of cells for a quadratic's six coefficients."""
+"""Least number of cells of a quadratic: twice its six coefficients."""
 MOST_LEVERAGE = 30.0
-"""Limit of the leverage; a value with more is extrapolated too far."""
+"""Limit of the leverage; a value with more is extrapolated too far. The networks of the holes were fitted with this
+value."""
 RIDGE = 1e-6
-"""Ridge as a share of the cells, larger than rounding errors: cells on one line determine no quadratic."""
+"""Ridge as a share of the cells, above the rounding errors: cells on one line determine no quadratic."""
 LEAST_SHARE = 1e-3
-"""A window with a smaller share of measured cells has no mean."""
+"""A window with a smaller share of measured cells has no mean: ten cells of the largest window of 101 × 101."""
 SLOPE_SIDE = 7
-"""Side of the window in which a plane is fitted, cells."""
+"""Side of the window in which a plane is fitted, cells. The networks of the holes were fitted with this value."""
 LEAST_SPREAD = 1e-3
-"""Cells closer to a line than this (1 - correlation² of their positions) determine no plane."""
+"""Least 1 - correlation² of the cells' positions; cells closer to a line than this determine no plane."""
 
 
 class Quadratics(NamedTuple):

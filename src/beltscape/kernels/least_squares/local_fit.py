@@ -16,11 +16,11 @@ from beltscape.kernels.backend import KernelFamily
 RADII = ((3, 1.5), (5, 2.5), (8, 4.0))
 """Windows of a local fit: (radius px, Gaussian sigma px)."""
 MOST_DISAGREEMENT = 25.0
-"""Upper bound of the disagreement of two windows; at it, one of them does not describe the surface."""
+"""Upper bound of the disagreement of two windows: five σ, squared; one of them does not describe the surface."""
 FIT_WINDOWS = 4
-"""The largest number of windows that a fit chooses from."""
+"""Largest number of windows that a fit chooses from; the native kernel's arrays have this size."""
 TOLERANCES = (1e-3, 1e3)
-"""Bounds of the tolerance in px: its eighth power must fit single precision."""
+"""Bounds of the tolerance in px: its eighth power must fit single precision (1e38)."""
 LEAST_TAP = 0.01
 """The least tap of a window, as a share of the central one."""
 

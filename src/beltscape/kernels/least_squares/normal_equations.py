@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.arrays import WINDOW_LIMIT, demand_within, float32, spline
+from beltscape.kernels.arrays import PROJECTION_SIZE, WINDOW_LIMIT, demand_within, float32, spline
 from beltscape.kernels.backend import KernelFamily
 
 
@@ -96,8 +96,8 @@ class NormalEquationsKernels(KernelFamily):
         demand_within("noise_variance", noise_variance, 0, inf)
         given = NormalEquationsInput(
             s, float32("core", core, s.shape), [spline(c) for c in coefficients],
-            float32("views", views, (len(coefficients), 21)), window, residual_window, floor, noise_variance,
-            model_variance, gate,
+            float32("views", views, (len(coefficients), PROJECTION_SIZE)), window, residual_window,
+            floor, noise_variance, model_variance, gate,
         )  # fmt: skip
         out = np.empty_like(s), np.empty_like(s), np.empty(s.shape, np.uint8)
         return NormalEquations(*self._run("normal_equations", given, out, threads))

@@ -13,6 +13,7 @@ from beltscape.kernels.arrays import float32
 from beltscape.kernels.backend import KernelFamily
 
 _MOST_UNITS = 256
+"""Largest number of inputs, and of units of a layer; the native kernel's arrays have this size."""
 
 
 class NetworkInput(NamedTuple):

@@ -30,3 +30,13 @@ def bilinear(image: Array, u: Array, v: Array) -> Array:
     above = (1 - u) * image[y, x] + u * image[y, x + 1]
     below = (1 - u) * image[y + 1, x] + u * image[y + 1, x + 1]
     return np.where(inside, (1 - v) * above + v * below, np.nan)
+
+
+def window_dissimilarity(core: Array, auxiliary: Array, floor: float) -> Array:
+    """Return (H, W) the normalised squared difference of two centred windows (9, H, W), 0 … 1; 1 where one is NaN.
+
+    ``floor`` is the variance that counts as noise; every pixel of both windows adds it to their energy.
+    """
+    energy = (core**2).sum(axis=0) + (auxiliary**2).sum(axis=0) + 2 * len(core) * floor
+    c = ((core - auxiliary) ** 2).sum(axis=0) / energy
+    return np.where(np.isnan(c), 1, np.minimum(c, 1))

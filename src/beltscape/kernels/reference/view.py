@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.geometry import lens
+from beltscape.core.geometry.lens import BROWN
 
 Array = NDArray[np.float64]
 
@@ -22,5 +22,5 @@ def project(view: NDArray[np.floating], u: Array, v: Array, s: Array) -> tuple[A
     (focal_u, focal_v, center_u, center_v), coefficients = view[12:16], view[16:]
     point = [row[0] * u + row[1] * v + row[2] + t * s for row, t in zip(direction, shift, strict=True)]
     depth = np.where(point[2] > 0, point[2], np.nan)
-    x, y = lens.distort(point[0] / depth, point[1] / depth, coefficients)
+    x, y = BROWN.distort(point[0] / depth, point[1] / depth, coefficients)
     return x * focal_u + center_u, y * focal_v + center_v, s / depth

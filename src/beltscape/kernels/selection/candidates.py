@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.arrays import flags, float32, pixel_indices, sampled_images
+from beltscape.kernels.arrays import PROJECTION_SIZE, flags, float32, pixel_indices, sampled_images
 from beltscape.kernels.backend import KernelFamily
 
 CANDIDATES = 9
 """Number of a pixel's candidates: its own surface, then one from each of eight directions."""
 MOST_REACH = 1000
+"""Largest number of steps to a candidate, which bounds the search; the matcher uses far fewer."""
 
 
 class Candidates(NamedTuple):
@@ -178,7 +179,7 @@ class CandidateKernels(KernelFamily):
             core,
             float32("variance", variance, core.shape),
             images,
-            float32("views", views, (len(images), 21)),
+            float32("views", views, (len(images), PROJECTION_SIZE)),
             [float32(f"buffers[{i}]", b, images[i].shape) for i, b in enumerate(buffers)],
             [float32(f"gains[{i}]", gain, core.shape) for i, gain in enumerate(gains)],
             tolerance,

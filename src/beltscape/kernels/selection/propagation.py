@@ -9,12 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.arrays import flags, float32, sampled_images
+from beltscape.kernels.arrays import PROJECTION_SIZE, flags, float32, sampled_images
 from beltscape.kernels.backend import KernelFamily
 
 MOST_OFFSETS = 254
+"""Largest number of offsets: their numbers, with that of the own surface, fit a byte in the native kernel."""
 MOST_CANDIDATES = 8
+"""Largest number of candidates of a pixel; the native kernel's arrays have this size."""
 FARTHEST_OFFSET = 32767
+"""Largest offset along an axis, px: wider than any image, and sums with a column fit 32 bits."""
 
 
 class Propagated(NamedTuple):
@@ -127,7 +130,7 @@ class PropagationKernels(KernelFamily):
             surface=[s, float32("slope_u", slope_u, s.shape), float32("slope_v", slope_v, s.shape)],
             core=float32("core", core, s.shape),
             images=images,
-            views=float32("views", views, (len(images), 21)),
+            views=float32("views", views, (len(images), PROJECTION_SIZE)),
             buffers=[float32(f"buffers[{i}]", b, images[i].shape) for i, b in enumerate(buffers)],
             offsets=_checked_offsets(offsets),
             candidates=candidates,

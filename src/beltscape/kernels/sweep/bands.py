@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 BAND_ROWS = 64
+"""Rows of a band, of which each is aggregated by itself; its costs fit the memory that a thread may use."""
 HALO_ROWS = 16
+"""Rows beyond a band from which its paths begin."""
 
 
 class Band(NamedTuple):

@@ -9,18 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.arrays import float32, sampled_images
+from beltscape.kernels.arrays import PROJECTION_SIZE, float32, sampled_images
 from beltscape.kernels.backend import KernelFamily
 from beltscape.kernels.sweep.bands import BAND_ROWS, HALO_ROWS
 
 WORST = 120
-"""The cost of a dissimilarity of 1; costs above it count as this."""
+"""The cost of a dissimilarity of 1; costs above it count as this. With jumps of together 135 and less, sums along a
+path fit a byte, the fast case of native/sweep/aggregate.hpp."""
 LEAST_PLANES, MOST_PLANES = 4, 4096
 """With at least 4 planes, every plane has one that is not its neighbour."""
 LARGEST_JUMP = 8000
-"""Sums over eight paths, each of at most this and a cost, fit 16 bits."""
+"""Sums over eight paths, each of at most this and a cost, fit 16 bits: 8 · (8000 + 120) < 65,536."""
 SLAB_BYTES = 1 << 26
-"""Bytes of costs that `sweep_and_aggregate` holds at once: 64 MB."""
+"""Bytes of costs that `sweep_and_aggregate` holds at once (64 MB); no result depends on it."""
 
 
 class SweepInput(NamedTuple):
@@ -199,7 +200,7 @@ def _checked(
     if not images:
         raise KernelError("a sweep needs at least one auxiliary image")
     images = sampled_images(images)
-    views = float32("views", views, (len(images), 21))
+    views = float32("views", views, (len(images), PROJECTION_SIZE))
     height = core.shape[0]
     rows = rows or (0, height)
     if not 0 <= rows[0] < rows[1] <= height:

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from beltscape.kernels.geometry.triangulation import TriangulationInput
 
 MAX_CONDITION = 1e12
-"""A point is refused when ‖N‖·‖N⁻¹‖ (Frobenius) of its normal matrix exceeds this."""
+"""A point is refused when ‖N‖·‖N⁻¹‖ (Frobenius) of its normal matrix exceeds this, because then four digits of a
+double are left."""
 
 
 def triangulate(given: TriangulationInput) -> tuple[NDArray[np.float64]]:

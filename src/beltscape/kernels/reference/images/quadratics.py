@@ -12,6 +12,9 @@ from beltscape.kernels.images.window_statistics import FEWEST, MOST_LEVERAGE, RI
 from beltscape.kernels.reference.images.window_sums import WindowSums, bands
 
 _POWERS = tuple((i, j) for i in range(5) for j in range(5 - i))
+"""Powers of x and y in the normal equations of a quadratic: products of two of its `TERMS`."""
+_LEAST_PIVOT = 1e-30
+"""Lower bound of a pivot, so that rounding errors leave a root; sound windows stay above by `RIDGE`."""
 
 
 def quadratics(given: WindowsInput) -> list[NDArray[np.float64]]:
@@ -74,7 +77,7 @@ def _cholesky_solved(
     lower = np.zeros_like(matrix)
     for j in range(size):
         pivot = matrix[j, j] - (lower[j, :j] ** 2).sum(axis=0)
-        lower[j, j] = np.sqrt(np.maximum(pivot, 1e-30))
+        lower[j, j] = np.sqrt(np.maximum(pivot, _LEAST_PIVOT))
         for i in range(j + 1, size):
             lower[i, j] = (matrix[i, j] - (lower[i, :j] * lower[j, :j]).sum(axis=0)) / lower[j, j]
     found: list[NDArray[np.float64]] = []

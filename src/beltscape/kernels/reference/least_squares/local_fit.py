@@ -15,8 +15,9 @@ Array = NDArray[np.float64]
 SLOPE_RIDGE = 0.1
 """px²: ridge that draws slopes to the earlier ones, per weight of the window."""
 NO_WEIGHT = 1e-12
-"""A window without more weight is left out."""
+"""A window without more weight is left out: in single precision its sums are rounding errors."""
 LEAST_VARIANCE = 1e-12
+"""px²: lower bound of the variance that divides a squared difference, against division by zero."""
 LARGEST_STEP = 1.0
 """The largest change of s, px."""
 

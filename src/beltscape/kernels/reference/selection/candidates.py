@@ -15,9 +15,13 @@ from beltscape.kernels.selection.candidates import CANDIDATES, CandidatesInput, 
 Array = NDArray[np.float64]
 
 STEEPEST = 1.5
+"""px of s per px: steeper slopes are continued with this one."""
 MOST_UNLIKE = 50.0
+"""Bound of a squared difference over its variance (seven σ, squared), and its value where no view sees the point."""
 DIRECTIONS = tuple((dx, dy) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy)
+"""Steps (dx, dy) to the eight neighbours, in the order of the candidates."""
 CROSS = ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1))
+"""Offsets (dx, dy) of the pixel and the four beside it."""
 
 
 def candidate_surfaces(given: CandidatesInput) -> list[NDArray[np.float32]]:

@@ -7,7 +7,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.reference.sampling import bilinear, centred_windows, is_inside
+from beltscape.kernels.reference.sampling import bilinear, centred_windows, is_inside, window_dissimilarity
 from beltscape.kernels.reference.selection.semi_global import NO_CANDIDATE, Kept, choose
 from beltscape.kernels.reference.view import project
 from beltscape.kernels.selection.propagation import PropagationInput
@@ -15,9 +15,13 @@ from beltscape.kernels.selection.propagation import PropagationInput
 Array = NDArray[np.float64]
 
 NO_COST = 1e3
+"""Cost of an empty place: more than any candidate's, which is at most 1 and eight jumps of at most 100."""
 FARTHEST_STEP = 3.0
+"""Largest change of s by which a candidate is continued from its pixel along its slopes."""
 BAND_ROWS = 128
+"""Rows of a band, of which each is computed by one thread; native/selection/propagate.hpp has the same."""
 HALO_ROWS = 12
+"""Rows beyond a band from which its paths begin."""
 
 
 def propagate(given: PropagationInput) -> tuple[NDArray[np.floating], ...]:
@@ -77,9 +81,7 @@ def dissimilarity(given: PropagationInput, s: Array) -> Array:
     for image, view, buffer in zip(given.images, given.views, given.buffers, strict=True):
         u, v, inverse_depth = project(view, x, y, s)
         aux = centred_windows(bilinear(image.astype(np.float64), u, v))
-        energy = (core**2).sum(axis=0) + (aux**2).sum(axis=0) + 18 * given.costs.floor
-        c = ((core - aux) ** 2).sum(axis=0) / energy
-        each.append(np.where(np.isnan(c), 1, np.minimum(c, 1)))
+        each.append(window_dissimilarity(core, aux, given.costs.floor))
         seen.append(clear(buffer, u, v, inverse_depth + given.costs.tolerance))
     return _agreement(np.array(each), np.array(seen), given.costs.unseen_cost)
 

@@ -12,10 +12,12 @@ from beltscape.kernels.selection.propagation import Propagated
 Array = NDArray[np.float64]
 
 NO_CANDIDATE = 1e6
-"""The inverse depth of an empty place."""
+"""The inverse depth of an empty place: far from all others, and exact in single precision."""
 
 STEEPEST_STEP = 1.0
+"""Largest step of s between neighbours that their slopes may explain."""
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1))
+"""Steps (dx, dy) along the eight paths."""
 
 
 class Kept(NamedTuple):
@@ -36,7 +38,7 @@ class Kept(NamedTuple):
 
 
 APART = 1.5
-"""Candidates farther apart in s are different surfaces."""
+"""Candidates farther apart in s are different surfaces. The network of confidence was fitted with this value."""
 
 
 def choose(kept: Kept, small_jump: float, large_jump: float) -> Propagated:

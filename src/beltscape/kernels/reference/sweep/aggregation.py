@@ -9,6 +9,7 @@ from beltscape.kernels.sweep.plane_sweep import WORST, AggregateInput
 
 Array = NDArray[np.float64]
 PATHS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
+"""Steps (dy, dx) along the eight paths."""
 
 
 def aggregate(given: AggregateInput) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

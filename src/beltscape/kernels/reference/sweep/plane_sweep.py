@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.reference.sampling import bilinear, centred_windows
+from beltscape.kernels.reference.sampling import bilinear, centred_windows, window_dissimilarity
 from beltscape.kernels.reference.sweep.aggregation import aggregate
 from beltscape.kernels.reference.view import project
 from beltscape.kernels.sweep.bands import bands
@@ -41,8 +41,6 @@ def _plane(given: SweepInput, s: float) -> NDArray[np.uint8]:
     for image, view in zip(given.images, given.views, strict=True):
         seen_u, seen_v, _ = project(view, u, v, np.full((height, width), s))
         aux = centred_windows(bilinear(image.astype(np.float64), seen_u, seen_v))
-        energy = (core**2).sum(axis=0) + (aux**2).sum(axis=0) + 18 * given.floor
-        c = ((core - aux) ** 2).sum(axis=0) / energy
-        each.append(np.where(np.isnan(c), 1, np.minimum(c, 1)))
+        each.append(window_dissimilarity(core, aux, given.floor))
     mean = np.sort(each, axis=0)[: given.best].mean(axis=0)
     return np.floor(WORST * mean + 0.5).astype(np.uint8)

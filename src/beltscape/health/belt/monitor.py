@@ -58,9 +58,11 @@ class BeltMonitor:
             return ()
         length_m = self._limits.belt_length_m
         if self._passes is None:
-            self._passes = BeltPasses(self._rows.side_mm, None if length_m is None else 1000 * length_m)
+            length_mm = None if length_m is None else 1000 * length_m
+            self._passes = BeltPasses(self._rows.side_mm, length_mm, 1000 * self._limits.empty_m)
         events = self._passes.add(self._rows, position_mm, direction)
+        residue = self._residue if self._passes.is_empty else (_NAN, _NAN)
         return (
-            *make_carry_back_findings(self._residue, self._passes, self._limits),
+            *make_carry_back_findings(residue, self._passes, self._limits),
             *make_event_findings(events, self._rows.side_mm),
         )

@@ -50,12 +50,32 @@ class _Run:
     sizes: list[float] = field(default_factory=list)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _EmptyRow:
+    """A row of the belt that holds no load."""
+
+    number: int
+    over_mm: NDArray[np.float64]
+    """(m,) heights over the belt as it lies."""
+    bare: NDArray[np.bool_]
+    """(m,) which cells show the bare belt."""
+    area_mm2: float
+    """Cross-section of the material on it."""
+
+
 class BeltPasses:
     """Collects the rows of a moving belt, each once, by belt coordinate; unknown rows end what was open."""
 
-    def __init__(self, side_mm: float, length_mm: float | None) -> None:
-        """``side_mm`` is the edge of a cell, ``length_mm`` that of the endless belt."""
-        self._side_mm, self._length_mm = side_mm, length_mm
+    def __init__(self, side_mm: float, length_mm: float | None, empty_mm: float) -> None:
+        """``side_mm`` is the edge of a cell, ``length_mm`` that of the endless belt.
+
+        Material counts as residue on stretches that are empty for ``empty_mm``.
+        """
+        self._side_mm, self._length_mm, self._empty_mm = side_mm, length_mm, empty_mm
+        self._pending: list[_EmptyRow] = []
+        """The rows of the present empty stretch while it is too short to count."""
+        self._stretch_mm = 0.0
+        """Length of the present empty stretch."""
         self._next: int | None = None
         self._runs: dict[Kind, _Run] = {}
         self._edges: dict[Kind, float] = {}
@@ -69,6 +89,11 @@ class BeltPasses:
         self.empty_mm = 0.0
         """Length of otherwise empty belt."""
 
+    @property
+    def is_empty(self) -> bool:
+        """Return whether the belt has been empty for so long that material on it is residue."""
+        return self._stretch_mm >= self._empty_mm
+
     def add(self, rows: BeltRows, position_mm: float, direction: int) -> list[BeltEvent]:
         """Add the rows of a frame that were not in view before; return the events that they complete.
 
@@ -81,6 +106,7 @@ class BeltPasses:
             self._next = int(numbers.min())  # the first frame, or an encoder that began anew
         if numbers.min() > self._next:
             self._runs.clear()
+            self._end_stretch()
         empty, area, ridge = rows.is_empty, rows.area_mm2, rows.ridge_mm
         events: list[BeltEvent] = []
         for index in order:
@@ -88,22 +114,39 @@ class BeltPasses:
             if number < self._next:
                 continue
             self._next = number + 1
-            if empty[index] and not ridge[index]:
-                self._count(number, rows.over_mm[index], rows.bare[index], float(area[index]))
+            if empty[index]:
+                self._extend_stretch(
+                    _EmptyRow(number, rows.over_mm[index], rows.bare[index], float(area[index])),
+                    is_counted=not ridge[index],
+                )
+            else:
+                self._end_stretch()
             events += self._follow(
                 number, rows.over_mm[index], float(ridge[index]), is_empty=bool(empty[index])
             )
         return [self._identify(event) for event in events]
 
-    def _count(
-        self, number: int, over_mm: NDArray[np.float64], bare: NDArray[np.bool_], area_mm2: float
-    ) -> None:
+    def _extend_stretch(self, row: _EmptyRow, *, is_counted: bool) -> None:
+        """Add a row to the empty stretch; a splice belongs to it but is no residue."""
+        self._stretch_mm += self._side_mm
+        if is_counted:
+            self._pending.append(row)
+        if self.is_empty:
+            for each in self._pending:
+                self._count(each)
+            self._pending.clear()
+
+    def _end_stretch(self) -> None:
+        self._stretch_mm = 0.0
+        self._pending.clear()
+
+    def _count(self, row: _EmptyRow) -> None:
         self.empty_mm += self._side_mm
-        self.residue_mm3 += area_mm2 * self._side_mm
+        self.residue_mm3 += row.area_mm2 * self._side_mm
         if self._length_mm is None:
             return
-        period = max(1, round(self._length_mm / self._side_mm))
-        material = np.where(bare, 0.0, np.clip(np.nan_to_num(over_mm), 0, None)).astype(np.float32)
+        number, period = row.number, max(1, round(self._length_mm / self._side_mm))
+        material = np.where(row.bare, 0.0, np.clip(np.nan_to_num(row.over_mm), 0, None)).astype(np.float32)
         near = [self._last.get((number + offset) % period) for offset in (-1, 0, 1)]
         known = [row for one in near if one is not None for at, row in [one] if number - at > period // 2]
         if known:

@@ -15,10 +15,8 @@ _LEAST_BARE = 0.5
 """Least share of a row's cells that is bare on an otherwise empty stretch."""
 _LEAST_MEASURED = 0.6
 """Least share of a row's cells that must be measured; steep cakes hide some."""
-_HIGHEST_MM = 40.0
-"""Higher material is a load, not carry-back."""
-_LOADED_SHARE = 0.1
-"""Share of a row's cells that may be higher, as single lumps."""
+_HIGHEST_MM = 20.0
+"""Higher material is a load, if a thin one, and not carry-back: cakes that stick are some millimetres high."""
 _LEAST_RIDGE_MM, _HIGHEST_RIDGE_MM = 0.6, 15.0
 """Heights of a splice, with its fasteners, over the belt around it."""
 _EVEN_SHARE, _EVEN_MM = 0.3, 0.4
@@ -51,9 +49,8 @@ class BeltRows:
         """Return which rows (n,) are empty except for what clings to the belt, with no load near them in view."""
         known = np.isfinite(self.over_mm)
         number = np.maximum(known.sum(axis=1), 1)
-        loaded = (np.nan_to_num(self.over_mm) > _HIGHEST_MM).sum(axis=1)
         is_bare = (self.bare.sum(axis=1) >= _LEAST_BARE * number) | (self.ridge_mm > 0)
-        is_low = loaded <= _LOADED_SHARE * number
+        is_low = (np.nan_to_num(self.over_mm) <= _HIGHEST_MM).all(axis=1)
         empty = (known.mean(axis=1) >= _LEAST_MEASURED) & is_bare & is_low
         near_load = ndimage.binary_dilation(~empty, np.ones(2 * self.margin + 1))
         return empty & ~np.asarray(near_load, bool)

@@ -29,5 +29,7 @@ class BeltLimits(BaseModel):
     """Largest shift that setting the zero accepts."""
     belt_length_m: Annotated[float, Field(ge=1, le=50_000)] | None = None
     """Length of the endless belt: what returns with it is stuck to the belt or part of it."""
+    empty_m: Annotated[float, Field(gt=0, le=1000)] = 3.0
+    """Length without a load after which material on the belt is carry-back; gaps of a thin load are shorter."""
     carry_back_mm2: Annotated[float, Field(gt=0, le=1e6)] = 300.0
     """Mean cross-section of material on otherwise empty belt from which carry-back is reported."""

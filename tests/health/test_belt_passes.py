@@ -74,10 +74,11 @@ def run_rows(
     """Follow a belt by its rows alone, as they are where the belt lies as learned."""
     low, high = REFERENCE.belt.across_mm
     side = (high - low) / 32
-    x, y = low + side * (np.arange(32) + 0.5), side * (np.arange(24) - 11.5)
+    x = low + side * (np.arange(32, dtype=np.float64) + 0.5)
+    y = side * (np.arange(24, dtype=np.float64) - 11.5)
     passes, events = BeltPasses(side, LENGTH_MM, 1000 * BeltLimits().empty_m), list[BeltEvent]()
     for number in range(int(revolutions * LENGTH_MM / STEP_MM)):
-        s = number * STEP_MM - y[:, None]
+        s = np.asarray(number * STEP_MM - y[:, None], np.float64)
         over = np.where(s < scrape_after_mm, surface(x[None], s % LENGTH_MM), 0.0)
         over = np.where(over < -100, np.nan, over).astype(np.float64)
         rows = BeltRows(y, over, np.full(over.shape, 0.1), np.abs(over) < 0.3, side)

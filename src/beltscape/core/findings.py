@@ -46,6 +46,9 @@ class Finding:
     place: tuple[float, float, float, float] | None = None
     """Where the fault is in the subject's image: left, top, right, bottom as shares of its width and height, 0..1."""
 
+    is_momentary: bool = False
+    """Whether a fault concerns its own frame alone, as a repeated image does; else also those since the last pass."""
+
     @property
     def is_fault(self) -> bool:
         """Return whether the check found a fault."""

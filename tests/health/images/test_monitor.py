@@ -115,7 +115,8 @@ class TestFrozen:
     def test_all_images_repeated(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(replace(make_frame(LEARNING), frame="again"))
 
-        assert len([one for one in result.findings if one.check == "frozen_image" and one.is_fault]) == 5
+        frozen = [one for one in result.findings if one.check == "frozen_image" and one.is_fault]
+        assert len(frozen) == 5 and all(one.is_momentary for one in frozen)
         assert not result.frames.images
 
     def test_standing_belt_is_not_frozen(self) -> None:

@@ -98,6 +98,16 @@ def test_a_fault_applies_back_to_the_last_frame_that_the_check_passed() -> None:
     assert not {16, 17, 18} & set(list_frames(other, "degraded"))
 
 
+def test_a_momentary_fault_leaves_the_frames_before_it_alone() -> None:
+    """Until a check was made once, nothing passed it: copies of the first frame do not void the first frame."""
+    copy = Finding("frozen_image", 0.0, 0.05, 0.15, "", "cam1", "it repeats", "degraded", is_momentary=True)
+    frames: dict[int, list[Finding]] = {0: [], **{number: [copy] for number in range(8, 11)}}
+    frames |= {number: [] for number in range(1, 8)}
+    _, records = measure(frames)
+    degraded = list_frames(records, "degraded")
+    assert {8, 9, 10} <= set(degraded) and 0 not in degraded and 1 not in degraded
+
+
 def test_a_missing_frame_between_sound_ones_costs_nothing() -> None:
     meter, records = measure({15: [make_finding("missing", "no pattern")]})
     sound, _ = measure({})

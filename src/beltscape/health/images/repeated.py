@@ -69,4 +69,4 @@ def _check_camera(camera: str, change: Change, others: Sequence[Change]) -> Find
     if not (change.noise_ratio < _QUIET or is_still):
         return finding
     text = f"{camera}: it delivers the same image again; restart the camera, check its link and its driver"
-    return replace(finding, text=text, effect="missing")
+    return replace(finding, text=text, effect="missing", is_momentary=True)

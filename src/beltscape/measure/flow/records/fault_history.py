@@ -25,7 +25,8 @@ class FaultHistory:
         for finding in findings:
             key = finding.check, finding.subject
             if finding.effect != "none":
-                out.append((min(self._passed.get(key, -1) + 1, number), finding))
+                since = number if finding.is_momentary else self._passed.get(key, -1) + 1
+                out.append((min(since, number), finding))
             elif not np.isnan(finding.value):
                 self._passed[key] = number
         return out

@@ -12,7 +12,9 @@ import pytest
 import beltscape
 
 PUBLIC = [
-    "BeltProfile", "BeltscapeError", "Camera", "DepthMap", "FrameSet", "HeightMap", "PointCloud", "Pose", "Rig",
+    "Belt", "BeltProfile", "BeltscapeError", "Camera", "DepthMap", "FlowMeter", "FlowRecord", "FrameSet", "HeightMap",
+    "PointCloud", "Pose", "Reconstructor", "Rig", "calibrate", "learn_belt", "measure_features", "measure_lumps",
+    "measure_volume", "point_cloud", "read_belt", "read_capture", "read_rig", "write_belt", "write_ply", "write_rig",
 ]  # fmt: skip
 
 HEAVY = ["cv2", "scipy", "pydantic", "matplotlib", "rich", "jinja2", "tifffile"]
@@ -52,8 +54,22 @@ def test_importing_beltscape_imports_nothing_but_the_standard_library():
     assert loaded.isdisjoint([*HEAVY, "numpy"])
 
 
+def test_the_types_are_those_of_the_names():
+    stub = Path(beltscape.__file__).with_name("__init__.pyi").read_text(encoding="utf-8")
+    assert re.findall(r'^    "(\w+)",$', stub, re.MULTILINE) == PUBLIC
+    home = {
+        name: module
+        for module, names in re.findall(r"^from (\S+) import (?:\(([^)]*)\)|.*)", stub, re.MULTILINE)
+        for name in re.findall(r"\w+", names)
+    }
+    assert all(beltscape._HOME[name] == module for name, module in home.items())
+
+
 def test_the_vocabulary_imports_numpy_only():
-    loaded = modules_after("import beltscape\nfor name in beltscape.__all__: getattr(beltscape, name)")
+    loaded = modules_after(
+        "import beltscape\nfor name in beltscape.__all__:\n"
+        "    if beltscape._HOME[name].startswith('beltscape.core'): getattr(beltscape, name)"
+    )
     assert "numpy" in loaded
     assert loaded.isdisjoint(HEAVY)
 

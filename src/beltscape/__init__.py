@@ -1,6 +1,7 @@
 """Beltscape: a few synchronised cameras over a conveyor belt become a metrology-grade 3-D sensor.
 
-Names are loaded on first use, so that ``import beltscape`` stays fast.
+``import beltscape as bs`` gives the verbs: read a rig, reconstruct images, measure a belt. Names are loaded on first
+use, so that the import stays fast; their types stand in ``__init__.pyi``.
 """
 
 from __future__ import annotations
@@ -11,15 +12,31 @@ from typing import Any
 __version__ = "0.1.0"
 
 _HOME = {
+    "Belt": "beltscape.core.belt.empty_belt",
     "BeltProfile": "beltscape.core.belt.height_map",
     "BeltscapeError": "beltscape.core.errors",
     "Camera": "beltscape.core.geometry.camera",
     "DepthMap": "beltscape.core.depth",
+    "FlowMeter": "beltscape.api.flow",
+    "FlowRecord": "beltscape.core.belt.flow_record",
     "FrameSet": "beltscape.core.frames",
     "HeightMap": "beltscape.core.belt.height_map",
     "PointCloud": "beltscape.core.cloud",
     "Pose": "beltscape.core.geometry.pose",
+    "Reconstructor": "beltscape.api.reconstruction",
     "Rig": "beltscape.core.geometry.rig",
+    "calibrate": "beltscape.api.calibration",
+    "learn_belt": "beltscape.api.measuring",
+    "measure_features": "beltscape.api.measuring",
+    "measure_lumps": "beltscape.api.measuring",
+    "measure_volume": "beltscape.api.measuring",
+    "point_cloud": "beltscape.api.reconstruction",
+    "read_belt": "beltscape.api.files",
+    "read_capture": "beltscape.api.files",
+    "read_rig": "beltscape.api.files",
+    "write_belt": "beltscape.api.files",
+    "write_ply": "beltscape.api.files",
+    "write_rig": "beltscape.api.files",
 }
 
 __all__ = list(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -15,6 +15,12 @@ if TYPE_CHECKING:
     from beltscape.core.geometry.camera import Camera
 
 
+def require_instance(value: Any, kind: type, argument: str, source: str) -> None:
+    """Raise InputError unless ``value`` is a ``kind``; ``source`` is the call that gives one."""
+    if not isinstance(value, kind):
+        raise InputError(f"{argument} is {_kind(value)}: must be a {kind.__name__}, from {source}")
+
+
 def require_image(image: Any, argument: str) -> None:
     """Raise InputError unless ``image`` is (H, W) or (H, W, 3), uint8 or uint16."""
     if not _is_array(image):

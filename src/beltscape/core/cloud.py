@@ -22,3 +22,6 @@ class PointCloud:
     """(N,) float32, one standard deviation of the depth."""
     frame: str = "core"
     """Coordinate frame of the points."""
+
+    def __repr__(self) -> str:
+        return f"PointCloud({len(self.points_mm)} points in the frame {self.frame})"

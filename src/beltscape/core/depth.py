@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.display import Displayed
 from beltscape.core.geometry.camera import Camera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class DepthMap:
+class DepthMap(Displayed):
     """Depth along the core camera's optical axis on its undistorted pinhole grid; NaN = not measured."""
 
     depth_mm: NDArray[np.float32]
@@ -24,6 +25,13 @@ class DepthMap:
     """(H, W) float32, 0..1: probability that the pixel is not a false surface; 0 where not measured."""
     systematic_mm: float = 0.0
     """Standard deviation common to all pixels, included in ``sigma_mm``, from cameras that contradict the rig."""
+
+    def __repr__(self) -> str:
+        height, width = self.depth_mm.shape
+        z = self.depth_mm[self.measured]
+        span = f"{z.min():.1f} to {z.max():.1f} mm, " if z.size else ""
+        sigma = f", median σ {np.median(self.sigma_mm[self.measured]):.3f} mm" if z.size else ""
+        return f"DepthMap({width}×{height}, {span}{self.coverage:.1%} measured{sigma})"
 
     @property
     def measured(self) -> NDArray[np.bool_]:

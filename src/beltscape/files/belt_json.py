@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.pose import Pose, is_rotation
 from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.digest import add_digest, require_digest
 from beltscape.files.documents.json_text import read_json, write_json
@@ -91,7 +92,7 @@ def read_belt(path: AnyPath) -> tuple[Belt, Camera]:
     except ValueError as error:
         raise InputError(f"{path}: {error}; {_FIX}") from error
     require_digest(path, document, _FIX)
-    return belt, camera
+    return replace(belt, camera=camera), camera
 
 
 def _belt(document: Mapping[str, Any]) -> Belt:
@@ -156,7 +157,7 @@ def _camera(entry: Mapping[str, Any]) -> Camera:
 
 def _pose(entry: Mapping[str, Any]) -> Pose:
     rotation = _array("belt_from_core", entry, "rotation", (3, 3))
-    if not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-6) or np.linalg.det(rotation) < 0:
+    if not is_rotation(rotation):
         raise ValueError("belt_from_core.rotation is not a rotation (orthonormal, determinant +1)")
     return Pose(rotation, _array("belt_from_core", entry, "translation_mm", (3,)))
 

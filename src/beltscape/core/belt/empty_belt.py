@@ -8,6 +8,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.display import Displayed
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 
 
@@ -64,7 +66,7 @@ class BeltEdges:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belt:
+class Belt(Displayed):
     """Pose and shape of the empty belt; x, z in the belt frame."""
 
     belt_from_core: Pose
@@ -103,6 +105,14 @@ class Belt:
     """Median σ of the depth map; comparing it with ``noise_mm`` shows how well σ is calibrated."""
     frames: int
     """Number of frames that the model was learned from."""
+    camera: Camera | None = None
+    """Core camera of the depth maps that it was learned from; None: not known."""
+
+    def __repr__(self) -> str:
+        width = self.across_mm[1] - self.across_mm[0]
+        shape = "troughed" if self.yaw_from == "shape" else "flat"
+        frames = "1 frame" if self.frames == 1 else f"{self.frames} frames"
+        return f"Belt({shape}, {width:.0f} mm wide, from {frames}, noise {self.noise_mm:.3f} mm)"
 
     @property
     def middle_mm(self) -> float:

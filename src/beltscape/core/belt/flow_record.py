@@ -55,6 +55,11 @@ class FlowRecord:
     reason: str = ""
     """The faults that were found in its frames, in one line; empty without a fault."""
 
+    def __repr__(self) -> str:
+        length = (self.strip_mm[1] - self.strip_mm[0]) / 1000
+        litres, sigma = self.volume_mm3 * 1e-6, self.sigma_mm3 * 1e-6
+        return f"FlowRecord({self.frame}: {length:.3f} m, {litres:.3f} ± {sigma:.3f} l, {self.quality})"
+
     @property
     def volume_flow_m3_h(self) -> float:
         """Volume flow: cross-section times speed; NaN where the speed is not known."""

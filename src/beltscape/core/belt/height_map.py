@@ -25,6 +25,15 @@ class HeightMap:
     cell_mm: float
     """Edge of a cell."""
 
+    def __repr__(self) -> str:
+        rows, columns = self.height_mm.shape
+        low, high = (
+            (np.nanmin(self.height_mm), np.nanmax(self.height_mm))
+            if np.isfinite(self.height_mm).any()
+            else (np.nan, np.nan)
+        )
+        return f"HeightMap({columns}×{rows} cells of {self.cell_mm:.2f} mm, {low:.1f} to {high:.1f} mm)"
+
     @property
     def x_mm(self) -> NDArray[np.float64]:
         """(Nx,) centres of the columns."""
@@ -50,3 +59,8 @@ class BeltProfile:
     """Area of the load's cross-section."""
     coverage: float
     """Share of the cross-section that was measured, 0..1."""
+
+    def __repr__(self) -> str:
+        return (
+            f"BeltProfile(y {self.y_mm:.1f} mm, {self.area_mm2 / 100:.1f} cm², {self.coverage:.1%} measured)"
+        )

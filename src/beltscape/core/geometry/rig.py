@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.display import Displayed
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rig:
+class Rig(Displayed):
     """A calibrated rig; the core camera's ``cam_from_core`` is the identity."""
 
     core: str
@@ -26,6 +27,10 @@ class Rig:
     """Figures of the calibration's quality: plain JSON values, units in the keys."""
     covariance: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """Covariance of the parameters, if it was estimated: plain JSON values."""
+
+    def __repr__(self) -> str:
+        width, height = self.core_camera.size_px
+        return f"Rig(core {self.core}, {len(self.cameras)} cameras of {width}×{height} px)"
 
     @property
     def core_camera(self) -> Camera:

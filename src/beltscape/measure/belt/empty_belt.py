@@ -53,7 +53,7 @@ def learn_belt(frames: Sequence[DepthMap], camera: Camera) -> Belt:
         require_depth_of(camera, depth, "empty belt")
     mean = average_depth_maps(frames)
     belt = replace(find_belt(mean, camera), frames=len(frames))
-    return replace(belt, edges=find_belt_edges(mean, camera, belt))
+    return replace(belt, edges=find_belt_edges(mean, camera, belt), camera=camera)
 
 
 def find_belt(depth: DepthMap, camera: Camera) -> Belt:

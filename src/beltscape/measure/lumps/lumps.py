@@ -11,6 +11,7 @@ from scipy.special import ndtr
 
 from beltscape.core.arguments import require_depth_of
 from beltscape.core.depth import DepthMap
+from beltscape.core.display import Displayed
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.measure.belt.empty_belt import Belt
@@ -48,7 +49,7 @@ class Oversize:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lumps:
+class Lumps(Displayed):
     """All lumps of a frame."""
 
     lumps: tuple[Lump, ...]
@@ -69,6 +70,10 @@ class Lumps:
     whole: SizeDistribution
     """Distribution of those among them that are fully visible."""
     oversize: Oversize | None
+
+    def __repr__(self) -> str:
+        d50, sigma = self.all.d_mm[1], self.all.d_sigma_mm[1]
+        return f"Lumps({len(self.lumps)} lumps, d50 {d50:.1f} ± {sigma:.1f} mm)"
 
 
 def measure_lumps(depth: DepthMap, camera: Camera, settings: LumpSettings, belt: Belt | None = None) -> Lumps:

@@ -11,6 +11,7 @@ from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.belt.height_map import BeltProfile, HeightMap
 from beltscape.core.depth import DepthMap
+from beltscape.core.display import Displayed
 from beltscape.core.geometry.camera import Camera
 from beltscape.measure.holes.fill import Filled, fill_holes
 from beltscape.measure.surface import Grid, average_blocks
@@ -69,7 +70,7 @@ class Summit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Volume:
+class Volume(Displayed):
     """The load on the belt within a box of the belt frame."""
 
     volume_mm3: float
@@ -102,6 +103,15 @@ class Volume:
     """Fill level relative to the belt's capacity."""
     summit: Summit | None
     """None where nothing was measured in the box."""
+
+    @property
+    def height_map(self) -> HeightMap:
+        """The load's height above the empty belt: the same as ``load``."""
+        return self.load
+
+    def __repr__(self) -> str:
+        litres, sigma = self.volume_mm3 * 1e-6, self.sigma_mm3 * 1e-6
+        return f"Volume({litres:.3f} ± {sigma:.3f} l, {self.coverage:.1%} measured)"
 
 
 def measure_volume(

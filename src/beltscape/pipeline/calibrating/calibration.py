@@ -71,6 +71,15 @@ class Calibration:
     """Cameras whose intrinsics were given."""
     warnings: tuple[str, ...]
 
+    @property
+    def score(self) -> Score:
+        """The score on views that the rig was not calibrated with; with too few views, the optimistic one."""
+        return self.held_out or self.training
+
+    def __repr__(self) -> str:
+        kind = "held-out" if self.held_out else "training"
+        return f"Calibration({self.rig!r}, {kind} RMS {self.score.rms_px:.3f} px)"
+
 
 def calibrate(
     folder: AnyPath,

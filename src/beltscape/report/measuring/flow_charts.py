@@ -81,11 +81,12 @@ def make_flow_chart(records: Sequence[FlowRecord]) -> Chart:
     present = [quality for quality in QUALITIES if any(r.quality == quality for r in records)]
     caption = "Cross-section along the belt with two σ, and flow over time."
     return Chart.draw(
-        partial(_plot_flow, records), caption, Key([make_state_entry(name) for name in present])
+        partial(plot_flow, records), caption, Key([make_state_entry(name) for name in present])
     )
 
 
-def _plot_flow(records: Sequence[FlowRecord], form: Form) -> Figure:
+def plot_flow(records: Sequence[FlowRecord], form: Form) -> Figure:
+    """Plot the cross-section along the belt and, with times, the flow."""
     timed = [r for r in records if r.time_ns is not None and np.isfinite(r.volume_flow_m3_h)]
     figure, axes = make_panels(2 if timed else 1, form, height=210, narrow_height=190)
     _plot_cross_sections(axes[0], records)

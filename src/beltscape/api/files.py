@@ -1,0 +1,91 @@
+"""Reading and writing of rigs, captures, belts and point clouds."""
+
+from __future__ import annotations
+
+from beltscape.core.arguments import require_instance
+from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.cloud import PointCloud
+from beltscape.core.errors import InputError
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.progress import Reporter, Silent
+from beltscape.files import belt_json, rig_json
+from beltscape.files.capture import read_capture as list_capture
+from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.meshes.ply import write_cloud
+from beltscape.files.rasters.images import read_image
+from beltscape.sources.folder import FolderSource
+
+
+def read_rig(path: AnyPath) -> Rig:
+    """Return the calibrated rig of a rig.json.
+
+    Raises
+    ------
+    InputError
+        with the first key that is missing or invalid.
+    """
+    return rig_json.read_rig(as_path(path, "path"))
+
+
+def write_rig(rig: Rig, path: AnyPath) -> None:
+    """Write a rig as rig.json, atomically and with full float precision."""
+    require_instance(rig, Rig, "rig", "bs.read_rig(path)")
+    rig_json.write_rig(as_path(path, "path"), rig)
+
+
+def read_belt(path: AnyPath) -> Belt:
+    """Return the empty belt of a belt.json.
+
+    Raises
+    ------
+    InputError
+        with the first key that is missing or invalid, or if the file was changed by hand.
+    """
+    return belt_json.read_belt(as_path(path, "path"))[0]
+
+
+def write_belt(belt: Belt, path: AnyPath) -> None:
+    """Write an empty belt, with the core camera that it was learned with, as belt.json.
+
+    Raises
+    ------
+    InputError
+        if the belt does not know its camera, because it was built by hand.
+    """
+    require_instance(belt, Belt, "belt", "bs.learn_belt(depths, rig)")
+    if belt.camera is None:
+        raise InputError("belt has no camera: learn it with bs.learn_belt(depths, rig)")
+    belt_json.write_belt(as_path(path, "path"), belt, belt.camera)
+
+
+def read_capture(folder: AnyPath, rig: Rig | None = None, reporter: Reporter | None = None) -> FolderSource:
+    """Return the frame sets of a capture folder, read one at a time while they are iterated over.
+
+    With a ``rig``, its cameras are read and images of another size are left out; without one, all cameras of the
+    folder are read, and images of another size than a camera's first are left out. Every image that is left out is
+    reported.
+
+    Raises
+    ------
+    InputError
+        if the folder has no images.
+    """
+    capture = list_capture(as_path(folder, "folder"))
+    if rig is None:
+        first = {name: files[min(files)] for name, files in capture.files.items()}
+        sizes_px = {name: _read_size_px(first[name]) for name in capture.cameras}
+    else:
+        require_instance(rig, Rig, "rig", "bs.read_rig(path)")
+        sizes_px = {name: camera.size_px for name, camera in rig.cameras.items()}
+    return FolderSource(capture, sizes_px, reporter or Silent())
+
+
+def _read_size_px(path: AnyPath) -> tuple[int, int]:
+    height, width = read_image(as_path(path)).shape[:2]
+    return width, height
+
+
+def write_ply(cloud: PointCloud, path: AnyPath) -> None:
+    """Write a point cloud as a binary PLY file with normals, colours and σ."""
+    require_instance(cloud, PointCloud, "cloud", "bs.point_cloud(depth, rig)")
+    write_cloud(as_path(path, "path"), cloud)

@@ -1,0 +1,173 @@
+"""Quantities of one frame: the empty belt, volume, lumps and the calibration module's dimensions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ValidationError
+
+from beltscape.core.arguments import require_instance
+from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import InputError, SettingsError
+from beltscape.core.frames import Image, to_grey
+from beltscape.core.geometry.rig import Rig
+from beltscape.files.documents.toml_text import describe_first_error
+from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.measure.belt import empty_belt
+from beltscape.measure.features.measure import measure_module
+from beltscape.measure.features.result import MeasuredModule
+from beltscape.measure.lumps import lumps as lumps_of_frame
+from beltscape.measure.lumps.lumps import Lumps
+from beltscape.measure.lumps.settings import LumpSettings
+from beltscape.measure.volume import volume as volume_of_frame
+from beltscape.measure.volume.settings import VolumeSettings
+from beltscape.measure.volume.volume import Volume
+from beltscape.stereo.pointcloud.cloud import undistort_image
+from beltscape.target.module import Module, read_module
+
+Range = tuple[float, float]
+Settings = TypeVar("Settings", bound=BaseModel)
+
+
+def learn_belt(depths: Sequence[DepthMap], rig: Rig) -> Belt:
+    """Return the model of the empty belt from one or more of its depth maps.
+
+    Raises
+    ------
+    InputError
+        if there is no depth map, or one does not fit the rig.
+    MeasureError
+        if there is no belt-like surface under the optical axis.
+    """
+    require_instance(rig, Rig, "rig", "bs.read_rig(path)")
+    if isinstance(depths, DepthMap):
+        raise InputError("depths is one DepthMap: give a list, [depth]")
+    return empty_belt.learn_belt(depths, rig.core_camera)
+
+
+def measure_volume(
+    depth: DepthMap,
+    belt: Belt,
+    rig: Rig,
+    across_mm: Range | None = None,
+    along_mm: Range | None = None,
+    **settings: Any,
+) -> Volume:
+    """Measure the volume between the load and the empty belt in a box of the belt frame.
+
+    Parameters
+    ----------
+    depth
+        Depth map of the load.
+    belt
+        The empty belt, learned with the same rig.
+    rig
+        The calibrated rig.
+    across_mm, along_mm
+        Ends of the box in x and y of the belt frame; None: the belt's measured width, and the well measured stretch.
+    settings
+        Further settings by name, those of `VolumeSettings`.
+
+    Returns
+    -------
+    The volume: ``volume_mm3``, ``sigma_mm3``, ``height_map`` and more.
+
+    Raises
+    ------
+    InputError, SettingsError
+        with the argument that does not fit.
+    MeasureError
+        if nothing was measured in the box.
+    """
+    require_belt_of(belt, rig)
+    return volume_of_frame.measure_volume(
+        depth,
+        belt,
+        rig.core_camera,
+        _make_settings(VolumeSettings, settings),
+        across_mm=across_mm,
+        along_mm=along_mm,
+    )
+
+
+def measure_lumps(depth: DepthMap, rig: Rig, belt: Belt | None = None, **settings: Any) -> Lumps:
+    """Segment the lumps of a depth map and measure their sizes.
+
+    Without the empty ``belt``, positions are in the core camera's frame and fines are unknown. ``settings`` are those
+    of `LumpSettings`, such as ``oversize_mm=150``.
+
+    Raises
+    ------
+    InputError, SettingsError
+        with the argument that does not fit.
+    """
+    require_instance(rig, Rig, "rig", "bs.read_rig(path)")
+    if belt is not None:
+        require_belt_of(belt, rig)
+    return lumps_of_frame.measure_lumps(depth, rig.core_camera, _make_settings(LumpSettings, settings), belt)
+
+
+def measure_features(
+    depth: DepthMap,
+    rig: Rig,
+    module: Module | AnyPath,
+    *,
+    image: Image | None = None,
+    plain: Image | None = None,
+) -> MeasuredModule:
+    """Measure the dimensions of the calibration module in a depth map.
+
+    Parameters
+    ----------
+    depth
+        Depth map of the module.
+    rig
+        The calibrated rig.
+    module
+        The module, or the path of its module.toml.
+    image
+        The core camera's image of the frame as recorded; edges and spheres need it.
+    plain
+        The core camera's image of the same still scene with the projector off; edges are clearer in it.
+
+    Raises
+    ------
+    InputError
+        with the argument that does not fit.
+    MeasureError
+        if the module is not found.
+    """
+    require_instance(rig, Rig, "rig", "bs.read_rig(path)")
+    nominal = module if isinstance(module, Module) else read_module(as_path(module, "module"))
+    pattern, unlit = (
+        None if one is None else to_grey(undistort_image(one, rig.core_camera)) for one in (image, plain)
+    )
+    return measure_module(depth, rig, nominal, pattern=pattern, plain=unlit)
+
+
+def require_belt_of(belt: Belt, rig: Rig) -> None:
+    """Raise InputError unless the empty belt was learned with the rig's core camera."""
+    require_instance(rig, Rig, "rig", "bs.read_rig(path)")
+    require_instance(belt, Belt, "belt", "bs.learn_belt(depths, rig)")
+    camera, own = rig.core_camera, belt.camera
+    if own is None:
+        return
+    if (
+        own.name != camera.name
+        or own.size_px != camera.size_px
+        or not np.allclose(own.focal_px, camera.focal_px, rtol=1e-9)
+        or not np.allclose(own.center_px, camera.center_px, atol=1e-6)
+    ):
+        raise InputError(
+            f"belt was learned with the core camera {own.name} of another rig: learn it with this rig's depth maps"
+        )
+
+
+def _make_settings(kind: type[Settings], values: dict[str, Any]) -> Settings:
+    try:
+        return kind.model_validate(values)
+    except ValidationError as error:
+        raise SettingsError(describe_first_error(kind, error)) from error

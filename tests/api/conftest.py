@@ -1,0 +1,38 @@
+"""The shipped scenes, reconstructed once through the Python interface."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+import beltscape as bs
+from tests.synthetic.demo import DEMO, TRUE_RIG
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One frame of a scene and its depth."""
+
+    frame: bs.FrameSet
+    depth: bs.DepthMap
+
+
+@pytest.fixture(scope="session")
+def rig() -> bs.Rig:
+    return bs.read_rig(TRUE_RIG)
+
+
+@pytest.fixture(scope="session")
+def scenes(rig: bs.Rig) -> dict[str, Scene]:
+    matcher = bs.Reconstructor(rig, preset="fast")
+    return {
+        name: Scene(frame, matcher(frame))
+        for name in ("belt_empty", "belt_loaded", "module")
+        for frame in bs.read_capture(DEMO / name, rig)
+    }
+
+
+@pytest.fixture(scope="session")
+def belt(scenes: dict[str, Scene], rig: bs.Rig) -> bs.Belt:
+    return bs.learn_belt([scenes["belt_empty"].depth], rig)

@@ -140,7 +140,9 @@ def _median_by_cell(
     cell: NDArray[np.intp], values: NDArray[np.float64], count: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """Return the (lower) median of the values of each cell; NaN for a cell without any."""
-    ranked = values[np.lexsort((values, cell))]
+    order = np.argsort(values)
+    small = cell[order].astype(np.uint16 if len(count) < 2**16 else np.uint32)  # 16 bits are sorted by radix
+    ranked = values[order[np.argsort(small, kind="stable")]]
     middle = np.cumsum(count) - count + np.maximum(count - 1, 0) // 2
     out = np.full(len(count), np.nan)
     filled = count > 0

@@ -39,6 +39,6 @@ def make_problem(rig, board, poses, noise_px=0.0, seed=0, *, points_mm=None, poi
     free = np.ones((cameras, 9), bool)
     free[:, 8] = False
     prior = BundlePrior(
-        geometry.intrinsics, np.zeros((cameras, 9, 9)), free, nominal, np.full(3, points_sigma_mm)
+        ("brown",) * cameras, geometry.intrinsics, np.zeros((cameras, 9, 9)), free, nominal, np.full(3, points_sigma_mm)
     )
     return Observations(camera, frame, point, pixels, sigma), geometry, prior

@@ -10,16 +10,20 @@ from numpy.typing import NDArray
 
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import HierarchyResult
-from beltscape.calibrate.intrinsics.zhang import PARAMETERS
 from beltscape.calibrate.network.resection import fit_board_pose
-from beltscape.calibrate.solver.bundle import INTRINSICS, Bundle
+from beltscape.calibrate.solver.bundle import Bundle
 from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Indices, Observations
 from beltscape.calibrate.solver.deterministic import single_thread
-from beltscape.calibrate.solver.lens import compute_lens_prior, pack_intrinsics
+from beltscape.calibrate.solver.lens import (
+    compute_lens_prior,
+    list_parameters,
+    pad_rows,
+    stack_intrinsics,
+    unpack_intrinsics,
+)
 from beltscape.calibrate.solver.levenberg_marquardt import Damping, minimise
 from beltscape.calibrate.solver.robust import compute_student_weights, estimate_student_sigma, select_corners
 from beltscape.calibrate.solver.schur import LinearisedBundle
-from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import Board, corner_points_mm
@@ -130,7 +134,7 @@ def _find_misfitting(hierarchy: HierarchyResult, sigma: Array) -> tuple[str, ...
         for i, name in enumerate(hierarchy.rig.cameras)
         if sigma[i] > MISFIT_FACTOR * monocular_sigma[i]
         and sigma[i] > MISFIT_PX
-        and len(hierarchy.monocular[name].fixed) < INTRINSICS
+        and set(hierarchy.monocular[name].fixed) < set(list_parameters(hierarchy.rig.cameras[name].model))
     )
 
 
@@ -149,9 +153,11 @@ def _add_monocular_priors(
         frames, observations = _collect_observations(hierarchy, detections, (name,))
         poses = [hierarchy.monocular[name].cam_from_board[frame] for frame in frames]
         lens = prior.intrinsics[i : i + 1], prior.intrinsics_information[i : i + 1]
-        lens_prior = BundlePrior(*lens, prior.intrinsics_free[i : i + 1], board_mm, np.zeros(3))
+        lens_prior = BundlePrior(
+            prior.models[i : i + 1], *lens, prior.intrinsics_free[i : i + 1], board_mm, np.zeros(3)
+        )
         start = Geometry(
-            pack_intrinsics(hierarchy.rig.cameras[name])[None], np.eye(3)[None], np.zeros((1, 3)),
+            _stack_lenses(hierarchy.rig)[i : i + 1], np.eye(3)[None], np.zeros((1, 3)),
             np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
         )  # fmt: skip
         bundle, geometry, _ = _fit_robust(
@@ -199,13 +205,17 @@ def _initialise_geometry(
         }
         boards.append(fit_board_pose(rig, views, board_mm))
     return Geometry(
-        intrinsics=np.stack([pack_intrinsics(camera) for camera in rig.cameras.values()]),
+        intrinsics=_stack_lenses(rig),
         cam_rotation=np.stack([rig.cam_from_core[name].rotation for name in rig.cameras]),
         cam_translation_mm=np.stack([rig.cam_from_core[name].translation_mm for name in rig.cameras]),
         board_rotation=np.stack([pose.rotation for pose in boards]),
         board_translation_mm=np.stack([pose.translation_mm for pose in boards]),
         points_mm=board_mm,
     )
+
+
+def _stack_lenses(rig: Rig) -> Array:
+    return stack_intrinsics(rig.cameras.values())
 
 
 def _get_monocular_sigma(hierarchy: HierarchyResult) -> Array:
@@ -215,12 +225,14 @@ def _get_monocular_sigma(hierarchy: HierarchyResult) -> Array:
 def _make_prior(hierarchy: HierarchyResult, board_mm: Array) -> BundlePrior:
     cameras = hierarchy.rig.cameras
     priors = [compute_lens_prior(camera) for camera in cameras.values()]
-    free = np.ones((len(cameras), INTRINSICS), bool)
-    for i, name in enumerate(cameras):
-        free[i] = [parameter not in hierarchy.monocular[name].fixed for parameter in PARAMETERS]
+    free = [
+        np.array([each not in hierarchy.monocular[name].fixed for each in list_parameters(camera.model)])
+        for name, camera in cameras.items()
+    ]
     diagonal = float(np.linalg.norm(np.ptp(board_mm, axis=0)))
     return BundlePrior(
-        np.stack([mean for mean, _ in priors]), np.stack([information for _, information in priors]), free,
+        tuple(camera.model for camera in cameras.values()), pad_rows(mean for mean, _ in priors),
+        pad_rows(information for _, information in priors), pad_rows(free),
         board_mm, np.full(3, SHAPE_SIGMA_SHARE * diagonal),
     )  # fmt: skip
 
@@ -246,7 +258,7 @@ def _estimate_shape_sigma(bundle: Bundle, geometry: Geometry) -> Array:
 
 def _make_rig(rig: Rig, geometry: Geometry) -> Rig:
     cameras = {
-        name: Camera(name, camera.size_px, values[:2].copy(), values[2:4].copy(), values[4:].copy())
+        name: unpack_intrinsics(camera, values)
         for (name, camera), values in zip(rig.cameras.items(), geometry.intrinsics, strict=True)
     }
     poses = {

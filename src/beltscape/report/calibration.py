@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.assessment.covariance import DepthSigma, RigCovariance
+from beltscape.calibrate.assessment.covariance import DepthSigma, RigCovariance, list_parameter_columns
 from beltscape.calibrate.assessment.fit_quality import FitQuality
 from beltscape.calibrate.assessment.next_best_view import NextBestView
 from beltscape.calibrate.assessment.score import RigErrors, Score
@@ -231,7 +231,10 @@ def _make_camera_table(
     hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult, covariance: RigCovariance
 ) -> Table:
     rows: list[list[str]] = []
-    sigmas = np.sqrt(np.diag(covariance.matrix))[: 9 * len(adjustment.rig.cameras)].reshape(-1, 9)
+    sigma = np.sqrt(np.diag(covariance.matrix))
+    sigmas = [
+        sigma[list_parameter_columns(adjustment.rig, index)] for index in range(len(adjustment.rig.cameras))
+    ]
     for (name, c), s, noise in zip(adjustment.rig.cameras.items(), sigmas, adjustment.sigma_px, strict=True):
         camera = hierarchy.monocular[name]
         rows.append(

@@ -9,14 +9,13 @@ from numpy.typing import NDArray
 
 from beltscape.calibrate.assessment.jackknife import estimate_inflation
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult
-from beltscape.calibrate.solver.bundle import INTRINSICS
-from beltscape.calibrate.solver.lens import pack_intrinsics
+from beltscape.calibrate.solver.bundle import Bundle
+from beltscape.calibrate.solver.lens import PINHOLE, list_parameters, pack_intrinsics
 from beltscape.calibrate.solver.projection import differentiate_by_pose, project_with_jacobians
 from beltscape.core.geometry.rig import Rig
 
 Array = NDArray[np.float64]
 
-INTRINSIC_NAMES = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 POSE_NAMES = ("turn_x_rad", "turn_y_rad", "turn_z_rad", "shift_x_mm", "shift_y_mm", "shift_z_mm")
 
 
@@ -51,12 +50,15 @@ class DepthSigma:
 def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
     """Return the covariance of the cameras' parameters, all others marginalised, inflated if the views disagree."""
     cameras = list(adjustment.rig.cameras)
-    names = [f"{name}.{parameter}" for name in cameras for parameter in INTRINSIC_NAMES]
+    names = [
+        f"{name}.{parameter}"
+        for name, camera in adjustment.rig.cameras.items()
+        for parameter in list_intrinsic_names(camera.model)
+    ]
     names += [
         f"{name}.{parameter}" for name in cameras if name != adjustment.rig.core for parameter in POSE_NAMES
     ]
-    free = adjustment.bundle.free
-    camera_parameters = free[free < adjustment.bundle.point_start]
+    camera_parameters = _list_free_parameters(adjustment.rig, adjustment.bundle)
     full = np.zeros((len(names), len(names)))
     camera_covariance = adjustment.linearise().covariance()[
         : len(camera_parameters), : len(camera_parameters)
@@ -102,15 +104,14 @@ def compute_depth_jacobian(rig: Rig, points_mm: Array) -> Array:
 
     All cameras that see a point contribute: it moves by −(Σ JᵀJ)⁻¹ Σ Jᵀ ∂π/∂θ δθ if the parameters change by δθ.
     """
-    cameras = len(rig.cameras)
-    count = INTRINSICS * cameras + 6 * (cameras - 1)
+    count = count_parameters(rig)
     normal, mixed = np.zeros((len(points_mm), 3, 3)), np.zeros((len(points_mm), 3, count))
     visible_views = np.zeros(len(points_mm))
     for i, name in enumerate(rig.cameras):
         jacobian, by_rig, visible = differentiate_camera(rig, name, points_mm)
         jacobian = jacobian * visible[:, None, None]
         normal += np.einsum("nri,nrj->nij", jacobian, jacobian)
-        columns = list_parameter_columns(i, cameras)
+        columns = list_parameter_columns(rig, i)
         mixed[:, :, columns] += np.einsum("nri,nrj->nij", jacobian, by_rig[:, :, : len(columns)])
         visible_views += visible
     usable = visible_views >= 2
@@ -119,17 +120,43 @@ def compute_depth_jacobian(rig: Rig, points_mm: Array) -> Array:
     return jacobian
 
 
-def list_parameter_columns(index: int, cameras: int) -> NDArray[np.int64]:
-    """Return the columns of a camera: 9 of its lens, then 6 of its pose (none for the core, index 0)."""
-    lens = np.arange(INTRINSICS * index, INTRINSICS * (index + 1))
-    pose = INTRINSICS * cameras + 6 * (index - 1) + np.arange(6 if index else 0)
+def list_intrinsic_names(model: str) -> tuple[str, ...]:
+    """Return the names, with units, of the intrinsics of a camera with a lens model."""
+    return tuple(
+        f"{name}_px" if name in PINHOLE else f"{name}_rad" if name in ("tau_x", "tau_y") else name
+        for name in list_parameters(model)
+    )
+
+
+def count_parameters(rig: Rig) -> int:
+    """Return the number G of a rig's parameters: intrinsics of all cameras, poses of all but the core."""
+    return sum(_list_widths(rig)) + 6 * (len(rig.cameras) - 1)
+
+
+def list_parameter_columns(rig: Rig, index: int) -> NDArray[np.int64]:
+    """Return the columns of a camera: its lens, then 6 of its pose (none for the core, index 0)."""
+    widths = _list_widths(rig)
+    lens = sum(widths[:index]) + np.arange(widths[index])
+    pose = sum(widths) + 6 * (index - 1) + np.arange(6 if index else 0)
     return np.concatenate([lens, pose])
+
+
+def _list_widths(rig: Rig) -> list[int]:
+    return [len(list_parameters(camera.model)) for camera in rig.cameras.values()]
+
+
+def _list_free_parameters(rig: Rig, bundle: Bundle) -> NDArray[np.int64]:
+    """Return the columns of the parameters of the cameras that a bundle adjusts, in the bundle's order."""
+    is_own: list[NDArray[np.bool_]] = [np.arange(bundle.width) < width for width in _list_widths(rig)]
+    poses = np.ones(bundle.point_start - bundle.pose_start, bool)
+    column = np.cumsum(np.concatenate([*is_own, poses])) - 1  # the bundle fills smaller models with zeros
+    return column[bundle.free[bundle.free < bundle.point_start]]
 
 
 def differentiate_camera(rig: Rig, name: str, points_mm: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Differentiate a camera's pixels of points (N, 3) in the core frame.
 
-    Return derivatives by the point (N, 2, 3), by lens and pose (N, 2, 15), and the visibility of the points (N,).
+    Return derivatives by the point (N, 2, 3), by lens and pose (N, 2, W + 6), and the visibility of the points (N,).
     """
     camera, pose = rig.cameras[name], rig.cam_from_core[name]
     rotated = points_mm @ pose.rotation.T
@@ -137,8 +164,9 @@ def differentiate_camera(rig: Rig, name: str, points_mm: Array) -> tuple[Array, 
     ahead = in_camera[:, 2] > 0
     in_camera[~ahead] = (0, 0, 1)
     pixels, by_point, by_lens = project_with_jacobians(
-        in_camera, np.tile(pack_intrinsics(camera), (len(points_mm), 1))
+        in_camera, np.tile(pack_intrinsics(camera), (len(points_mm), 1)), camera.model
     )
-    visible = ahead & ((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)
+    visible = ahead & (np.hypot(*in_camera.T[:2]) <= camera.valid_radius * in_camera[:, 2])
+    visible &= ((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)
     by_rig = np.concatenate([by_lens, differentiate_by_pose(by_point, rotated)], axis=-1)
     return np.einsum("nij,jk->nik", by_point, pose.rotation), by_rig, visible

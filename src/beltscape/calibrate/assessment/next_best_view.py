@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from beltscape.calibrate.assessment.covariance import (
     RigCovariance,
     compute_depth_jacobian,
+    count_parameters,
     differentiate_camera,
     list_parameter_columns,
     make_view_points,
@@ -128,8 +129,7 @@ def _compute_information(
     rig: Rig, points_mm: Array, pose: Pose, corners_mm: Array, sigma_px: Array
 ) -> tuple[Array, tuple[str, ...]]:
     """Return the information (G, G) of a view of the board at an unknown ``pose``, and the cameras that see it."""
-    cameras = len(rig.cameras)
-    count = list_parameter_columns(cameras - 1, cameras)[-1] + 1
+    count = count_parameters(rig)
     shared: list[Array] = []
     boards: list[Array] = []
     seen_by: list[str] = []
@@ -138,7 +138,7 @@ def _compute_information(
         by_point, by_rig, visible = differentiate_camera(rig, name, points_mm)
         if visible.sum() < MIN_CORNERS:
             continue
-        columns = list_parameter_columns(i, cameras)
+        columns = list_parameter_columns(rig, i)
         block = np.zeros((int(visible.sum()), 2, count))
         block[:, :, columns] = by_rig[visible][:, :, : len(columns)] / sigma_px[i]
         shared.append(block.reshape(-1, count))

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.detection.corners import BoardDetections
-from beltscape.calibrate.intrinsics.zhang import PARAMETERS, MonocularCalibration
-from beltscape.calibrate.solver.lens import pack_intrinsics
+from beltscape.calibrate.intrinsics.zhang import MonocularCalibration
+from beltscape.calibrate.solver.lens import list_parameters, pack_intrinsics
 from beltscape.calibrate.solver.projection import differentiate_by_pose, project_with_jacobians
 from beltscape.core.geometry.pose import Pose
 
@@ -25,10 +25,12 @@ class LensSensitivity:
     """A camera's intrinsics and their derivatives by its corners."""
 
     camera: str
+    model: str
+    """Name of the lens model."""
     intrinsics: Array
-    """(9,) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+    """(W,) fx, fy, cx, cy and the coefficients of the lens model."""
     free: NDArray[np.bool_]
-    """(9,) which ones were estimated from the corners; the others are taken as exact."""
+    """(W,) which ones were estimated from the corners; the others are taken as exact."""
     rows: Mapping[str, int]
     """Frame → index of its first coordinate among all coordinates of the camera's corners."""
     by_corners: Array
@@ -44,8 +46,8 @@ def compute_lens_sensitivity(
     name, views = calibration.camera.name, detections.views[calibration.camera.name]
     ends = np.cumsum([2 * len(corners) for corners in views.values()])
     rows = {frame: int(end) - 2 * len(views[frame]) for frame, end in zip(views, ends, strict=True)}
-    lens = pack_intrinsics(calibration.camera)
-    free = np.array([calibration.sigma[parameter] > 0 for parameter in PARAMETERS])
+    lens, model = pack_intrinsics(calibration.camera), calibration.camera.model
+    free = np.array([calibration.sigma[parameter] > 0 for parameter in list_parameters(model)])
     used = [views[frame] for frame in calibration.cam_from_board]
     rotated = np.concatenate(
         [
@@ -55,10 +57,10 @@ def compute_lens_sensitivity(
     )
     counts = [len(corners) for corners in used]
     shifts = np.repeat([pose.translation_mm for pose in calibration.cam_from_board.values()], counts, axis=0)
-    pixels, by_point, by_lens = project_with_jacobians(rotated + shifts, lens)
+    pixels, by_point, by_lens = project_with_jacobians(rotated + shifts, lens, model)
     jacobian = _eliminate_board_poses(
         differentiate_by_pose(by_point, rotated).reshape(-1, 6),
-        by_lens.reshape(-1, 9)[:, free],
+        by_lens.reshape(-1, len(lens))[:, free],
         _split_rows(2 * np.array(counts)),
     )
     where = np.concatenate([rows[f] + np.arange(2 * len(views[f])) for f in calibration.cam_from_board])
@@ -67,7 +69,7 @@ def compute_lens_sensitivity(
     sigma = np.sqrt(squares / freedom) if freedom > 0 else 0.0
     by_corners = np.zeros((int(ends[-1]), int(free.sum())))
     by_corners[where] = _compute_pseudo_inverse(jacobian).T
-    return LensSensitivity(name, lens, free, rows, by_corners, max(float(sigma), NOISE_FLOOR_PX))
+    return LensSensitivity(name, model, lens, free, rows, by_corners, max(float(sigma), NOISE_FLOOR_PX))
 
 
 def compute_pair_sensitivity(
@@ -135,8 +137,8 @@ def _differentiate_pair(
     counts = [len(ids) for ids in common.values()]
     in_first = rotated + np.repeat([pose.translation_mm for pose in poses], counts, axis=0)
     a, b = lenses
-    pixels_a, by_first, by_lens_a = project_with_jacobians(in_first, a.intrinsics)
-    pixels_b, by_second, by_lens_b = project_with_jacobians(pair.apply(in_first), b.intrinsics)
+    pixels_a, by_first, by_lens_a = project_with_jacobians(in_first, a.intrinsics, a.model)
+    pixels_b, by_second, by_lens_b = project_with_jacobians(pair.apply(in_first), b.intrinsics, b.model)
     through_pair = by_second @ pair.rotation
     by_board = np.concatenate(
         [differentiate_by_pose(by_first, rotated), differentiate_by_pose(through_pair, rotated)]
@@ -144,8 +146,8 @@ def _differentiate_pair(
     rows, split = 2 * len(in_first), 6 + int(a.free.sum())
     by_rest = np.zeros((2 * rows, split + int(b.free.sum())))
     by_rest[rows:, :6] = differentiate_by_pose(through_pair, in_first).reshape(-1, 6)
-    by_rest[:rows, 6:split] = by_lens_a.reshape(-1, 9)[:, a.free]
-    by_rest[rows:, split:] = by_lens_b.reshape(-1, 9)[:, b.free]
+    by_rest[:rows, 6:split] = by_lens_a.reshape(-1, len(a.intrinsics))[:, a.free]
+    by_rest[rows:, split:] = by_lens_b.reshape(-1, len(b.intrinsics))[:, b.free]
     return by_board.reshape(-1, 6), by_rest, (pixels_a, pixels_b)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from beltscape.calibrate.detection.corners import BoardDetections, Corners
 from beltscape.calibrate.solver.bundle import Bundle
 from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
-from beltscape.calibrate.solver.lens import pack_intrinsics
+from beltscape.calibrate.solver.lens import list_parameters, pack_intrinsics
 from beltscape.calibrate.solver.levenberg_marquardt import minimise
+from beltscape.calibrate.solver.perspective import fit_view_pose
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
@@ -98,7 +99,7 @@ def calibrate_camera(
     )  # fmt: skip
 
 
-PARAMETERS = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+PARAMETERS = list_parameters("brown")
 
 
 def _calibrate_views(
@@ -123,7 +124,7 @@ def _fit_without_k3(
         Observations.from_views(
             (0, i, corners.ids, corners.pixels) for i, corners in enumerate(views.values())
         ),
-        BundlePrior(lens[None], np.zeros((1, 9, 9)), free_mask[None], board_mm, np.zeros(3)),
+        BundlePrior(("brown",), lens[None], np.zeros((1, 9, 9)), free_mask[None], board_mm, np.zeros(3)),
     )
     start = Geometry(
         lens[None], np.eye(3)[None], np.zeros((1, 3)),
@@ -161,16 +162,17 @@ def _fit_poses(
     poses: dict[str, Pose] = {}
     rms: dict[str, float] = {}
     for frame, corners in views.items():
-        points, ideal = board_mm[corners.ids], known.undistort(corners.pixels)
-        _, rotation, shift = cv2.solvePnP(points, ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP)
-        rotation, shift = cv2.solvePnPRefineLM(points, ideal, np.eye(3), None, rotation, shift)
-        poses[frame] = Pose.of(rotation, shift)
+        points = board_mm[corners.ids]
+        poses[frame] = fit_view_pose(known, points, corners.pixels, refine=True)
         errors = known.project(poses[frame].apply(points)) - corners.pixels
+        errors = errors[np.isfinite(errors).all(axis=1)]
         rms[frame] = float(np.sqrt((errors**2).sum(axis=1).mean()))
     counts = np.array([len(corners) for corners in views.values()])
     total = float(np.sqrt((counts * np.square(list(rms.values()))).sum() / counts.sum()))
-    camera = Camera(name, known.size_px, known.focal_px, known.center_px, known.distortion)
-    return MonocularCalibration(camera, dict.fromkeys(PARAMETERS, 0.0), total, poses, rms, fixed=PARAMETERS)
+    parameters = list_parameters(known.model)
+    return MonocularCalibration(
+        replace(known, name=name), dict.fromkeys(parameters, 0.0), total, poses, rms, fixed=parameters
+    )
 
 
 def _run_opencv(

@@ -18,7 +18,7 @@ from beltscape.calibrate.intrinsics.sensitivity import (
 from beltscape.calibrate.intrinsics.zhang import OUTLIER_FACTOR, MonocularCalibration
 from beltscape.calibrate.solver.bundle import Bundle
 from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
-from beltscape.calibrate.solver.lens import pack_intrinsics
+from beltscape.calibrate.solver.lens import stack_intrinsics
 from beltscape.calibrate.solver.levenberg_marquardt import minimise
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
@@ -204,8 +204,11 @@ def _collect_observations(
 
 def _make_prior(first: MonocularCalibration, second: MonocularCalibration, board_mm: Array) -> BundlePrior:
     """Return a prior that fixes lenses and board."""
-    lenses = np.stack([pack_intrinsics(camera.camera) for camera in (first, second)])
-    return BundlePrior(lenses, np.zeros((2, 9, 9)), np.zeros((2, 9), bool), board_mm, np.zeros(3))
+    cameras = first.camera, second.camera
+    lenses, models = stack_intrinsics(cameras), tuple(camera.model for camera in cameras)
+    width = lenses.shape[1]
+    none = np.zeros((2, width, width)), np.zeros((2, width), bool)
+    return BundlePrior(models, lenses, *none, board_mm, np.zeros(3))
 
 
 def _initialise_geometry(
@@ -218,7 +221,7 @@ def _initialise_geometry(
         float(np.median([np.linalg.norm(board.translation_mm) for board in boards])),
     )
     return Geometry(
-        np.stack([pack_intrinsics(camera.camera) for camera in (first, second)]),
+        stack_intrinsics([first.camera, second.camera]),
         np.stack([np.eye(3), pair.rotation]),
         np.stack([np.zeros(3), pair.translation_mm]),
         np.stack([board.rotation for board in boards]),

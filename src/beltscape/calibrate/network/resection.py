@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.detection.corners import Corners
-from beltscape.calibrate.solver.lens import pack_intrinsics
+from beltscape.calibrate.solver.lens import stack_intrinsics
 from beltscape.calibrate.solver.levenberg_marquardt import Damping, minimise
+from beltscape.calibrate.solver.perspective import count_usable_points, fit_view_pose
 from beltscape.calibrate.solver.projection import (
+    ModelRows,
     differentiate_by_pose,
+    group_by_model,
     project_points,
     project_with_jacobians,
     rotate_vectors,
@@ -28,17 +30,15 @@ def fit_board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> P
 
     ``board_mm`` (P, 3) are the board's corners in its own frame.
     """
-    name = max(views, key=lambda n: len(views[n]))
-    corners, camera = views[name], rig.cameras[name]
-    ideal = camera.undistort(corners.pixels)
-    _, rotation, translation = cv2.solvePnP(
-        board_mm[corners.ids], ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
-    )
-    start = rig.cam_from_core[name].inverse() @ Pose.of(rotation, translation)
+    name = max(views, key=lambda n: count_usable_points(rig.cameras[n], views[n].pixels))
+    corners = views[name]
+    seen = fit_view_pose(rig.cameras[name], board_mm[corners.ids], corners.pixels)
+    start = rig.cam_from_core[name].inverse() @ seen
     counts = [len(c) for c in views.values()]
-    poses = [rig.cam_from_core[n] for n in views]
+    poses, cameras = [rig.cam_from_core[n] for n in views], [rig.cameras[n] for n in views]
     problem = ResectionProblem(
-        np.repeat([pack_intrinsics(rig.cameras[n]) for n in views], counts, axis=0),
+        group_by_model([camera.model for camera in cameras], np.repeat(np.arange(len(counts)), counts)),
+        np.repeat(stack_intrinsics(cameras), counts, axis=0),
         np.repeat([np.column_stack([p.rotation, p.translation_mm]) for p in poses], counts, axis=0),
         np.concatenate([board_mm[c.ids] for c in views.values()]),
         np.concatenate([c.pixels for c in views.values()]),
@@ -49,15 +49,21 @@ def fit_board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> P
 class ResectionProblem:
     """Reprojection errors of one board with equal weights, as a problem for `levenberg_marquardt.minimise`."""
 
-    def __init__(self, lenses: Array, cam_from_core: Array, points_mm: Array, pixels: Array) -> None:
-        """Set up the problem by corner: (N, 9) intrinsics, (N, 3, 4) camera pose, (N, 3) on the board, (N, 2)."""
-        self.lenses, self.points_mm, self.pixels = lenses, points_mm, pixels
+    def __init__(
+        self, models: ModelRows, lenses: Array, cam_from_core: Array, points_mm: Array, pixels: Array
+    ) -> None:
+        """Set up the problem by corner.
+
+        The rows of each lens model, (N, W) intrinsics, (N, 3, 4) camera pose, (N, 3) on the board, (N, 2) pixels.
+        """
+        self.models, self.lenses, self.points_mm, self.pixels = models, lenses, points_mm, pixels
         self.rotations, self.shifts = cam_from_core[:, :, :3], cam_from_core[:, :, 3]
 
     def compute_cost(self, state: Pose) -> float:
         """Return half the sum of squares."""
         errors = (
-            project_points(self._transform_to_cameras(state.apply(self.points_mm)), self.lenses) - self.pixels
+            project_points(self._transform_to_cameras(state.apply(self.points_mm)), self.lenses, self.models)
+            - self.pixels
         )
         return 0.5 * float((errors**2).sum())
 
@@ -65,7 +71,7 @@ class ResectionProblem:
         """Return errors and their derivatives by rotation and translation of the board in the core frame."""
         on_board = self.points_mm @ state.rotation.T
         pixels, by_point, _ = project_with_jacobians(
-            self._transform_to_cameras(on_board + state.translation_mm), self.lenses
+            self._transform_to_cameras(on_board + state.translation_mm), self.lenses, self.models
         )
         jacobian = differentiate_by_pose(by_point @ self.rotations, on_board).reshape(-1, 6)
         return LinearisedResection((pixels - self.pixels).ravel(), jacobian)

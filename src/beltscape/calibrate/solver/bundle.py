@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
@@ -9,6 +11,7 @@ from scipy.sparse import csc_array
 from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
 from beltscape.calibrate.solver.projection import (
     differentiate_by_pose,
+    group_by_model,
     project_points,
     project_with_jacobians,
     rotate_vectors,
@@ -19,10 +22,6 @@ from beltscape.core.geometry.pose import rotation_from_vector
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-INTRINSICS = 9
-"""Number of intrinsics of a camera."""
-LENS, CAMERA, BOARD = slice(0, 9), slice(9, 15), slice(15, 21)
-"""Rows of a corner's derivatives by the lens and pose of its camera and by the pose of its board."""
 GAUGE = 1e8
 """Information that fixes the board's seven gauge modes (pose and scale) at their nominal values."""
 
@@ -36,8 +35,11 @@ class Bundle:
         self.prior = prior
         self.weights = np.ones(len(observations.pixels)) if weights is None else weights
         self.cameras, self.points = len(prior.intrinsics), len(prior.points_mm)
+        self.models = group_by_model(prior.models, observations.camera)
+        self.width = int(prior.intrinsics.shape[1])
+        self.rows = _DerivativeRows.for_width(self.width)
         # columns: intrinsics of all cameras, poses of all but the core, points; board poses are eliminated
-        self.pose_start = INTRINSICS * self.cameras
+        self.pose_start = self.width * self.cameras
         self.point_start = self.pose_start + 6 * (self.cameras - 1)
         self.adjusts_shape = bool((prior.points_sigma_mm > 0).any())
         self.columns = self.point_start + 3 * self.points * self.adjusts_shape
@@ -56,7 +58,7 @@ class Bundle:
         """Return the reprojection errors (N, 2), projected minus detected."""
         _, in_camera = self._transform_points(state)
         return (
-            project_points(in_camera, _gather(state.intrinsics, self.observations.camera))
+            project_points(in_camera, _gather(state.intrinsics, self.observations.camera), self.models)
             - self.observations.pixels
         )
 
@@ -74,8 +76,9 @@ class Bundle:
         count = len(state.board_rotation)
         blocks, block_gradient = np.zeros((count, 6, 6)), np.zeros((count, 6))
         coupling = np.zeros((count, self.columns, 6))
-        np.add.at(blocks, self.view_frame, grams[:, BOARD, BOARD])
-        np.add.at(block_gradient, self.view_frame, grams[:, BOARD, -1])
+        board = self.rows.board
+        np.add.at(blocks, self.view_frame, grams[:, board, board])
+        np.add.at(block_gradient, self.view_frame, grams[:, board, -1])
         for camera in range(self.cameras):
             views = self.view_camera == camera
             own_columns, used = self._camera_columns(camera)
@@ -83,7 +86,7 @@ class Bundle:
             hessian[np.ix_(own_columns, own_columns)] += total[used, used]
             gradient[own_columns] += total[used, -1]
             where = self.view_frame[views][:, None], own_columns[None]
-            np.add.at(coupling, where, grams[views][:, used, BOARD])
+            np.add.at(coupling, where, grams[views][:, used, board])
         if self.adjusts_shape:
             self._add_point_blocks(rows, by_corner, hessian, gradient, coupling)
         free = self.free
@@ -96,27 +99,29 @@ class Bundle:
     def _differentiate(self, state: Geometry) -> tuple[Array, Array]:
         """Return derivatives divided by each corner's standard deviation.
 
-        (22, 2, N) by lens (9), camera pose (6), board pose (6), then the residual; (3, 2, N) by the board's corner.
+        (W + 13, 2, N) by lens (W), camera pose (6), board pose (6), then the residual; (3, 2, N) by the board corner.
         """
         o = self.observations
         on_board, in_camera = self._transform_points(state)
-        pixels, by_point, by_lens = project_with_jacobians(in_camera, _gather(state.intrinsics, o.camera))
+        pixels, by_point, by_lens = project_with_jacobians(
+            in_camera, _gather(state.intrinsics, o.camera), self.models
+        )
         scale = np.sqrt(self.weights) / o.sigma_px
         by_point = by_point * scale[:, None, None]
         to_core = _rotate_derivatives(by_point, _gather(state.cam_rotation, o.camera))
-        rows = np.empty((22, 2, len(o.camera)))
-        rows[LENS] = by_lens.T * scale
-        rows[CAMERA] = differentiate_by_pose(
+        rows = np.empty((self.rows.count, 2, len(o.camera)))
+        rows[self.rows.lens] = by_lens.T * scale
+        rows[self.rows.camera] = differentiate_by_pose(
             by_point, in_camera - _gather(state.cam_translation_mm, o.camera)
         ).T
-        rows[BOARD] = differentiate_by_pose(to_core, on_board).T
+        rows[self.rows.board] = differentiate_by_pose(to_core, on_board).T
         rows[-1] = (pixels - o.pixels).T * scale
         if not self.adjusts_shape:
             return rows, np.empty((3, 2, 0))
         return rows, _rotate_derivatives(to_core, _gather(state.board_rotation, o.frame)).T
 
     def _form_gram_matrices(self, rows: Array) -> Array:
-        """Return the products (V, 22, 22) of all rows, summed over each view."""
+        """Return the products (V, W + 13, W + 13) of all rows, summed over each view."""
         grams = np.empty((len(self.views), len(rows), len(rows)))
         for view, corners in enumerate(self.views):
             block = rows[:, :, corners].reshape(len(rows), -1)
@@ -129,15 +134,19 @@ class Bundle:
         """Add the blocks of the board's corners: with themselves, with the cameras and with the board poses."""
         products = np.einsum("krn,jrn->nkj", np.concatenate([rows, by_corner]), by_corner)
         points = slice(self.point_start, None)
-        by_camera = self._sum_by_point(products[:, :15], self.observations.camera, self.cameras)
+        by_camera = self._sum_by_point(
+            products[:, : self.rows.camera.stop], self.observations.camera, self.cameras
+        )
         for camera in range(self.cameras):
             own_columns, used = self._camera_columns(camera)
             block = by_camera[camera, :, used].transpose(1, 0, 2).reshape(len(own_columns), -1)
             hessian[own_columns, points] += block
             hessian[points, own_columns] += block.T
-        by_frame = self._sum_by_point(products[:, BOARD], self.observations.frame, len(coupling))
+        by_frame = self._sum_by_point(products[:, self.rows.board], self.observations.frame, len(coupling))
         coupling[:, points] += by_frame.transpose(0, 1, 3, 2).reshape(len(coupling), -1, 6)
-        alone = self._sum_by_point(products[:, 21:], np.zeros_like(self.observations.frame), 1)[0]
+        alone = self._sum_by_point(
+            products[:, self.rows.board.stop :], np.zeros_like(self.observations.frame), 1
+        )[0]
         gradient[points] += alone[:, 0].ravel()
         columns = self.point_start + np.arange(3 * self.points).reshape(-1, 3)
         hessian[columns[:, :, None], columns[:, None]] += alone[:, 1:]
@@ -151,11 +160,11 @@ class Bundle:
 
     def _camera_columns(self, camera: int) -> tuple[Indices, slice]:
         """Return the columns of a camera's lens and pose (none for the core), and their rows in `_differentiate`."""
-        lens = np.arange(INTRINSICS * camera, INTRINSICS * (camera + 1))
+        lens = np.arange(self.width * camera, self.width * (camera + 1))
         if camera == 0:
-            return lens, LENS
+            return lens, self.rows.lens
         pose = self.pose_start + 6 * (camera - 1) + np.arange(6)
-        return np.concatenate([lens, pose]), slice(0, 15)
+        return np.concatenate([lens, pose]), slice(0, self.rows.camera.stop)
 
     def apply_step(self, state: Geometry, step: Array) -> Geometry:
         """Return the geometry after a step, which holds the free shared parameters, then six per frame."""
@@ -165,7 +174,7 @@ class Bundle:
         cams = shared[self.pose_start : self.point_start].reshape(-1, 6)
         cams = np.concatenate([np.zeros((1, 6)), cams])
         return Geometry(
-            state.intrinsics + shared[: self.pose_start].reshape(-1, INTRINSICS),
+            state.intrinsics + shared[: self.pose_start].reshape(-1, self.width),
             _apply_rotations(state.cam_rotation, cams[:, :3]),
             state.cam_translation_mm + cams[:, 3:],
             _apply_rotations(state.board_rotation, boards[:, :3]),
@@ -199,7 +208,7 @@ class Bundle:
         """Return the information (columns, columns) of lenses, board corners and gauge."""
         information = np.zeros((self.columns, self.columns))
         for camera, block in enumerate(self.prior.intrinsics_information):
-            columns = slice(INTRINSICS * camera, INTRINSICS * (camera + 1))
+            columns = slice(self.width * camera, self.width * (camera + 1))
             information[columns, columns] = block
         if self.adjusts_shape:
             points, gauge = slice(self.point_start, None), _build_gauge_modes(self.prior.points_mm)
@@ -207,6 +216,22 @@ class Bundle:
                 each = np.where(self.prior.points_sigma_mm > 0, self.prior.points_sigma_mm**-2.0, 0.0)
             information[points, points] = np.diag(np.tile(each, self.points)) + GAUGE * gauge.T @ gauge
         return information
+
+
+@dataclass(frozen=True, slots=True)
+class _DerivativeRows:
+    """Rows of a corner's derivatives by the lens and pose of its camera and by the pose of its board."""
+
+    lens: slice
+    camera: slice
+    board: slice
+    count: int
+    """With the row of the residual, the last one."""
+
+    @classmethod
+    def for_width(cls, width: int) -> _DerivativeRows:
+        """Return the rows with ``width`` intrinsics."""
+        return cls(slice(0, width), slice(width, width + 6), slice(width + 6, width + 12), width + 13)
 
 
 def _apply_rotations(rotations: Array, vectors: Array) -> Array:

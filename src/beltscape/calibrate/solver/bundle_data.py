@@ -42,7 +42,7 @@ class Geometry:
     """The quantities that the bundle adjustment estimates."""
 
     intrinsics: Array
-    """(C, 9) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+    """(C, W) fx, fy, cx, cy and the coefficients of each camera's lens model, zeros beyond them."""
     cam_rotation: Array
     """(C, 3, 3) cam_from_core; camera 0 is the core."""
     cam_translation_mm: Array
@@ -59,12 +59,14 @@ class Geometry:
 class BundlePrior:
     """Prior knowledge of lenses and board, and which parameters are fixed."""
 
+    models: tuple[str, ...]
+    """(C,) name of each camera's lens model."""
     intrinsics: Array
-    """(C, 9)."""
+    """(C, W) as in `Geometry`."""
     intrinsics_information: Array
-    """(C, 9, 9) inverse covariance about them; 0 is no information."""
+    """(C, W, W) inverse covariance about them; 0 is no information."""
     intrinsics_free: NDArray[np.bool_]
-    """(C, 9) which parameters are adjusted; the others are fixed."""
+    """(C, W) which parameters are adjusted; the others are fixed, as are those that a model does not have."""
     points_mm: Array
     """(P, 3) the nominal board."""
     points_sigma_mm: Array

@@ -1,37 +1,79 @@
-"""Prior of any lens: it keeps parameters plausible that the images do not determine."""
+"""Intrinsics of cameras as rows of numbers, and the prior that keeps a lens plausible without informative images."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.lens import MODELS
 
 Array = NDArray[np.float64]
+Number = TypeVar("Number", np.float64, np.bool_)
 
+PINHOLE = ("fx", "fy", "cx", "cy")
+"""The parameters before the coefficients of the lens model."""
 ASPECT_SIGMA = 0.005
 """Standard deviation of fx - fy over their mean."""
 CENTER_SIGMA = 0.03
 """Standard deviation of the principal point about the image's centre, over the image's width."""
-DISTORTION_SIGMA = np.array([0.5, 0.7, 0.005, 0.005, 0.7])
-"""Standard deviations of k1, k2, p1, p2, k3 about 0."""
+COEFFICIENT_SIGMA = {
+    **{"k1": 0.5, "k2": 0.7, "p1": 0.005, "p2": 0.005, "k3": 0.7, "k4": 0.7, "k5": 0.7, "k6": 0.7},
+    **dict.fromkeys(("s1", "s2", "s3", "s4"), 0.005),
+    **dict.fromkeys(("tau_x", "tau_y"), 0.2),
+}
+"""Standard deviations of the coefficients about 0; 0.2 rad of tilt is a Scheimpflug adapter at its end."""
+
+
+def list_parameters(model: str) -> tuple[str, ...]:
+    """Return the names of the intrinsics of a camera with a lens model: fx, fy, cx, cy, then its coefficients."""
+    return (*PINHOLE, *MODELS[model].coefficients)
 
 
 def pack_intrinsics(camera: Camera) -> Array:
-    """Return the intrinsics (9,) fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+    """Return the intrinsics (4 + n,) fx, fy, cx, cy and the n coefficients of the lens model."""
     return np.array([*camera.focal_px, *camera.center_px, *camera.distortion])
 
 
+def stack_intrinsics(cameras: Iterable[Camera]) -> Array:
+    """Return the intrinsics (C, W) of cameras, rows of smaller models filled with zeros to the greatest one's W."""
+    return pad_rows([pack_intrinsics(camera) for camera in cameras])
+
+
+def pad_rows(rows: Iterable[NDArray[Number]]) -> NDArray[Number]:
+    """Return arrays (W_i, ...) as (C, W, ...) with zeros beyond each one's own size, in all axes."""
+    rows = list(rows)
+    width = max(len(row) for row in rows)
+    return np.stack([np.pad(row, [(0, width - len(row))] * row.ndim) for row in rows])
+
+
+def unpack_intrinsics(camera: Camera, values: Array) -> Camera:
+    """Return the camera with the intrinsics of a row of `stack_intrinsics`."""
+    end = len(PINHOLE) + len(camera.distortion)
+    return replace(
+        camera,
+        focal_px=values[:2].copy(),
+        center_px=values[2:4].copy(),
+        distortion=values[4:end].copy(),
+    )
+
+
 def compute_lens_prior(camera: Camera) -> tuple[Array, Array]:
-    """Return mean (9,) and information (9, 9) of a lens's parameters; the focal length itself has no prior.
+    """Return mean (W,) and information (W, W) of a lens's parameters; the focal length itself has no prior.
 
     The prior is a hundred times wider than the estimate from a good set of views, so it matters only without them.
     """
     width, height = camera.size_px
     focal = float(camera.focal_px.mean())
-    mean = np.array([focal, focal, (width - 1) / 2, (height - 1) / 2, *np.zeros(5)])
-    information = np.zeros((9, 9))
+    coefficients = camera.lens.coefficients
+    mean = np.array([focal, focal, (width - 1) / 2, (height - 1) / 2, *np.zeros(len(coefficients))])
+    information = np.zeros((len(mean), len(mean)))
     information[:2, :2] = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (ASPECT_SIGMA * focal) ** 2
     information[[2, 3], [2, 3]] = 1 / (CENTER_SIGMA * width) ** 2
-    information[range(4, 9), range(4, 9)] = DISTORTION_SIGMA**-2.0
+    places = range(len(PINHOLE), len(mean))
+    information[places, places] = np.array([COEFFICIENT_SIGMA[name] for name in coefficients]) ** -2.0
     return mean, information

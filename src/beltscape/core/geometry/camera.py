@@ -1,4 +1,4 @@
-"""A camera's intrinsics: the pinhole model with OpenCV's five distortion coefficients."""
+"""A camera's intrinsics: the pinhole model with the distortion of a named lens model, and its domain of validity."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.geometry import lens
+from beltscape.core.geometry.lens import MODELS, domain, tilt
+from beltscape.core.geometry.lens.model import LensModel
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -17,53 +20,110 @@ class Camera:
     name: str
     size_px: tuple[int, int]
     """(width, height)."""
-    focal_px: NDArray[np.float64]
+    focal_px: Array
     """(2,) fx, fy."""
-    center_px: NDArray[np.float64]
+    center_px: Array
     """(2,) cx, cy, the principal point."""
-    distortion: NDArray[np.float64]
-    """(5,) k1, k2, p1, p2, k3 in OpenCV's order and model."""
+    distortion: Array
+    """(n,) coefficients of the lens model in OpenCV's order; of ``brown`` (5,) k1, k2, p1, p2, k3."""
+    model: str = "brown"
+    """Name of the lens model, a key of `lens.MODELS`."""
+    valid_radius_px: float | None = None
+    """Distance from the principal point up to which the calibration holds, px of the image; None: no limit."""
+
+    def __post_init__(self) -> None:
+        """Check the lens model's name and number of coefficients; ValueError."""
+        if self.model not in MODELS:
+            raise ValueError(f"lens model {self.model!r} is unknown; the models are {', '.join(MODELS)}")
+        if len(self.distortion) != len(self.lens.coefficients):
+            raise ValueError(
+                f"lens model {self.model} has {len(self.lens.coefficients)} coefficients "
+                f"({', '.join(self.lens.coefficients)}), {len(self.distortion)} were given"
+            )
 
     @property
-    def matrix(self) -> NDArray[np.float64]:
+    def lens(self) -> LensModel:
+        """The lens model."""
+        return MODELS[self.model]
+
+    @property
+    def matrix(self) -> Array:
         """The intrinsic matrix K (3, 3)."""
         (fx, fy), (cx, cy) = self.focal_px, self.center_px
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
-    def project(self, points_mm: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Project points (..., 3) in the camera's frame, mm, to distorted pixels (..., 2); NaN behind the camera."""
+    @property
+    def valid_radius(self) -> float:
+        """Radius of the domain of validity in undistorted image-plane coordinates, tan θ off the axis; ∞: no limit.
+
+        The lens model is one to one within it, and the calibration holds (`valid_radius_px`). Directions beyond it
+        have no pixel, and their pixels no direction.
+        """
+        turning = domain.find_valid_radius(self.model, self.distortion)
+        if self.valid_radius_px is None:
+            return turning
+        image_radius = self.valid_radius_px / float(self.focal_px.mean())
+        return domain.find_radius_of_image_radius(self.model, self.distortion, image_radius)
+
+    def project(self, points_mm: NDArray[np.floating]) -> Array:
+        """Project points (..., 3) in the camera's frame, mm, to distorted pixels (..., 2).
+
+        NaN behind the camera and beyond the domain of validity.
+        """
         points = np.asarray(points_mm, dtype=np.float64)
         depth = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
         return self.distort(points[..., :2] / depth) * self.focal_px + self.center_px
 
-    def distort(self, ideal: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Distort undistorted image-plane coordinates x/z, y/z (..., 2)."""
-        return np.stack(lens.distort(ideal[..., 0], ideal[..., 1], self.distortion), axis=-1)
+    def distort(self, ideal: Array) -> Array:
+        """Distort undistorted image-plane coordinates x/z, y/z (..., 2); NaN beyond the domain of validity."""
+        distorted = self._distort(ideal)
+        limit = self.valid_radius**2
+        return np.where(((ideal**2).sum(axis=-1) <= limit)[..., None], distorted, np.nan)
 
-    def undistort(self, pixels: NDArray[np.floating | np.integer]) -> NDArray[np.float64]:
+    def undistort(self, pixels: NDArray[np.floating | np.integer]) -> Array:
         """Return undistorted image-plane coordinates x/z, y/z (..., 2) of distorted pixels (..., 2).
 
-        Newton's method on the distortion, to machine precision; NaN for pixels that the lens model cannot produce.
+        Newton's method on the distortion, to machine precision; NaN for pixels beyond the domain of validity.
         """
         distorted = (np.asarray(pixels, dtype=np.float64) - self.center_px) / self.focal_px
-        ideal = distorted
+        ideal = self._estimate_undistorted(distorted)
         with np.errstate(all="ignore"):  # pixels beyond the model's range diverge and end as NaN
             for _ in range(20):
-                xx, xy, yy = lens.differentiate(ideal[..., 0], ideal[..., 1], self.distortion)
-                dx, dy = np.moveaxis(distorted - self.distort(ideal), -1, 0)
-                step = np.stack([yy * dx - xy * dy, xx * dy - xy * dx], axis=-1)
-                step /= (xx * yy - xy * xy)[..., None]
+                xx, xy, yx, yy = self._differentiate(ideal)
+                dx, dy = np.moveaxis(distorted - self._distort(ideal), -1, 0)
+                step = np.stack([yy * dx - xy * dy, xx * dy - yx * dx], axis=-1)
+                step /= (xx * yy - xy * yx)[..., None]
                 ideal = ideal + step
                 if not (np.abs(step) > 1e-15).any():
                     break
-            xx, xy, yy = lens.differentiate(ideal[..., 0], ideal[..., 1], self.distortion)
-            error = np.abs(self.distort(ideal) - distorted).max(axis=-1)
-            is_valid = (error < 1e-9) & (xx * yy > xy * xy) & (xx + yy > 0)
+            xx, xy, yx, yy = self._differentiate(ideal)
+            error = np.abs(self._distort(ideal) - distorted).max(axis=-1)
+            is_valid = (error < 1e-9) & (xx * yy > xy * yx) & (xx + yy > 0)
+            is_valid &= (ideal**2).sum(axis=-1) <= self.valid_radius**2
         return np.where(is_valid[..., None], ideal, np.nan)
 
-    def rays(self, part: slice = slice(None)) -> NDArray[np.float64]:
+    def rays(self, part: slice = slice(None)) -> Array:
         """Return x/z, y/z (H, W, 2) of the pixels of the *undistorted* pinhole grid; ``part`` thins both axes."""
         width, height = self.size_px
         u = (np.arange(width, dtype=np.float64)[part] - float(self.center_px[0])) / float(self.focal_px[0])
         v = (np.arange(height, dtype=np.float64)[part] - float(self.center_px[1])) / float(self.focal_px[1])
         return np.stack(np.meshgrid(u, v), axis=-1)
+
+    def _distort(self, ideal: Array) -> Array:
+        return np.stack(self.lens.distort(ideal[..., 0], ideal[..., 1], self.distortion), axis=-1)
+
+    def _differentiate(self, ideal: Array) -> tuple[Array, Array, Array, Array]:
+        return self.lens.differentiate(ideal[..., 0], ideal[..., 1], self.distortion)
+
+    def _estimate_undistorted(self, distorted: Array) -> Array:
+        """Return the start of `undistort`: the coordinates themselves, or the inverse of a strong radial factor."""
+        if self.model == "brown":
+            return distorted
+        if self.lens.has_tilt:
+            tau_x, tau_y = self.distortion[12:]
+            distorted = np.stack(tilt.untilt(distorted[..., 0], distorted[..., 1], tau_x, tau_y), axis=-1)
+        radius = np.sqrt((distorted**2).sum(axis=-1))
+        undistorted: Array = np.asarray(
+            np.interp(radius, *domain.tabulate_inverse(self.model, self.distortion)), np.float64
+        )
+        return distorted * np.where(radius > 1e-12, undistorted / np.maximum(radius, 1e-12), 1.0)[..., None]

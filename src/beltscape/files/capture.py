@@ -8,7 +8,7 @@ from pathlib import Path
 
 from beltscape.core.errors import InputError
 from beltscape.files.folders.manifest import require_finished
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.folders.paths import AnyPath, as_path, summarise_names
 from beltscape.files.rasters.images import EXTENSIONS
 
 
@@ -40,7 +40,7 @@ class Capture:
         for camera, files in self.files.items():
             missing = [frame for frame in self.frames if frame not in files]
             if missing:
-                shown = ", ".join(missing[:4]) + (f" and {len(missing) - 4} more" if len(missing) > 4 else "")
+                shown = summarise_names(missing)
                 lines.append(f"{self.folder / camera}: no image for frame {shown}; going on without")
         return lines
 

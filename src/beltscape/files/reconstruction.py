@@ -20,7 +20,7 @@ from beltscape.files.documents.digest import add_digest, compute_file_digests, r
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.manifest import require_finished
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.folders.paths import AnyPath, as_path, summarise_names
 from beltscape.files.meshes.ply import write_cloud
 from beltscape.files.rasters.depth_tiff import read_float_tiff, write_float_tiff
 from beltscape.files.rasters.images import EXTENSIONS, read_image, write_image
@@ -123,7 +123,7 @@ def find_single_frame(folder: Path) -> Path:
         )
     if len(frames) > 1:
         names = [path.name for path in frames]
-        shown = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
+        shown = summarise_names(names)
         raise InputError(f"{folder}: holds the frames {shown}; give one of them, such as {frames[0]}")
     return frames[0]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.pose import Pose, is_rotation
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.json_text import read_json, write_json
@@ -19,6 +19,8 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rig_limits import find_refusal
 
 FORMAT = "beltscape-rig/1"
+_IDENTITY = 1e-6
+"""Largest difference of the core camera's pose, in mm and of its rotation, from the identity; for other writers."""
 
 
 def write_rig(path: AnyPath, rig: Rig) -> None:
@@ -83,7 +85,7 @@ def _rig(document: Mapping[str, Any]) -> Rig:
         for name, entry in entries.items()
     }
     at_core = np.column_stack([poses[core].rotation, poses[core].translation_mm])
-    if not np.allclose(at_core, np.eye(3, 4), rtol=0, atol=1e-6):
+    if not np.allclose(at_core, np.eye(3, 4), rtol=0, atol=_IDENTITY):
         raise ValueError(f"cam_from_core of the core camera {core} must be the identity")
     rig = Rig(
         core=core,
@@ -117,7 +119,7 @@ def _camera(name: str, place: str, entry: Any) -> Camera:
 
 def _pose(place: str, entry: Any) -> Pose:
     rotation = _numbers(place, entry, "rotation", (3, 3))
-    if not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0, atol=1e-6) or np.linalg.det(rotation) < 0:
+    if not is_rotation(rotation):
         raise ValueError(f"{place}.rotation is not a rotation (orthonormal, determinant +1)")
     return Pose(rotation, _numbers(place, entry, "translation_mm", (3,)))
 

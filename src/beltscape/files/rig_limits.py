@@ -13,21 +13,27 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
 
 FOCAL_OVER_DIAGONAL = (0.1, 100.0)
-"""Fields of view of 157° and 0.6°: the limits of the lens model and of use."""
+"""Limits of the focal length over the image's diagonal: fields of view of 157°, that of the lens model, and
+of 0.6°."""
 _ODD_FOCAL = (0.25, 20.0)
+"""Limits beyond which the focal length over the diagonal is unusual: fields of view of 127° and 2.9°."""
 _OFF_CENTRE = 1.5
 """Largest distance of the principal point from the middle, in image sizes; shifted sensors stay below 1."""
 _ODD_CENTRE = 0.3
+"""Distance of the principal point from which it is unusual: only deliberately shifted lenses reach it."""
 _ASPECT = 1.25
 """Ratio of the focal lengths; pixels that are not square reach 1.1."""
 LEAST_BASELINE_MM = 2.0
 """Cameras of industrial rigs are wider than this, so are the lens pairs of stereo microscopes (10 to 25 mm); metres
 written as millimetres make 0.05 to 1.5 of every rig up to 1.5 m."""
 _ODD_BASELINE_MM = 15.0
+"""A smaller baseline is unusual: industrial cameras have housings of 29 mm and stand no closer."""
 _GREATEST_BASELINE_MM = 100_000.0
+"""100 m: no rig is wider; one in micrometres, or one in mm that was converted as if from metres, is."""
 LEAST_DEPTH_MM = 10.0
 """Surfaces nearer than this to a core camera are within its lens."""
 _SAMPLES = 25
+"""Pixels along each side of the grid on which a fold is searched; distortion is smooth between them."""
 
 
 def find_refusal(rig: Rig) -> str | None:

@@ -15,7 +15,7 @@ from beltscape.files.documents.json_text import to_plain
 KEY = "sha256"
 """Key of the digest in its document."""
 _SIMILAR = 0.6
-"""A key this similar to that of the digest is a damaged one."""
+"""Similarity (difflib) of a damaged key to that of the digest; the documents' other keys stay below."""
 
 
 def add_digest(document: Mapping[str, Any]) -> dict[str, Any]:

@@ -31,10 +31,11 @@ from beltscape.files.exchange import values
 from beltscape.files.exchange.quaternion import rotation_from_wxyz, wxyz_from_rotation
 from beltscape.files.exchange.rig_description import RigDescription, names_core_first
 
-MM_PER_M = 1000.0
 CORNER_TO_CENTRE_PX = 0.5
+"""COLMAP's (0, 0) is the corner of the first pixel, the program's its centre (COLMAP's documentation, cameras)."""
 
 FX, FY, CX, CY = 0, 1, 2, 3
+"""Indices of the parameters of the models with two focal lengths."""
 LAYOUTS: dict[str, tuple[list[int], list[int]]] = {
     "SIMPLE_PINHOLE": ([0, 0, 1, 2], []),
     "PINHOLE": ([0, 1, 2, 3], []),
@@ -58,7 +59,7 @@ def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # n
         camera, pose = rig.cameras[name], rig.cam_from_core[name]
         placed = {
             "cam_from_rig_rotation": wxyz_from_rotation(pose.rotation),
-            "cam_from_rig_translation": pose.translation_mm / MM_PER_M,
+            "cam_from_rig_translation": pose.translation_mm / values.MM_PER_M,
         }
         entries.append(
             {
@@ -152,4 +153,4 @@ def _pose(name: str, entry: Any, warn: Callable[[str], None]) -> Pose:
     place = f"{name}.cam_from_rig_rotation"
     wxyz = values.require_numbers(entry["cam_from_rig_rotation"], place, 4)
     moved = values.require_numbers(entry["cam_from_rig_translation"], f"{name}.cam_from_rig_translation", 3)
-    return values.make_pose(place, rotation_from_wxyz(wxyz, place), moved * MM_PER_M, warn)
+    return values.make_pose(place, rotation_from_wxyz(wxyz, place), moved * values.MM_PER_M, warn)

@@ -33,7 +33,6 @@ from beltscape.files.exchange.documents import read_document, to_floats, write_y
 from beltscape.files.exchange.radtan import fit_without_k3
 from beltscape.files.exchange.rig_description import RigDescription, names_core_first
 
-MM_PER_M = 1000.0
 FIX = "calibrate with pinhole-radtan"
 
 
@@ -95,7 +94,7 @@ def _intrinsics(camera: Camera, warn: Callable[[str], None]) -> dict[str, Any]:
 
 def _metric(pose: Pose) -> list[list[float]]:
     """Return the transform (4×4) with its translation in metres."""
-    top = np.column_stack([pose.rotation, pose.translation_mm / MM_PER_M])
+    top = np.column_stack([pose.rotation, pose.translation_mm / values.MM_PER_M])
     return to_floats(np.vstack([top, [0.0, 0.0, 0.0, 1.0]]))
 
 
@@ -126,6 +125,6 @@ def _camera(name: str, key: str, entry: Any) -> Camera:
 def _pose(key: str, entry: Any, warn: Callable[[str], None]) -> Pose:
     place = f"{key}.T_cn_cnm1"
     listed = values.require_numbers(entry["T_cn_cnm1"], place, 4, 4)
-    if not np.allclose(listed[3], [0, 0, 0, 1], rtol=0, atol=1e-9):
+    if not np.allclose(listed[3], [0, 0, 0, 1], rtol=0, atol=1e-9):  # exact but for rounding
         raise ValueError(f"{place} ends with the row {listed[3].tolist()}: must be [0, 0, 0, 1]")
-    return values.make_pose(place, listed[:3, :3], listed[:3, 3] * MM_PER_M, warn)
+    return values.make_pose(place, listed[:3, :3], listed[:3, 3] * values.MM_PER_M, warn)

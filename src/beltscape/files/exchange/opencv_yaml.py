@@ -35,7 +35,8 @@ from beltscape.files.exchange.documents import (
 )
 from beltscape.files.exchange.rig_description import RigDescription
 
-MM_PER = {"mm": 1.0, "m": 1000.0}
+MM_PER = {"mm": 1.0, "m": values.MM_PER_M}
+"""Units of length that a file may state, in mm."""
 
 
 def is_of_format(document: Any) -> bool:

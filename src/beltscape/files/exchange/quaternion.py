@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.geometry.pose import vector_from_rotation
+from beltscape.files.exchange.values import ROUNDED
 
 
 def wxyz_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -18,7 +19,7 @@ def wxyz_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
 def rotation_from_wxyz(wxyz: NDArray[np.float64], place: str) -> NDArray[np.float64]:
     """Return the rotation matrix (3, 3) of a quaternion; ValueError unless its length is 1 up to rounding."""
     length = float(np.linalg.norm(wxyz))
-    if abs(length - 1) > 1e-3:
+    if abs(length - 1) > ROUNDED:
         raise ValueError(f"{place} = {wxyz.tolist()}: must be a unit quaternion, its length is {length:.4g}")
     w, v = wxyz[0] / length, wxyz[1:] / length
     skew = np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -7,17 +7,20 @@ from numpy.typing import NDArray
 
 from beltscape.core.geometry.camera import Camera
 
+_SAMPLES = 64
+"""Pixels along each side of the grid on which the lens is fitted; distortion is smooth between them."""
+
 
 def fit_without_k3(camera: Camera) -> tuple[NDArray[np.float64], float, float]:
     """Fit k1, k2, p1, p2 (4,) without k3; return them with the RMS and the largest shift of the image, px.
 
-    The camera matrix is kept. The model is linear in its coefficients, so the fit over a 64×64 grid of pixels is one
+    The camera matrix is kept. The model is linear in its coefficients, so the fit over a grid of pixels is one
     linear least-squares problem.
     """
     if camera.distortion[4] == 0:
         return camera.distortion[:4].copy(), 0.0, 0.0
     width, height = camera.size_px
-    u, v = np.meshgrid(np.linspace(0, width - 1, 64), np.linspace(0, height - 1, 64))
+    u, v = np.meshgrid(np.linspace(0, width - 1, _SAMPLES), np.linspace(0, height - 1, _SAMPLES))
     ideal = camera.undistort(np.stack([u, v], axis=-1).reshape(-1, 2))
     ideal = ideal[np.isfinite(ideal).all(axis=-1)]
     moved_px = (camera.distort(ideal) - ideal) * camera.focal_px

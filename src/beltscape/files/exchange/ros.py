@@ -33,7 +33,6 @@ from beltscape.files.exchange.quaternion import rotation_from_wxyz, wxyz_from_ro
 from beltscape.files.exchange.rig_description import RigDescription
 from beltscape.files.folders.atomic import ensure_output_folder
 
-MM_PER_M = 1000.0
 EXTRINSICS = "extrinsics.yaml"
 SUFFIX = "_optical_frame"
 
@@ -107,7 +106,7 @@ def _transform(rig: Rig, name: str) -> dict[str, Any]:
     """Return the pose of a camera in the core's frame as a tf transform."""
     core_from_cam = rig.cam_from_core[name].inverse()
     w, x, y, z = to_floats(wxyz_from_rotation(core_from_cam.rotation))
-    moved = to_floats(core_from_cam.translation_mm / MM_PER_M)
+    moved = to_floats(core_from_cam.translation_mm / values.MM_PER_M)
     return {
         "header": {"frame_id": f"{rig.core}{SUFFIX}"},
         "child_frame_id": f"{name}{SUFFIX}",
@@ -154,7 +153,7 @@ def _pose(place: str, entry: Any, warn: Callable[[str], None]) -> Pose:
         [values.require_value(turned, key, f"{place}.rotation") for key in "wxyz"], f"{place}.rotation", 4
     )
     metres = [values.require_value(moved, key, f"{place}.translation") for key in "xyz"]
-    translation_mm = values.require_numbers(metres, f"{place}.translation", 3) * MM_PER_M
+    translation_mm = values.require_numbers(metres, f"{place}.translation", 3) * values.MM_PER_M
     rotation = rotation_from_wxyz(wxyz, f"{place}.rotation")
     return values.make_pose(f"{place}.rotation", rotation, translation_mm, warn)
 

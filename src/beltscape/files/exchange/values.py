@@ -12,8 +12,16 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.type_guards import is_dict
 
+MM_PER_M = 1000.0
+"""The other programs' lengths are in metres."""
 ROUNDED = 1e-3
-"""A rotation printed with few digits may be this far from orthonormal, and no further."""
+"""Largest error of a rotation's elements or a quaternion's length: three decimals are the fewest in use."""
+_EXACT = 1e-12
+"""A rotation with less error is taken as it is: only rounding of doubles separates it from the nearest one."""
+_NOTICEABLE = 1e-6
+"""A larger error gives a warning: on an image 4000 px wide it moves a pixel by 0.004."""
+_MESSAGE_LENGTH = 60
+"""Longest quoted value in a message, characters."""
 
 
 def require_value(entry: Any, key: str, place: str = "") -> Any:
@@ -112,9 +120,9 @@ def make_pose(
     off = float(np.abs(nearest - rotation).max())
     if off > ROUNDED or np.linalg.det(nearest) < 0:
         raise ValueError(f"{place} is not a rotation (orthonormal, determinant +1)")
-    if off > 1e-6:
+    if off > _NOTICEABLE:
         warn(f"{place} is rounded: it is off a rotation by {off:.1g}; the nearest one is taken")
-    return Pose(rotation if off < 1e-12 else nearest, translation_mm)
+    return Pose(rotation if off < _EXACT else nearest, translation_mm)
 
 
 def require_known(item: Any, place: str, names: tuple[str, ...], fix: str) -> str:
@@ -134,4 +142,4 @@ def require_distinct(names: list[str]) -> list[str]:
 
 def _short(item: Any) -> str:
     text = repr(item)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return text if len(text) <= _MESSAGE_LENGTH else f"{text[: _MESSAGE_LENGTH - 3]}..."

@@ -12,7 +12,7 @@ from pathlib import Path
 from beltscape.core.errors import OutputError
 
 _LEAST_FREE = 1 << 20
-"""Bytes. NumPy's failed writes have no error number; with less free space than this the disk is taken as full."""
+"""Bytes (1 MiB). NumPy's failed writes have no error number; with less free space the disk is taken as full."""
 
 
 @contextmanager

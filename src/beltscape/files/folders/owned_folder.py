@@ -25,13 +25,12 @@ from beltscape.files.folders.manifest import (
     read_manifest,
     write_manifest,
 )
+from beltscape.files.folders.paths import summarise_names
 
 _TRACES = ("rig.json", "calibration.json", "plan.json", "volume.json", "lumps.json", "flow.json", "features.json",
            "pattern.json", "paper.json", "board.toml", "truth/scenario.json", "*/depth.tiff",
            "*/rectification.json", "calibration/rig.json")  # fmt: skip
 """Files that identify output of a Beltscape version without manifests."""
-_SHOWN = 3
-"""Number of foreign files that a message names."""
 
 
 @contextmanager
@@ -97,7 +96,7 @@ def refuse_foreign(out: Path, command: str) -> None:
     names = sorted(path.name for path in out.iterdir() if not path.name.startswith("."))
     if not names:
         return
-    held = ", ".join(names[:_SHOWN]) + (f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else "")
+    held = summarise_names(names, most=3)
     if any(next(out.glob(trace), None) for trace in _TRACES):
         raise OutputError(
             f"{where}: holds {held}, written without a manifest, as by an earlier version of Beltscape, "

@@ -1,8 +1,9 @@
-"""Checks of paths that Python callers pass."""
+"""Checks of paths that Python callers pass, and lists of names in messages."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
@@ -25,3 +26,8 @@ def _is_path(given: object) -> bool:
 
 def _is_text(name: object) -> bool:
     return isinstance(name, str) and name != ""
+
+
+def summarise_names(names: Sequence[str], most: int = 4) -> str:
+    """Return the first ``most`` names and the number of the others: messages stay on one line."""
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -24,6 +24,9 @@ _KINDS = {
     "ushort": "<u2",
 }
 _LONGEST_HEADER = 8192
+"""Bytes in which a header must end; headers with all properties of a point have some 500."""
+_NO_COLOR = 200
+"""Grey level of points without a colour: light, on any background."""
 
 
 def read_cloud(path: AnyPath) -> PointCloud:
@@ -59,7 +62,7 @@ def read_cloud(path: AnyPath) -> PointCloud:
     return PointCloud(
         points_mm=columns(("x", "y", "z"), np.float32, np.nan),
         normals=columns(("nx", "ny", "nz"), np.float32, np.nan),
-        colors=columns(("red", "green", "blue"), np.uint8, 200),
+        colors=columns(("red", "green", "blue"), np.uint8, _NO_COLOR),
         sigma_mm=columns(("sigma",), np.float32, 0.0)[:, 0],
         frame=_frame(head),
     )

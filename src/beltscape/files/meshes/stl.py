@@ -10,7 +10,9 @@ from beltscape.files.folders.atomic import atomic_replacement
 from beltscape.files.folders.paths import AnyPath, as_path
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+"""A facet of a binary STL: 50 bytes."""
 _HEAD = 80
+"""Bytes before the number of facets in a binary STL."""
 
 
 def write_stl(path: AnyPath, vertices_mm: NDArray[np.floating], faces: NDArray[np.integer]) -> None:

@@ -12,7 +12,9 @@ from beltscape.files.folders.paths import AnyPath, as_path
 _SCALE, _TIEPOINT, _KEYS, _NODATA = 33550, 33922, 34735, 42113
 """ModelPixelScaleTag, ModelTiepointTag, GeoKeyDirectoryTag of OGC 19-008r4 (GeoTIFF 1.1); GDAL's nodata."""
 _DOUBLE, _SHORT, _ASCII = 12, 3, 2
+"""Types of a tag's values (TIFF 6.0, section 2)."""
 _USER_DEFINED, _AREA, _MODEL, _RASTER = 32767, 1, 1024, 1025
+"""Values of GTModelTypeGeoKey and GTRasterTypeGeoKey, and the numbers of these keys (OGC 19-008r4)."""
 
 
 def write_height_tiff(path: AnyPath, heights: HeightMap, *, sigma: bool = False) -> None:

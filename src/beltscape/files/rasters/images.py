@@ -18,6 +18,8 @@ EXTENSIONS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
 
 _PNG, _PNG_KIND, _INDEXED = b"\x89PNG\r\n\x1a\n", 25, 3
 """A PNG's first bytes; offset of its colour type; the type with a palette (PNG specification, 11.2.1)."""
+_CHUNK = 12
+"""Bytes of a PNG's chunk beside its data: length, type and checksum of four each (PNG specification, 5.3)."""
 
 # InputError describes damaged images in one line; OpenCV's own messages are switched off
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
@@ -52,16 +54,16 @@ def is_grey_throughout(image: Image) -> bool:
 
 def _has_palette(data: NDArray[np.uint8]) -> bool:
     """Return whether the bytes are a PNG with a palette, as some tools save images of few levels."""
-    return data[:8].tobytes() == _PNG and len(data) > _PNG_KIND and data[_PNG_KIND] == _INDEXED
+    return data[: len(_PNG)].tobytes() == _PNG and len(data) > _PNG_KIND and data[_PNG_KIND] == _INDEXED
 
 
 def _is_damaged_png(data: bytes) -> bool:
     """Return whether a PNG is truncated or has a wrong checksum, which libpng only prints to standard error."""
     if not data.startswith(_PNG):
         return False
-    view, start = memoryview(data), 8
-    while start + 12 <= len(data):
-        end = start + 12 + int.from_bytes(view[start : start + 4], "big")
+    view, start = memoryview(data), len(_PNG)
+    while start + _CHUNK <= len(data):
+        end = start + _CHUNK + int.from_bytes(view[start : start + 4], "big")
         if crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big") or end > len(data):
             return True
         if bytes(view[start + 4 : start + 8]) == b"IEND":

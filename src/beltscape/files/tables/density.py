@@ -14,8 +14,9 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.tables.csv_table import read_csv
 
 DENSITY_LIMITS = (0.0, 30_000.0)
-"""kg/m³, the first excluded; no bulk material exceeds the second."""
+"""kg/m³, the first excluded; the second is above the density of any solid on a belt (tungsten: 19,300)."""
 DensityValue = Annotated[float, Field(gt=DENSITY_LIMITS[0], le=DENSITY_LIMITS[1], allow_inf_nan=False)]
+"""A bulk density, kg/m³."""
 
 
 class Product(BaseModel):

@@ -14,6 +14,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import scale_rig
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import read_capture
+from beltscape.files.folders.paths import summarise_names
 from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.encoder_csv import BeltReading, read_encoder
 from beltscape.health.images.monitor import ImageMonitor
@@ -178,11 +179,11 @@ def _instants_from_readings(
             "give the encoder.csv of this capture"
         )
     if without:
-        shown = ", ".join(without[:4]) + (f" and {len(without) - 4} more" if len(without) > 4 else "")
+        shown = summarise_names(without)
         reporter.warn(f"{path}: no row for frame {shown}; going on without")
     absent = [reading.frame for reading in readings if reading.frame not in source.frames]
     if absent:
-        shown = ", ".join(absent[:4]) + (f" and {len(absent) - 4} more" if len(absent) > 4 else "")
+        shown = summarise_names(absent)
         reporter.warn(
             f"{source.folder}: no image of frame {shown}; their belt is measured in the others, or bridged"
         )

@@ -104,12 +104,11 @@ def associate_cameras(core: str, pairs: Sequence[Pair]) -> CameraNetwork:
     """
     kept = tuple(pairs)
     _, previous = _find_paths(core, kept)
-    poses = {core: Pose.identity()}
+    poses = _chain_poses(core, previous, kept)
     paths: dict[str, tuple[str, ...]] = {core: (core,)}
     jacobians = {core: np.zeros((6, 6 * len(kept)))}
-    for name, before in previous.items():  # in the order they were reached: the pose of `before` is known
+    for name, before in previous.items():  # in the order they were reached: the path to `before` is known
         chain = find_pair_chain(kept, before, name)
-        poses[name] = chain.pose @ poses[before]
         jacobians[name] = adjoint(chain.pose) @ (jacobians[before] + chain.jacobian)
         paths[name] = (*paths[before], name)
     joint = compute_joint_covariance(kept)
@@ -123,6 +122,14 @@ def associate_cameras(core: str, pairs: Sequence[Pair]) -> CameraNetwork:
     )
 
 
+def _chain_poses(core: str, previous: Mapping[str, str], pairs: Sequence[Pair]) -> dict[str, Pose]:
+    """Return cam_from_core along the paths from the core, given each camera's predecessor."""
+    poses = {core: Pose.identity()}
+    for name, before in previous.items():  # in the order they were reached: the pose of `before` is known
+        poses[name] = find_pair_chain(pairs, before, name).pose @ poses[before]
+    return poses
+
+
 def select_core(detections: BoardDetections, pairs: Sequence[Pair]) -> str:
     """Return the most central camera among those that share the most views: the paper's best field of view.
 
@@ -131,9 +138,8 @@ def select_core(detections: BoardDetections, pairs: Sequence[Pair]) -> str:
     group = find_groups(detections.cameras, pairs)[0]
     shared = {name: sum(p.corners for p in pairs if name in (p.first, p.second)) for name in group}
     eligible = [name for name in group if shared[name] >= 0.8 * max(shared.values())]
-    centers = {
-        name: pose.center_mm for name, pose in associate_cameras(group[0], pairs).cam_from_core.items()
-    }
+    poses = _chain_poses(group[0], _find_paths(group[0], pairs)[1], pairs)
+    centers = {name: pose.center_mm for name, pose in poses.items()}
     spread = {
         name: round(sum(float(np.linalg.norm(centers[name] - other)) for other in centers.values()), 3)
         for name in eligible
@@ -176,9 +182,9 @@ def compute_path_errors(
         jacobian = jacobian - adjoint(transmitted.inverse()) @ jacobians[pair.second]
         error = transmitted.inverse() @ pair.second_from_first
         shift = float(np.linalg.norm(transmitted.center_mm - pair.second_from_first.center_mm))
-        chi2, dof = _compute_chi2(log(error), jacobian, joint, pair.covariance)
+        covariance = jacobian @ joint @ jacobian.T
+        chi2, dof = _compute_chi2(log(error), covariance, pair.covariance)
         if dof:
-            covariance = jacobian @ joint @ jacobian.T
             cameras = (pair.first, pair.second)
             errors.append(PathError(cameras, error.angle_deg, shift, log(error), covariance, chi2, dof))
     return tuple(errors)
@@ -186,7 +192,6 @@ def compute_path_errors(
 
 def compute_loop_errors(pairs: Sequence[Pair], cameras: Iterable[str], joint: Array) -> tuple[LoopError, ...]:
     """Return ε_loop of every triangle, the composition of its three measured pairs."""
-    alone = joint * np.kron(np.eye(len(pairs)), np.ones((6, 6)))  # pairs taken as independent
     errors: list[LoopError] = []
     for triangle in list_triangles(pairs, cameras):
         a, b, c = triangle
@@ -195,18 +200,20 @@ def compute_loop_errors(pairs: Sequence[Pair], cameras: Iterable[str], joint: Ar
             .extend(find_pair_chain(pairs, b, c))
             .extend(find_pair_chain(pairs, c, a))
         )
-        twist, covariance = log(loop.pose), loop.jacobian @ joint @ loop.jacobian.T
-        chi2, dof = _compute_chi2(twist, loop.jacobian, joint, loop.jacobian @ alone @ loop.jacobian.T)
+        own = np.flatnonzero(loop.jacobian.any(axis=0))  # the columns of its three pairs
+        jacobian, errors_of_pairs = loop.jacobian[:, own], joint[np.ix_(own, own)]
+        is_same_pair = own[:, None] // 6 == own // 6  # pairs taken as independent
+        twist, covariance = log(loop.pose), jacobian @ errors_of_pairs @ jacobian.T
+        chi2, dof = _compute_chi2(twist, covariance, jacobian @ (errors_of_pairs * is_same_pair) @ jacobian.T)
         shift = float(np.linalg.norm(loop.pose.center_mm))
         errors.append(LoopError(triangle, loop.pose.angle_deg, shift, twist, covariance, chi2, dof))
     return tuple(errors)
 
 
-def _compute_chi2(twist: Array, jacobian: Array, joint: Array, unit: Array) -> tuple[float, int]:
-    """Return χ² of a twist ``jacobian ξ`` and its degrees of freedom; ``unit`` (6, 6) scales negligible variances."""
+def _compute_chi2(twist: Array, covariance: Array, unit: Array) -> tuple[float, int]:
+    """Return χ² of a twist and its degrees of freedom; ``unit`` (6, 6) scales negligible variances."""
     root = np.linalg.cholesky(unit)
-    whitened = np.linalg.solve(root, jacobian)
-    variances, axes = np.linalg.eigh(whitened @ joint @ whitened.T)
+    variances, axes = np.linalg.eigh(np.linalg.solve(root, np.linalg.solve(root, covariance).T))
     significant = variances > NEGLIGIBLE_VARIANCE
     components = axes.T @ np.linalg.solve(root, twist)
     return float((components[significant] ** 2 / variances[significant]).sum()), int(significant.sum())

@@ -91,9 +91,12 @@ class NetworkProblem:
     def compute_pose_jacobians(self, state: Poses) -> dict[str, Array]:
         """Return by camera the derivatives (6, 6P) of the minimum by the errors of all pairs, 0 for the core."""
         linear = self.linearise(state)
-        by_pairs = np.concatenate([c.root @ c.chain.jacobian for c in self.constraints])
         orthonormal, triangle = np.linalg.qr(linear.jacobian)
-        jacobian = -solve_triangular(triangle, orthonormal.T @ by_pairs)
+        by_pairs = np.zeros((len(triangle), self.constraints[0].chain.jacobian.shape[1]))
+        for constraint, rows in zip(self.constraints, orthonormal.reshape(-1, 6, len(triangle)), strict=True):
+            own = np.flatnonzero(constraint.chain.jacobian.any(axis=0))  # the columns of its pairs
+            by_pairs[:, own] += rows.T @ constraint.root @ constraint.chain.jacobian[:, own]
+        jacobian = -solve_triangular(triangle, by_pairs)
         fixed = np.zeros((6, by_pairs.shape[1]))
         return {name: jacobian[self.columns[name]] if name in self.columns else fixed for name in state}
 
@@ -144,13 +147,13 @@ def optimise_network(
 def _make_constraints(network: CameraNetwork, weights: NetworkWeights) -> list[Constraint]:
     """Return the constraints of nonzero weight, paths first, then loops."""
     pairs, known = network.pairs, network.cam_from_core
-    # the weights take the pairs as independent: their common errors do not show which pair is wrong
-    alone = np.zeros((6 * len(pairs), 6 * len(pairs)))
-    for i, pair in enumerate(pairs):
-        alone[6 * i : 6 * i + 6, 6 * i : 6 * i + 6] = pair.covariance
 
     def constraint(first: str, second: str, chain: PoseChain, weight: float) -> Constraint:
-        root = np.linalg.cholesky(chain.jacobian @ alone @ chain.jacobian.T / weight)
+        by_pair = chain.jacobian.reshape(6, -1, 6).swapaxes(0, 1)
+        # the weights take the pairs as independent: their common errors do not show which pair is wrong
+        own = np.flatnonzero(by_pair.any(axis=(1, 2)))
+        covariance = sum(by_pair[i] @ pairs[i].covariance @ by_pair[i].T for i in own)
+        root = np.linalg.cholesky(covariance / weight)
         return Constraint(first, second, chain, np.asarray(np.linalg.inv(root), np.float64))
 
     constraints: list[Constraint] = []

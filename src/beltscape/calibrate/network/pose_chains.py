@@ -39,8 +39,8 @@ def find_pair_chain(pairs: Sequence[Pair], origin: str, to: str) -> PoseChain:
     KeyError
         When the two cameras are no measured pair.
     """
+    jacobian = np.zeros((6, 6 * len(pairs)))
     for i, pair in enumerate(pairs):
-        jacobian = np.zeros((6, 6 * len(pairs)))
         if (pair.first, pair.second) == (origin, to):
             jacobian[:, 6 * i : 6 * i + 6] = np.eye(6)
             return PoseChain(pair.second_from_first, jacobian)

@@ -15,6 +15,11 @@ from beltscape.plan.planned_rig import PlannedRig, make_planned_rig
 from beltscape.plan.precision import predict_sigma_mm
 from beltscape.plan.settings import PlanSettings
 
+_SHARES = (0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.8)
+"""Baselines over the depth, the tangents of tilts of 6° to 39°; the requested limits choose among them."""
+_STEP_MM = 5.0
+"""Baselines are multiples of this, since a frame is not built more precisely."""
+
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
@@ -36,8 +41,7 @@ def list_alternatives(settings: PlanSettings, height_mm: float) -> tuple[Alterna
     """Return baselines from short to long, in even steps of the tilt's tangent, with the requested one if given."""
     rig = settings.rig
     depth = height_mm - sum(settings.belt.material_mm) / 2
-    shares = (0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.8)
-    baselines = {round(depth * share / 5) * 5.0 for share in shares}
+    baselines = {round(depth * share / _STEP_MM) * _STEP_MM for share in _SHARES}
     if rig.baseline_mm is not None:
         baselines.add(rig.baseline_mm)
     assessed = [

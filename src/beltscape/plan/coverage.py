@@ -12,6 +12,13 @@ from beltscape.plan.planned_rig import PlannedRig
 from beltscape.plan.precision import projection_jacobian
 from beltscape.plan.settings import PlanSettings
 
+_POINTS_ACROSS = 81
+"""Points across the belt at which it must be seen; footprints are convex, so the ends nearly suffice."""
+_BISECTIONS = 24
+"""Halvings of the searched length: metres to less than a micrometre."""
+_PIXEL_SAMPLES = 25
+"""Points along each side of the strip's box at which the pixel size is computed; it is smooth between them."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneCoverage:
@@ -80,7 +87,7 @@ def usable_length_mm(planes: tuple[PlaneCoverage, ...], auxiliaries: int) -> flo
 
 def _find_length(planned: PlannedRig, height_mm: float, width_mm: float, auxiliaries: int) -> float:
     """Return twice the largest |y| up to which the core and n auxiliaries see the whole width."""
-    across = np.linspace(-width_mm / 2, width_mm / 2, 81)
+    across = np.linspace(-width_mm / 2, width_mm / 2, _POINTS_ACROSS)
 
     def is_whole_width_seen(y: float) -> bool:
         points = np.array([[x, side * y, height_mm] for side in (-1, 1) for x in across])
@@ -90,7 +97,7 @@ def _find_length(planned: PlannedRig, height_mm: float, width_mm: float, auxilia
     if not is_whole_width_seen(0.0):
         return 0.0
     low, high = 0.0, float(np.abs(project_footprint(planned, planned.rig.core, height_mm)[:, 1]).max()) + 1
-    for _ in range(24):
+    for _ in range(_BISECTIONS):
         middle = (low + high) / 2
         low, high = (middle, high) if is_whole_width_seen(middle) else (low, middle)
     return 2 * low
@@ -99,7 +106,7 @@ def _find_length(planned: PlannedRig, height_mm: float, width_mm: float, auxilia
 def _pixel_mm(planned: PlannedRig, name: str, height_mm: float, base: Polygon) -> tuple[float, float, float]:
     """Return the finest, median, coarsest pixel over the strip's box, where the camera sees it; NaN if nowhere."""
     low, high = base.min(axis=0), base.max(axis=0)
-    columns, rows = (np.linspace(float(low[i]), float(high[i]), 25) for i in (0, 1))
+    columns, rows = (np.linspace(float(low[i]), float(high[i]), _PIXEL_SAMPLES) for i in (0, 1))
     x, y = np.meshgrid(columns, rows)
     points = np.stack([x, y, np.full_like(x, height_mm)], axis=-1).reshape(-1, 3)
     points = points[planned.sees(name, points)]

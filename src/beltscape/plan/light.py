@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltscape.plan.settings import PlanSettings
+from beltscape.plan.settings import REFERENCE_PATCH_PX, PlanSettings
 
 PLANCK_J_S = 6.62607015e-34
 """Planck's constant (SI, exact)."""
@@ -22,6 +22,8 @@ REFERENCE_SNR = 255 / 2
 """Contrast over noise at which the matching σ is set: noise of 2 of 255 grey levels."""
 REFERENCE_FLOOR_PX = 0.012
 """Part of the matching σ due to image noise there, with a patch of 21 px: √(2σ_n² / ΣI_x²) for 25,000 dots."""
+WHITE = 0.8
+"""Reflectance of a white surface, such as white paint or paper."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +48,7 @@ class LightBudget:
     needed_lumens: float
     """Luminous flux for the target SNR at this exposure."""
     saturated: bool
-    """Whether a white surface (reflectance 0.8) saturates the pixel."""
+    """True if a white surface saturates the pixel."""
     matching_sigma_px: float
     """Matching σ as set, with its part of image noise raised to this light."""
 
@@ -84,7 +86,7 @@ def compute_light_budget(
         corner=float((1 + diagonal**2) ** -2),
         needed_exposure_us=_needed_exposure_us(settings, rate, projector_lux),
         needed_lumens=contrast_needed / (rate * exposure_us) * lit_area_mm2 * 1e-6,
-        saturated=(contrast + gap) * 0.8 / light.reflectance > camera.full_well_e,
+        saturated=(contrast + gap) * WHITE / light.reflectance > camera.full_well_e,
         matching_sigma_px=matching_sigma_px(settings, snr),
     )
 
@@ -93,7 +95,7 @@ def matching_sigma_px(settings: PlanSettings, snr: float) -> float:
     """Return the σ of a matched coordinate at an SNR; never better than as set."""
     if snr <= 0:
         return float("inf")
-    floor = REFERENCE_FLOOR_PX * 21 / settings.precision.patch_px
+    floor = REFERENCE_FLOOR_PX * REFERENCE_PATCH_PX / settings.precision.patch_px
     excess = max(0.0, (REFERENCE_SNR / snr) ** 2 - 1)
     return float(np.sqrt(settings.precision.sigma_px**2 + floor**2 * excess))
 

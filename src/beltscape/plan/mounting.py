@@ -10,7 +10,7 @@ from beltscape.core.errors import InputError
 from beltscape.plan.settings import PlanSettings
 
 CLEARANCE_MM = 50.0
-"""Minimum distance between lenses and load."""
+"""Minimum distance between lenses and load, for their housing and a swinging lump; chosen."""
 
 
 @dataclass(frozen=True, slots=True)

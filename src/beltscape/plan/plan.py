@@ -16,6 +16,15 @@ from beltscape.plan.planned_rig import PlannedRig, make_planned_rig
 from beltscape.plan.precision import SigmaMap, predict_sigma_map
 from beltscape.plan.settings import PlanSettings
 
+_ANGLE_DEG = 0.5
+"""Difference of stated and computed angle of view from which the plan warns; makers round to whole degrees."""
+_HEIGHT_MM = 0.5
+"""Difference of heights that is rounding of the setting."""
+_DEFOCUS_PX = 2.0
+"""Diameter of the blur disc from which the plan warns; chosen, since dots of the speckle are a few pixels wide."""
+_ENOUGH_LIGHT = 0.995
+"""Share of the target SNR that suffices, so that a setting computed by the plan and rounded is not refused."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
@@ -40,6 +49,16 @@ class Plan:
     def required_views(self) -> int:
         """Return the number of auxiliaries that must see a point."""
         return self.settings.rig.required_views
+
+    @property
+    def is_dark(self) -> bool:
+        """True if the light does not reach the target SNR."""
+        return self.light.snr < _ENOUGH_LIGHT * self.settings.light.target_snr
+
+    @property
+    def is_blurred(self) -> bool:
+        """True if the motion blur exceeds its limit by more than rounding."""
+        return self.motion.blur_px > self.settings.light.max_blur_px * (1 + 1e-9)
 
     @property
     def sigma_median_mm(self) -> float:
@@ -103,7 +122,7 @@ def _geometry_warnings(plan: Plan) -> list[str]:
     camera = settings.camera
     warnings: list[str] = []
     stated, lens = np.rad2deg(camera.angle_rad), np.rad2deg(camera.lens_angle_rad)
-    if abs(stated - lens) > 0.5:
+    if abs(stated - lens) > _ANGLE_DEG:
         warnings.append(
             f"the stated angle of view is {stated:.1f}°, but {camera.size_px[0]} pixels of "
             f"{camera.pitch_um:g} µm behind "
@@ -111,7 +130,7 @@ def _geometry_warnings(plan: Plan) -> list[str]:
             f"{mounting.eq26_mm:.1f} mm with the "
             f"one and {mounting.eq26_lens_mm:.1f} mm with the other; the plan relies on the narrower"
         )
-    if mounting.above_belt_mm < mounting.recommended_above_belt_mm - 0.5:
+    if mounting.above_belt_mm < mounting.recommended_above_belt_mm - _HEIGHT_MM:
         warnings.append(
             f"the core hangs {mounting.recommended_above_belt_mm - mounting.above_belt_mm:.0f} mm below the "
             "recommended height: "
@@ -124,7 +143,7 @@ def _geometry_warnings(plan: Plan) -> list[str]:
             warnings.append(
                 f"at the {plane.name} the full width of {plane.width_mm:.0f} mm is not seen by two cameras"
             )
-    if max(plan.defocus_px) > 2:
+    if max(plan.defocus_px) > _DEFOCUS_PX:
         warnings.append(
             f"out of focus by up to {max(plan.defocus_px):.1f} px between belt and top; close the aperture"
         )
@@ -143,14 +162,14 @@ def _light_warnings(plan: Plan) -> list[str]:
         warnings.append(
             f"an exposure of {motion.exposure_us:.0f} µs does not fit {motion.fps:.1f} frames a second"
         )
-    if motion.blur_px > settings.light.max_blur_px * (1 + 1e-9):
+    if plan.is_blurred:
         warnings.append(
             f"{motion.blur_px:.2f} px of motion blur; expose at most {motion.max_exposure_us:.0f} µs for "
             f"{settings.light.max_blur_px:g} px"
         )
     if light.snr == 0:
         warnings.append("the projector is off: a bare belt has no texture to match")
-    elif light.snr < 0.995 * settings.light.target_snr:
+    elif plan.is_dark:
         warnings.append(
             f"too little light: SNR {light.snr:.1f} in {light.exposure_us:.0f} µs, "
             f"{settings.light.target_snr:g} requested; "

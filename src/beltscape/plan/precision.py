@@ -12,6 +12,11 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.plan.planned_rig import PlannedRig
 from beltscape.plan.settings import PlanSettings
 
+_NODES = 61
+"""Nodes of the map across the belt; along it they are as dense. The σ is smooth between them."""
+_LEAST_NODES = 9
+"""Least number of nodes along the belt, for short pieces."""
+
 Array = NDArray[np.float64]
 
 
@@ -69,8 +74,9 @@ def predict_sigma_map(
 ) -> SigmaMap:
     """Return σ over the span and ``length_mm`` of belt, at one height."""
     half = settings.belt.span_mm / 2
-    x = np.linspace(-half, half, 61)
-    y = np.linspace(-length_mm / 2, length_mm / 2, max(9, round(60 * length_mm / (2 * half)) | 1))
+    x = np.linspace(-half, half, _NODES)
+    along = max(_LEAST_NODES, round((_NODES - 1) * length_mm / (2 * half)) | 1)
+    y = np.linspace(-length_mm / 2, length_mm / 2, along)
     points = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), height_mm)], axis=-1).reshape(-1, 3)
     precision = settings.precision
     sigma = predict_sigma_mm(planned, points, precision.sigma_px, precision.calibration_sigma_mm)

@@ -10,10 +10,17 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 TABLE_1_ANGLE_DEG = 57.0
 """Horizontal angle of view that the paper states for its camera and lens."""
 
+REFERENCE_PATCH_PX = 21
+"""Edge of the patch for which the matching σ is given; the usual window of pairwise matching."""
+
 Length = Annotated[float, Field(gt=0, le=20_000, allow_inf_nan=False)]
+"""A length in mm; the limit of 20 m is far above any belt's width or rig's height."""
 Share = Annotated[float, Field(gt=0, le=1)]
+"""A share, above 0."""
 Side = Annotated[int, Field(ge=16, le=20_000)]
+"""A side of an image, px; 20,000 is above any area sensor."""
 Positive = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+"""A positive number; the limit only catches slips of the keyboard."""
 
 
 class _Part(BaseModel):
@@ -34,6 +41,7 @@ class BeltSettings(_Part):
     top_width_mm: Length | None = None
     """Maximum width of the load at its top; None: the span, so that no load is missed."""
     speed_m_s: Annotated[float, Field(ge=0, le=50)] = 2.0
+    """Speed of the belt."""
     lump_cover: Annotated[float, Field(ge=0, lt=1)] = 0.4
     """Share of the load's area covered by protruding lumps, which occlude the view of cameras."""
 
@@ -77,18 +85,25 @@ class CameraSettings(_Part):
     size_px: tuple[Side, Side] = (2448, 2048)
     """Width (across the belt) and height."""
     pitch_um: Annotated[float, Field(ge=0.5, le=50)] = 3.45
+    """Distance of two pixels on the sensor."""
     focal_mm: Annotated[float, Field(ge=1, le=500)] = 8.0
+    """Focal length of the lens."""
     f_number: Annotated[float, Field(ge=0.7, le=64)] = 2.8
+    """Focal length over the diameter of the aperture."""
     angle_deg: Annotated[float, Field(gt=1, lt=170)] | None = None
     """α, the horizontal angle of view stated by the maker; None: from pixels and focal length."""
     max_fps: Positive = 79.1
+    """Highest frame rate of the camera."""
     quantum_efficiency: Share = 0.62
     """Electrons per photon; of the most sensitive colour for a sensor with a colour mosaic."""
     read_noise_e: Annotated[float, Field(ge=0, le=1000)] = 2.5
+    """Read noise, electrons, one standard deviation; the default is usual for pixels of 3.45 µm."""
     full_well_e: Positive = 10_500.0
+    """Electrons at which a pixel saturates; the default is usual for pixels of 3.45 µm."""
     transmission: Share = 0.9
     """Transmission of the lens."""
     bytes_per_pixel: Annotated[float, Field(ge=1, le=8)] = 1.0
+    """Bytes on the data link: 1 for 8 bits, 1.5 for 12 bits packed."""
 
     @property
     def focal_px(self) -> float:
@@ -116,6 +131,7 @@ class RigSettings(_Part):
     """Constraints on the positions of the cameras."""
 
     auxiliaries: Annotated[int, Field(ge=1, le=8)] = 4
+    """Number of auxiliary cameras."""
     first_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
     """Direction of the first auxiliary, from across the belt (+x) towards along it (+y)."""
     height_mm: Length | None = None
@@ -151,7 +167,7 @@ class PrecisionSettings(_Part):
     """One standard deviation of a matched image coordinate in each camera, with the reference patch. 0.03 is
     cautious for multi-view matching of projected speckle, which reaches 0.01; pairwise matching reaches 0.1.
     """
-    patch_px: Annotated[int, Field(ge=3, le=501)] = 21
+    patch_px: Annotated[int, Field(ge=3, le=501)] = REFERENCE_PATCH_PX
     """Edge of the patch; σ is proportional to 1/edge, from the reference of 21 px."""
     calibration_sigma_mm: Annotated[float, Field(ge=0, le=1000)] = 0.0
     """σ of depth due to calibration, where it is known."""
@@ -159,24 +175,28 @@ class PrecisionSettings(_Part):
     @property
     def sigma_px(self) -> float:
         """Return σ of a coordinate with this patch."""
-        return self.matching_sigma_px * 21 / self.patch_px
+        return self.matching_sigma_px * REFERENCE_PATCH_PX / self.patch_px
 
 
 class LightSettings(_Part):
     """The projector, the ambient light and the exposure."""
 
     projector_lm: Annotated[float, Field(ge=0, le=1e7)] = 3000.0
+    """Luminous flux of the projector, lumens; 0: no projector."""
     lit_area_mm: tuple[Length, Length] | None = None
     """Area of the projector's picture on the belt; None: the core camera's view of it."""
     ambient_lux: Annotated[float, Field(ge=0, le=2e5)] = 300.0
+    """Illuminance by other light: 300 is a lit hall, 100,000 full sunlight."""
     reflectance: Share = 0.05
     """Reflectance of the darkest material; rubber and coal."""
     lumens_per_watt: Annotated[float, Field(gt=10, le=683)] = 300.0
     """Luminous efficacy of radiation; about 300 for white LEDs."""
     wavelength_nm: Annotated[float, Field(ge=300, le=1100)] = 560.0
+    """Mean wavelength of the light; the limits are those of silicon."""
     exposure_us: Annotated[float, Field(ge=1, le=1e6)] | None = None
     """None: the longest within `max_blur_px` of motion blur and the frame time."""
     max_blur_px: Annotated[float, Field(gt=0, le=100)] = 0.5
+    """Tolerated travel of the belt during an exposure, px of the nearest material."""
     target_snr: Annotated[float, Field(gt=0, le=1000)] = 30.0
     """SNR of a lit dot on the darkest material."""
 

@@ -59,13 +59,13 @@ def summarise(plan: Plan) -> str:
         f"{plan.sigma_median_mm:.3f} mm from matching. "
     )
     shortages: list[str] = []
-    if plan.light.snr < 0.995 * plan.settings.light.target_snr:
+    if plan.is_dark:
         shortages.append(
             f"light (SNR {plan.light.snr:.1f}, which makes σ {plan.sigma_in_this_light_mm:.2f} mm)"
         )
     if plan.motion.fps > plan.settings.camera.max_fps:
         shortages.append("frame rate")
-    if plan.motion.blur_px > plan.settings.light.max_blur_px * (1 + 1e-9):
+    if plan.is_blurred:
         shortages.append("a shorter exposure")
     return text + (
         f"What is missing: {', '.join(shortages)}." if shortages else "Light and frame rate suffice."

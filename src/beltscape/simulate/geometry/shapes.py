@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,15 +87,23 @@ def make_sphere(radius_mm: float, tolerance_mm: float = 0.002) -> Mesh:
 
     It has the exact volume, so that vertices lie slightly outside the sphere and centres of faces slightly inside.
     """
-    mesh = make_icosahedron()
-    while True:
-        inner = np.linalg.norm(mesh.vertices_mm[mesh.faces].mean(axis=1), axis=1).min()
-        if (1 - inner) * radius_mm <= tolerance_mm:
-            break
-        mesh = subdivide(mesh)
-        mesh = Mesh(mesh.vertices_mm / np.linalg.norm(mesh.vertices_mm, axis=1)[:, None], mesh.faces)
+    level = 0
+    while (1 - _subdivided_sphere(level)[1]) * radius_mm > tolerance_mm:
+        level += 1
+    mesh = _subdivided_sphere(level)[0]
     scale = np.cbrt(4 / 3 * np.pi / mesh.volume_mm3)
     return Mesh(mesh.vertices_mm * (radius_mm * scale), mesh.faces)
+
+
+@cache
+def _subdivided_sphere(level: int) -> tuple[Mesh, float]:
+    """Return an icosahedron subdivided ``level`` times onto the unit sphere, and its faces' least distance."""
+    if level == 0:
+        mesh = make_icosahedron()
+    else:
+        mesh = subdivide(_subdivided_sphere(level - 1)[0])
+        mesh = Mesh(mesh.vertices_mm / np.linalg.norm(mesh.vertices_mm, axis=1)[:, None], mesh.faces)
+    return mesh, float(np.linalg.norm(mesh.vertices_mm[mesh.faces].mean(axis=1), axis=1).min())
 
 
 def make_icosahedron() -> Mesh:
@@ -119,8 +128,9 @@ def make_icosahedron() -> Mesh:
 def subdivide(mesh: Mesh) -> Mesh:
     """Split every triangle into four at the middles of its edges; the shape stays the same."""
     edges = np.sort(np.concatenate([mesh.faces[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
-    unique, index = np.unique(edges, axis=0, return_inverse=True)
-    middles = mesh.vertices_mm[unique].mean(axis=1)
+    count = len(mesh.vertices_mm)
+    unique, index = np.unique(edges[:, 0] * count + edges[:, 1], return_inverse=True)
+    middles = mesh.vertices_mm[np.stack(np.divmod(unique, count), axis=1)].mean(axis=1)
     ab, bc, ca = (index.reshape(3, -1) + len(mesh.vertices_mm)).astype(np.int64)
     a, b, c = mesh.faces.T
     corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]

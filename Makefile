@@ -79,9 +79,9 @@ docs: dev ## the manual as a web site in site/
 
 lock: dev ## resolve the dependencies anew
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
-	  --no-header --extra build pyproject.toml -o requirements/run.lock
+	  --no-header --extra build --extra simulate --extra live pyproject.toml -o requirements/run.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
-	  --no-header --extra build --extra dev -c requirements/run.lock pyproject.toml -o requirements/dev.lock
+	  --no-header --extra build --extra simulate --extra live --extra dev -c requirements/run.lock pyproject.toml -o requirements/dev.lock
 
 clean: ## back to a fresh clone
 	rm -rf $(VENV) build out site .pytest_cache .ruff_cache .hypothesis

@@ -9,6 +9,7 @@ import traceback
 from pathlib import Path
 
 from beltscape.core.errors import BeltscapeError
+from beltscape.core.extras import describe_missing_library
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
 """Exit codes: usage or input error, internal error (EX_SOFTWARE of sysexits.h), Ctrl-C."""
@@ -49,6 +50,9 @@ def _describe(error: BaseException) -> tuple[int, str]:
         return BAD_INPUT, f"{error.filename}: {error.strerror or error}; check that it exists and may be used"
     if isinstance(error, MemoryError):
         return BAD_INPUT, "not enough memory for this; give smaller images or fewer points"
+    missing = describe_missing_library(error) if isinstance(error, ImportError) else None
+    if missing is not None:
+        return BAD_INPUT, missing
     hint = "" if os.environ.get(TRACEBACK) else f"; set {TRACEBACK}=1 to see where, and report it"
     text = " ".join(f"{type(error).__name__}: {error}".split())
     return INTERNAL, f"internal error, a fault of Beltscape ({text} in {_find_origin(error)}){hint}"

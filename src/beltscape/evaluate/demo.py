@@ -18,6 +18,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
 from beltscape.evaluate.scores.depth import DepthScore, score_depth
 from beltscape.evaluate.scores.rig import RigScore, score_rig_against_truth
+from beltscape.evaluate.truth.simulated import WITHIN_MM
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rasters.images import read_image
@@ -40,8 +41,6 @@ SCENES = ("belt_empty", "belt_loaded", "module")
 METHODS = ("multiview", "pairwise", "binocular")
 MAIN = METHODS[0]
 """The method whose depth is shown and measured."""
-EVALUATE_WITHIN_MM = 240.0
-"""Half length of the evaluated region along the belt; the projector illuminates little more."""
 ALONG_MM = (-200.0, 200.0)
 """Stretch of belt whose volume is compared, in the true belt frame."""
 
@@ -152,7 +151,7 @@ def _true_belt_from_core(data: Path) -> Pose:
 def _lit_mask(data: Path, true_mm: NDArray[np.float64], rig: Rig) -> NDArray[np.bool_]:
     points = np.concatenate([rig.core_camera.rays() * true_mm[..., None], true_mm[..., None]], axis=-1)
     along = _true_belt_from_core(data).apply(points)[..., 1]
-    return np.abs(along) <= EVALUATE_WITHIN_MM
+    return np.abs(along) <= WITHIN_MM
 
 
 def _evaluate_volume(data: Path, scene: str, out: Path, reporter: Reporter) -> VolumeResult:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.core.geometry.rig import Rig
-from beltscape.evaluate.demo import EVALUATE_WITHIN_MM, MAIN, METHODS, Demo
+from beltscape.evaluate.demo import MAIN, METHODS, Demo
+from beltscape.evaluate.paper.pages.formatting import ERROR_MM, SCENES
 from beltscape.evaluate.scores.depth import DepthScore
+from beltscape.evaluate.truth.simulated import WITHIN_MM
 from beltscape.files.meshes.ply_points import read_cloud
 from beltscape.report.drawing.depth_picture import make_depth_panel, make_error_panel, make_sigma_panel
 from beltscape.report.drawing.legend import NEAR_TO_FAR, Scale
@@ -15,10 +17,8 @@ from beltscape.report.drawing.scene import Scene, make_rig_scene
 from beltscape.report.measuring.volume import format_litres, make_height_chart, make_profiles_chart
 from beltscape.report.page import InteractiveScene, Pictures, Section, Table, Tile, Tiles, render
 
-TITLES = {"belt_empty": "empty belt", "belt_loaded": "loaded belt", "module": "calibration module"}
 CLOUD_POINTS = 30_000
-"""Number of points that a browser redraws smoothly while the view is rotated."""
-ERROR_MM = 1.0
+"""Number of points that a browser redraws smoothly while the view is rotated; chosen."""
 
 
 def render_demo_page(demo: Demo) -> str:
@@ -50,7 +50,7 @@ def render_demo_page(demo: Demo) -> str:
             "Depth against truth",
             "Share of all true pixels measured within 1 and 0.25 mm; "
             "median away from edges; gross: off by more than 5 mm; pixels on a true depth step are left out. "
-            f"Evaluated within {EVALUATE_WITHIN_MM:.0f} mm of the rig's centre along the belt. Multiview matches all "
+            f"Evaluated within {WITHIN_MM:.0f} mm of the rig's centre along the belt. Multiview matches all "
             "auxiliaries at once; pairwise, the paper's method, is the mean over all core–auxiliary pairs, "
             "binocular one pair alone.",
             [_depth_table(demo), *(_scene_figure(demo, scene) for scene in demo.scenes)],
@@ -124,7 +124,7 @@ def _depth_table(demo: Demo) -> Table:
             "actual / predicted σ",
         ],
         [
-            [TITLES[scene], method, *_depth_row(result.depth[method])]
+            [SCENES[scene], method, *_depth_row(result.depth[method])]
             for scene, result in demo.scenes.items()
             for method in METHODS
         ],
@@ -150,7 +150,7 @@ def _scene_figure(demo: Demo, scene: str) -> Pictures:
     ]
     return Pictures(
         panels,
-        f"{TITLES[scene].capitalize()}: image, depth, its σ, and the error against the truth.",
+        f"{SCENES[scene].capitalize()}: image, depth, its σ, and the error against the truth.",
         columns=2,
     )
 
@@ -159,7 +159,7 @@ def _volume_table(demo: Demo) -> Table:
     return Table(
         ["scene", "measured l", "σ l", "true l", "error", "error / σ", "measured share"],
         [
-            [TITLES[scene], format_litres(v.volume.volume_mm3), format_litres(v.volume.sigma_mm3),
+            [SCENES[scene], format_litres(v.volume.volume_mm3), format_litres(v.volume.sigma_mm3),
              format_litres(v.true_mm3),
              f"{v.error:+.2%}", f"{(v.volume.volume_mm3 - v.true_mm3) / v.volume.sigma_mm3:+.1f}",
              f"{v.volume.coverage:.1%}"]

@@ -19,6 +19,9 @@ from beltscape.simulate.geometry.world import Station
 from beltscape.simulate.sensors.line_laser import Laser, LineImage
 from beltscape.simulate.sensors.profile_scan import ProfileScan
 
+_SECOND_PEAK = 0.5
+"""Height of a second peak, over the highest one, from which a column is ambiguous; chosen."""
+
 Array = NDArray[np.float64]
 
 
@@ -33,10 +36,11 @@ class PeakSettings(BaseModel):
     base: Annotated[float, Field(ge=0, lt=1)] = 0.1
     """Share of the brightest pixel's counts below which a pixel has no weight."""
     brightest: Annotated[int, Field(ge=1, le=255)] = 254
-    """Above lies saturation."""
+    """Largest counts of its brightest pixel; above lies saturation."""
     read_noise: Annotated[float, Field(ge=0, le=100)] = 0.4
-    """Of the camera, counts."""
+    """Read noise of the camera, counts."""
     electrons_per_count: Annotated[float, Field(gt=0, le=1e6)] = 55.0
+    """Electrons per count: a full well of 14,000 over 255 counts."""
 
 
 def locate_line_centers(
@@ -44,7 +48,7 @@ def locate_line_centers(
 ) -> tuple[Array, Array]:
     """Return the rows (W,) of the line centre in an image (h, W) and their σ (W,) by camera noise; NaN: no line.
 
-    A column with a second peak of half the height outside the window is ambiguous and gives NaN.
+    A column with a second peak of `_SECOND_PEAK` of the height outside the window is ambiguous and gives NaN.
     """
     settings = settings or PeakSettings()
     counts = image.astype(np.float64)
@@ -54,7 +58,7 @@ def locate_line_centers(
     second = np.where(near, 0, counts).max(axis=0)
     weight = np.where(near, np.maximum(counts - settings.base * peak, 0), 0)
     total = weight.sum(axis=0)
-    good = (peak >= settings.least) & (second < 0.5 * peak) & (peak <= settings.brightest)
+    good = (peak >= settings.least) & (second < _SECOND_PEAK * peak) & (peak <= settings.brightest)
     with np.errstate(invalid="ignore", divide="ignore"):
         middle = (rows * weight).sum(axis=0) / total
         variance = settings.read_noise**2 + counts / settings.electrons_per_count

@@ -12,7 +12,7 @@ from beltscape.simulate.sensors.profile_scan import ProfileScan
 from beltscape.simulate.truth.visibility import compute_pixel_rays
 
 REACH = 3.0
-"""Neighbours farther apart than this multiple of the median distance are not joined (a step or a gap)."""
+"""Neighbours farther apart than this multiple of the median distance are not joined (a step or a gap); chosen."""
 
 
 def rasterise_profiles(scan: ProfileScan, station: Station) -> DepthMap:

@@ -37,7 +37,7 @@ from beltscape.simulate.sensors.sequence import render_sequence
 from beltscape.stereo.pointcloud.cloud import CloudBuilder
 
 SPEED_MM_S = 1000.0
-"""Of the belt under the profile sensors."""
+"""Speed of the belt under the profile sensors."""
 ALONG_MM = (-330.0, 330.0)
 """Range that the profile sensors scan, slightly longer than the evaluated one."""
 BESIDE_MM = 300.0

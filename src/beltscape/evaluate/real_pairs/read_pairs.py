@@ -51,11 +51,16 @@ METHODS: Mapping[str, Reconstruct] = {"pairwise": run_pairwise, "multiview": run
 """Methods that the tests and the benchmark run."""
 
 _SUBSET_PX = 27
+"""Edge of a subset, and below the step between two: those of DICe's example."""
 _STEP_PX = 35
 _BORDER_PX = 20
+"""Distance of the outermost subsets' centres from the image's border: half a subset and some search."""
 _CORRELATED = 0.95
+"""Least correlation of a located subset; false ones stay far below."""
 _OFF_LINE_PX = 0.5
+"""Largest distance from the epipolar line: false matches are pixels off, true ones hundredths."""
 _CONTRAST = 15.0
+"""Least standard deviation of the grey levels of each quarter of a subset; the specimens' speckle has more."""
 
 
 def read_dice_gt4(folder: Path) -> SpecklePair:

@@ -14,7 +14,13 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.scores.depth import compute_robust_sigma
 
 GROSS_PX = 1.0
-"""A larger difference is a false match, not noise."""
+"""A larger difference is a false match, not noise, which is hundredths of a pixel."""
+_STEP = 1e-4
+"""Relative step of depth for differences: the projection is nearly linear over it."""
+_ITERATIONS = 8
+"""Gauss-Newton steps; the problem is nearly linear, so that three reach rounding."""
+_MEASURED_SHARE = 0.5
+"""Least measured share of a subset for its median depth."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,8 +119,8 @@ def triangulate_depth_mm(
     """
     rays = rig.core_camera.undistort(core_px)
     inverse = np.full(len(rays), 1 / start_mm)
-    step = 1e-4 / start_mm
-    for _ in range(8):
+    step = _STEP / start_mm
+    for _ in range(_ITERATIONS):
         at = _project_rays(rig, rays, 1 / inverse)
         slope = (_project_rays(rig, rays, 1 / (inverse + step)) - at) / step
         inverse = inverse + ((aux_px - at) * slope).sum(axis=1) / (slope * slope).sum(axis=1)
@@ -132,7 +138,7 @@ def _epipolar_direction(
     rig: Rig, rays: NDArray[np.float64], depth_mm: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Return unit vectors (N, 2) along the epipolar lines in the distorted auxiliary image, towards the near end."""
-    moved = _project_rays(rig, rays, depth_mm * (1 - 1e-4)) - _project_rays(rig, rays, depth_mm)
+    moved = _project_rays(rig, rays, depth_mm * (1 - _STEP)) - _project_rays(rig, rays, depth_mm)
     return moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
 
@@ -146,7 +152,7 @@ def _depth_at(rig: Rig, depth: DepthMap, rays: NDArray[np.float64], subset_px: i
     # one map for all: a neighbour that is not measured makes the sample NaN
     found = ndimage.map_coordinates(depth.depth_mm.astype(np.float64), places, order=1, cval=np.nan)
     found = np.asarray(found).reshape(len(rays), -1)
-    enough = np.isfinite(found).mean(axis=1) >= 0.5
+    enough = np.isfinite(found).mean(axis=1) >= _MEASURED_SHARE
     result = np.full(len(rays), np.nan)
     result[enough] = np.nanmedian(found[enough], axis=1)
     return result

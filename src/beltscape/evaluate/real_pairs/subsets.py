@@ -14,7 +14,13 @@ from beltscape.core.geometry.pose import Pose, rotation_from_vector
 from beltscape.core.geometry.rig import Rig
 
 _ENDED = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-7)
+"""End of the search: after 100 iterations, or when the correlation rises by less than 1e-7."""
 _OUTLIER_PX = 0.1
+"""Distance from the epipolar line beyond which the loss grows linearly: some ten σ of a subset's location."""
+_END = 1e-12
+"""Relative change that ends the fit of the pose: rounding."""
+_SCALE = 1e-3
+"""Scale of the pose's parameters, rad: the order of their corrections."""
 
 
 def find_subsets(
@@ -94,6 +100,6 @@ def fit_auxiliary_pose(rig: Rig, core_px: NDArray[np.float64], aux_px: NDArray[n
         return (second * lines).sum(axis=1) / np.hypot(lines[:, 0], lines[:, 1]) * aux.focal_px.mean()
 
     fit = optimize.least_squares(
-        off_px, np.zeros(5), x_scale=1e-3, loss="soft_l1", f_scale=_OUTLIER_PX, xtol=1e-12, ftol=1e-12
+        off_px, np.zeros(5), x_scale=_SCALE, loss="soft_l1", f_scale=_OUTLIER_PX, xtol=_END, ftol=_END
     )
     return replace(rig, cam_from_core={rig.core: Pose.identity(), name: pose(fit.x)})

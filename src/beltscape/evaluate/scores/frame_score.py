@@ -21,7 +21,7 @@ from beltscape.evaluate.truth.simulated import WITHIN_MM, Truth
 from beltscape.stereo.pairwise.reconstructor import find_horizontal_auxiliary
 
 _LOCKED_LEAST = 10_000
-"""Smallest number of pixels for which pixel locking is distinguished from noise."""
+"""Least number of pixels for pixel locking: with 1000 in a bin, noise of 0.1 px averages to 0.003."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,13 +14,13 @@ from beltscape.measure.lumps.distribution import compute_passing_sizes
 from beltscape.measure.lumps.lumps import FINES, Lumps
 
 FULL_SHARE = 0.25
-"""Share of a disc of its size that a visible rock shows at least."""
+"""Least share of a disc of its size that a visible rock shows; with less its outline does not show its size."""
 MEASURED_SHARE = 0.8
 """Share of a rock's pixels with a depth from which its outline can be measured."""
 LEAST_PX = 100
-"""Smallest visible area of a rock that can be detected; smaller ones are slivers."""
+"""Smallest visible area of a rock that can be detected: 10 × 10 px; smaller ones are slivers."""
 _MATCH = 0.5
-"""Intersection over union above which two outlines match."""
+"""Intersection over union above which two outlines match; at 0.5 a match is unique (as in PASCAL VOC)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,9 @@ from beltscape.core.depth import DepthMap
 from beltscape.evaluate.scores.depth import compute_robust_sigma
 
 SIGMA_BINS = 5
+"""Number of groups of equal size by predicted σ."""
 LOCKING_BINS = 10
+"""Number of bins of the disparity's fraction, a tenth of a pixel each."""
 _MATCHED_PX = 0.5
 """A larger error is a false match, not an interpolation error."""
 

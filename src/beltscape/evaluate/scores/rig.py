@@ -11,7 +11,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels
 
 WORKING_VOLUME_MM = ((-300.0, 300.0), (-240.0, 240.0), (600.0, 760.0))
-"""x, y, z in the core camera's frame."""
+"""Range of x, y, z in the core camera's frame: the belt, its load and its edges in the rendered captures."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from beltscape.core.geometry.rig import Rig
 
 _STEP = 0.006
-"""Relative depth range within 2 × 2 pixels above which there is a step and no interpolation."""
+"""Relative depth range within 2 × 2 pixels above which there is a step, and no interpolation: 4 mm at 0.7 m."""
 
 
 def resample_depth(rig: Rig, truth: Rig, true_mm: NDArray[np.floating]) -> NDArray[np.float64]:

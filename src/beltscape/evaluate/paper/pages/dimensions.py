@@ -16,7 +16,7 @@ from beltscape.evaluate.paper.tof import SMOOTHED_PX, TOF
 from beltscape.report.page import Item, Pictures, Section, Table
 
 TOF_ERROR_MM = 10.0
-"""Limit of the colour scale of the time-of-flight camera's errors."""
+"""Limit of the colour scale of the time-of-flight camera's errors, ten times that of the others."""
 
 
 def make_table2_section(paper: Paper) -> list[Section]:

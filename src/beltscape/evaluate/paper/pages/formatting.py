@@ -7,14 +7,16 @@ import numpy as np
 from beltscape.evaluate.paper.surfaces import ScoredDepth
 
 SCENES = {"belt_empty": "empty belt", "belt_loaded": "loaded belt", "module": "calibration module"}
+"""Scene → its name in texts."""
 METRICS = ("measured", "< 1 mm", "< 0.25 mm", "median", "bias", "robust σ", "gross", "σ ratio")
 UNITS = (
     "Median, bias and robust σ in mm, more than 6 px from a true step; gross: off by more than 5 mm, of the "
     "measured; σ ratio: actual over predicted σ."
 )
 _MANY = 1000
+"""Ratio from which a number says no more than "over"."""
 ERROR_MM = 1.0
-"""Limit of the colour scale of the error pictures."""
+"""Limit of the colour scale of the error pictures: four times the tolerance of the column "< 0.25 mm"."""
 
 
 def format_metrics(one: ScoredDepth) -> list[str]:

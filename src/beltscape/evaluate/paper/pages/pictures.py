@@ -135,7 +135,9 @@ def _set_logarithmic(axis: Axes, which: Literal["x", "y"]) -> None:
 
 
 _LEAST_MM = 0.001
+"""Left end of the logarithmic axis of errors; smaller errors have no bar."""
 _AT_REST_MM = 0.01
+"""Place of no travel on a logarithmic axis of travels, a decade below the shortest one."""
 
 
 def _paper_error(row: DimensionRow) -> float:

@@ -22,6 +22,7 @@ from beltscape.report.drawing.pictures import Panel
 from beltscape.report.page import Item, Pictures, Section, Table
 
 FIGURES = {"belt_empty": 13, "belt_loaded": 14, "module": 15}
+"""Scene → number of the paper's figure."""
 
 
 def make_completeness_section(paper: Paper) -> list[Section]:

@@ -161,6 +161,7 @@ def test_records_reach_disk_and_observer_alike(tmp_path: Path) -> None:
     assert watcher.totals == historian.totals
     assert historian.totals.volume_mm3 == pytest.approx(sum(r.volume_mm3 for r in kept), rel=1e-12)
     assert watcher.stretches > 3
+    assert watcher.maintenance == []
     historian.close()
 
 

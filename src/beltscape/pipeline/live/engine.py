@@ -50,7 +50,9 @@ class Engine:
 
     def start(self) -> None:
         """Start the threads; maintenance that an earlier run began goes on."""
-        self._components.observer.on_maintenance(self._components.maintenance.current)
+        present = self._components.maintenance.current
+        if present is not None:
+            self._components.observer.on_maintenance(present)
         for thread in self._threads:
             thread.start()
 

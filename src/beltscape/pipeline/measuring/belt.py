@@ -17,7 +17,6 @@ from beltscape.files.folders.atomic import write_text
 from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame, require_intact
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
-from beltscape.report.measuring.belt import render_belt_page
 
 
 def measure_empty_belt(folder: Path, frames: Sequence[str] | None, reporter: Reporter) -> tuple[Belt, Camera]:
@@ -93,6 +92,8 @@ def require_same_camera(loaded: Path, camera: Camera, empty: Path, other: Camera
 
 def write_belt_files(out: Path, belt: Belt, camera: Camera) -> Path:
     """Write belt.json and its report beside it; return the report's path."""
+    from beltscape.report.measuring.belt import render_belt_page
+
     write_belt(out, belt, camera)
     page = out.with_suffix(".html")
     write_text(page, render_belt_page(belt))

@@ -61,11 +61,13 @@ class MonitoredMatcher:
         check = self._monitor.check_images(frame_set)
         self._findings, self._is_whole = check.findings, check.is_whole
         self._report(frame_set, check.findings, reporter)
-        if frame_set.images and not check.frames.images:
-            faults = summarise_faults(one for one in check.findings if one.effect != "none")
+        faults = summarise_faults(one for one in check.findings if one.effect != "none")
+        if faults and not check.frames.images:
             raise ReconstructionError(f"frame {frame_set.frame}: {faults}")
         try:
-            depth = self._matcher.reconstruct(check.frames, reporter, prior=prior)
+            # without a fault too few cameras gave an image, which the matcher names
+            frames = check.frames if check.frames.images else frame_set
+            depth = self._matcher.reconstruct(frames, reporter, prior=prior)
         finally:
             self._findings = (*check.findings, *self._matcher.findings)
         dirt = self._monitor.check_depth(depth)

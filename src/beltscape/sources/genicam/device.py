@@ -63,6 +63,9 @@ class Device:
         except glib_error_type() as error:
             raise _camera_error(name, settings, error) from error
         self._handler = self._camera.get_device().connect("control-lost", self._control.on_lost)
+        with suppress(glib_error_type()):
+            # a program that was killed leaves it sending: to that program's port, and with its settings locked
+            self._camera.stop_acquisition()
         try:
             self._start(Features(self._lib, name, self._camera), settings, size_px)
         except glib_error_type() as error:

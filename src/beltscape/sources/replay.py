@@ -13,6 +13,7 @@ from beltscape.core.translatable_message import Message
 from beltscape.sources.folder import FolderSource
 
 _RATE_S = 5.0
+"""Interval over which the rate of frames is counted, as for live cameras (`genicam.health`)."""
 
 
 @dataclass(frozen=True, slots=True)

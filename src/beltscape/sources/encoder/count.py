@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from beltscape.sources.encoder.settings import EncoderSettings
 
 _SLACK_MM = 100.0
-"""The count of a stopped belt may differ by this much."""
+"""Tolerated change of a stopped belt's count, for play and a creeping stop; chosen."""
 _MEAN_NS = 0.3e9
-"""Time constant of the mean speed; readings that were delayed arrive all at once."""
+"""Time constant of the mean speed: readings that were delayed arrive all at once, over tenths of a second."""
 _ROLL_BACK_MM = 500.0
-"""A loaded belt that stops may roll back this far; beyond it the encoder is wired or set in reverse."""
+"""A loaded belt that stops may roll back this far; beyond it the encoder is wired or set in reverse. Chosen."""
 _AHEAD_MM = 3000.0
 """The ledger may be ahead of the belt by this much: it counts belt in view upstream, and the belt rolls back."""
 

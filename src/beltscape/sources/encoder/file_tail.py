@@ -7,8 +7,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 _BACK = 4096
+"""Bytes at the end of the file in which the last complete line ends."""
 _CHUNK = 1 << 20
+"""Bytes read at once."""
 _LONGEST = 1 << 16
+"""Bytes of an incomplete line that are kept; a reading has at most 256."""
 
 
 class FileTail:

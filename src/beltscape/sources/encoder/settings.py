@@ -21,6 +21,7 @@ class EncoderSettings(BaseModel):
     host: str = "127.0.0.1"
     """Address that receives datagrams; if other machines can reach it, ``sender`` should be set."""
     port: Annotated[int, Field(ge=1, le=65_535)] = 8461
+    """UDP port that receives datagrams."""
     sender: str = ""
     """Address of the only machine whose datagrams are accepted; empty: any."""
     speed_mm_s: Annotated[float, Field(ge=0, le=20_000)] | None = None

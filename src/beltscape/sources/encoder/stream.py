@@ -14,7 +14,11 @@ from beltscape.sources.encoder.text import Reading, parse_reading
 from beltscape.sources.encoder.track import PositionTrack
 
 _FRAMES = 10_000
+"""Number of readings with a frame's name that are kept, which bounds the memory."""
 _RECENT_NS = 60_000_000_000
+"""Time for which a notice is reported, and within which a reading with a frame's name belongs to that frame."""
+_QUOTED = 40
+"""Number of characters of a wrong line that its notice quotes."""
 
 
 class ReadingStream:
@@ -43,7 +47,9 @@ class ReadingStream:
             reading = parse_reading(line)
         except ValueError as error:
             self.add_notice(
-                "line", f"a reading {line[:40]!r} cannot be read ({error}); check what sends it", arrival_ns
+                "line",
+                f"a reading {line[:_QUOTED]!r} cannot be read ({error}); check what sends it",
+                arrival_ns,
             )
             return
         if reading is not None:

@@ -10,8 +10,9 @@ from beltscape.files.rasters.images import EXTENSIONS
 from beltscape.files.tables.encoder_csv import HEADER
 
 LONGEST = 256
-"""Characters; a longer line is no reading."""
+"""Characters of a line; a longer one is no reading: name, timestamp and position have some 100."""
 _LARGEST = 1e15
+"""Largest number: whole counts are exact in a double up to 9e15."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from threading import Condition
 from time import monotonic_ns
 
 _MOST = 20_000
+"""Number of readings that are kept, which bounds the memory: 20 s at 1000 readings a second."""
 _BEYOND = 2
 """A track is extrapolated at its last speed for this multiple of its last interval."""
 

@@ -13,7 +13,9 @@ from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.encoder.stream import ReadingStream
 
 _LARGEST = 2048
+"""Bytes of a datagram: more than an Ethernet frame carries (1500)."""
 _PATIENCE_S = 0.2
+"""Longest wait for a datagram before the end is checked, and pause after a failure of the socket."""
 
 
 class UdpEncoder(ReadingStream):

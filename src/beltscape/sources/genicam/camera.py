@@ -12,13 +12,13 @@ from beltscape.core.supervision import make_supervised_thread
 from beltscape.sources.genicam.device import RawImage
 
 REOPEN_AFTER_S = 1.5
-"""A camera without an image for this time, when one was due, is reopened."""
+"""A camera without an image for this time, when one was due, is reopened; chosen, above any exposure."""
 RETRY_S = 0.3
 """Pause between two attempts to open; an attempt itself takes seconds if nothing answers."""
 CLOSE_S = 1.0
 """A responding camera closes within this time; one that does not respond is reopened meanwhile."""
 LATEST = 0.2
-"""A trigger that is late by this share of the period is skipped."""
+"""A trigger that is late by this share of the period is skipped, so that the next one is on time. Chosen."""
 RECEIVE_S = 0.1
 """Time for which a call waits for an image before it checks whether to stop."""
 

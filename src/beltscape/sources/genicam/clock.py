@@ -9,17 +9,17 @@ import numpy as np
 BIN_NS = 1_000_000_000
 """In each second of camera time only the image with the least delay is used: the network only adds delay."""
 KEPT = 60
-"""Number of seconds that are kept."""
+"""Number of seconds that are kept; the temperature that changes a quartz's drift changes more slowly."""
 FIRST = 5
-"""Number of images whose delays must agree before the clock is used."""
+"""Number of images whose delays must agree before the clock is used: an accidental delay differs. Chosen."""
 AMONG = 20
 """Number of the latest images among which these must be."""
 LINE_FROM = 6
-"""Number of seconds from which the drift is estimated."""
+"""Number of seconds from which the drift is estimated; over fewer, delays of 0.1 ms would make 20 ppm and more."""
 UNSURE_PPM = 20.0
-"""Error of the drift, which adds to the offset's error during a pause."""
+"""Error of the drift, which adds to the offset's error during a pause: that of a fit over `LINE_FROM` seconds."""
 DRIFT_PPM = 300.0
-"""Largest drift of a quartz clock."""
+"""Largest drift of a quartz clock; data sheets of cameras state 20 to 100."""
 LATE_NS = 2_000_000_000
 """An image with a larger delay indicates that a clock was set."""
 OUTLIERS = 3

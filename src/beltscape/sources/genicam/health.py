@@ -16,15 +16,17 @@ from beltscape.sources.genicam.settings import CamerasSettings
 OVEREXPOSED = 0.2
 """Share of saturated pixels from which an image cannot be used."""
 DARK = 0.03
-"""A view whose brightest pixels stay below this share of the range is called dark."""
+"""A view whose brightest pixels stay below this share of the range is dark: 8 of 255 grey levels. Chosen."""
+BRIGHTEST = 0.995
+"""Quantile that counts as the brightest pixels: fewer are hot pixels and glints."""
 RATE_WINDOW_S = 5.0
-"""Interval over which the rate is counted."""
+"""Interval over which the rate is counted: long enough for slow cameras, short enough to follow a change."""
 BRIGHTNESS_INTERVAL_S = 1.0
-"""Interval between checks of an image's brightness."""
+"""Interval between checks of an image's brightness, which bounds their cost."""
 SKEWED_FROM = 3
 """Number of consecutive images that must exceed the skew: a single one may by chance."""
 RECENT_S = 10.0
-"""Time for which a broken image is reported."""
+"""Time for which a broken image is reported, so that a person sees it."""
 
 START_GRACE_S = 15.0
 """Time after the start in which a camera is waited for: after a crash it refuses its next program until its heartbeat
@@ -79,7 +81,7 @@ def find_brightness_fault(image: Image) -> str:
     if share > OVEREXPOSED:
         text = f"overexposed: {share:.0%} of the pixels are saturated; lower exposure_us or gain_db"
         return Message(text, "overexposed", share=round(100 * share))
-    top = float(np.quantile(sample, 0.995)) / float(np.iinfo(image.dtype).max)
+    top = float(np.quantile(sample, BRIGHTEST)) / float(np.iinfo(image.dtype).max)
     if top < DARK:
         text = (
             f"dark: the brightest pixels reach {top:.1%} of the range; check light, lens cap and exposure_us"

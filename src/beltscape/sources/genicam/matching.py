@@ -19,13 +19,17 @@ from beltscape.sources.genicam.matching_types import (
 )
 
 KEPT_IDS = 64
-"""Number of a camera's latest images that are selected to detect duplicates."""
+"""Number of a camera's latest images among which duplicates are detected: more than are in flight."""
 BIAS_OF = 51
-"""Number of instants from which the constant part of a clock's error is estimated."""
+"""Number of instants from which the constant part of a clock's error is estimated, by their median; chosen."""
 BIAS_FROM = 5
-"""Number of instants from which it is used."""
+"""Number of instants from which it is used: a median of five withstands two outliers."""
 UNSYNCHRONISED_NS = 50_000_000
-"""Clocks that differ by more than this are not shared."""
+"""Clocks that differ by more than this are not shared: IEEE 1588 keeps microseconds, NTP milliseconds."""
+LAST_ID = 65_535
+"""Last count of GigE Vision's 16-bit block identifiers, after which 1 follows (0 is reserved)."""
+MOST_MISSING = 1000
+"""Largest step of the count that is missing images; a larger one is a restarted count. Chosen."""
 
 
 @dataclass(slots=True)
@@ -211,6 +215,6 @@ class InstantMatcher(Generic[Payload]):
 def count_missing(before: int, after: int) -> int:
     """Return the number of images missing between two of a camera's counts; 0 if the count began anew."""
     step = after - before
-    if step < 0 and before <= 65535:  # a 16-bit count continues at 1 after 65535
-        step += 65535
-    return step - 1 if 1 <= step <= 1000 else 0
+    if step < 0 and before <= LAST_ID:
+        step += LAST_ID
+    return step - 1 if 1 <= step <= MOST_MISSING else 0

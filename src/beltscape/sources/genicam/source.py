@@ -22,7 +22,7 @@ from beltscape.sources.genicam.position import BeltCounter
 from beltscape.sources.genicam.settings import WINDOW_SHARE, CamerasSettings
 
 READY = 16
-"""Longest queue of frame sets; beyond it the oldest are dropped."""
+"""Longest queue of frame sets; beyond it the oldest are dropped, so that the results stay current."""
 START_S = 2.0
 """At the start the first camera waits this long for the others."""
 CLOSE_S = 3.0

@@ -15,6 +15,7 @@ from beltscape.sources.genicam.aravis import load_aravis
 COUNTER = "TestRegister"
 """The feature in which a simulated camera gives the belt's count: its spare register."""
 COUNTER_ADDRESS = 0x1F0
+"""Address of that register in Aravis' fake camera (arvfakecamera.h)."""
 LIBRARY = "libaravis-0.8.so.0"
 
 _Fill = ctypes.CFUNCTYPE(

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from beltscape.core.errors import OutputError
 
 CLONE_NEWNET = 0x40000000
+"""Flag of unshare(2): a network namespace of its own (linux/sched.h)."""
 
 
 def add_addresses(addresses: Iterable[str]) -> None:

@@ -31,6 +31,8 @@ COMMANDS = {
     "view": "a rig, a frame or a sequence in 3-D, with belt and fitted primitives, in the browser",
     "export": "rig.json → OpenCV YAML, Kalibr camchain, COLMAP rig, ROS camera_info",
     "import": "one of these → rig.json",
+    "doctor": "what is installed, and whether this machine suits the job",
+    "completion": "completion of commands and options for bash, zsh and fish",
 }
 """Command → its description. Each is in the module of its name, which is imported only when the command is called."""
 
@@ -71,6 +73,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run_command(words: Sequence[str]) -> int:
+    if "_ARGCOMPLETE" in os.environ:
+        _complete()
     name = words[0] if words else ""
     if name not in COMMANDS:
         return _run_top_level(words)
@@ -79,6 +83,20 @@ def _run_command(words: Sequence[str]) -> int:
     command.add_arguments(parser)
     _add_json(parser)
     return _run(command, parser.parse_args(words[1:]))
+
+
+def _complete() -> None:
+    """Answer a shell's question for completions with the arguments of all commands."""
+    from beltscape.cli.completion import answer
+
+    parser = OneLineParser(prog="beltscape")
+    parsers = parser.add_subparsers()
+    for name, description in COMMANDS.items():
+        command: Command = import_module(f"beltscape.cli.{name}")  # pyright: ignore[reportAssignmentType]
+        child = parsers.add_parser(name, help=description)
+        command.add_arguments(child)
+        _add_json(child)
+    answer(parser)
 
 
 def _run(command: Command, arguments: argparse.Namespace) -> int:

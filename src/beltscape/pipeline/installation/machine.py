@@ -1,0 +1,125 @@
+"""Checks of the machine: network cards, socket buffers, disk, clock, graphics processor."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from time import perf_counter
+
+from beltscape.pipeline.installation.result import InstallationCheck
+
+JUMBO_MTU = 9000
+"""Usual largest packet of GigE Vision; with 1500 a camera sends six times as many packets."""
+RECEIVE_BUFFER = 33_554_432
+"""Bytes that deploy/sysctl.conf sets: five images of 2448×2048 and their packets."""
+_LEAST_MB_S = 100.0
+"""A day's records take kilobytes a second; recording five cameras of 1224×1024 at 8 frames/s takes 50 MB/s."""
+_WRITE_MB = 64
+_LEAST_FREE_GB = 10.0
+"""Half a year of records, or three minutes of recorded images."""
+
+
+def check_machine(folder: Path) -> Iterator[InstallationCheck]:
+    """Yield the checks of the machine; the disk is that of ``folder``."""
+    yield from check_network_cards(Path("/sys/class/net"))
+    yield check_socket_buffers(Path("/proc/sys/net/core/rmem_max"))
+    yield check_disk(folder)
+    yield check_clock()
+    yield check_graphics()
+
+
+def check_network_cards(folder: Path) -> Iterator[InstallationCheck]:
+    """Yield for each physical network card that is up whether it takes the cameras' large packets."""
+    for card in sorted(folder.iterdir()) if folder.is_dir() else ():
+        with suppress(OSError, ValueError):
+            if card.name == "lo" or (card / "operstate").read_text().strip() != "up":
+                continue
+            mtu = int((card / "mtu").read_text())
+            fix = (
+                ""
+                if mtu >= JUMBO_MTU
+                else f"if cameras hang on it: ip link set {card.name} mtu {JUMBO_MTU}, and the same on the switch"
+            )
+            yield InstallationCheck(f"network {card.name}", f"packets up to {mtu} bytes", fix)
+
+
+def check_socket_buffers(limit: Path) -> InstallationCheck:
+    """Return whether images of all cameras fit into the socket buffers while the program is busy."""
+    try:
+        size = int(limit.read_text())
+    except (OSError, ValueError):
+        return InstallationCheck("socket buffers", "not known on this system")
+    found = f"up to {size / 2**20:.1f} MiB"
+    if size >= RECEIVE_BUFFER:
+        return InstallationCheck("socket buffers", found)
+    return InstallationCheck(
+        "socket buffers",
+        found,
+        f"for GigE cameras: sysctl -w net.core.rmem_max={RECEIVE_BUFFER}, deploy/sysctl.conf",
+    )
+
+
+def check_disk(folder: Path) -> InstallationCheck:
+    """Return free space and measured writing speed of the disk that holds ``folder``."""
+    place = next(path for path in (folder, *folder.absolute().parents) if path.is_dir())
+    free_gb = shutil.disk_usage(place).free / 1e9
+    try:
+        speed = _measure_writing_mb_s(place)
+    except OSError as error:
+        return InstallationCheck(
+            "disk", f"{place}: {error.strerror or error}", "give a folder that can be written"
+        )
+    found = f"{place}: {free_gb:.0f} GB free, writes {speed:.0f} MB/s"
+    if free_gb < _LEAST_FREE_GB:
+        return InstallationCheck(
+            "disk", found, f"free some space; half a year of records needs {_LEAST_FREE_GB:.0f} GB"
+        )
+    if speed < _LEAST_MB_S:
+        return InstallationCheck(
+            "disk", found, "records fit, but images cannot be recorded at full rate; use an SSD"
+        )
+    return InstallationCheck("disk", found)
+
+
+def _measure_writing_mb_s(folder: Path) -> float:
+    """Return the speed of writing through to the disk, MB/s."""
+    block = os.urandom(2**20)
+    with tempfile.TemporaryFile(dir=folder) as file:
+        began = perf_counter()
+        for _ in range(_WRITE_MB):
+            file.write(block)
+        file.flush()
+        os.fsync(file.fileno())
+        return _WRITE_MB * 2**20 / 1e6 / max(perf_counter() - began, 1e-6)
+
+
+def check_clock() -> InstallationCheck:
+    """Return whether the system's clock is synchronised; records carry its time."""
+    answer = _run("timedatectl", "show", "--property=NTPSynchronized", "--value")
+    if answer is None:
+        return InstallationCheck("clock", "not known whether it is synchronised")
+    if answer == "yes":
+        return InstallationCheck("clock", "synchronised")
+    return InstallationCheck(
+        "clock", "not synchronised", "timedatectl set-ntp true, or a PTP clock beside the cameras"
+    )
+
+
+def check_graphics() -> InstallationCheck:
+    """Return the graphics processor; none is needed."""
+    answer = _run("nvidia-smi", "--query-gpu=name,memory.total,driver_version", "--format=csv,noheader")
+    return InstallationCheck("GPU", answer.splitlines()[0] if answer else "none; none is needed")
+
+
+def _run(*words: str) -> str | None:
+    """Return what a program prints; None without it, or if it fails."""
+    try:
+        done = subprocess.run(words, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()

@@ -15,33 +15,42 @@ from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.pipeline.measuring.flow import Flow
 from beltscape.pipeline.measuring.flow_files import write_flow_result
-from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
+from tests.measure.flow.moving_belt import COARSE_CAMERA, Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-900, end_mm=-300)
 
 
 def measured(density: Density, *, timed: bool = True, heap: Heap | None = HEAP) -> Flow:
-    picture, steps, records = BeltPicture(make_empty_belt()), list[FramePlacement](), list[FlowRecord]()
-    meter = FlowMeter(make_empty_belt(), density=density, watch_belt=picture.add, watch_step=steps.append)
+    belt = make_empty_belt(COARSE_CAMERA)
+    picture, steps, records = BeltPicture(belt), list[FramePlacement](), list[FlowRecord]()
+    meter = FlowMeter(belt, density=density, watch_belt=picture.add, watch_step=steps.append)
     for k in range(10):
-        depth = depth_map(heap, 130.0 * k)
+        depth = depth_map(heap, 130.0 * k, camera=COARSE_CAMERA)
         records += meter.push(depth, round(k * 1e8) if timed else None, 130.0 * k, frame=f"{k:03d}")
     records += meter.finish()
     return Flow(records, steps, meter, picture, 0.1, True, None)
 
 
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a flow without a density."""
+    folder = tmp_path_factory.mktemp("flow")
+    write_flow_result(folder, measured(make_unknown_density()), make_unknown_density(), ())
+    return folder
+
+
 @pytest.mark.parametrize("timed", [True, False])
-def test_flow_without_density_has_no_mass(tmp_path: Path, timed: bool) -> None:
-    result = write_flow_result(
-        tmp_path, measured(make_unknown_density(), timed=timed), make_unknown_density(), ()
-    )
-    text = summary(result)
+def test_flow_without_density_has_no_mass(written: Path, tmp_path: Path, timed: bool) -> None:
+    folder = written if timed else tmp_path
+    if not timed:
+        write_flow_result(tmp_path, measured(make_unknown_density(), timed=False), make_unknown_density(), ())
+    document = json.loads((folder / "flow.json").read_text())
+    text = summary(document)
     assert "mass" not in text
     assert not re.search(r"\bnan\b", text, re.IGNORECASE)
-    assert not re.search(r"\bnan\b", (tmp_path / "flow.json").read_text(), re.IGNORECASE)
-    totals = json.loads((tmp_path / "flow.json").read_text())["totals"]
-    assert totals["mass_t"] is None
-    assert (totals["mean_volume_flow_m3_h"] is None) == (not timed)
+    assert not re.search(r"\bnan\b", (folder / "flow.json").read_text(), re.IGNORECASE)
+    assert document["totals"]["mass_t"] is None
+    assert (document["totals"]["mean_volume_flow_m3_h"] is None) == (not timed)
 
 
 def test_flow_with_density_has_mass(tmp_path: Path) -> None:
@@ -52,8 +61,8 @@ def test_flow_with_density_has_mass(tmp_path: Path) -> None:
     assert "mass" in summary(result)
 
 
-def test_summary_names_the_evidence_of_the_direction(tmp_path: Path) -> None:
-    result = write_flow_result(tmp_path, measured(make_unknown_density()), make_unknown_density(), ())
+def test_summary_names_the_evidence_of_the_direction(written: Path) -> None:
+    result = json.loads((written / "flow.json").read_text())
     evidence = result["motion_evidence"]
     assert evidence["pairs_towards_plus_y"] == evidence["encoder_agrees"] >= 5
     assert f"in {evidence['pairs_towards_plus_y']} of" in summary(result)

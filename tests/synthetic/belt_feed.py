@@ -2,37 +2,26 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
-from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, make_empty_belt
+from tests.measure.flow.moving_belt import COARSE_CAMERA, Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-2600, end_mm=-450)
+CAMERA = COARSE_CAMERA
 CAMERAS = ("cam0", "cam1")
 RIG = Rig("cam0", {"cam0": CAMERA, "cam1": CAMERA}, {name: Pose.identity() for name in CAMERAS})
 IMAGE = np.zeros(CAMERA.size_px[::-1], np.uint8)
-
-
-@cache
-def empty_belt() -> EmptyBeltReference:
-    return make_empty_belt()
-
-
-@cache
-def depth_map_at(place_mm: float) -> DepthMap:
-    return depth_map(HEAP, place_mm)
 
 
 class FakeMatcher:
@@ -42,12 +31,16 @@ class FakeMatcher:
     findings = ()
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
-        return depth_map_at(float(frame_set.frame))
+        return depth_map(HEAP, float(frame_set.frame), camera=CAMERA)
 
 
-def make_context() -> MeasurementContext:
+def make_context(camera: Camera = CAMERA) -> MeasurementContext:
     return MeasurementContext(
-        RIG, empty_belt(), FakeMatcher(), FlowSettings(direction="+y"), Density.constant(1500.0)
+        RIG,
+        make_empty_belt(camera),
+        FakeMatcher(),
+        FlowSettings(direction="+y"),
+        Density.constant(1500.0),
     )
 
 

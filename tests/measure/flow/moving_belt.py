@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,9 @@ HEIGHT_MM = 700.0
 SIZE_PX = (180, 150)
 CAMERA = Camera("cam0", SIZE_PX, np.full(2, 190.0), (np.array(SIZE_PX) - 1) / 2, np.zeros(5))
 NOISE_MM = 0.2
+FEW_PX = (120, 100)
+COARSE_CAMERA = Camera("cam0", FEW_PX, np.full(2, 127.0), (np.array(FEW_PX) - 1) / 2, np.zeros(5))
+"""The same view with larger pixels, for tests of what is done with the measurements."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +69,20 @@ def trough_mm(x: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.clip(np.abs(x) - 100, 0, None) * np.tan(np.deg2rad(20.0))
 
 
+@lru_cache(128)
 def depth_map(
-    heap: Heap | None, position_mm: float, direction: int = 1, *, seed: int = 0, noise_mm: float = NOISE_MM
+    heap: Heap | None,
+    position_mm: float,
+    direction: int = 1,
+    *,
+    seed: int = 0,
+    noise_mm: float = NOISE_MM,
+    camera: Camera = CAMERA,
 ) -> DepthMap:
     """What the camera measures when the belt has moved so far; the heap's own y is the belt frame's at position 0."""
-    rays = CAMERA.rays()
+    rays = camera.rays()
     depth = np.full(rays.shape[:2], HEIGHT_MM)
-    for _ in range(14):  # the surface is far less steep than the rays: this converges
+    for _ in range(10):  # the surface is far less steep than the rays: this converges
         x, y = rays[..., 0] * depth, -rays[..., 1] * depth
         load = 0.0 if heap is None else heap.height_mm(x, y - direction * position_mm)
         depth += 0.8 * (HEIGHT_MM - trough_mm(x) - load - depth)
@@ -83,7 +94,8 @@ def depth_map(
     )
 
 
-def make_empty_belt() -> EmptyBeltReference:
-    """The empty belt's floor."""
+@lru_cache
+def make_empty_belt(camera: Camera = CAMERA) -> EmptyBeltReference:
+    """The empty belt's floor, for depth maps of a camera."""
     empty = depth_map(None, 0.0, seed=99)
-    return make_reference(find_belt(empty, CAMERA), CAMERA)
+    return make_reference(find_belt(empty, CAMERA), camera)

@@ -15,12 +15,14 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter, Silent
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
+from tests.measure.flow import moving_belt
 from tests.measure.flow.moving_belt import Heap, depth_map
-from tests.synthetic.belt_feed import CAMERAS, IMAGE, FakeMatcher, make_context
+from tests.synthetic.belt_feed import CAMERA, CAMERAS, IMAGE, FakeMatcher, make_context
 
 Array = NDArray[np.floating]
 HEAP = Heap(start_mm=-60_000, end_mm=900, seed=8)
@@ -32,26 +34,27 @@ FAULT = np.arange(COUNT)
 FAULT = (FAULT >= FIRST) & (FAULT < END)
 
 
-@cache
-def depth_at(place_mm: float, is_empty: bool) -> DepthMap:
-    return depth_map(None if is_empty else HEAP, place_mm, seed=3)
-
-
 class PlaceMatcher(FakeMatcher):
     """Returns the depth map of the place that the frame's name contains."""
 
-    def __init__(self, is_empty: bool) -> None:
-        self._is_empty = is_empty
+    def __init__(self, heap: Heap | None = HEAP, camera: Camera = CAMERA) -> None:
+        self._heap, self.camera = heap, camera
 
     def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
-        return depth_at(float(frame_set.frame.split("|")[1]), self._is_empty)
+        place_mm = float(frame_set.frame.split("|")[1])
+        return depth_map(self._heap, place_mm, seed=3, camera=self.camera)
+
+
+SHARP_MATCHER = PlaceMatcher(camera=moving_belt.CAMERA)
+"""Its pixels are small enough to measure a slip of some tenths of a per cent."""
 
 
 def measure(
-    places_mm: Array, encoder_mm: Sequence[float | None], *, is_empty: bool = False
+    places_mm: Array, encoder_mm: Sequence[float | None], matcher: PlaceMatcher | None = None
 ) -> tuple[list[BeltRecord], list[list[Finding]]]:
     """Return the entries, and the encoder's findings by frame set."""
-    context = replace(make_context(), matcher=PlaceMatcher(is_empty))
+    matcher = matcher or PlaceMatcher()
+    context = replace(make_context(matcher.camera), matcher=matcher)
     run = MeasurementRun(context, LedgerState(1, 0, None), CAMERAS, lambda: 17, Silent())
     entries: list[BeltRecord] = []
     findings: list[list[Finding]] = []
@@ -144,7 +147,7 @@ def test_a_jump_is_no_belt_and_the_encoder_is_trusted_again_after_it(jump: str) 
 def test_slip_adds_up_until_it_exceeds_its_uncertainty(slip: float, frames: int) -> None:
     track = list_positions()
     steps = np.diff(track, prepend=track[0]) * np.where(np.arange(COUNT) >= FIRST, 1 - slip, 1.0)
-    entries, findings = measure(track, [float(reading) for reading in np.cumsum(steps)])
+    entries, findings = measure(track, [float(reading) for reading in np.cumsum(steps)], SHARP_MATCHER)
     check_ledger(entries, track[-1])
     faults = [one for made in findings[: FIRST + frames] for one in made if one.is_fault]
     assert faults
@@ -154,7 +157,7 @@ def test_slip_adds_up_until_it_exceeds_its_uncertainty(slip: float, frames: int)
 
 def test_a_small_slip_is_a_trend_with_sigma_and_no_fault() -> None:
     track = list_positions()
-    entries, findings = measure(track, [0.997 * float(place) for place in track])
+    entries, findings = measure(track, [0.997 * float(place) for place in track], SHARP_MATCHER)
     assert list_not_valid(entries) == []
     (last,) = findings[-1]
     assert not last.is_fault
@@ -178,7 +181,8 @@ def test_a_sound_encoder_is_not_accused(step_mm: float, is_empty: bool) -> None:
     """Also where the views have nothing in common, and where nothing lies on the belt."""
     track = list_positions(step_mm)
     jitter = np.random.default_rng(6).normal(0, 0.4, COUNT)
-    _, findings = measure(track, [float(reading) for reading in track + jitter], is_empty=is_empty)
+    matcher = PlaceMatcher(None if is_empty else HEAP)
+    _, findings = measure(track, [float(reading) for reading in track + jitter], matcher)
     assert not any(one.is_fault for made in findings for one in made)
 
 
@@ -215,7 +219,7 @@ def test_a_silent_encoder_that_returns_with_another_count() -> None:
 
 def test_an_encoder_that_counts_in_reverse_from_the_start() -> None:
     track = list_positions()
-    context = replace(make_context(), matcher=PlaceMatcher(False))
+    context = replace(make_context(), matcher=PlaceMatcher())
     context = replace(context, flow=context.flow.model_copy(update={"direction": None}))
     run = MeasurementRun(context, LedgerState(1, 0, None), CAMERAS, lambda: 17, Silent())
     entries: list[BeltRecord] = []

@@ -12,9 +12,18 @@ import numpy as np
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, Standing, Totals
+from beltscape.core.errors import MeasureError
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Maintenance, Observer
+from beltscape.core.live import (
+    Alarm,
+    BeltStretch,
+    CameraHealth,
+    FrameEvent,
+    Maintenance,
+    Observer,
+    ZeroProposal,
+)
 
 CAMERAS = ("cam1", "cam2", "cam3", "cam4", "cam5")
 _CELL_MM = 5.0
@@ -94,6 +103,9 @@ class SimulatedPlant:
         self.speed_mm_s, self.step_mm = 2400.0, 480.0
         self.lost: set[str] = set()
         self.kept: list[tuple[str, str]] = []
+        self.zeros: list[tuple[int, str]] = []
+        self.zero_refusal = ""
+        """Why the zero cannot be measured; empty: it can."""
         self.degraded = self.stopped = False
         self.alarms: dict[str, Alarm] = {}
         self.maintenance: Maintenance | None = None
@@ -197,6 +209,17 @@ class SimulatedPlant:
         for observer in self.observers:
             observer.on_maintenance(None)
         return was is not None
+
+    def measure_zero(self) -> ZeroProposal:
+        """See core.live.Controls."""
+        if self.zero_refusal:
+            raise MeasureError(self.zero_refusal)
+        return ZeroProposal(7, 0.42, 0.05, -0.61, 5, 2.0)
+
+    def set_zero(self, number: int, by: str) -> bool:
+        """See core.live.Controls."""
+        self.zeros.append((number, by))
+        return number == 7
 
     def send_findings(self, findings: Sequence[Finding]) -> None:
         """Send findings."""

@@ -285,3 +285,25 @@ def test_messages_carry_the_parts_of_their_texts(tmp_path):
     (event,) = made.browser()("GET", f"/api/events?since_ms={MS}&until_ms={LATER}").json()
     assert event["parameters"] == {"state": "raised", "value": 5.0}
     made.history.close()
+
+
+def test_zero_is_measured_confirmed_and_audited_by_engineers(tmp_path):
+    made = make_service(tmp_path, 2)
+    engineer, operator = made.browser("engineer"), made.browser("operator")
+    for path, body in (("measure", None), ("set", {"number": 7})):
+        assert operator("POST", f"/api/zero/{path}", json=body).status_code == 403
+    measured = engineer("POST", "/api/zero/measure").json()
+    assert (measured["number"], measured["offset_mm"], measured["limit_mm"]) == (7, 0.42, 2.0)
+    assert made.plant.zeros == []
+    for wrong in ({}, {"number": 0}, {"number": 7, "offset_mm": 1.0}):
+        assert engineer("POST", "/api/zero/set", json=wrong).status_code == 422
+    assert engineer("POST", "/api/zero/set", json={"number": 6}).status_code == 409
+    assert engineer("POST", "/api/zero/set", json={"number": 7}).json() == {"by": "the-engineer"}
+    assert made.plant.zeros == [(6, "the-engineer"), (7, "the-engineer")]
+    written = [(one["what"], one["who"]) for one in made.access.audit.read_last(20)]
+    assert written.count(("set_zero", "the-engineer")) == 1
+    made.plant.zero_refusal = Message("zero: only 40% of the belt is bare", "zero_not_bare", share=40)
+    refused = engineer("POST", "/api/zero/measure")
+    assert refused.status_code == 409
+    assert (refused.json()["cause"], refused.json()["values"]) == ("zero_not_bare", {"share": 40})
+    made.history.close()

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from beltscape.core.arguments import require_images
 
 Image = NDArray[np.uint8 | np.uint16]
+OVEREXPOSED_SHARE = 0.2
+"""Share of saturated pixels from which an image is called overexposed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -111,6 +111,24 @@ class Maintenance:
     """System clock when it ends by itself."""
 
 
+@dataclass(frozen=True, slots=True)
+class ZeroProposal:
+    """The measured motion of the empty belt since it was learned, which setting the zero accounts for."""
+
+    number: int
+    """Names it when it is confirmed."""
+    offset_mm: float
+    """Mean rise of the belt."""
+    sigma_mm: float
+    """One standard deviation of it."""
+    tilt_mm: float
+    """Largest rise of an edge or end of the view by tilt or lateral shift."""
+    frames: int
+    """Number of frames that were measured."""
+    limit_mm: float
+    """Largest rise or tilt that is accepted."""
+
+
 class LiveSource(Protocol):
     """A frame source that runs until it is closed; iterating blocks until the next trigger instant."""
 
@@ -159,6 +177,14 @@ class Controls(Protocol):
 
     def end_maintenance(self, by: str) -> bool:
         """End maintenance before its time."""
+        ...
+
+    def measure_zero(self) -> ZeroProposal:
+        """Return the empty belt's motion since it was learned, from the next frames; MeasureError if it has none."""
+        ...
+
+    def set_zero(self, number: int, by: str) -> bool:
+        """Set the zero to a measured one; OutputError if it cannot be kept."""
         ...
 
 

@@ -19,6 +19,7 @@ from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Maintenance
 from beltscape.core.progress import Silent
+from beltscape.health.belt.settings import BeltLimits
 from beltscape.pipeline.live.engine import Engine, notify_records
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.frame_queue import FrameQueue
@@ -27,6 +28,7 @@ from beltscape.pipeline.live.inspector import PeriodicInspector
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.pipeline.live.writer import Writer
+from beltscape.pipeline.live.zero import FILE, ZeroControl
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, frames, make_context
@@ -128,6 +130,7 @@ def engine_of(
         board=AlarmBoard(AlarmSettings()),
         inspector=PeriodicInspector(context.empty_belt.belt, CAMERA, 0.0, 0.0),
         gauges=Gauges(1e5),
+        zero=ZeroControl(context.empty_belt, BeltLimits(), folder / FILE, "learned", patience_s=20.0),
         observer=watcher,
         reporter=reporter,
         polls_encoder=False,

@@ -101,7 +101,7 @@ def test_the_engine_begins_and_ends_it_with_events(tmp_path: Path) -> None:
     events = {event.name: event for event in historian.events(0, time.time_ns() + 10**9)}
     assert (events["begin"].by, events["begin"].text) == ("ana", "cleaning, for at most 5 min")
     assert json.loads(events["end"].parameters) == {"action": "end", "reason": "cleaning"}
-    assert [one and one.reason for one in watcher.maintenance] == [None, "cleaning", None]
+    assert [one and one.reason for one in watcher.maintenance] == ["cleaning", None]
     held = ("no_measurement", "camera_lost", "low_coverage", "belt_stopped", "maintenance")
     raised = [alarm for alarm, state in watcher.alarms.items() if state == "raised"]
     assert [alarm for alarm in raised if alarm.startswith(held)] == []

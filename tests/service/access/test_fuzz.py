@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis.errors import Unsatisfiable
 
 from beltscape.core.findings import Finding
-from beltscape.core.live import CameraHealth
+from beltscape.core.live import CameraHealth, ZeroProposal
 from beltscape.service.access import Access, AccessSettings
 from beltscape.service.access.identity.roles import ROLES, Role, User
 from beltscape.service.access.identity.sessions import derive_page_token
@@ -53,6 +53,12 @@ class AcceptingControls:
 
     def end_maintenance(self, by: str) -> bool:
         return True
+
+    def measure_zero(self) -> ZeroProposal:
+        return ZeroProposal(1, 0.1, 0.02, 0.3, 5, 2.0)
+
+    def set_zero(self, number: int, by: str) -> bool:
+        return number % 2 == 0
 
 
 class Caller:

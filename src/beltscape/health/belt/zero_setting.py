@@ -12,6 +12,7 @@ from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.pose import Pose
+from beltscape.core.translatable_message import Message
 from beltscape.health.belt.cells import BeltCells, compute_belt_cells
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_finding import find_largest_tilt
@@ -62,17 +63,20 @@ def zero_offset(
     offsets = np.array([shift.offset_mm for shift in shifts])
     offset, spread = float(np.mean(offsets)), float(np.std(offsets))
     if spread > max(_LARGEST_SPREAD_MM, 4 * max(shift.sigma_mm for shift in shifts)):
-        raise MeasureError(
+        text = (
             f"zero: the frames' shifts scatter by {spread:.2f} mm ({offsets.min():+.2f} to {offsets.max():+.2f} mm); "
             "the belt vibrates or is not empty: give frames of the empty belt in steady motion"
         )
+        raise MeasureError(Message(text, "zero_scatter", spread=round(spread, 2)))
     tilt = max((find_largest_tilt(shift)[0] for shift in shifts), key=abs)
     for name, value in (("rise", offset), ("tilt", tilt)):
         if abs(value) > limits.set_limit_mm:
-            raise MeasureError(
+            text = (
                 f"zero: the belt's {name} of {value:+.2f} mm exceeds the limit of {limits.set_limit_mm:g} mm; "
                 "find the cause, then learn the empty belt again (beltscape measure belt)"
             )
+            values = {"value": round(value, 2), "limit": limits.set_limit_mm}
+            raise MeasureError(Message(text, f"zero_{name}", **values))
     moved = reference
     for _ in range(_ROUNDS):
         cells = [compute_belt_cells(depth, moved) for depth in depths]
@@ -94,9 +98,12 @@ def _estimate_on_empty_belt(
     shift = estimate_zero_shift(cells, reference.belt, reference.cell_mm, limits.search_mm)
     fix = "empty and clean the belt, and give its frames"
     if not shift.is_measured or len(cells) < _LEAST_MEASURED * cells.shape[0] * cells.shape[1]:
-        raise MeasureError(f"zero: frame {number}: no bare belt is visible; {fix}")
-    if shift.bare.mean() < _LEAST_BARE or not min(shift.sides):
-        raise MeasureError(f"zero: frame {number}: only {shift.bare.mean():.0%} of the belt is bare; {fix}")
+        text = f"zero: frame {number}: no bare belt is visible; {fix}"
+        raise MeasureError(Message(text, "zero_not_bare", share=0))
+    share = float(shift.bare.mean())
+    if share < _LEAST_BARE or not min(shift.sides):
+        text = f"zero: frame {number}: only {share:.0%} of the belt is bare; {fix}"
+        raise MeasureError(Message(text, "zero_not_bare", share=round(100 * share)))
     return shift
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import time_ns
 
@@ -17,8 +17,10 @@ from beltscape.core.live import LiveSource, Observer, RecordSink
 from beltscape.core.progress import Reporter
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.rig_json import read_rig
+from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.measure.volume.capacity import compute_capacity_mm2
+from beltscape.pipeline.live import zero
 from beltscape.pipeline.live.engine import Engine, notify_records
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.frame_queue import FrameQueue
@@ -30,6 +32,7 @@ from beltscape.pipeline.live.measurement_run import MeasurementContext, Measurem
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.writer import Writer
+from beltscape.pipeline.measuring.belt import hash_empty_belt
 from beltscape.pipeline.measuring.flow import Instant, list_instants, scale_rig_to_capture
 from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
@@ -111,6 +114,9 @@ def _assemble_around(
     """Open the other parts of a run; see ``assemble``."""
     settings = project.settings
     context = build_context(project, rig, reporter, propose_rig=make_rig_writer(options.data, rig, reporter))
+    learned, digest = context.empty_belt, hash_empty_belt(project.resolve(settings.empty))
+    zero_file = options.data / zero.FILE
+    context = replace(context, empty_belt=zero.read_zero(zero_file, learned, digest, reporter))
     check_encoder(project)
     historian = Historian(ensure_output_folder(options.data), settings.history)
     resume = historian.ledger_end
@@ -137,6 +143,7 @@ def _assemble_around(
         observer=observer,
         reporter=reporter,
         polls_encoder=settings.cameras is not None,
+        zero=zero.ZeroControl(learned, settings.health.belt, zero_file, digest),
         certificate_days=options.certificate_days,
         users_trouble=options.users_trouble,
         heartbeat=options.heartbeat,
@@ -172,7 +179,8 @@ def build_context(
     matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
     matcher = MonitoredMatcher(matcher, ImageMonitor(rig, settings.health))
     density, limits = read_density(project), settings.health.belt
-    return MeasurementContext(rig, empty_belt, matcher, settings.flow, density, limits)
+    images = BeltImageMonitor(rig, empty_belt, settings.health)
+    return MeasurementContext(rig, empty_belt, matcher, settings.flow, density, limits, images)
 
 
 def check_encoder(project: Project[RunSettings]) -> None:

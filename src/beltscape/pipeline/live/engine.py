@@ -10,7 +10,7 @@ from time import monotonic, monotonic_ns, time_ns
 from beltscape.alarms.readings import Readings
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import FrameEvent, Maintenance, Observer
+from beltscape.core.live import FrameEvent, Maintenance, Observer, ZeroProposal
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.engine_components import EngineComponents
@@ -115,6 +115,24 @@ class Engine:
         self._components.observer.on_maintenance(None)
         return True
 
+    def measure_zero(self) -> ZeroProposal:
+        """Return the empty belt's motion since it was learned, from the next frames."""
+        return self._components.zero.measure()
+
+    def set_zero(self, number: int, by: str) -> bool:
+        """Set the zero to a measured one; it holds from the next frame on and over restarts."""
+        setting = self._components.zero.set(number, by)
+        if setting is None:
+            return False
+        values: dict[str, object] = {
+            "value": round(setting.offset_mm, 3),
+            "sigma": round(setting.sigma_mm, 3),
+            "tilt": round(setting.tilt_mm, 2),
+        }
+        text = f"{setting.offset_mm:+.2f} ± {setting.sigma_mm:.2f} mm, tilt {setting.tilt_mm:+.2f} mm"
+        self._events.add("zero", "set", text, time_ns(), by, values)
+        return True
+
     def _warn_of_failure(self, failure: str) -> None:
         self._components.reporter.warn(f"{threading.current_thread().name}: {failure}; going on")
 
@@ -178,6 +196,7 @@ class Engine:
             self._restart(f"frame {frames.frame}", error)
             return
         self._publish(outcome)
+        components.zero.add(outcome.depth, outcome.findings)
         self._done += 1
         gauges, depth = components.gauges, outcome.depth
         gauges.update_frame(depth, outcome.speed_mm_s)
@@ -195,6 +214,9 @@ class Engine:
 
     def _push(self, frames: FrameSet, present: Maintenance | None) -> Outcome:
         """Measure a frame set; during maintenance it only gives the belt's position."""
+        empty_belt = self._components.zero.pop_reference()
+        if empty_belt is not None:
+            self._components.measurement.set_empty_belt(empty_belt)
         finding = maintenance.make_maintenance_finding(present)
         measured = frames if present is None else replace(frames, images={})
         return self._components.measurement.push(measured, (finding,))

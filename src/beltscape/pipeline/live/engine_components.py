@@ -15,6 +15,7 @@ from beltscape.pipeline.live.maintenance import MaintenanceMode
 from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.pipeline.live.reporting.finding_log import FindingLog
 from beltscape.pipeline.live.writer import Writer
+from beltscape.pipeline.live.zero import ZeroControl
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
 from beltscape.sources.encoder.protocol import Encoder
@@ -40,6 +41,7 @@ class EngineComponents:
     """Receives warnings."""
     polls_encoder: bool
     """Whether the encoder is read while no frame set arrives; False for a recording."""
+    zero: ZeroControl
     certificate_days: Callable[[], float] = lambda: float("nan")
     users_trouble: Callable[[], str] = lambda: ""
     """Why nobody can sign in, in one line; empty without a fault."""

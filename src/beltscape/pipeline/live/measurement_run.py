@@ -16,6 +16,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.live import BeltStretch
 from beltscape.core.progress import Reporter
 from beltscape.health.belt.settings import BeltLimits
+from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.rows import BeltPiece
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
@@ -38,6 +39,8 @@ class MeasurementContext:
     density: Density
     belt_limits: BeltLimits | None = None
     """Limits of the comparison of the bare belt with the learned one; None: the defaults."""
+    images: BeltImageMonitor | None = None
+    """Checks the images against the measured surface and motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,6 +78,12 @@ class MeasurementRun:
         """Whether a frame set of the present meter had an encoder reading."""
         self._finished_sigma_mm3 = 0.0
         """σ of the finished meters of this run."""
+        self._needs_new_meter = False
+
+    def set_empty_belt(self, empty_belt: EmptyBeltReference) -> None:
+        """Measure against another empty belt, of the same camera, from the next frame on."""
+        self.context = replace(self.context, empty_belt=empty_belt)
+        self._needs_new_meter = True
 
     def push(self, frames: FrameSet, findings: Sequence[Finding] = ()) -> Outcome:
         """Measure the next frame set; without images it only gives the belt's position.
@@ -86,6 +95,8 @@ class MeasurementRun:
             self._chain = self._begin_meter(frames.position_mm)
         elif frames.position_mm is not None and not self._has_encoder:
             self._reporter.warn("an encoder now gives the belt's position; counting continues with it")
+            self._needs_new_meter = True
+        if self._needs_new_meter:
             entries += self._make_entries(self._chain.finish())
             self._finished_sigma_mm3 += self._chain.meter.totals.sigma_mm3
             self._chain = self._begin_meter(frames.position_mm)
@@ -122,7 +133,7 @@ class MeasurementRun:
 
     def _begin_meter(self, encoder_mm: float | None) -> FlowChain:
         """Return the chain with a meter that counts from the ledger's end."""
-        context = self.context
+        context, self._needs_new_meter = self.context, False
         self._sections = SectionBuffer(context.empty_belt)
         meter = FlowMeter(
             context.empty_belt,
@@ -135,7 +146,7 @@ class MeasurementRun:
         if self._chain is not None:
             self._chain.restart(meter)
             return self._chain
-        return FlowChain(context.matcher, meter, context.belt_limits)
+        return FlowChain(context.matcher, meter, context.belt_limits, context.images)
 
     def _set_position(self, step: FramePlacement) -> None:
         self._ledger.set_position(

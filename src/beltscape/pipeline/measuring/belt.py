@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter
 from beltscape.files.belt_json import read_belt, write_belt
+from beltscape.files.documents.digest import hash_file
 from beltscape.files.folders.atomic import write_text
 from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame, require_intact
 from beltscape.measure.belt.empty_belt import learn_belt
@@ -66,6 +68,14 @@ def read_empty_belt(path: Path, reporter: Reporter) -> tuple[Belt, Camera]:
     warn_of_camera_faults(frame, reporter)
     camera = frame.rig.core_camera
     return learn_belt([frame.depth], camera), camera
+
+
+def hash_empty_belt(path: Path) -> str:
+    """Return the SHA-256 of what `read_empty_belt` reads: of a belt.json, or of the frames' depth maps."""
+    if path.is_file():
+        return hash_file(path)
+    joined = "".join(hash_file(frame / "depth.tiff") for frame in list_frame_folders(path))
+    return hashlib.sha256(joined.encode()).hexdigest()
 
 
 def read_intact_frame(folder: Path) -> FrameResult:

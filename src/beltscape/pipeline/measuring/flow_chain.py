@@ -18,6 +18,7 @@ from beltscape.core.geometry.scaling import pinhole_scale
 from beltscape.core.progress import Reporter
 from beltscape.health.belt.monitor import BeltMonitor
 from beltscape.health.belt.settings import BeltLimits
+from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.motion.prediction import MotionPrediction
@@ -63,9 +64,7 @@ class SequenceMatcher(Protocol):
 class _MatchedFrame:
     """A frame that is matched but not measured yet."""
 
-    frame: str
-    time_ns: int | None
-    position_mm: float | None
+    frames: FrameSet
     depth: DepthMap | None
     whole: bool
     prediction: MotionPrediction | None
@@ -82,9 +81,16 @@ class FlowChain:
     """
 
     def __init__(
-        self, matcher: SequenceMatcher, meter: FlowMeter, belt_limits: BeltLimits | None = None
+        self,
+        matcher: SequenceMatcher,
+        meter: FlowMeter,
+        belt_limits: BeltLimits | None = None,
+        images: BeltImageMonitor | None = None,
     ) -> None:
-        """``belt_limits`` are those of the comparison of the bare belt with the learned one."""
+        """``belt_limits`` are those of the comparison of the bare belt with the learned one.
+
+        ``images`` checks the images against the measured surface and motion; None: they are not checked.
+        """
         self.meter = meter
         self.done = 0
         """Number of frame sets that were reconstructed."""
@@ -97,7 +103,14 @@ class FlowChain:
         """The previous frame while it is not measured yet."""
         self._findings: list[Finding] = []
         """The findings about heights and motion since the last `pop_findings`."""
+        self._belt_limits = belt_limits
         self._belt = BeltMonitor(meter.reference, belt_limits)
+        self._images = images
+        self._delays: tuple[Finding, ...] = ()
+        """The findings about the cameras' instants in the frame that was measured last."""
+        self._image_findings: tuple[Finding, ...] = ()
+        """The findings of ``images`` about that frame."""
+        self._reported: set[tuple[str, str]] = set()
 
     def push(
         self, frames: FrameSet, reporter: Reporter, *, whole: bool, findings: Sequence[Finding] = ()
@@ -112,11 +125,10 @@ class FlowChain:
             records = self.flush()
         finally:
             depth = matching.result()
+        self._report(reporter)
         cameras = self._matcher.findings if frames.images else ()
         self._before = self._waiting = _MatchedFrame(
-            frames.frame,
-            frames.time_ns,
-            frames.position_mm,
+            frames,
             depth,
             whole and not (self._matcher.is_inconsistent and depth is not None),
             self.meter.prediction,
@@ -129,12 +141,13 @@ class FlowChain:
         one, self._waiting = self._waiting, None
         if one is None:
             return []
-        heights = self._belt.check(one.depth)
+        self._image_findings = (*self._check_projector(one), *self._delays)
+        heights = (*self._belt.check(one.depth), *self._image_findings)
         records = self.meter.push(
             one.depth,
-            one.time_ns,
-            one.position_mm,
-            frame=one.frame,
+            one.frames.time_ns,
+            one.frames.position_mm,
+            frame=one.frames.frame,
             whole=one.whole,
             findings=(*one.findings, *heights),
         )
@@ -143,7 +156,29 @@ class FlowChain:
         direction = self.meter.direction or 1
         marks = self._belt.follow(None if last is None else last.position_mm, direction)
         self._findings += (*heights, *marks, *self.meter.findings)
+        self._delays = self._check_delays(one)
         return records
+
+    def _report(self, reporter: Reporter) -> None:
+        """Warn of the first fault of every check of the last measured frame's images, of every camera."""
+        for one in self._image_findings:
+            if one.is_fault and (one.check, one.subject) not in self._reported:
+                self._reported.add((one.check, one.subject))
+                reporter.warn(one.text)
+
+    def _check_projector(self, one: _MatchedFrame) -> tuple[Finding, ...]:
+        return (
+            () if self._images is None else self._images.check_projector(one.frames, one.depth, one.findings)
+        )
+
+    def _check_delays(self, one: _MatchedFrame) -> tuple[Finding, ...]:
+        """Return the findings about the cameras' instants, which the next frame's records receive."""
+        last, prediction = self.meter.motion.last, self.meter.prediction
+        if self._images is None:
+            return ()
+        position = None if last is None or one.depth is None else last.position_mm
+        along = None if prediction is None else prediction.along
+        return self._images.check_synchronisation(one.frames, one.depth, position, along)
 
     def pop_findings(self) -> tuple[Finding, ...]:
         """Remove and return the findings about measured frames."""
@@ -156,6 +191,8 @@ class FlowChain:
 
     def restart(self, meter: FlowMeter) -> None:
         """Continue with another meter after `finish`."""
+        if meter.reference is not self.meter.reference:
+            self._belt = BeltMonitor(meter.reference, self._belt_limits)
         self.meter, self._before = meter, None
 
     def _match(self, frames: FrameSet, prior: Prior | None, reporter: Reporter) -> DepthMap | None:
@@ -175,11 +212,11 @@ class FlowChain:
         before = self._before
         if before is None or before.depth is None or before.prediction is None:
             return None
-        clock, step = 1.0, None
-        if frames.time_ns is not None and before.time_ns is not None:
-            clock = (frames.time_ns - before.time_ns) * 1e-9
-        if frames.position_mm is not None and before.position_mm is not None:
-            step = frames.position_mm - before.position_mm
+        clock, step, last = 1.0, None, before.frames
+        if frames.time_ns is not None and last.time_ns is not None:
+            clock = (frames.time_ns - last.time_ns) * 1e-9
+        if frames.position_mm is not None and last.position_mm is not None:
+            step = frames.position_mm - last.position_mm
         motion = before.prediction.predict_motion_mm(clock, step)
         return None if motion is None else Prior(before.depth, motion)
 

@@ -16,7 +16,6 @@ from beltscape.health.belt.zero_setting import ZeroSetting, zero_offset
 from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
 from beltscape.pipeline.measuring.belt import list_frame_names, read_intact_frame
 from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
-from beltscape.report.measuring.belt import render_belt_page
 
 
 def set_zero(
@@ -50,6 +49,8 @@ def write_zero_files(out: Path, empty: Path, setting: ZeroSetting) -> Path:
 
     The list ``zero_settings`` of ``empty`` is continued: each entry holds time, rise, σ and tilt.
     """
+    from beltscape.report.measuring.belt import render_belt_page
+
     entry = {"at": datetime.now(UTC).isoformat(timespec="seconds"), **make_zero_document(setting)}
     belt = setting.reference.belt
     write_belt(out, belt, read_belt(empty)[1], [*read_zero_settings(empty), entry])

@@ -7,14 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beltscape.core.frames import Image, saturated_fraction
+from beltscape.core.frames import OVEREXPOSED_SHARE, Image, saturated_fraction
 from beltscape.core.live import CameraHealth, CameraState
 from beltscape.core.translatable_message import Message
 from beltscape.sources.genicam.matching_types import CameraStatistics
 from beltscape.sources.genicam.settings import CamerasSettings
 
-OVEREXPOSED = 0.2
-"""Share of saturated pixels from which an image cannot be used."""
 DARK = 0.03
 """A view whose brightest pixels stay below this share of the range is dark: 8 of 255 grey levels. Chosen."""
 BRIGHTEST = 0.995
@@ -78,7 +76,7 @@ def find_brightness_fault(image: Image) -> str:
     """Return the fault of an image's brightness; empty without one."""
     sample = image[::4, ::4]
     share = saturated_fraction(sample)
-    if share > OVEREXPOSED:
+    if share > OVEREXPOSED_SHARE:
         text = f"overexposed: {share:.0%} of the pixels are saturated; lower exposure_us or gain_db"
         return Message(text, "overexposed", share=round(100 * share))
     top = float(np.quantile(sample, BRIGHTEST)) / float(np.iinfo(image.dtype).max)

@@ -5,12 +5,9 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from beltscape.core.progress import Reporter
-
-if TYPE_CHECKING:
-    from beltscape.sources.genicam.settings import CamerasSettings
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -27,10 +24,11 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Find the cameras; with ``--check`` open those of the project."""
     from dataclasses import asdict
 
+    from beltscape.pipeline.recording.project import read_recording_project
     from beltscape.sources.genicam import inspection
     from beltscape.sources.genicam.aravis import find_cameras
 
-    settings = None if arguments.check is None else _settings(arguments.check)
+    settings = None if arguments.check is None else read_recording_project(arguments.check).cameras
     cameras = [{**asdict(one), **asdict(inspection.inspect_camera(one.device))} for one in find_cameras()]
     for one in cameras:
         if one["trouble"]:
@@ -41,17 +39,6 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         else {name: inspection.check_settings(name, settings) for name in settings.devices}
     )
     return {"cameras": cameras, "check": check}
-
-
-def _settings(project: Path) -> CamerasSettings:
-    from beltscape.core.errors import InputError
-    from beltscape.files.documents.toml_text import read_toml, validate
-    from beltscape.sources.genicam.settings import CamerasSettings
-
-    values = read_toml(project)
-    if not isinstance(values.get("cameras"), dict):
-        raise InputError(f"{project}: it has no table [cameras]")
-    return validate(project, CamerasSettings, values["cameras"])
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -27,6 +27,7 @@ COMMANDS = {
     "run": "live: cameras → records → history, alarms and the operator's page",
     "replay": "a recorded capture through the running system, at full or at its own speed",
     "cameras": "cameras on the network, and whether a project's settings fit them",
+    "record": "images from a project's cameras: views of the board by key or timer, sequences of the belt",
     "users": "who may open the operator's page: list, add, remove, passwords, roles",
     "view": "a rig, a frame or a sequence in 3-D, with belt and fitted primitives, in the browser",
     "export": "rig.json → OpenCV YAML, Kalibr camchain, COLMAP rig, ROS camera_info",

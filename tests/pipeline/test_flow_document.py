@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -31,26 +32,29 @@ def measured(density: Density, *, timed: bool = True, heap: Heap | None = HEAP) 
     return Flow(records, steps, meter, picture, 0.1, True, None)
 
 
+def write_without_density(folder: Path, *, timed: bool) -> tuple[dict[str, Any], Path]:
+    unknown = make_unknown_density()
+    return write_flow_result(folder, measured(unknown, timed=timed), unknown, ()), folder
+
+
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a flow without a density."""
-    folder = tmp_path_factory.mktemp("flow")
-    write_flow_result(folder, measured(make_unknown_density()), make_unknown_density(), ())
-    return folder
+def timed_flow(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+    """The result of a flow without a density, and its folder."""
+    return write_without_density(tmp_path_factory.mktemp("flow"), timed=True)
 
 
 @pytest.mark.parametrize("timed", [True, False])
-def test_flow_without_density_has_no_mass(written: Path, tmp_path: Path, timed: bool) -> None:
-    folder = written if timed else tmp_path
-    if not timed:
-        write_flow_result(tmp_path, measured(make_unknown_density(), timed=False), make_unknown_density(), ())
-    document = json.loads((folder / "flow.json").read_text())
-    text = summary(document)
+def test_flow_without_density_has_no_mass(
+    timed_flow: tuple[dict[str, Any], Path], tmp_path: Path, timed: bool
+) -> None:
+    result, folder = timed_flow if timed else write_without_density(tmp_path, timed=False)
+    text = summary(result)
     assert "mass" not in text
     assert not re.search(r"\bnan\b", text, re.IGNORECASE)
     assert not re.search(r"\bnan\b", (folder / "flow.json").read_text(), re.IGNORECASE)
-    assert document["totals"]["mass_t"] is None
-    assert (document["totals"]["mean_volume_flow_m3_h"] is None) == (not timed)
+    totals = json.loads((folder / "flow.json").read_text())["totals"]
+    assert totals["mass_t"] is None
+    assert (totals["mean_volume_flow_m3_h"] is None) == (not timed)
 
 
 def test_flow_with_density_has_mass(tmp_path: Path) -> None:
@@ -61,8 +65,8 @@ def test_flow_with_density_has_mass(tmp_path: Path) -> None:
     assert "mass" in summary(result)
 
 
-def test_summary_names_the_evidence_of_the_direction(written: Path) -> None:
-    result = json.loads((written / "flow.json").read_text())
+def test_summary_names_the_evidence_of_the_direction(timed_flow: tuple[dict[str, Any], Path]) -> None:
+    result, _ = timed_flow
     evidence = result["motion_evidence"]
     assert evidence["pairs_towards_plus_y"] == evidence["encoder_agrees"] >= 5
     assert f"in {evidence['pairs_towards_plus_y']} of" in summary(result)

@@ -105,23 +105,22 @@ def browser() -> Iterator:
 
 def layout_faults(opened, page_text: str) -> list[str]:
     """Return what a browser shows wrong: on a phone, on a desk, in the dark and on paper."""
-    faults = []
+    faults, asked = [], list[str]()
+    page = opened.new_page(viewport={"width": PHONE, "height": 900})
+    page.on("request", lambda request: asked.append(request.url))
+    page.set_content(page_text)
     for width, scheme, media in (
         (PHONE, "light", "screen"), (PHONE, "dark", "screen"), (DESK, "light", "screen"), (PAPER, "dark", "print"),
     ):  # fmt: skip
-        context = opened.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
-        page, asked = context.new_page(), []
-        page.on("request", lambda request, asked=asked: asked.append(request.url))
+        page.set_viewport_size({"width": width, "height": 900})
         page.emulate_media(media=media, color_scheme=scheme)
-        page.set_content(page_text)
         where = f"{width} px, {scheme}, {media}"
         for what, found in (
             ("too wide", page.evaluate(_TOO_WIDE)),
             ("too small", page.evaluate(_SMALL, LEAST_PX) if media == "screen" else []),
             ("cut", page.evaluate(_CUT)),
             ("hardly seen", page.evaluate(_UNSEEN)),
-            ("asks for", [url for url in asked if not url.startswith(("data:", "about:"))]),
         ):
             faults += [f"{where}: {what}: {one}" for one in found[:5]]
-        context.close()
-    return faults
+    page.close()
+    return faults + [f"asks for: {url}" for url in asked if not url.startswith(("data:", "about:"))]

@@ -40,22 +40,26 @@ def test_every_report_is_one_file_with_tables_that_scroll_and_a_dark_style(made)
         assert text_faults(page) == [], name
 
 
-@needs_browser
-def test_a_browser_shows_all_of_it(made):
-    with browser() as opened:
-        for name, page in made.items():
-            assert layout_faults(opened, page) == [], name
+@pytest.fixture(scope="module")
+def opened():
+    with browser() as started:
+        yield started
 
 
 @needs_browser
-def test_layout_check_detects_a_bad_page():
+def test_a_browser_shows_all_of_it(made, opened):
+    for name, page in made.items():
+        assert layout_faults(opened, page) == [], name
+
+
+@needs_browser
+def test_layout_check_detects_a_bad_page(opened):
     wide = Chart('<svg viewBox="0 0 800 50"><text x="5" y="20" font-size="9">small</text></svg>', "", "")
     bare = render("Bad", "", [Section("s", "", [wide])])
     bare = bare.replace(".chart .wide { display: none; }", "").replace(
         "</main>", '<p style="width:2000px;color:#999">wide</p><img src="http://127.0.0.1:9/x.png"></main>'
     )
-    with browser() as opened:
-        faults = "\n".join(layout_faults(opened, bare))
+    faults = "\n".join(layout_faults(opened, bare))
     for what in ("too wide: P", "too small: 3.", "asks for: http://127.0.0.1:9/x.png"):
         assert what in faults
     assert any("elsewhere" in fault for fault in text_faults(bare))
@@ -63,20 +67,18 @@ def test_layout_check_detects_a_bad_page():
 
 
 @needs_browser
-def test_tables_that_are_cut_have_a_shadow_and_lone_tiles_do_not_stretch():
+def test_tables_that_are_cut_have_a_shadow_and_lone_tiles_do_not_stretch(opened):
     table = Table([f"column {k}" for k in range(20)], [["a"] * 20])
     page_text = render("T", "", [Section("s", "", [table, Tiles([Tile("alone", "1")])])])
-    with browser() as opened:
-        for width, most in ((390, 0.55), (1400, 0.25)):
-            page = opened.new_page(viewport={"width": width, "height": 800})
-            page.set_content(page_text)
-            assert page.evaluate("document.querySelector('.table').scrollWidth > innerWidth")
-            shadow = page.evaluate("getComputedStyle(document.querySelector('.table')).backgroundImage")
-            assert shadow.count("radial-gradient") == 2
-            share = (
-                "document.querySelector('.tile').offsetWidth / document.querySelector('.tiles').offsetWidth"
-            )
-            assert page.evaluate(share) < most
+    for width, most in ((390, 0.55), (1400, 0.25)):
+        page = opened.new_page(viewport={"width": width, "height": 800})
+        page.set_content(page_text)
+        assert page.evaluate("document.querySelector('.table').scrollWidth > innerWidth")
+        shadow = page.evaluate("getComputedStyle(document.querySelector('.table')).backgroundImage")
+        assert shadow.count("radial-gradient") == 2
+        share = "document.querySelector('.tile').offsetWidth / document.querySelector('.tiles').offsetWidth"
+        assert page.evaluate(share) < most
+        page.close()
 
 
 def test_the_same_result_gives_the_same_bytes(made):
@@ -144,7 +146,7 @@ def test_the_plans_side_views_have_one_scale():
             assert (x1 - x0) / length == pytest.approx(scale, rel=0.01)
 
 
-def test_the_picture_has_the_numbers_of_the_table():
+def test_the_picture_has_the_numbers_of_the_table(made):
     found, depth, picture = lumps()
     numbers = [str(lump.number) for lump in largest_lumps(found)]
     assert len(numbers) == 12
@@ -154,7 +156,7 @@ def test_the_picture_has_the_numbers_of_the_table():
             height, width = panel.image.shape[:2]
             v, u = int(mark.place[1] * height), int(mark.place[0] * width)
             assert found.labels[crop_to_lumps(found)][v, u] == lump.number
-    page = pages()["lumps"]
+    page = made["lumps"]
     rows = re.findall(r"<tr><td>(\d+)</td>", page[page.index("The largest") :])
     assert rows == numbers
     for number in numbers:
@@ -186,18 +188,18 @@ def test_the_lumps_legend_has_the_colours_of_the_picture():
     assert OVERSIZE in [color for _, color in key.entries]
 
 
-def test_dark_means_certain_on_every_scale():
+def test_dark_means_certain_on_every_scale(made):
     """σ small and confidence high have the same colour, and the scale says so."""
     np.testing.assert_array_equal(CERTAINTY, UNCERTAINTY[::-1])
     for ramp in (UNCERTAINTY, HEIGHT):
         light = ramp.astype(float) @ [0.299, 0.587, 0.114]
         assert (np.diff(light) > -1.5).all()  # the eye takes brighter for more, in grey print too
         assert light[-1] - light[0] > 120
-    assert legend.DARK_IS_CERTAIN in pages()["plan"]
+    assert legend.DARK_IS_CERTAIN in made["plan"]
 
 
-def test_the_belts_tile_names_what_it_is():
-    page = pages()["belt"]
+def test_the_belts_tile_names_what_it_is(made):
+    page = made["belt"]
     assert re.search(r'label">σ of the cross-section</span>\s*<span class="value">0\.0123<', page)
 
 

@@ -16,7 +16,8 @@ from beltscape.kernels.backend import KernelFamily
 RADII = ((3, 1.5), (5, 2.5), (8, 4.0))
 """Windows of a local fit: (radius px, Gaussian sigma px)."""
 MOST_DISAGREEMENT = 25.0
-"""Upper bound of the disagreement of two windows: five σ, squared; one of them does not describe the surface."""
+"""Upper bound of the disagreement of two windows: five σ, squared; one of them does not describe the surface. Half
+and double change nothing on a quarter-size heap."""
 FIT_WINDOWS = 4
 """Largest number of windows that a fit chooses from; the native kernel's arrays have this size."""
 TOLERANCES = (1e-3, 1e3)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.intrinsics.like_cameras import Restart, restart_weak_cameras
 from beltscape.calibrate.intrinsics.zhang import MIN_VIEWS, MonocularCalibration, calibrate_camera
 from beltscape.calibrate.network.association import CameraNetwork, associate_cameras, find_groups, select_core
 from beltscape.calibrate.network.board_symmetry import unify_numbering
@@ -22,8 +23,6 @@ from beltscape.target.board import Board, corner_points_mm
 
 EXCESS_FACTOR, EXCESS_PX = 2.0, 0.25
 """A pair is not synchronous if its RMS exceeds its cameras' own by this factor, and exceeds this many px."""
-MAX_UNCERTAINTY = 0.05
-"""Largest standard deviation of focal length and principal point, over the focal length, without a warning."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,6 +34,8 @@ class HierarchyResult:
     """Detections of the rig's cameras, numbered from the same end of the board."""
     monocular: Mapping[str, MonocularCalibration]
     network: CameraNetwork
+    restarts: tuple[Restart, ...] = ()
+    """Cameras whose own views did not determine their lens."""
 
 
 def solve_hierarchy(
@@ -61,10 +62,10 @@ def solve_hierarchy(
         for done, name in enumerate(detections.cameras, start=1):
             try:
                 monocular[name] = calibrate_camera(name, detections, board_mm, known=(known or {}).get(name))
-                _warn_if_uncertain(monocular[name], reporter)
             except CalibrationError as error:
                 _warn_or_raise(error, name, core, reporter)
             reporter.step("calibrating cameras", done, len(detections.cameras))
+        monocular, restarts = restart_weak_cameras(detections, monocular, board_mm, tuple(known or ()))
         numbering = unify_numbering(detections, monocular, board)
         detections, monocular = numbering.detections, dict(numbering.monocular)
         for line in numbering.ambiguous:
@@ -87,17 +88,7 @@ def solve_hierarchy(
         cameras={name: kept[name].camera for name in order},
         cam_from_core={name: network.cam_from_core[name] for name in order},
     )
-    return HierarchyResult(rig, detections.restrict(order, detections.frames), kept, network)
-
-
-def _warn_if_uncertain(calibration: MonocularCalibration, reporter: Reporter) -> None:
-    worst = max(calibration.sigma[name] for name in ("fx", "fy", "cx", "cy"))
-    if worst > MAX_UNCERTAINTY * calibration.camera.focal_px.mean():
-        reporter.warn(
-            f"camera {calibration.camera.name}: its {len(calibration.cam_from_board)} views leave the focal length "
-            f"or the principal point uncertain by {worst:.0f} px; add views with the board tilted about 30° to every "
-            "side"
-        )
+    return HierarchyResult(rig, detections.restrict(order, detections.frames), kept, network, restarts)
 
 
 def _warn_or_raise(error: CalibrationError, name: str, core: str | None, reporter: Reporter) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -67,36 +67,36 @@ def calibrate_camera(
     ----------
     Zhang, IEEE TPAMI 22(11), 2000, doi:10.1109/34.888718.
     """
-    views, size = dict(detections.views[name]), detections.sizes_px[name]
-    rejected: dict[str, str] = {}
+    views, size = detections.views[name], detections.sizes_px[name]
     if len(views) < min_views:
         raise CalibrationError(
             f"camera {name} sees the board in {len(views)} of {detections.images[name]} images; "
             f"at least {min_views} tilted views are needed"
         )
+    if known is not None:
+        return reject_outlying_views(views, lambda kept: _fit_poses(name, kept, known, board_mm), min_views)
+    return reject_outlying_views(views, lambda kept: _calibrate_views(name, kept, size, board_mm), min_views)
 
-    def calibrate() -> MonocularCalibration:
-        return (
-            _calibrate_views(name, views, size, board_mm)
-            if known is None
-            else _fit_poses(name, views, known, board_mm)
-        )
 
-    solution = calibrate()
+def reject_outlying_views(
+    views: Mapping[str, Corners],
+    fit: Callable[[Mapping[str, Corners]], MonocularCalibration],
+    min_views: int = MIN_VIEWS,
+) -> MonocularCalibration:
+    """Return the fit to the views without those that fit far worse than the others; these are given with reasons."""
+    kept, rejected = dict(views), dict[str, str]()
+    solution = fit(kept)
     for _ in range(3):
         median = float(np.median(list(solution.view_rms_px.values())))
         limit = max(OUTLIER_FACTOR * median, 0.3)
         outliers = {frame: rms for frame, rms in solution.view_rms_px.items() if rms > limit}
-        if not outliers or len(views) - len(outliers) < max(min_views, len(views) // 2):
+        if not outliers or len(kept) - len(outliers) < max(min_views, len(kept) // 2):
             break
         for frame, rms in outliers.items():
             rejected[frame] = f"reprojection RMS {rms:.2f} px, the median view has {median:.2f} px"
-            del views[frame]
-        solution = calibrate()
-    return MonocularCalibration(
-        solution.camera, solution.sigma, solution.rms_px, solution.cam_from_board, solution.view_rms_px, rejected,
-        solution.fixed,
-    )  # fmt: skip
+            del kept[frame]
+        solution = fit(kept)
+    return replace(solution, rejected=rejected)
 
 
 PARAMETERS = list_parameters("brown")

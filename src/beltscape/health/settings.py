@@ -45,5 +45,7 @@ class HealthSettings(BaseModel):
     """Loss of light at fixed pixels against the other cameras, averaged over frames; sound: up to 0.06."""
     dirt_area: _Share = 0.005
     """Share of the picture from which dirt is reported."""
-    skew_ms: Annotated[float, Field(gt=0, le=1000)] = 1.0
-    """Difference of a camera's instant from the core's."""
+    projector_mm: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    """Displacement of the projected pattern on the bare belt; sound: up to 0.05."""
+    skew_ms: Annotated[float, Field(gt=0, le=1000)] = 0.1
+    """Difference of a camera's instant from the others', by the images; it must also exceed 3 σ."""

@@ -1,68 +1,126 @@
-"""Delay of a camera from the residuals of its tie points on a moving belt."""
+"""Delays of cameras on a moving belt, told from what they show of the moving material."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from beltscape.health.images.synchronisation import (
-    check_synchronisation,
-    estimate_motion_offset,
-    predict_image_motion,
-    separate_delay,
-)
+from beltscape.core.findings import Finding
+from beltscape.health.images.synchronisation import Delay, compute_depth_error, separate_delay
+from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
-from tests.health.images.speckled_belt import make_rig
+from tests.health.images.drawn_belt import ALONG, RIG, STEP_MM, make_frame
+from tests.measure.flow.moving_belt import Heap, depth_map
 
-RIG = make_rig()
-GENERATOR = np.random.default_rng(4)
-POINTS = np.column_stack([GENERATOR.uniform(-200, 200, (300, 2)), GENERATOR.uniform(600, 720, 300)])
-
-
-def measure(delay_ms: float, speed_mm_s: float, shift_px: float = 0.0, noise_px: float = 0.2):
-    motion = predict_image_motion(POINTS, np.array([0.0, speed_mm_s, 0.0]), RIG, "cam1")
-    noise = noise_px * np.random.default_rng(round(speed_mm_s)).standard_normal(motion.shape)
-    residual = delay_ms * motion + noise + np.array([0.0, shift_px])
-    return estimate_motion_offset(residual, motion, speed_mm_s)
+HEAP = Heap(start_mm=-2000.0, end_mm=2000.0, half_width_mm=260.0)
 
 
-@pytest.mark.parametrize("delay_ms", [0.1, -0.5, 5.0])
-def test_delay_is_estimated_within_its_sigma(delay_ms: float) -> None:
-    offset = measure(delay_ms, 2000.0)
-
-    assert abs(offset.delay_ms - delay_ms) < 4 * offset.sigma_ms
-    assert offset.sigma_ms < 0.03
-
-
-def test_outliers_do_not_matter() -> None:
-    motion = predict_image_motion(POINTS, np.array([0.0, 2000.0, 0.0]), RIG, "cam1")
-    residual = 1.0 * motion
-    residual[::10] += 30
-    residual[5] = np.nan
-
-    assert estimate_motion_offset(residual, motion, 2000.0).delay_ms == pytest.approx(1.0, abs=0.2)
+def run(
+    frames: int = 4, *, speed_mm_s: float = 1000.0, step: int = 1, **options
+) -> list[tuple[Finding, ...]]:
+    """The findings of a monitor over frames of a loaded belt."""
+    monitor = SynchronisationMonitor(RIG, HealthSettings())
+    out: list[tuple[Finding, ...]] = []
+    for number in range(0, step * frames, step):
+        drawn = make_frame(number, HEAP, speed_mm_s=speed_mm_s, **options)
+        out.append(monitor.check(drawn, depth_map(HEAP, STEP_MM * number), STEP_MM * number, ALONG))
+    return out
 
 
-def test_standing_belt_gives_no_delay() -> None:
-    assert measure(1.0, 0.0).sigma_ms == np.inf
+def find_faults(findings: tuple[Finding, ...]) -> dict[str, Finding]:
+    return {finding.subject: finding for finding in findings if finding.is_fault}
+
+
+@pytest.mark.parametrize(("speed_mm_s", "speckle"), [(500.0, 0.5), (5000.0, 0.8)])
+def test_simultaneous_cameras_pass(speed_mm_s: float, speckle: float) -> None:
+    checked = run(2, speed_mm_s=speed_mm_s, speckle=speckle)[-1]
+
+    assert {finding.subject for finding in checked if abs(finding.value) < 2 * finding.sigma} == {
+        "cam0",
+        "cam1",
+        "cam2",
+    }
+    assert not find_faults(checked)
+
+
+@pytest.mark.parametrize(
+    ("camera", "late_mm", "speed_mm_s"),
+    [("cam1", 2.0, 2000.0), ("cam2", -5.0, 1000.0), ("cam2", 5.0, 5000.0)],
+)
+def test_a_late_camera_is_named_by_the_second_check(camera: str, late_mm: float, speed_mm_s: float) -> None:
+    findings = run(3, speed_mm_s=speed_mm_s, late_mm={camera: late_mm})
+
+    assert not find_faults(findings[1])  # one check accuses no camera, nor does it pass
+    assert np.isnan(next(finding for finding in findings[1] if finding.subject == camera).value)
+    fault = find_faults(findings[2])
+    assert set(fault) == {camera}
+    assert fault[camera].value == pytest.approx(1000 * late_mm / speed_mm_s, abs=4 * fault[camera].sigma)
+    assert fault[camera].effect == "degraded"
+
+
+def test_a_late_core_is_named_not_all_the_others() -> None:
+    fault = find_faults(run(3, late_mm={"cam0": 3.0})[2])
+
+    assert set(fault) == {"cam0"}
+    assert fault["cam0"].value == pytest.approx(3.0, abs=4 * fault["cam0"].sigma)
+
+
+def test_an_image_of_the_frame_before_is_named() -> None:
+    monitor = SynchronisationMonitor(RIG, HealthSettings())
+    for number in (5, 6):
+        drawn = make_frame(number, HEAP, images_of={"cam1": number - 1})
+        findings = monitor.check(drawn, depth_map(HEAP, STEP_MM * number), STEP_MM * number, ALONG)
+
+    assert find_faults(findings)["cam1"].value == pytest.approx(-STEP_MM)
+
+
+def test_a_standing_belt_and_slow_steps_show_no_delay() -> None:
+    monitor = SynchronisationMonitor(RIG, HealthSettings())
+    drawn, depth = make_frame(0, HEAP, late_mm={"cam1": 5.0}), depth_map(HEAP, 0.0)
+
+    assert [monitor.check(drawn, depth, 0.01 * number, ALONG) for number in range(4)] == [()] * 4
+
+
+def test_a_moved_camera_is_not_called_late() -> None:
+    monitor, moved = SynchronisationMonitor(RIG, HealthSettings()), 0
+    for number in range(3):
+        drawn = make_frame(number, HEAP)
+        images = dict(drawn.images)
+        images["cam1"] = np.roll(images["cam1"], 1, axis=0)  # turned by 0.3°, about 3.7 mm on the belt
+        frames = type(drawn)(drawn.frame, images, drawn.time_ns)
+        findings = monitor.check(frames, depth_map(HEAP, STEP_MM * number), STEP_MM * number, ALONG)
+        moved += sum(np.isnan(finding.value) for finding in findings if finding.subject == "cam1")
+        assert not find_faults(findings)
+    assert moved
+
+
+def test_a_delay_holds_until_a_check_disproves_it() -> None:
+    monitor = SynchronisationMonitor(RIG, HealthSettings())
+    named: list[bool] = []
+    for number in range(7):
+        drawn = make_frame(number, HEAP, late_mm={"cam1": 5.0 if number < 3 else 0.0})
+        depth = None if number == 3 else depth_map(HEAP, STEP_MM * number)
+        named.append(bool(find_faults(monitor.check(drawn, depth, STEP_MM * number, ALONG))))
+
+    assert named == [False, False, True, True, True, True, False]
+
+
+def delays(speeds_mm_s, delay_ms: float, shift_mm: float) -> list[Delay]:
+    return [Delay(1e-3 * delay_ms * speed + shift_mm, 0.1, speed) for speed in speeds_mm_s]
 
 
 def test_speeds_distinguish_a_moved_camera_from_a_delay() -> None:
-    delay, sigma = separate_delay([measure(0.8, speed, shift_px=2.0) for speed in (500.0, 1000.0, 2000.0)])
+    delay_ms, sigma_ms = separate_delay(delays((500.0, 1000.0, 2000.0), 0.8, 2.0))
 
-    assert delay == pytest.approx(0.8, abs=4 * sigma)
-    assert sigma < 0.1
-
-
-def test_one_speed_cannot_tell_them() -> None:
-    assert separate_delay([measure(0.8, 1000.0)] * 3)[1] == np.inf
+    assert delay_ms == pytest.approx(0.8)
+    assert sigma_ms < 0.1
+    assert separate_delay(delays((1000.0, 1000.0), 0.8, 0.0))[1] == np.inf
 
 
-def test_finding_needs_limit_and_sigma() -> None:
-    settings = HealthSettings()
+def test_depth_error_follows_the_baseline_along_the_travel() -> None:
+    along = ALONG
+    across, lengthwise = (compute_depth_error(name, 3.0, along, 700.0, RIG) for name in ("cam1", "cam2"))
 
-    assert not check_synchronisation("cam1", 0.5, 0.01, settings).is_fault
-    assert not check_synchronisation("cam1", 1.5, 0.6, settings).is_fault
-    late = check_synchronisation("cam1", 1.5, 0.1, settings)
-    assert late.effect == "degraded"
-    assert "1.5 ms after" in late.text
+    assert across == 0
+    assert lengthwise == pytest.approx(3.0 * 700 / 120 / 2)
+    assert compute_depth_error("cam0", 3.0, along, 700.0, RIG) == pytest.approx(lengthwise, rel=0.01)

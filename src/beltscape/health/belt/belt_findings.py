@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
 from beltscape.health.belt.passes import BeltEvent, BeltPasses
 from beltscape.health.belt.settings import BeltLimits
 
@@ -24,9 +25,12 @@ def make_carry_back_findings(
     area, sigma = residue
     limit = limits.carry_back_mm2
     is_fault = area > limit and area > limits.zero_sigmas * sigma
-    text = (
+    text = Message(
         f"{area / 100:.1f} ± {sigma / 100:.1f} cm² of material on the empty belt: "
-        "check the scraper; what returns with the belt is counted in every revolution"
+        "check the scraper; what returns with the belt is counted in every revolution",
+        "carry_back",
+        area=round(area / 100, 1),
+        sigma=round(sigma / 100, 1),
     )
     totals = [Finding(CARRY_BACK_TOTAL, passes.residue_mm3 / _MM3_PER_L, _NAN, _NAN, "l")]
     if limits.belt_length_m is not None:
@@ -38,9 +42,13 @@ def make_event_findings(events: Iterable[BeltEvent], side_mm: float) -> tuple[Fi
     """Return the position, in m along the belt, of each splice and torn edge that passed; a torn edge is a fault."""
     out: list[Finding] = []
     for event in events:
-        text = (
+        text = Message(
             f"{event.kind} of the belt at {event.position_mm / 1000:.2f} m: {event.size_mm:.0f} mm deep, "
-            f"{event.length_mm:.0f} mm long; inspect it there"
+            f"{event.length_mm:.0f} mm long; inspect it there",
+            "torn_edge",
+            position=round(event.position_mm / 1000, 2),
+            depth=round(event.size_mm),
+            length=round(event.length_mm),
         )
         is_fault = event.kind != "splice"
         sigma = side_mm / 2000

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_history import ZeroHistory
 from beltscape.health.belt.zero_shift import ZeroShift
@@ -72,7 +73,12 @@ def _make_drift_finding(shift: ZeroShift, history: ZeroHistory, limits: BeltLimi
     known = bool(history.weight)
     is_fault = known and _exceeds(offset, sigma, limits.zero_mm, limits)
     verb = "higher" if offset > 0 else "lower"
-    text = f"the bare belt lies {abs(offset):.2f} ± {sigma:.2f} mm {verb} than learned; {_FIX}"
+    text = Message(
+        f"the bare belt lies {abs(offset):.2f} ± {sigma:.2f} mm {verb} than learned; {_FIX}",
+        "zero_drift",
+        offset=round(offset, 2),
+        sigma=round(sigma, 2),
+    )
     return Finding(
         DRIFT,
         offset,
@@ -87,8 +93,10 @@ def _make_drift_finding(shift: ZeroShift, history: ZeroHistory, limits: BeltLimi
 
 def _make_tilt_finding(rise_mm: float, sigma_mm: float, limits: BeltLimits) -> Finding:
     is_fault = _exceeds(rise_mm, sigma_mm, limits.tilt_mm, limits)
-    text = (
-        f"the bare belt is tilted or shifted sideways: {abs(rise_mm):.1f} mm at the edge of the view; {_FIX}"
+    text = Message(
+        f"the bare belt is tilted or shifted sideways: {abs(rise_mm):.1f} mm at the edge of the view; {_FIX}",
+        "zero_tilt",
+        rise=round(abs(rise_mm), 1),
     )
     return Finding(
         TILT,
@@ -127,8 +135,11 @@ _CAUSES = {
 
 def _describe(shift: ZeroShift, before: ZeroHistory, limits: BeltLimits) -> str:
     verb = "higher" if shift.offset_mm > 0 else "lower"
-    cause = _CAUSES[classify_shift(shift, before, limits)]
-    return (
-        f"the bare belt lies {abs(shift.offset_mm):.2f} ± {shift.sigma_mm:.2f} mm {verb} than learned ({cause}); "
-        f"{_FIX}"
+    kind = classify_shift(shift, before, limits)
+    return Message(
+        f"the bare belt lies {abs(shift.offset_mm):.2f} ± {shift.sigma_mm:.2f} mm {verb} than learned "
+        f"({_CAUSES[kind]}); {_FIX}",
+        f"zero_{kind.replace(' ', '_')}",
+        offset=round(shift.offset_mm, 2),
+        sigma=round(shift.sigma_mm, 2),
     )

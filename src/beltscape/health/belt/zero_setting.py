@@ -67,7 +67,7 @@ def zero_offset(
             f"zero: the frames' shifts scatter by {spread:.2f} mm ({offsets.min():+.2f} to {offsets.max():+.2f} mm); "
             "the belt vibrates or is not empty: give frames of the empty belt in steady motion"
         )
-        raise MeasureError(Message(text, "zero_scatter", spread=round(spread, 2)))
+        raise MeasureError(Message(text, "zero_set_scatter", spread=round(spread, 2)))
     tilt = max((find_largest_tilt(shift)[0] for shift in shifts), key=abs)
     for name, value in (("rise", offset), ("tilt", tilt)):
         if abs(value) > limits.set_limit_mm:
@@ -76,7 +76,7 @@ def zero_offset(
                 "find the cause, then learn the empty belt again (beltscape measure belt)"
             )
             values = {"value": round(value, 2), "limit": limits.set_limit_mm}
-            raise MeasureError(Message(text, f"zero_{name}", **values))
+            raise MeasureError(Message(text, f"zero_set_{name}", **values))
     moved = reference
     for _ in range(_ROUNDS):
         cells = [compute_belt_cells(depth, moved) for depth in depths]
@@ -99,11 +99,11 @@ def _estimate_on_empty_belt(
     fix = "empty and clean the belt, and give its frames"
     if not shift.is_measured or len(cells) < _LEAST_MEASURED * cells.shape[0] * cells.shape[1]:
         text = f"zero: frame {number}: no bare belt is visible; {fix}"
-        raise MeasureError(Message(text, "zero_not_bare", share=0))
+        raise MeasureError(Message(text, "zero_set_not_bare", share=0))
     share = float(shift.bare.mean())
     if share < _LEAST_BARE or not min(shift.sides):
         text = f"zero: frame {number}: only {share:.0%} of the belt is bare; {fix}"
-        raise MeasureError(Message(text, "zero_not_bare", share=round(100 * share)))
+        raise MeasureError(Message(text, "zero_set_not_bare", share=round(100 * share)))
     return shift
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from beltscape.core.findings import Effect, Finding
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.translatable_message import Message
 from beltscape.stereo.consistency.fault_texts import CameraFault
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 
@@ -51,8 +52,9 @@ def make_unreliable_finding(text: str) -> Finding:
 
 def make_unchecked_finding() -> Finding:
     """Return the finding of frames before the first that shows whether the cameras agree with the rig."""
-    text = (
-        "no frame shows yet whether the cameras agree with the rig: two cameras share too few textured points"
+    text = Message(
+        "no frame shows yet whether the cameras agree with the rig: two cameras share too few textured points",
+        "camera_pose_unchecked",
     )
     return Finding(POSE, _NAN, _NAN, _NAN, "mm", "", text, "degraded")
 
@@ -75,7 +77,7 @@ def _add_faults(finding: Finding, faults: Sequence[PoseFault]) -> Finding:
     worst = max(own, key=lambda each: each.effect == "missing")
     return replace(
         finding,
-        text="; ".join(each.fault.text for each in own),
+        text=own[0].fault.text if len(own) == 1 else "; ".join(each.fault.text for each in own),
         effect=worst.effect,
         systematic_mm=max(each.systematic_mm for each in own),
     )

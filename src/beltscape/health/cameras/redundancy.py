@@ -7,6 +7,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 
 REDUNDANCY = "camera_redundancy"
@@ -28,9 +29,13 @@ def make_redundancy_finding(
     if count == len(auxiliaries):
         return Finding(REDUNDANCY, count, 0.0, len(auxiliaries), "cameras")
     without = ", ".join((*absent, *weak))
-    text = (
+    text = Message(
         f"the depth comes from {count} of {len(auxiliaries)} auxiliary cameras, without {without}: another fault "
-        "would not be noticed as surely; restore the camera"
+        "would not be noticed as surely; restore the camera",
+        "camera_redundancy",
+        count=count,
+        all=len(auxiliaries),
+        without=without,
     )
     return Finding(REDUNDANCY, count, 0.0, len(auxiliaries), "cameras", "", text, "degraded")
 

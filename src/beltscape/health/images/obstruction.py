@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.translatable_message import Message
 from beltscape.health.image_statistics import (
     GRID,
     FloatArray,
@@ -135,7 +136,9 @@ def check_obstruction(
     text = f"{camera}: dirt on its window covers {area:.1%} of the picture and takes {taken / area:.0%} of the light"
     return replace(
         finding,
-        text=f"{text} there; clean it",
+        text=Message(
+            f"{text} there; clean it", "dirt", area=round(100 * area, 1), taken=round(100 * taken / area)
+        ),
         effect="none" if taken < _HARMLESS else "degraded",
         relative_sigma=_PER_LIGHT * taken,
         place=find_place(dark),

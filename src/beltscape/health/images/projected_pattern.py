@@ -8,6 +8,7 @@ from statistics import median
 import numpy as np
 
 from beltscape.core.findings import Effect, Finding
+from beltscape.core.translatable_message import Message
 from beltscape.health.images.exposure import compute_lit_ratios, estimate_mode
 from beltscape.health.images.sharpness import FAINT_SIGNAL
 from beltscape.health.reference import (
@@ -117,7 +118,12 @@ def _describe(check: str, contrast: float, light: float, limit: float, is_fault:
         "projector_focus": "the projector is out of focus; focus it, clean its lens",
         "dust": "dust or mist hangs in the air, or the ambient light is too bright; extract the dust, shade the belt",
     }[check]
-    text = f"the projected pattern has {contrast:.0%} of its contrast and {light:.0%} of its light: {cause}"
+    text = Message(
+        f"the projected pattern has {contrast:.0%} of its contrast and {light:.0%} of its light: {cause}",
+        f"projector_{state}" if check == "projector" else check,
+        contrast=round(100 * contrast),
+        light=round(100 * light),
+    )
     return Finding(check, *values, "%", "", text, effect, 0.0, 0.03 - 0.02 * float(np.log(min(contrast, 1))))
 
 
@@ -127,7 +133,10 @@ def _check_without_reference(frame: FrameStatistics, limit: float, settings: Hea
     nan = float("nan")
     if settings.projector == "no" or signal > _LEAST_SIGNAL:
         return Finding("projector", nan, nan, limit, "%")
-    text = "no camera shows texture above its noise; is the projector on and in focus, is there light?"
+    text = Message(
+        "no camera shows texture above its noise; is the projector on and in focus, is there light?",
+        "no_texture",
+    )
     return Finding("projector", nan, nan, limit, "%", "", text, "missing")
 
 
@@ -154,6 +163,5 @@ def describe_lamp(light: float, sigma: float) -> Finding:
     finding = Finding("lamp", value, value * sigma, 100 * _AGED, "%")
     if not value + 2 * value * sigma < 100 * _AGED:
         return finding
-    return replace(
-        finding, text=f"the light has fallen to {value:.0f} % of that at the start; replace the lamp soon"
-    )
+    text = f"the light has fallen to {value:.0f} % of that at the start; replace the lamp soon"
+    return replace(finding, text=Message(text, "lamp", light=round(value)))

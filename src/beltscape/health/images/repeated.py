@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
 from beltscape.health.image_statistics import FloatArray
 
 _ROWS_STEP = 4
@@ -68,5 +69,8 @@ def _check_camera(camera: str, change: Change, others: Sequence[Change]) -> Find
         is_still = change.texture_ratio < _STILL * float(np.median([other.texture_ratio for other in known]))
     if not (change.noise_ratio < _QUIET or is_still):
         return finding
-    text = f"{camera}: it delivers the same image again; restart the camera, check its link and its driver"
+    text = Message(
+        f"{camera}: it delivers the same image again; restart the camera, check its link and its driver",
+        "frozen_image",
+    )
     return replace(finding, text=text, effect="missing", is_momentary=True)

@@ -7,6 +7,7 @@ from statistics import median
 import numpy as np
 
 from beltscape.core.findings import Effect, Finding
+from beltscape.core.translatable_message import Message
 from beltscape.health.images.exposure import BLIND_DARKNESS
 from beltscape.health.reference import (
     LEAST_CONTRAST,
@@ -75,6 +76,7 @@ def _describe(check: str, camera: str, value: float, limit: float, is_fault: boo
         "condensation": "a veil lies over its picture; dry and clean its window (condensation or a film)",
     }[check]
     text = f"{camera}: its texture has {value:.0%} of the contrast of the other cameras': {cause}"
+    text = Message(text, check, contrast=round(100 * value))
     effect: Effect = "missing" if value < BLIND_CONTRAST else "degraded"
     sigma = _PER_LOSS * -float(np.log(value))
     return Finding(check, *values, "%", camera, text, effect, 0.0, sigma)

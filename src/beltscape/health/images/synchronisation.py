@@ -1,111 +1,136 @@
-"""Synchronisation of a camera, from the images: the belt's motion displaces what an early or late camera shows."""
+"""Synchronisation of the cameras, from the images: an early or late camera shows the moving material displaced."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.findings import Finding
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.translatable_message import Message
 from beltscape.health.settings import HealthSettings
 
-FloatArray = NDArray[np.float64]
-_ROUNDS = 5
-_HUBER = 1.5
-"""Residuals beyond this number of σ are weighted down."""
-_SIGMAS = 3.0
-"""A skew is a fault where it exceeds the limit and this number of σ."""
+SYNCHRONISATION = "camera_sync"
+SIGMAS = 3.0
+"""A delay is a fault where it exceeds the limit and this number of σ."""
+_LEAST_SPREAD = 0.1
+"""Least relative difference of speeds that separates a delay from a moved camera; less amplifies errors tenfold."""
+_RELATIVE_SIGMA = 0.01
+"""Relative error of the volume beside that of the depth: fewer points are measured at steps."""
 
 
 @dataclass(frozen=True, slots=True)
-class MotionOffset:
-    """The displacement of a camera's points along the belt's image motion."""
+class Delay:
+    """Delay of a camera against the core; NaN: not measured."""
 
-    delay_ms: float
-    """Displacement as time: positive for a camera that took its image later than the core."""
-    sigma_ms: float
+    displacement_mm: float
+    """Displacement of the moving material along the travel: positive for a camera that exposes later."""
+    sigma_mm: float
     speed_mm_s: float
-    """Signed speed of the belt at that frame."""
+    """Speed of the belt, positive."""
+
+    @property
+    def delay_ms(self) -> float:
+        """Return the displacement as time."""
+        return 1000 * self.displacement_mm / self.speed_mm_s
+
+    @property
+    def sigma_ms(self) -> float:
+        """Return one standard deviation of the delay."""
+        return 1000 * self.sigma_mm / self.speed_mm_s
+
+    def exceeds(self, limit_ms: float) -> bool:
+        """Return whether the delay is beyond the limit and `SIGMAS`."""
+        return abs(self.delay_ms) > max(limit_ms, SIGMAS * self.sigma_ms)
 
 
-def estimate_motion_offset(
-    residual_px: FloatArray, motion_px_per_ms: FloatArray, speed_mm_s: float
-) -> MotionOffset:
-    """Estimate a camera's delay from the residuals of its tie points.
-
-    Parameters
-    ----------
-    residual_px
-        (N, 2) observed less predicted position of each point in the camera; NaN: not known. A row may hold the
-        component across the epipolar line only, if ``motion_px_per_ms`` is projected onto the same direction.
-    motion_px_per_ms
-        (N, 2) motion of the points' images per millisecond, see `predict_image_motion`.
-    speed_mm_s
-        Speed of the belt.
-
-    Returns
-    -------
-    MotionOffset
-        With an infinite σ for a standing belt or too few points.
-    """
-    good = np.isfinite(residual_px).all(axis=1) & np.isfinite(motion_px_per_ms).all(axis=1)
-    residual, motion = residual_px[good], motion_px_per_ms[good]
-    energy = (motion * motion).sum(axis=1)
-    if len(residual) < 8 or not energy.sum() > 1e-6:
-        return MotionOffset(0.0, float("inf"), speed_mm_s)
-    weights, delay, scale = np.ones(len(residual)), 0.0, 1.0
-    for _ in range(_ROUNDS):
-        delay = float((weights * (residual * motion).sum(axis=1)).sum() / (weights * energy).sum())
-        misfit = np.linalg.norm(residual - delay * motion, axis=1)
-        scale = max(float(np.median(misfit)) * MAD_TO_SIGMA, 1e-3)
-        weights = np.minimum(1.0, _HUBER * scale / np.maximum(misfit, 1e-9))
-    return MotionOffset(delay, float(scale / np.sqrt((weights * energy).sum())), speed_mm_s)
-
-
-def predict_image_motion(points_mm: FloatArray, velocity_mm_s: FloatArray, rig: Rig, name: str) -> FloatArray:
-    """Return the motion (N, 2) in px per millisecond of the core's points (N, 3) in a camera's image.
-
-    ``velocity_mm_s`` (3,) is the belt's velocity in the core camera's frame.
-    """
-    camera, pose = rig.cameras[name], rig.cam_from_core[name]
-    step = 0.5e-3 * np.asarray(velocity_mm_s)
-    return camera.project(pose.apply(points_mm + step)) - camera.project(pose.apply(points_mm - step))
-
-
-def separate_delay(offsets: Sequence[MotionOffset]) -> tuple[float, float]:
+def separate_delay(delays: Sequence[Delay]) -> tuple[float, float]:
     """Return a camera's delay in ms and its σ from frames at different speeds.
 
-    A camera that moved displaces its points by the same pixels at every speed, an unsynchronised one in proportion to
-    the speed. At one speed only the two cannot be told apart, and σ is infinite.
+    A camera that moved displaces the material by the same length at every speed, an unsynchronised one in proportion
+    to the speed. At one speed only the two cannot be told apart, and σ is infinite.
     """
-    used = [one for one in offsets if np.isfinite(one.sigma_ms) and one.speed_mm_s]
-    if len(used) < 2:
-        return float("nan"), float("inf")
+    used = [one for one in delays if np.isfinite(one.displacement_mm)]
     speed = np.array([one.speed_mm_s for one in used])
-    shift = np.array([one.delay_ms for one in used]) * speed  # µm along the belt: delay · speed + constant
-    sigma = np.array([one.sigma_ms for one in used]) * np.abs(speed)
+    if len(used) < 2 or np.ptp(speed) < _LEAST_SPREAD * speed.max():
+        return float("nan"), float("inf")
+    shift = np.array([one.displacement_mm for one in used])
+    sigma = np.array([one.sigma_mm for one in used])
     design = np.stack([speed, np.ones_like(speed)], axis=1) / sigma[:, None]
     normal = design.T @ design
-    if np.linalg.cond(normal / np.sqrt(np.outer(np.diag(normal), np.diag(normal)))) > 1e8:
-        return float("nan"), float("inf")
     covariance = np.linalg.inv(normal)
-    delay = float((covariance @ (design.T @ (shift / sigma)))[0])
-    return delay, float(np.sqrt(covariance[0, 0]))
+    slope = float((covariance @ (design.T @ (shift / sigma)))[0])
+    return 1000 * slope, 1000 * float(np.sqrt(covariance[0, 0]))
 
 
-def check_synchronisation(camera: str, delay_ms: float, sigma_ms: float, settings: HealthSettings) -> Finding:
-    """Return the finding "camera_sync" of a camera from its delay and σ."""
-    finding = Finding("camera_sync", delay_ms, sigma_ms, settings.skew_ms, "ms", camera)
-    if not abs(delay_ms) > max(settings.skew_ms, _SIGMAS * sigma_ms):
+def compute_core_delay(delays: Mapping[str, Delay]) -> Delay:
+    """Return the core's delay against the auxiliary that it is nearest to: a late core is late for all."""
+    nearest = min(delays.values(), key=lambda one: abs(one.displacement_mm))
+    return Delay(-nearest.displacement_mm, nearest.sigma_mm, nearest.speed_mm_s)
+
+
+def find_late_core(delays: Mapping[str, Delay], limit_ms: float) -> Delay | None:
+    """Return the core's delay if all auxiliaries, at least two, are displaced by the same; else None."""
+    if len(delays) < 2 or not all(one.exceeds(limit_ms) for one in delays.values()):
+        return None
+    middle = float(np.median([one.displacement_mm for one in delays.values()]))
+    for one in delays.values():
+        if abs(one.displacement_mm - middle) > max(SIGMAS * one.sigma_mm, 0.25 * abs(middle)):
+            return None
+    return replace(compute_core_delay(delays), displacement_mm=-middle)
+
+
+def check_synchronisation(
+    camera: str, delay: Delay, systematic_mm: float, settings: HealthSettings
+) -> Finding:
+    """Return the finding "camera_sync" of a camera; ``systematic_mm`` is the error of depth that the delay causes."""
+    limit = max(settings.skew_ms, SIGMAS * delay.sigma_ms)
+    finding = Finding(SYNCHRONISATION, delay.delay_ms, delay.sigma_ms, limit, "ms", camera)
+    if not delay.exceeds(settings.skew_ms):
         return finding
-    text = (
-        f"{camera}: its images are taken {abs(delay_ms):.1f} ms {'after' if delay_ms > 0 else 'before'} the core's; "
-        "check its trigger cable, its trigger delay and its clock"
+    side = "after" if delay.delay_ms > 0 else "before"
+    text = Message(
+        f"{camera}: its images are taken {abs(delay.delay_ms):.2g} ms {side} the other cameras' "
+        f"({abs(delay.displacement_mm):.2g} mm of the belt's travel); check its trigger cable, delay and clock",
+        "camera_sync_late" if delay.delay_ms > 0 else "camera_sync_early",
+        delay=round(abs(delay.delay_ms), 2),
+        travel=round(abs(delay.displacement_mm), 2),
     )
     return Finding(
-        "camera_sync", delay_ms, sigma_ms, settings.skew_ms, "ms", camera, text, "degraded", 0.0, 0.02
+        SYNCHRONISATION,
+        delay.delay_ms,
+        delay.sigma_ms,
+        limit,
+        "ms",
+        camera,
+        text,
+        "degraded",
+        systematic_mm,
+        _RELATIVE_SIGMA,
     )
+
+
+def make_unmeasured_finding(camera: str, settings: HealthSettings) -> Finding:
+    """Return the finding of a camera whose delay the frame does not show."""
+    return Finding(SYNCHRONISATION, float("nan"), float("nan"), settings.skew_ms, "ms", camera)
+
+
+def compute_depth_error(
+    camera: str, displacement_mm: float, along: NDArray[np.float64], distance_mm: float, rig: Rig
+) -> float:
+    """Return the error of the depth, mm, by a camera that shows the material displaced along ``along`` (3,).
+
+    The auxiliaries are averaged; a late core displaces the material against all of them.
+    """
+    slopes = {
+        name: float(abs(center @ along) / (center @ center))
+        for name, center in ((name, rig.cam_from_core[name].center_mm) for name in rig.auxiliaries)
+    }
+    if camera == rig.core:
+        share = float(np.sqrt(np.mean(np.square(list(slopes.values()))) / len(slopes)))
+    else:
+        share = slopes[camera] / len(slopes)
+    return abs(displacement_mm) * distance_mm * share

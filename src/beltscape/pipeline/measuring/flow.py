@@ -17,6 +17,7 @@ from beltscape.files.capture import read_capture
 from beltscape.files.folders.paths import summarise_names
 from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.encoder_csv import BeltReading, read_encoder
+from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.flow.fusion.picture import BeltPicture
@@ -105,7 +106,9 @@ def measure_flow_of_capture(
     picture, steps = BeltPicture(ground), list[FramePlacement]()
     meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
     matcher = make_sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
-    chain = FlowChain(MonitoredMatcher(matcher, ImageMonitor(rig, HealthSettings())), meter)
+    health = HealthSettings()
+    monitored = MonitoredMatcher(matcher, ImageMonitor(rig, health))
+    chain = FlowChain(monitored, meter, images=BeltImageMonitor(rig, ground, health))
     direction = None if settings is None else settings.direction
     began, records = perf_counter(), list[FlowRecord]()
     for done, instant in enumerate(instants, 1):

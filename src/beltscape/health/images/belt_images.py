@@ -1,0 +1,49 @@
+"""Checks of images against the measured surface and the belt's motion: synchronisation, position of the projector."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding
+from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
+from beltscape.health.images.projector_monitor import ProjectorMonitor
+from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
+from beltscape.health.settings import HealthSettings
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
+
+
+class BeltImageMonitor:
+    """Compares the images of successive frames with the surface and the motion that were measured in them."""
+
+    def __init__(self, rig: Rig, reference: EmptyBeltReference, settings: HealthSettings) -> None:
+        self._settings = settings
+        self._projector = ProjectorMonitor(rig, reference, settings)
+        self._synchronisation = SynchronisationMonitor(rig, settings)
+
+    def check_projector(
+        self, frames: FrameSet, depth: DepthMap | None, findings: Sequence[Finding]
+    ) -> tuple[Finding, ...]:
+        """Return the finding about the projector's position; ``findings`` are those about the frame's images."""
+        if not self._settings.images:
+            return ()
+        return self._projector.check(frames, depth, findings)
+
+    def check_synchronisation(
+        self,
+        frames: FrameSet,
+        depth: DepthMap | None,
+        position_mm: float | None,
+        along: NDArray[np.float64] | None,
+    ) -> tuple[Finding, ...]:
+        """Return the findings about the cameras' instants, once the frame's position on the belt is known.
+
+        ``along`` (3,) is the direction of travel in the core's frame; None: not known.
+        """
+        if not self._settings.images:
+            return ()
+        return self._synchronisation.check(frames, depth, position_mm, along)

@@ -1,0 +1,187 @@
+"""The check of the cameras' synchronisation over the frames of a moving belt."""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding
+from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
+from beltscape.health.images.motion_correlation import (
+    Displacement,
+    FrameTextures,
+    correlate_at_rest,
+    measure_displacement,
+)
+from beltscape.health.images.surface_samples import SurfaceGrid
+from beltscape.health.images.synchronisation import (
+    Delay,
+    check_synchronisation,
+    compute_core_delay,
+    compute_depth_error,
+    find_late_core,
+    make_unmeasured_finding,
+    separate_delay,
+)
+from beltscape.health.settings import HealthSettings
+
+_EVERY = 8
+"""Number of frames per check; a check takes about a tenth of a second. A suspicious one is repeated at once."""
+_NEAREST, _FARTHEST = 0.05, 0.35
+"""Travel between the two frames over the distance of the belt: nearer, the projected pattern overlaps; farther, the
+cameras see other sides of the stones."""
+_LEAST_CORRELATION = 0.15
+"""Correlation of moving texture that is surely not chance; bare rubber has 0.03, heaps of stones 0.2 to 0.45."""
+_NOISE = 0.012
+"""σ of a displacement, mm at a distance of 700 mm, times the square of the correlation: in three sound captures."""
+_BIAS = 1.8e-4
+"""σ of the displacement that remains in the mean over frames, over the distance; up to 2.4e-4 in three rigs."""
+_NOISE_DISTANCE_MM = 700.0
+_MEMORY = 3
+"""Checks whose median is taken, so that a single one accuses no camera."""
+_CONFIRMING = 2
+"""Number of checks from which on a camera is accused."""
+_CLEARED = 0.5
+"""A fault ends at a check that shows less than this share of its delay."""
+_SPEEDS = 40
+"""Number of checks that are kept to separate a delay from a moved camera by the speed."""
+_STATIC = 0.5
+"""Share of the moving texture's displacement that the same instant must not show: else the camera may have moved."""
+_OLD = 0.5
+"""Correlation at rest with the frame before from which an image is that frame's; its own frame's is less then."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stored:
+    """A frame that waits for the next one."""
+
+    number: int
+    frame: FrameTextures
+    cameras: tuple[str, ...]
+    position_mm: float
+    time_ns: int
+
+
+class SynchronisationMonitor:
+    """Compares what the cameras show of the moving material in pairs of frames."""
+
+    def __init__(self, rig: Rig, settings: HealthSettings) -> None:
+        self._rig, self._settings = rig, settings
+        self._grid = SurfaceGrid(rig)
+        self._number = 0
+        self._due = 0
+        self._before: _Stored | None = None
+        self._recent: dict[str, deque[Delay]] = defaultdict(lambda: deque(maxlen=_MEMORY))
+        self._history: dict[str, deque[Delay]] = defaultdict(lambda: deque(maxlen=_SPEEDS))
+        self._faults: tuple[Finding, ...] = ()
+
+    def check(
+        self,
+        frames: FrameSet,
+        depth: DepthMap | None,
+        position_mm: float | None,
+        along: NDArray[np.float64] | None,
+    ) -> tuple[Finding, ...]:
+        """Return the findings "camera_sync" of the next frame; between two checks those that are faults.
+
+        ``position_mm`` is the belt's travel at the frame, ``along`` (3,) its direction in the core's frame.
+        """
+        self._number += 1
+        if depth is None or position_mm is None or along is None or frames.time_ns is None:
+            return self._faults
+        before = self._before
+        if before is None:
+            if self._number >= self._due:
+                self._before = self._store(frames, depth, position_mm, frames.time_ns)
+            return self._faults
+        travel, distance = position_mm - before.position_mm, float(np.nanmedian(depth.depth_mm[::8, ::8]))
+        if not travel >= _NEAREST * distance:
+            return self._faults
+        now = self._store(frames, depth, position_mm, frames.time_ns)
+        if travel > _FARTHEST * distance or frames.time_ns <= before.time_ns:
+            self._before = now
+            return self._faults
+        findings = self._compare(before, now, along, distance)
+        self._faults = tuple(finding for finding in findings if finding.is_fault)
+        self._due = self._number + _EVERY
+        is_suspect = any(one and one[-1].exceeds(self._settings.skew_ms) for one in self._recent.values())
+        self._before = now if is_suspect or self._faults else None
+        return tuple(findings)
+
+    def _store(self, frames: FrameSet, depth: DepthMap, position_mm: float, time_ns: int) -> _Stored:
+        cameras = tuple(name for name in self._rig.cameras if name in frames.images)
+        textures = {name: self._grid.filter_texture(frames.images[name]) for name in cameras}
+        surface = self._grid.locate_surface(depth)
+        own = self._grid.sample_all(textures, surface.points_mm)
+        return _Stored(self._number, FrameTextures(textures, surface, own), cameras, position_mm, time_ns)
+
+    def _compare(
+        self, before: _Stored, now: _Stored, along: NDArray[np.float64], distance_mm: float
+    ) -> list[Finding]:
+        core = self._rig.core
+        names = tuple(name for name in now.cameras if name in before.cameras and name != core)
+        if core not in now.cameras or core not in before.cameras or not names:
+            return []
+        travel = now.position_mm - before.position_mm
+        seconds = (now.time_ns - before.time_ns) * 1e-9
+        moved = measure_displacement(self._grid, before.frame, now.frame, along * travel, core, names)
+        delays = {name: self._estimate(name, moved[name], travel / seconds, distance_mm) for name in names}
+        for name in names:
+            if now.number == before.number + 1 and self._is_old(name, before.frame, now.frame):
+                delays[name] = Delay(-travel, _BIAS * distance_mm, travel / seconds)
+        measured = {name: one for name, one in delays.items() if one is not None}
+        late_core = find_late_core(measured, self._settings.skew_ms)
+        if late_core is not None:
+            measured = {core: late_core}
+        elif len(measured) > 1 and not (nearest := compute_core_delay(measured)).exceeds(
+            self._settings.skew_ms
+        ):
+            measured[core] = nearest
+        return [self._make_finding(name, measured.get(name), along, distance_mm) for name in (core, *names)]
+
+    def _estimate(
+        self, name: str, moved: Displacement, speed_mm_s: float, distance_mm: float
+    ) -> Delay | None:
+        """Return a camera's delay by the last checks; None where they leave it open."""
+        if moved.correlation < _LEAST_CORRELATION:
+            return None
+        noise = _NOISE / moved.correlation**2 * distance_mm / _NOISE_DISTANCE_MM
+        newest = Delay(moved.moving_mm, float(np.hypot(noise, _BIAS * distance_mm)), speed_mm_s)
+        self._history[name].append(newest)
+        if newest.exceeds(self._settings.skew_ms) and abs(moved.same_mm) > _STATIC * abs(moved.moving_mm):
+            delay_ms, sigma_ms = separate_delay(self._history[name])
+            if not np.isfinite(sigma_ms):
+                return None
+            newest = Delay(1e-3 * delay_ms * speed_mm_s, 1e-3 * sigma_ms * speed_mm_s, speed_mm_s)
+        recent = self._recent[name]
+        recent.append(newest)
+        middle = 1e-3 * float(np.median([one.delay_ms for one in recent])) * speed_mm_s
+        delay = Delay(middle, newest.sigma_mm, speed_mm_s)
+        limit = self._settings.skew_ms
+        # an unusual check that is not confirmed yet neither passes nor accuses
+        is_open = newest.exceeds(limit) and (len(recent) < _CONFIRMING or not delay.exceeds(limit))
+        return None if is_open else delay
+
+    def _make_finding(
+        self, name: str, delay: Delay | None, along: NDArray[np.float64], distance_mm: float
+    ) -> Finding:
+        """Return a camera's finding; a fault holds until a check shows less than half of its delay."""
+        fault = next((one for one in self._faults if one.subject == name), None)
+        if delay is None:
+            return fault or make_unmeasured_finding(name, self._settings)
+        error = compute_depth_error(name, delay.displacement_mm, along, distance_mm, self._rig)
+        finding = check_synchronisation(name, delay, error, self._settings)
+        holds = fault is not None and abs(finding.value) > _CLEARED * abs(fault.value)
+        return fault if fault is not None and holds and not finding.is_fault else finding
+
+    def _is_old(self, name: str, before: FrameTextures, now: FrameTextures) -> bool:
+        """Return whether a camera's image is that of the frame before."""
+        core = self._rig.core
+        own = correlate_at_rest(now.own[core], now.own[name], now.surface.is_smooth)
+        old = self._grid.sample(now.textures[name], name, before.surface.points_mm)
+        return correlate_at_rest(before.own[core], old, before.surface.is_smooth) > max(_OLD, own + 0.1)

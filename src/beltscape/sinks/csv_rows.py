@@ -16,8 +16,8 @@ HEADER = f"{flow_csv.HEADER},number,run,belt_from_mm,belt_to_mm,standing,reason,
 PATTERN = "????-??-??.csv"
 """Names of the files, one per day."""
 _COLUMNS = HEADER.split(",")
-_TAIL = 1 << 16
-"""Bytes at the end of a file that contain its last row."""
+TAIL = 1 << 16
+"""Bytes at the end of a file that contain its last row; a row has some 300."""
 
 
 def read_last_number(path: Path) -> int:
@@ -25,7 +25,7 @@ def read_last_number(path: Path) -> int:
     with path.open("rb") as file:
         header = file.readline().decode("utf-8", "replace").rstrip("\n")
         size = file.seek(0, io.SEEK_END)
-        file.seek(max(0, size - _TAIL))
+        file.seek(max(0, size - TAIL))
         tail = file.read()
     rows = tail[: tail.rfind(b"\n") + 1].decode("utf-8", "replace").splitlines()
     values = next(csv.reader(rows[-1:]), [""]) if header == HEADER and len(rows) > 1 else [""]

@@ -14,14 +14,16 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
 from beltscape.files.tables import flow_csv
 from beltscape.files.tables.csv_table import append_rows
-from beltscape.sinks.csv_rows import HEADER, PATTERN
+from beltscape.sinks.csv_rows import HEADER, PATTERN, TAIL
 from beltscape.sinks.days import compute_day, compute_shift_ns, format_day
 from beltscape.sinks.settings import CsvSettings
 
 _FLOW_COLUMNS = flow_csv.HEADER.count(",") + 1
+"""Number of columns that the table shares with flow.csv of `measure flow`."""
 _NUMBER = _FLOW_COLUMNS
-_TAIL = 1 << 16
-"""Bytes at the end of a file that contain its last row."""
+"""Index of the column ``number``, the first of the ledger's."""
+_QUOTED = 200
+"""Number of characters of a wrong row that a message quotes."""
 
 
 class CsvSink:
@@ -112,7 +114,7 @@ def _repair(path: Path) -> int:
     """Remove an incomplete last row; return the number of the last complete one, 0 without one."""
     with path.open("r+b") as file:
         size = file.seek(0, io.SEEK_END)
-        file.seek(max(0, size - _TAIL))
+        file.seek(max(0, size - TAIL))
         tail = file.read()
         end = tail.rfind(b"\n") + 1
         if end < len(tail):
@@ -122,12 +124,14 @@ def _repair(path: Path) -> int:
     if header != HEADER:
         if not header:
             return 0
-        raise InputError(f"{path}: the header is {header[:200]!r}; it must be {HEADER}: move the file away")
+        raise InputError(
+            f"{path}: the header is {header[:_QUOTED]!r}; it must be {HEADER}: move the file away"
+        )
     rows = tail[:end].decode("utf-8", "replace").splitlines()
     none: list[str] = []
     values = next(csv.reader(rows[-1:]), none) if len(rows) > 1 else none
     if values and not (len(values) == HEADER.count(",") + 1 and values[_NUMBER].isdecimal()):
-        raise InputError(f"{path}: its last row {rows[-1][:200]!r} is no record; move the file away")
+        raise InputError(f"{path}: its last row {rows[-1][:_QUOTED]!r} is no record; move the file away")
     return int(values[_NUMBER]) if values else 0
 
 

@@ -5,8 +5,13 @@ from __future__ import annotations
 from datetime import date, timedelta
 
 HOUR_NS = 3_600_000_000_000
+"""Nanoseconds of an hour."""
 DAY_NS = 24 * HOUR_NS
+"""Nanoseconds of a day; days are those of UTC plus a fixed shift, so all are equally long."""
 _EPOCH = date(1970, 1, 1)
+"""Day 0, that of Unix time."""
+_FIRST, _LAST = (date.min - _EPOCH).days, (date.max - _EPOCH).days
+"""Days of the years 1 and 9999, which Python's dates and file names can hold."""
 
 
 def compute_shift_ns(begins_utc_h: float) -> int:
@@ -27,4 +32,4 @@ def compute_day_range_ns(day: int, shift_ns: int) -> tuple[int, int]:
 
 def format_day(day: int) -> str:
     """Return a day's name as in file names, such as 2026-11-21; years are limited to 1 to 9999."""
-    return (_EPOCH + timedelta(days=max(-719162, min(day, 2932896)))).isoformat()
+    return (_EPOCH + timedelta(days=max(_FIRST, min(day, _LAST)))).isoformat()

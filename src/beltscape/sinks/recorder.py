@@ -14,11 +14,10 @@ from beltscape.core.supervision import make_supervised_thread
 from beltscape.sinks.recording.capture_store import CaptureStore
 from beltscape.sinks.recording.capture_writer import CaptureWriter
 from beltscape.sinks.recording.ring import PARTS, Ring
-from beltscape.sinks.settings import RecordingSettings
+from beltscape.sinks.settings import GIB, RecordingSettings
 
-_GIB = 1 << 30
 _CHECK_S = 1.0
-"""Interval between checks of the disk."""
+"""Interval between checks of the disk; a recording fills some hundred MB meanwhile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -194,7 +193,7 @@ class Recorder:
 
     def _make_room(self) -> str:
         """Remove the oldest captures that are not kept; return why space is still short, or an empty text."""
-        limit, least = self._settings.limit_gib * _GIB, self._settings.free_gib * _GIB
+        limit, least = self._settings.limit_gib * GIB, self._settings.free_gib * GIB
         if self._store.size_bytes > limit:
             self._store.refresh()
         while self._store.size_bytes > limit or _free(self._folder) < least:
@@ -202,12 +201,12 @@ class Recorder:
                 break
         if self._store.size_bytes > limit:
             return (
-                f"{self._folder}: recording pauses: kept captures take {self._store.kept_bytes / _GIB:.1f} of "
+                f"{self._folder}: recording pauses: kept captures take {self._store.kept_bytes / GIB:.1f} of "
                 f"{self._settings.limit_gib:g} GiB; remove those that are no longer needed from kept/"
             )
         if (free := _free(self._folder)) < least:
             return (
-                f"{self._folder}: recording pauses: {free / _GIB:.1f} GiB are free, {self._settings.free_gib:g} must "
+                f"{self._folder}: recording pauses: {free / GIB:.1f} GiB are free, {self._settings.free_gib:g} must "
                 "stay (free_gib); free some space"
             )
         return ""

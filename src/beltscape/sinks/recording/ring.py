@@ -9,7 +9,7 @@ from pathlib import Path
 from beltscape.sinks.recording.capture_store import CaptureStore
 
 PARTS = 12
-"""Number of pieces of the ring; one is removed at a time."""
+"""Number of pieces of the ring, of which one is removed at a time: it holds 11/12 of its length or more."""
 
 
 @dataclass(frozen=True, slots=True)

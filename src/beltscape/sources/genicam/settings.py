@@ -17,8 +17,8 @@ PixelFormat = Literal[
 """GenICam's names of the supported pixel formats."""
 
 WINDOW_SHARE = 0.4
-"""Images within this share of the shortest time between instants may belong to one instant; below a half, so that they
-fit one only."""
+"""Images within this share of the shortest time between instants may belong to one instant; below a half, so that
+they fit one only."""
 
 
 class CameraOverrides(BaseModel):

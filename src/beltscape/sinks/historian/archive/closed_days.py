@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from beltscape.core.errors import InputError
 from beltscape.sinks.days import compute_day, compute_day_range_ns, format_day
 from beltscape.sinks.historian.reading.records import read_database_rows
-from beltscape.sinks.historian.storage.day_files import DayFile, read_day, read_summary, write_day
+from beltscape.sinks.historian.storage.day_files import UNBOUNDED, DayFile, read_day, read_summary, write_day
 from beltscape.sinks.historian.storage.day_table import to_table
 from beltscape.sinks.historian.writing.buckets import add_to_buckets
 from beltscape.sinks.historian.writing.ledger import transaction
@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _ROWS = 2_000
-"""Records in a row group of a day file."""
-_ALL = 1 << 62
+"""Records in a row group of a day file: a quarter of a megabyte with cross-sections, read as one. Chosen."""
 _FILE = ", ".join(field.name for field in fields(DayFile))
 _UNFILED = """
     SELECT passed.day FROM (SELECT bucket / 24 AS day, max(last) AS last FROM hours GROUP BY bucket / 24) AS passed
@@ -83,7 +82,7 @@ class Archive:
                 "SELECT name, summed, last FROM files WHERE summed < last ORDER BY last LIMIT 1"
             ).fetchall()
         for name, summed, last in files:
-            records = read_day(self.folder / name, (summed + 1, last), (-_ALL, _ALL), _ALL, sections=False)
+            records = read_day(self.folder / name, (summed + 1, last), sections=False)
 
             def work(connection: sqlite3.Connection, name: str = name, records: Any = records) -> None:
                 with transaction(connection):
@@ -117,7 +116,7 @@ class Archive:
         times = compute_day_range_ns(day, self._store.shift_ns)
         while True:
             with self._store.readers.borrow() as connection:
-                rows, sections = read_database_rows(connection, (number, _ALL), times, _ROWS)
+                rows, sections = read_database_rows(connection, (number, UNBOUNDED), times, _ROWS)
             if not rows:
                 return
             yield to_table(rows, sections)

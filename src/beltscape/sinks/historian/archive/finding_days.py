@@ -13,12 +13,8 @@ from beltscape.core.errors import InputError
 from beltscape.sinks.days import DAY_NS, compute_day, compute_day_range_ns, format_day
 from beltscape.sinks.historian.storage.finding_files import read_finding_day, write_finding_day
 from beltscape.sinks.historian.storage.finding_rows import TEN_MINUTES_NS
-from beltscape.sinks.historian.writing.store import Store
-from beltscape.sinks.settings import HistorySettings
-
-_GIB = 1 << 30
-_STEP = 1_000
-"""Findings removed from the database at once, while writing waits."""
+from beltscape.sinks.historian.writing.store import REMOVED_AT_ONCE, Store
+from beltscape.sinks.settings import GIB, HistorySettings
 
 
 class FindingArchive:
@@ -88,7 +84,7 @@ class FindingArchive:
         """Remove the findings of old files from the database, in small steps between which writing continues."""
         files = self._select("SELECT name, day, last FROM finding_files WHERE last > 0 ORDER BY last DESC")
         kept = self._settings.database_days
-        if self._store.used_bytes() > self._settings.database_gib * _GIB:
+        if self._store.used_bytes() > self._settings.database_gib * GIB:
             kept = 1
         days = list(dict.fromkeys(day for _, day, _ in files))[: kept - 1]
         for name, day, last in files:
@@ -108,7 +104,7 @@ class FindingArchive:
                 "WHERE wall_ns >= ? AND wall_ns < ? AND finding <= ? LIMIT ?",
                 *times,
                 last,
-                _STEP,
+                REMOVED_AT_ONCE,
             )
             if not numbers:
                 return
@@ -122,7 +118,7 @@ class FindingArchive:
         days = sorted({day for _, day, _ in files})[-self._settings.file_days :]
         total = sum(size for _, _, size in files)
         for name, day, size in files:
-            if day in days and total <= self._settings.file_gib * _GIB:
+            if day in days and total <= self._settings.file_gib * GIB:
                 return
             (self.folder / name).unlink(missing_ok=True)
             end = ((day + 1) * DAY_NS + self._store.shift_ns) // TEN_MINUTES_NS

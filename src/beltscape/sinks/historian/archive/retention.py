@@ -18,12 +18,11 @@ from beltscape.sinks.days import compute_day_range_ns
 from beltscape.sinks.historian.archive.closed_days import Archive, select_files
 from beltscape.sinks.historian.storage.day_files import DayFile
 from beltscape.sinks.historian.writing.ledger import transaction
-from beltscape.sinks.historian.writing.store import Store
-from beltscape.sinks.settings import HistorySettings
+from beltscape.sinks.historian.writing.store import REMOVED_AT_ONCE, Store
+from beltscape.sinks.settings import GIB, HistorySettings
 
-_GIB = 1 << 30
-_STEP = 1_000
-"""Records removed from the database at once, while writing waits."""
+_KEPT_SHARE = 0.9
+"""Share of the limit to which a full database is reduced, so that it is not reduced at every check. Chosen."""
 
 
 class Retention:
@@ -78,7 +77,7 @@ class Retention:
                 self._remove_from_database(file)
 
     def _prune_by_size(self) -> None:
-        limit = self._settings.database_gib * _GIB
+        limit = self._settings.database_gib * GIB
         if self._store.used_bytes() <= limit:
             return
         # days without a file are closed early
@@ -86,7 +85,7 @@ class Retention:
         with self._store.readers.borrow() as connection:
             files = select_files(connection, "NOT pruned")
         for file, _ in files:
-            if self._store.used_bytes() <= 0.9 * limit:
+            if self._store.used_bytes() <= _KEPT_SHARE * limit:
                 return
             self._remove_from_database(file)
 
@@ -118,7 +117,7 @@ class Retention:
                 numbers = connection.execute(
                     "SELECT number FROM records "
                     "WHERE number BETWEEN ? AND ? AND wall_ns >= ? AND wall_ns < ? LIMIT ?",
-                    (file.first, file.last, *times, _STEP),
+                    (file.first, file.last, *times, REMOVED_AT_ONCE),
                 ).fetchall()
             if not numbers:
                 return
@@ -131,7 +130,7 @@ class Retention:
             days = _newest_days(connection, self._settings.file_days)
             (total,) = connection.execute("SELECT total(bytes) FROM files").fetchone()
         for file, _ in files:
-            if file.day in days and total <= self._settings.file_gib * _GIB:
+            if file.day in days and total <= self._settings.file_gib * GIB:
                 return
             (self._archive.folder / file.name).unlink(missing_ok=True)
             self._store.transact(lambda c, file=file: _forget_file(c, file))

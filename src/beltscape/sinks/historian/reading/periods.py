@@ -10,9 +10,7 @@ from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
 from beltscape.sinks.days import DAY_NS, format_day
 from beltscape.sinks.historian.reading.records import read_database_records, read_database_section
 from beltscape.sinks.historian.reading.series import find_number_range
-from beltscape.sinks.historian.storage.day_files import read_day
-
-_ALWAYS = (-(1 << 62), 1 << 62)
+from beltscape.sinks.historian.storage.day_files import UNBOUNDED, read_day
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +52,9 @@ def read_records(
     for name, first in files:
         if len(found) >= limit and first > sorted(found)[limit - 1]:
             break
-        for record in _read_day_file(folder / name, (after + 1, 1 << 62), times_ns, limit, sections=sections):
+        for record in _read_day_file(
+            folder / name, (after + 1, UNBOUNDED), times_ns, limit, sections=sections
+        ):
             found[record.number] = record
     return tuple(found[number] for number in sorted(found)[:limit])
 
@@ -66,7 +66,9 @@ def read_section(connection: sqlite3.Connection, folder: Path, number: int) -> C
         return section
     files = connection.execute("SELECT name FROM files WHERE pruned AND ? BETWEEN first AND last", (number,))
     for (name,) in files:
-        for record in _read_day_file(folder / name, (number, number), _ALWAYS, 1, sections=True):
+        for record in _read_day_file(
+            folder / name, (number, number), (-UNBOUNDED, UNBOUNDED), 1, sections=True
+        ):
             return record.section
     return None
 

@@ -13,7 +13,7 @@ from beltscape.sinks.historian.storage.failures import is_damage
 from beltscape.sinks.historian.storage.schema import open_reader
 
 _IDLE = 8
-"""Number of idle connections that are kept open."""
+"""Number of idle connections that are kept open: as many readers as a busy page has."""
 
 
 def locate_suspect_marker(path: Path) -> Path:

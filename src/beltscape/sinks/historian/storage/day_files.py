@@ -15,6 +15,9 @@ from beltscape.files.documents.digest import hash_file
 from beltscape.sinks.durable import commit_file
 from beltscape.sinks.historian.storage.day_table import NAMES, hash_table, schema, to_records
 
+UNBOUNDED = 1 << 62
+"""A number and a time (ns) above all others, as the end of a range; SQLite and Parquet hold 63 bits and a sign."""
+
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -101,7 +104,12 @@ def read_summary(path: Path) -> DayFile:
 
 
 def read_day(
-    path: Path, numbers: tuple[int, int], times_ns: tuple[int, int], limit: int, *, sections: bool
+    path: Path,
+    numbers: tuple[int, int],
+    times_ns: tuple[int, int] = (-UNBOUNDED, UNBOUNDED),
+    limit: int = UNBOUNDED,
+    *,
+    sections: bool,
 ) -> list[BeltRecord]:
     """Return the first ``limit`` records in a range of numbers (ends included) and times (end excluded).
 

@@ -10,7 +10,7 @@ from beltscape.core.findings import EFFECTS, Finding
 TEN_MINUTES_NS = 600_000_000_000
 """Width of the intervals of the sums."""
 MAX_TEXT = 500
-"""Longer texts are cut."""
+"""Longer texts are cut; the messages of the checks have up to 300 characters."""
 
 
 @dataclass(frozen=True, slots=True)

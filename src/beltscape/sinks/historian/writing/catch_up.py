@@ -15,13 +15,12 @@ from pathlib import Path
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError
 from beltscape.sinks.csv_rows import PATTERN, read_last_number, read_records
-from beltscape.sinks.historian.storage.day_files import DayFile, read_day, read_summary
+from beltscape.sinks.historian.storage.day_files import UNBOUNDED, DayFile, read_day, read_summary
 from beltscape.sinks.historian.writing.ledger import append_records, set_sums, transaction
 from beltscape.sinks.historian.writing.sums import Sums
 
-_ALL = 1 << 62
 _BATCH = 5_000
-"""Records of a table that are stored in one transaction."""
+"""Records of a table that are stored in one transaction, which others wait for. Chosen."""
 _SAME_MM = 1e-3
 """Tables round positions to 1e-4 mm; a difference up to this is no gap."""
 _UNKNOWN_SIGMA = 1.0
@@ -61,7 +60,7 @@ class _CatchUp:
         begin = self.sums.number
         for _, path in sorted(files):
             try:
-                records = read_day(path, (self.sums.number + 1, _ALL), (-_ALL, _ALL), _ALL, sections=False)
+                records = read_day(path, (self.sums.number + 1, UNBOUNDED), sections=False)
             except InputError:
                 continue  # damaged: its records are counted as lost when the next ones follow
             for record in records:

@@ -24,7 +24,7 @@ from beltscape.sinks.historian.writing.sums import SUMS_BEGIN, Sums, read_leadin
 DATABASE = "history.db"
 SNAPSHOT = "totals.json"
 _QUICK_BYTES = 256 << 20
-"""A database up to this size is checked page by page at every start; a larger one only where it is read."""
+"""A database up to this size is checked page by page at every start, a larger one only where it is read. Chosen."""
 _TEXT_BYTES = 4096
 """The text of the sums is shorter than a page."""
 

@@ -30,11 +30,14 @@ from beltscape.sinks.historian.writing.reserve import Reserve
 from beltscape.sinks.settings import HistorySettings
 
 Result = TypeVar("Result")
+REMOVED_AT_ONCE = 1_000
+"""Rows removed from the database in one transaction, while writing waits: milliseconds. Chosen."""
 _MIB = 1 << 20
+"""Bytes of a MiB."""
 _PAGES, _PAGES_SHORT = 1000, 40
 """Length of SQLite's log, pages: the default, and that for a full disk."""
 _SNAPSHOT_S = 10.0
-"""Interval at which the totals are also written beside the database."""
+"""Interval at which the totals are also written beside the database: a lost one loses no more. Chosen."""
 
 
 class Store:

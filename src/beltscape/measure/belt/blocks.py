@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, TUKEY
 
 _MIN_SHARE = 0.5
 """A block with a smaller share of measured pixels gets no plane."""
@@ -59,7 +59,7 @@ def fit_block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlan
         plane = cast("NDArray[np.float64]", np.linalg.solve(normal_matrix, right))[..., 0]
         residual = np.where(np.isfinite(inverse), inverse - (local @ plane[..., None])[..., 0], np.nan)
         scale = MAD_TO_SIGMA * np.nanmedian(np.abs(residual), axis=1) + 1e-12
-        ratio = np.nan_to_num(residual / (4.685 * scale[:, None]), nan=1.0)
+        ratio = np.nan_to_num(residual / (TUKEY * scale[:, None]), nan=1.0)
         weight = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
     # w = a·x/z + b·y/z + c is the plane a·X + b·Y + c·Z = 1
     normal = plane.copy()

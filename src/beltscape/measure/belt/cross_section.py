@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_biweights
 
 _NODES = 160
 """Nodes over the measured width: 5 mm apart on a belt of 800 mm."""
@@ -92,7 +92,7 @@ class _GaussNewtonStep:
         covariance, noise = np.full((2, 2), np.inf), 0.0
         for _ in range(3):
             noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-9
-            weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
+            weight = compute_biweights(residual, noise)
             slope = (np.diff(height) / np.diff(nodes))[hats.left]
             lever = np.where(np.abs(slope) < _MAX_SLOPE, slope, 0.0) * -y * turn_yaw
             height, answer, covariance = _solve_normal_equations(hats, (y, lever), z, weight, height)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from beltscape.core.belt.empty_belt import BeltDeviation
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_biweights
 
 _NODES_ACROSS = 24
 """Nodes over the belt's width; the same spacing holds along the belt."""
@@ -49,7 +49,7 @@ def fit_deviation(
         mean = np.bincount(cell, weight * off, shape[0] * shape[1]).reshape(shape) / np.maximum(total, 1e-9)
         left = off - mean.ravel()[cell]
         scale = MAD_TO_SIGMA * float(np.median(np.abs(left))) + 1e-9
-        weight = np.clip(1 - (left / (4.685 * scale)) ** 2, 0, None) ** 2
+        weight = compute_biweights(left, scale)
     full = count >= 0.1 * np.median(count[count > 0])
     sigma = scale * np.sqrt(np.minimum(patch_px / np.maximum(count, 1), 1.0))
     real = float(np.mean(mean[full] ** 2))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from beltscape.core.belt.empty_belt import Belt, BeltEdges
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_biweights
 
 _STRIPS = 48
 """Strips along the belt in which its edges are located one by one."""
@@ -126,7 +126,7 @@ def _fit_line(transitions: NDArray[np.float64], side: int, step_mm: float) -> tu
         answer = np.linalg.solve(normal, design.T @ (weight * transitions[:, 1]))
         residual = transitions[:, 1] - design @ answer
         noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-6
-        weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2 + 1e-9
+        weight = compute_biweights(residual, noise) + 1e-9
     # an edge is located to a fraction of a pixel at best, however many strips it crosses
     sigma = float(np.hypot(noise * np.sqrt(np.linalg.inv(normal)[0, 0]), 0.3 * step_mm))
     return side * float(answer[0]), sigma

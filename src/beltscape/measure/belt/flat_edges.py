@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_biweights
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +107,7 @@ def _fit_line(
         offset, slope = solved
         residual: NDArray[np.float64] = across - offset - design[:, 1] * slope
         noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-6
-        weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
+        weight = compute_biweights(residual, noise)
     # errors of neighbouring border pixels are correlated: ten of them count as one; an edge along the rows or
     # columns of pixels is located only to a fraction of a pixel over its whole length
     sigma = np.hypot(noise / np.sqrt(np.sum(weight * design[:, 1] ** 2) / 10), 0.3 * step_mm / np.ptp(along))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_biweights
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ def fit_plane(points_mm: NDArray[np.float64]) -> Plane:
         answer = np.linalg.solve(normal_matrix, design.T @ (weight * local[:, 2]))
         residual = local[:, 2] - design @ answer
         noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-9
-        weight = np.clip(1 - (residual / (4.685 * noise)) ** 2, 0, None) ** 2
+        weight = compute_biweights(residual, noise)
     normal = np.array([-answer[1], -answer[2], 1.0])
     normal /= np.linalg.norm(normal)
     sigma = noise * np.sqrt(np.diag(np.linalg.inv(normal_matrix))[1:].max())

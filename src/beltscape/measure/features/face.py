@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.core.statistics import MAD_TO_SIGMA, compute_biweights
 from beltscape.measure.features.matcher_scale import MATCHER_REACH_PX, compute_camera_scale
 
 _MIN_PIXELS = 30
@@ -91,7 +91,7 @@ def fit_face(
         answer = inverse @ (weighted.T @ (1 / z))
         ratio = (1 / z - local @ answer) / error
         spread = MAD_TO_SIGMA * float(np.median(np.abs(ratio))) + 1e-9
-        weight = np.clip(1 - (ratio / (4.685 * spread)) ** 2, 0, None) ** 2
+        weight = compute_biweights(ratio, spread)
     turn = np.array([[1.0, 0, 0], [0, 1.0, 0], [-middle[0], -middle[1], 1.0]])
     q = turn @ answer
     residual = np.full(depth.depth_mm.shape, np.nan, np.float32)

@@ -19,21 +19,29 @@ from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.flow.motion.high_pass import HighPassHeights
 
 _LEAST_SCORE = 0.45
-"""Least correlation of the best shift."""
+"""Least correlation of the best shift. Chosen; `plausibility` recognises other material that reaches it by chance."""
 _CLEAR_MARGIN = 0.15
-"""Margin by which the best correlation must exceed that of any other shift."""
+"""Margin by which the best correlation must exceed that of any other shift. Chosen."""
 _NEXT_MM = 25.0
-"""Shifts nearer than this to the best one belong to the same peak."""
+"""Shifts nearer than this to the best one belong to the same peak: about the size of the high-pass, 20 mm."""
 _BLOCK_MM = 30.0
-"""Errors of different blocks of this size count as independent."""
+"""Errors of different blocks of this size count as independent: beyond the windows of matching on the belt."""
 _ROUNDS = 8
-"""Iterations of the subcell fit at most."""
+"""Iterations of the subcell fit at most; Gauss-Newton from the best whole shift needs three to five."""
 _SETTLED_CELLS = 1e-4
-"""The fit has converged if the shift changes by less."""
+"""The fit has converged if the shift changes by less: a hundredth of `_LEAST_SIGMA_CELLS`."""
 _WORST_CONDITION = 1e12
 """Above this condition number the heights do not determine the shift."""
+_LEAST_COMMON = 0.004
+"""Least share of the grid that is load in both frames, for a correlation. Chosen."""
+_NEAR_SHARE = 0.1
+"""Relative difference of a shift from the predicted motion up to which they agree. Chosen."""
+_TUKEY = 4.7
+"""Tukey's biweight ends at this multiple of the robust σ; as `core.statistics.TUKEY`, rounded."""
+_REWEIGHTINGS = 3
+"""Iterations of the weights within a step of the fit, which is itself repeated."""
 _LEAST_CELLS = 100
-"""Least number of cells in both frames."""
+"""Least number of cells in both frames: some blocks, so that σ can be estimated."""
 _FARTHEST_CELLS = 3.0
 """A fit that moves farther than this from the best whole shift has diverged."""
 _LEAST_SIGMA_CELLS = 0.01
@@ -137,7 +145,7 @@ def correlate_along(
     )
     safe = np.maximum(number, 1)
     spread = np.maximum(aa - a * a / safe, 0) * np.maximum(bb - b * b / safe, 0)
-    enough = number >= 0.004 * rows * columns
+    enough = number >= _LEAST_COMMON * rows * columns
     with np.errstate(invalid="ignore", divide="ignore"):
         score = (ab - a * b / safe) / np.sqrt(spread)
     return shifts, np.where(enough & (spread > 0), score, -1.0), number / (rows * columns)
@@ -164,7 +172,7 @@ def _select_peak(
 
 def _compute_tolerance_mm(near_mm: float) -> float:
     """Return the distance from a predicted motion within which a shift agrees with it."""
-    return max(0.1 * abs(near_mm), 0.5 * _NEXT_MM)
+    return max(_NEAR_SHARE * abs(near_mm), 0.5 * _NEXT_MM)
 
 
 def _refine(
@@ -215,8 +223,8 @@ def _solve_robustly(design: NDArray[np.float64], residual: NDArray[np.float64]) 
     """Solve robust least squares of design (3, N) on residuals (N,), mm; None if the problem is singular."""
     solved: _Solution | None = None
     left = residual - np.median(residual)
-    for _ in range(3):
-        reach = 4.7 * MAD_TO_SIGMA * float(np.median(np.abs(left))) + 1e-9
+    for _ in range(_REWEIGHTINGS):
+        reach = _TUKEY * MAD_TO_SIGMA * float(np.median(np.abs(left))) + 1e-9
         weight = np.clip(1 - (left / reach) ** 2, 0, None) ** 2
         normal = (design * weight) @ design.T
         if np.linalg.cond(normal) > _WORST_CONDITION:

@@ -128,8 +128,9 @@ def to_svg(plot: Callable[[Form], Figure], form: Form) -> str:
     """Return a plot as an SVG element whose text is text and whose colours follow the page's scheme."""
     with mpl.rc_context(dict(STYLE)):
         figure, buffer = plot(form), StringIO()
-        for _ in range(_LAYOUT_PASSES):
-            figure.draw_without_rendering()
+        if layout := figure.get_layout_engine():
+            for _ in range(_LAYOUT_PASSES):
+                layout.execute(figure)
         nothing: dict[str, None] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
     svg = buffer.getvalue()

@@ -6,18 +6,17 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.calibrate.detection.detector import (
-    PrintVariant,
-    convert_to_8_bit,
-    find_chessboard,
-    make_detector,
-)
+from beltscape.calibrate.detection.chessboard import find_chessboard
+from beltscape.calibrate.detection.detector import PrintVariant, add_back_side, make_detector
+from beltscape.calibrate.detection.grey import convert_to_8_bit
 from beltscape.core.geometry.pose import Pose
-from beltscape.target.board import Board, CharucoBoard, Chessboard, corner_points_mm
+from beltscape.target.board import AprilGrid, Board, BoardSet, CharucoBoard, Chessboard, corner_points_mm
 from tests.synthetic.boards import Print, camera, facing, view
 
 CHARUCO = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 CHESSBOARD = Chessboard(corners=(8, 5), square_mm=40)
+SHIFTED = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_100", first_id=37)
+APRILGRID = AprilGrid(tags=(4, 3), tag_mm=60, spacing=0.25, first_id=7)
 LENS = camera("a")
 
 
@@ -140,10 +139,91 @@ def test_the_renderer_draws_what_opencv_projects():
 
 
 def test_a_chessboard_is_numbered_from_its_front():
-    from beltscape.calibrate.detection.detector import _orient_rows
+    from beltscape.calibrate.detection.chessboard import _orient_rows
 
     columns, rows = np.meshgrid(np.arange(4.0), np.arange(3.0))
     front = np.stack([10 * columns, 10 * rows], axis=-1)
     np.testing.assert_array_equal(_orient_rows(front.reshape(-1, 2), (4, 3)), front.reshape(-1, 2))
     mirrored = front[:, ::-1].reshape(-1, 2)
     np.testing.assert_array_equal(_orient_rows(mirrored, (4, 3)), front.reshape(-1, 2))
+
+
+def test_a_charuco_board_may_begin_with_any_marker():
+    pose = facing(SHIFTED)
+    image = view(LENS, pose, SHIFTED)
+    corners = make_detector(SHIFTED, PrintVariant())(image)
+    assert corners is not None
+    assert corners.ids.tolist() == list(range(35))
+    np.testing.assert_allclose(corners.pixels, truth(SHIFTED, pose), atol=0.1)
+    other = SHIFTED.model_copy(update={"first_id": 5})
+    assert make_detector(other, PrintVariant())(image) is None
+
+
+@pytest.mark.parametrize("tilt", [0.2, 0.6])
+@pytest.mark.parametrize("roll_deg", [0, 120])
+def test_an_aprilgrid_is_detected_accurately(tilt, roll_deg):
+    pose = facing_april(tilt, np.deg2rad(roll_deg))
+    corners = make_detector(APRILGRID, PrintVariant())(view(LENS, pose, APRILGRID))
+    assert corners is not None
+    assert len(corners) >= 44
+    errors = corners.pixels - truth(APRILGRID, pose)[corners.ids]
+    assert np.sqrt((errors**2).mean()) < 0.04
+
+
+def facing_april(tilt: float, roll: float = 0.0) -> Pose:
+    turn = Pose.of([0, 0, roll], [0, 0, 0]) @ Pose.of([tilt, tilt / 2, 0], [0, 0, 0])
+    middle = corner_points_mm(APRILGRID).mean(axis=0)
+    return Pose(turn.rotation, np.array([0, 0, 520.0]) - turn.rotation @ middle)
+
+
+def test_a_board_is_found_from_behind_with_the_ids_of_its_front():
+    pose = facing(CHARUCO, tilt=0.3)
+    mirrored = np.ascontiguousarray(view(LENS, pose, CHARUCO)[:, ::-1])
+    detect = make_detector(CHARUCO, PrintVariant())
+    assert detect(mirrored) is None
+    corners = add_back_side(detect)(mirrored)
+    assert corners is not None
+    assert corners.from_behind
+    expected = truth(CHARUCO, pose) * [-1, 1] + [LENS.size_px[0] - 1, 0]
+    np.testing.assert_allclose(corners.pixels, expected[corners.ids], atol=0.1)
+    front = add_back_side(detect)(mirrored[:, ::-1])
+    assert front is not None
+    assert not front.from_behind
+
+
+def test_boards_of_a_set_are_numbered_through():
+    faces = [{"name": "first", "board": CHARUCO}, {"name": "second", "board": SHIFTED}]
+    boards = BoardSet.model_validate({"rigid": False, "faces": faces})
+    pose = facing(SHIFTED)
+    corners = make_detector(boards, PrintVariant())(view(LENS, pose, SHIFTED))
+    assert corners is not None
+    # ids 0 to 34 are those of the first board
+    assert corners.ids.tolist() == list(range(35, 70))
+
+
+def draw_large_board(shade: float, noise: float, tilt_px: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the image (640, 800) of a board of 28×17 corners in light that falls to ``shade``, and its corners."""
+    dark = np.indices((18, 29)).sum(axis=0) % 2 == 0
+    texture = np.pad(np.kron(np.where(dark, 0.3, 1.0), np.ones((24, 24))), 24, constant_values=1.0)
+    height, width = texture.shape
+    sheet = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
+    image_of_sheet = np.array([[60, 50], [740, 50 + tilt_px], [710, 580 - tilt_px], [90, 560]], np.float32)
+    homography = cv2.getPerspectiveTransform(sheet, image_of_sheet)
+    smooth = cv2.GaussianBlur(texture.astype(np.float32), (0, 0), 1.0)
+    image = cv2.warpPerspective(smooth, homography, (800, 640), flags=cv2.INTER_AREA, borderValue=0.5)
+    light = shade + (1 - shade) * (1 - np.linspace(0, 1, 800)) ** 2
+    image = cv2.GaussianBlur(image, (0, 0), 0.8) * light * 220 + 8
+    image += np.random.default_rng(1).normal(0, noise, image.shape)
+    on_sheet = (
+        np.stack(np.meshgrid(np.arange(1, 29), np.arange(1, 18)), axis=-1).reshape(-1, 1, 2) * 24 + 23.5
+    )
+    corners = cv2.perspectiveTransform(on_sheet, homography)[:, 0]
+    return np.clip(image, 0, 255).astype(np.uint8), corners
+
+
+@pytest.mark.parametrize(("shade", "noise", "tilt_px"), [(0.06, 3.0, 20.0), (0.5, 2.0, 0.0)])
+def test_a_large_chessboard_in_uneven_light_is_detected(shade, noise, tilt_px):
+    image, expected = draw_large_board(shade, noise, tilt_px)
+    corners = find_chessboard(image, (28, 17))
+    assert corners is not None
+    np.testing.assert_allclose(corners.pixels, expected, atol=3.0)

@@ -17,7 +17,7 @@ from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
-from beltscape.target.board import CharucoBoard
+from beltscape.target.board import CharucoBoard, Chessboard, list_triples
 from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.detections import make_detections
 
@@ -32,8 +32,8 @@ def assess_own_fit(seen: BoardDetections, core: str = "c0") -> FitQuality:
         adjusted.rig, chain.detections, BOARD, load(), corners_mm=adjusted.geometry.points_mm
     )
     halves, training = cross_validate(chain.detections, BOARD, core, load()), summarise_errors(evidence)
-    doubts = list_calibration_findings(chain, compute_camera_fits(evidence, BOARD.grid), halves, training)
-    return assess_fit(halves.score if halves else training, evidence, BOARD.grid, doubts)
+    doubts = list_calibration_findings(chain, compute_camera_fits(evidence, list_triples(BOARD)), halves, training)
+    return assess_fit(halves.score if halves else training, evidence, list_triples(BOARD), doubts)
 
 
 def detect_with_row(cameras: int, noise_px: float, frames: int, seed: int) -> BoardDetections:
@@ -114,9 +114,11 @@ def test_corner_noise_excludes_errors_that_neighbours_share(sigma_px):
         kept = rng.random(ids.size) < 0.9
         errors = (shared + rng.normal(0, sigma_px, (ids.size, 2)))[kept]
         views.append(ViewResiduals(ids[kept], np.zeros_like(errors), errors))
-    assert estimate_corner_noise_px(views, (columns, rows)) == pytest.approx(sigma_px, rel=0.08)
+    assert estimate_corner_noise_px(
+        views, list_triples(Chessboard(corners=(columns, rows), square_mm=1))
+    ) == pytest.approx(sigma_px, rel=0.08)
 
 
 def test_corner_noise_is_nan_with_too_few_neighbours():
     one = ViewResiduals(np.arange(8), np.zeros((8, 2)), np.ones((8, 2)))
-    assert np.isnan(estimate_corner_noise_px([one], (9, 6)))
+    assert np.isnan(estimate_corner_noise_px([one], list_triples(Chessboard(corners=(9, 6), square_mm=1))))

@@ -15,7 +15,7 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.files.rasters.images import write_image
-from beltscape.target.board import Board, CharucoBoard
+from beltscape.target.board import AprilGrid, Board, CharucoBoard
 
 SIZE_PX = (480, 400)
 _CELL = 48
@@ -96,11 +96,30 @@ def _texture(board: Board, legacy: bool) -> NDArray[np.float32]:
         columns, rows = board.squares
         size = (columns * _CELL, rows * _CELL)
         image = board.to_opencv(legacy=legacy).generateImage(size, marginSize=0).astype(np.float32) / 255
+    elif isinstance(board, AprilGrid):
+        image = _draw_aprilgrid(board).astype(np.float32) / 255
     else:
         columns, rows = board.grid[0] + 1, board.grid[1] + 1
         dark = np.indices((rows, columns)).sum(axis=0) % 2 == 0
         image = np.kron(~dark, np.ones((_CELL, _CELL))).astype(np.float32)
     return cv2.copyMakeBorder(image, _CELL, _CELL, _CELL, _CELL, cv2.BORDER_CONSTANT, value=1.0)
+
+
+def _draw_aprilgrid(board: AprilGrid) -> NDArray[np.uint8]:
+    """Return Kalibr's drawing, _CELL px to ``tag_mm``: tags upside down against OpenCV's, squares between them."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    (columns, rows), gap = board.tags, round(board.spacing * _CELL)
+    pitch = _CELL + gap
+    image = np.full((gap + rows * pitch, gap + columns * pitch), 255, np.uint8)
+    for v in range(0, image.shape[0], pitch):
+        for u in range(0, image.shape[1], pitch):
+            image[v : v + gap, u : u + gap] = 0
+    for number in board.marker_ids:
+        row, column = divmod(number - board.first_id, columns)
+        v, u = gap + (rows - 1 - row) * pitch, gap + column * pitch
+        tag = cv2.aruco.generateImageMarker(dictionary, number, _CELL, borderBits=board.border_bits)
+        image[v : v + _CELL, u : u + _CELL] = tag[::-1, ::-1]
+    return image
 
 
 @cache

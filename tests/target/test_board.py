@@ -44,9 +44,9 @@ def test_chessboard_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", 'kind is missing; write kind = "charuco" or kind = "chessboard"'),
-        ('kind = "charco"', 'kind = \'charco\': must be "charuco" or "chessboard"'),
-        ("kind = [1]", 'kind = [1]: must be "charuco" or "chessboard"'),
+        ("", 'kind is missing; write kind = "charuco", "chessboard" or "aprilgrid"'),
+        ('kind = "charco"', 'kind = \'charco\': must be "charuco", "chessboard" or "aprilgrid"'),
+        ("kind = [1]", 'kind = [1]: must be "charuco", "chessboard" or "aprilgrid"'),
         (CHARUCO.replace("marker_mm", "markermm"), "unknown key markermm; did you mean marker_mm?"),
         (CHARUCO.replace("square_mm = 30.0\n", ""), "square_mm is missing"),
         (CHARUCO.replace("30.0", "-30"), "square_mm = -30: must be greater than or equal to 0.01"),

@@ -19,7 +19,7 @@ from beltscape.report.calibration_plots import coverage_chart, depth_sigma_chart
 from beltscape.report.drawing.pictures import Panel, to_rgb
 from beltscape.report.drawing.scene import Scene, make_rig_scene
 from beltscape.report.page import InteractiveScene, Item, Lines, Pictures, Section, Table, Tile, Tiles, render
-from beltscape.target.board import Board
+from beltscape.target.board import Board, outline_corners
 
 CLOSURE = ("error °", "error mm", "χ² / dof")
 
@@ -210,9 +210,7 @@ def _next_view(adjustment: BundleAdjustmentResult, board: Board, following: Next
 
 def _outline_board(adjustment: BundleAdjustmentResult, board: Board) -> NDArray[np.float64]:
     """Return the closed outline (n, 3) of the board's corners in its own frame."""
-    columns, rows = board.grid
-    grid = adjustment.geometry.points_mm.reshape(rows, columns, 3)
-    return np.concatenate([grid[0], grid[1:, -1], grid[-1, -2::-1], grid[-2::-1, 0]])
+    return adjustment.geometry.points_mm[outline_corners(board)]
 
 
 def _make_scene(adjustment: BundleAdjustmentResult, board: Board) -> Scene:

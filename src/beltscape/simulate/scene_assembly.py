@@ -25,8 +25,10 @@ from beltscape.simulate.solids.belt import make_belt_solids
 from beltscape.simulate.solids.board import make_board_solid
 from beltscape.simulate.solids.heap import Heap, make_heap, shift_solids
 from beltscape.simulate.solids.module import make_module_solids, place_module
-from beltscape.target.board import Board, read_board
+from beltscape.target.board import read_board
+from beltscape.target.board_set import BoardSet
 from beltscape.target.module import Module, read_module
+from beltscape.target.planar_boards import AprilGrid, SquareBoard
 
 BOARD_VIEWS = 24
 """Default number of views of a calibration board."""
@@ -90,10 +92,15 @@ class SimulatedScene:
         return place_module(self.module, spec.x_mm, spec.y_mm, spec.turn_deg) if self.module else None
 
     @cached_property
-    def board(self) -> Board | None:
-        """Return the board of a calibration."""
+    def board(self) -> SquareBoard | None:
+        """Return the board of a calibration; InputError unless it is a chessboard or a ChArUco board."""
         file = self.scenario.board.file or Path(str(files("beltscape") / "data" / "board.toml"))
-        return read_board(file) if self.scenario.kind == "calibration" else None
+        if self.scenario.kind != "calibration":
+            return None
+        board = read_board(file)
+        if isinstance(board, AprilGrid | BoardSet):
+            raise InputError(f"{file}: {board.describe()}: only one ChArUco board or chessboard is simulated")
+        return board
 
     @cached_property
     def world_from_board(self) -> tuple[Pose, ...]:

@@ -1,145 +1,134 @@
-"""Calibration boards, ChArUco and chessboard, as described in board.toml."""
+"""Calibration boards as described in board.toml: one planar board, or several."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from beltscape.core.errors import InputError
+from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.target.board_set import BoardSet
+from beltscape.target.planar_boards import MIN_CORNERS, AprilGrid, CharucoBoard, Chessboard, PlanarBoard
 
-MIN_CORNERS = 8
-"""Minimum number of corners of a view: fewer constrain the camera less than their noise disturbs it."""
+__all__ = [
+    "MIN_CORNERS", "AprilGrid", "Board", "BoardSet", "CharucoBoard", "Chessboard", "PlanarBoard", "adjacent_corners",
+    "corner_points_mm", "list_triples", "outer_corners", "outline_corners", "parse_board", "read_board",
+]  # fmt: skip
 
+Board = CharucoBoard | Chessboard | AprilGrid | BoardSet
 
-def _check_dictionary(name: str) -> str:
-    import cv2
-
-    if not name.startswith("DICT_") or not hasattr(cv2.aruco, name):
-        raise ValueError(f"no ArUco dictionary is called {name}; one is DICT_5X5_100")
-    return name
-
-
-def _load_dictionary(name: str) -> Any:
-    import cv2
-
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
-
-
-class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
-    """A chessboard with ArUco markers in its white squares."""
-
-    if TYPE_CHECKING:
-
-        def __hash__(self) -> int: ...  # pydantic adds it to a frozen model
-
-    kind: Literal["charuco"] = "charuco"
-    squares: tuple[Annotated[int, Field(ge=2, le=200)], Annotated[int, Field(ge=2, le=200)]]
-    square_mm: Annotated[float, Field(ge=0.01, le=10_000, allow_inf_nan=False)]
-    marker_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
-    dictionary: Annotated[str, AfterValidator(_check_dictionary)]
-    legacy: bool | None = None
-    inverted: bool | None = None
-
-    @model_validator(mode="after")
-    def _check_marker_size(self) -> CharucoBoard:
-        if self.marker_mm >= self.square_mm:
-            raise ValueError(
-                f"marker_mm = {self.marker_mm:g} must be smaller than square_mm = {self.square_mm:g}"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _check_marker_count(self) -> CharucoBoard:
-        (columns, rows), available = self.squares, len(_load_dictionary(self.dictionary).bytesList)
-        if columns * rows // 2 > available:
-            raise ValueError(
-                f"squares = [{columns}, {rows}] need {columns * rows // 2} markers, "
-                f"{self.dictionary} has {available}; correct squares or dictionary"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _check_corner_count(self) -> CharucoBoard:
-        columns, rows = self.grid
-        if columns * rows < MIN_CORNERS or min(columns, rows) < 2:
-            raise ValueError(
-                f"squares = [{self.squares[0]}, {self.squares[1]}] have {columns}×{rows} inner corners; a camera "
-                f"needs {MIN_CORNERS} at least, in two rows or more"
-            )
-        return self
-
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Return the inner corners (columns, rows)."""
-        return self.squares[0] - 1, self.squares[1] - 1
-
-    def to_opencv(self, *, legacy: bool) -> Any:
-        """Return OpenCV's board object."""
-        import cv2
-
-        dictionary = _load_dictionary(self.dictionary)
-        board = cv2.aruco.CharucoBoard(self.squares, self.square_mm, self.marker_mm, dictionary)
-        board.setLegacyPattern(legacy)
-        return board
-
-    def describe(self) -> str:
-        """Describe the board in a few words."""
-        return f"ChArUco {self.squares[0]}×{self.squares[1]}, {self.dictionary}, square {self.square_mm:g} mm"
-
-
-class Chessboard(BaseModel, frozen=True, extra="forbid"):
-    """A plain chessboard, described by its inner corners."""
-
-    if TYPE_CHECKING:
-
-        def __hash__(self) -> int: ...  # pydantic adds it to a frozen model
-
-    kind: Literal["chessboard"] = "chessboard"
-    corners: tuple[Annotated[int, Field(ge=3, le=200)], Annotated[int, Field(ge=3, le=200)]]
-    square_mm: Annotated[float, Field(ge=0.01, le=10_000, allow_inf_nan=False)]
-
-    @property
-    def grid(self) -> tuple[int, int]:
-        """Return the inner corners (columns, rows)."""
-        return self.corners
-
-    def describe(self) -> str:
-        """Describe the board in a few words."""
-        return f"chessboard {self.corners[0]}×{self.corners[1]} inner corners, square {self.square_mm:g} mm"
-
-
-Board = CharucoBoard | Chessboard
+_MODELS: dict[str, type[PlanarBoard]] = {
+    "charuco": CharucoBoard,
+    "chessboard": Chessboard,
+    "aprilgrid": AprilGrid,
+}
+_PLACE_KEYS = ("origin_mm", "x_axis", "y_axis")
 
 
 def corner_points_mm(board: Board) -> NDArray[np.float64]:
-    """Return (columns·rows, 3) inner corners in the board's frame, row by row from the first; z = 0."""
-    columns, rows = board.grid
-    x, y = np.meshgrid(np.arange(1, columns + 1), np.arange(1, rows + 1))
-    return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=-1).astype(np.float64) * board.square_mm
+    """Return the corners (P, 3) in the board's frame, mm; of one board row by row from the first, with z = 0."""
+    corners = board.corners_mm()
+    return corners if corners.shape[1] == 3 else np.column_stack([corners, np.zeros(len(corners))])
 
 
 def adjacent_corners(board: Board) -> NDArray[np.int64]:
-    """Return (E, 2) indices of corners one square apart."""
+    """Return (E, 2) indices of corners one square apart; of an AprilGrid, of corners along one tag's edge."""
+    if isinstance(board, BoardSet):
+        return np.concatenate(
+            [
+                adjacent_corners(face.board) + start
+                for face, start in zip(board.faces, board.offsets, strict=False)
+            ]
+        )
     columns, rows = board.grid
     index = np.arange(columns * rows).reshape(rows, columns)
-    across = np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], axis=-1)
-    down = np.stack([index[:-1].ravel(), index[1:].ravel()], axis=-1)
+    step = 2 if isinstance(board, AprilGrid) else 1  # between two tags is a gap, not a square
+    across = np.stack([index[:, :-1:step].ravel(), index[:, 1::step].ravel()], axis=-1)
+    down = np.stack([index[:-1:step].ravel(), index[1::step].ravel()], axis=-1)
     return np.concatenate([across, down])
+
+
+def list_triples(board: Board) -> NDArray[np.int64]:
+    """Return (T, 3) indices of three consecutive corners of a row or column, equally far apart."""
+    if isinstance(board, BoardSet):
+        return np.concatenate(
+            [
+                list_triples(face.board) + start
+                for face, start in zip(board.faces, board.offsets, strict=False)
+            ]
+        )
+    columns, rows = board.grid
+    index = np.arange(columns * rows).reshape(rows, columns)
+    step = (
+        2 if isinstance(board, AprilGrid) else 1
+    )  # every second corner of an AprilGrid is equally far apart
+    across = np.stack([index[:, : -2 * step], index[:, step:-step], index[:, 2 * step :]], axis=-1)
+    down = np.stack([index[: -2 * step], index[step:-step], index[2 * step :]], axis=-1)
+    return np.concatenate([across.reshape(-1, 3), down.reshape(-1, 3)])
+
+
+def outline_corners(board: Board) -> NDArray[np.int64]:
+    """Return the indices (n,) of the corners along the board's edge, in order; of a set, board by board."""
+    if isinstance(board, BoardSet):
+        return np.concatenate(
+            [
+                outline_corners(face.board) + start
+                for face, start in zip(board.faces, board.offsets, strict=False)
+            ]
+        )
+    columns, rows = board.grid
+    index = np.arange(columns * rows).reshape(rows, columns)
+    return np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2::-1, 0]])
+
+
+def outer_corners(board: Board) -> NDArray[np.int64]:
+    """Return the indices (4,) of a board's outermost corners, in order; of a set, those of its first board."""
+    columns, rows = board.faces[0].board.grid if isinstance(board, BoardSet) else board.grid
+    return np.array([0, columns - 1, rows * columns - 1, (rows - 1) * columns])
 
 
 def read_board(path: AnyPath) -> Board:
     """Read board.toml, or raise InputError naming the invalid key."""
     path = as_path(path)
-    values = read_toml(path)
-    kinds: dict[str, type[Board]] = {"charuco": CharucoBoard, "chessboard": Chessboard}
+    return parse_board(path, read_toml(path))
+
+
+def parse_board(path: Path, values: dict[str, Any]) -> Board:
+    """Return the board of the keys of board.toml; InputError naming ``path`` and the invalid key."""
+    if "boards" in values:
+        return _parse_set(path, values)
+    if values.get("kind") == "boards":
+        return validate(path, BoardSet, values)
+    return validate(path, _select_model(str(path), values), values)
+
+
+def _select_model(place: str, values: dict[str, Any]) -> type[PlanarBoard]:
+    choices = '"charuco", "chessboard" or "aprilgrid"'
     if "kind" not in values:
-        raise InputError(f'{path}: kind is missing; write kind = "charuco" or kind = "chessboard"')
-    kind = values["kind"]
-    if kind not in ("charuco", "chessboard"):
-        raise InputError(f'{path}: kind = {kind!r}: must be "charuco" or "chessboard"')
-    return validate(path, kinds[kind], values)
+        raise InputError(f"{place}: kind is missing; write kind = {choices}")
+    model = next((_MODELS[kind] for kind in _MODELS if kind == values["kind"]), None)
+    if model is None:
+        raise InputError(f"{place}: kind = {values['kind']!r}: must be {choices}")
+    return model
+
+
+def _parse_set(path: Path, values: dict[str, Any]) -> BoardSet:
+    """Return the set of the tables [[boards]]."""
+    tables = values["boards"]
+    faces: list[dict[str, Any]] = []
+    for number, table in enumerate(tables if is_list(tables) else [tables]):
+        if not is_dict(table):
+            raise InputError(f"{path}: boards must be tables, each begun by a line [[boards]]")
+        place = f"{path}: boards[{number}]"
+        described = {key: value for key, value in table.items() if key not in ("name", *_PLACE_KEYS)}
+        validate(Path(place), _select_model(place, described), described)
+        placed = {key: table[key] for key in _PLACE_KEYS if key in table}
+        name = table.get("name", str(number))
+        faces.append({"name": name, "board": described, "placement": placed or None})
+    others = {key: value for key, value in values.items() if key not in ("boards", "kind")}
+    return validate(path, BoardSet, {**others, "faces": faces})

@@ -20,10 +20,13 @@ MIN_DIFFERENCES = 40
 """Least number of differences for an estimate: its relative standard deviation is then below a fifth."""
 
 
-def estimate_corner_noise_px(views: Iterable[ViewResiduals], grid: tuple[int, int]) -> float:
-    """Return one standard deviation of a corner's coordinate, from its neighbours, px; NaN with too few of them."""
+def estimate_corner_noise_px(views: Iterable[ViewResiduals], triples: NDArray[np.int64]) -> float:
+    """Return one standard deviation of a corner's coordinate, from its neighbours, px; NaN with too few of them.
+
+    ``triples`` (T, 3) are ids of three corners in a row (`beltscape.target.board.list_triples`).
+    """
     differences = np.concatenate(
-        [np.empty((0, 2)), *(_compute_second_differences(view, grid) for view in views)]
+        [np.empty((0, 2)), *(_compute_second_differences(view, triples) for view in views)]
     )
     return (
         estimate_robust_sigma(differences) / np.sqrt(6)
@@ -32,13 +35,10 @@ def estimate_corner_noise_px(views: Iterable[ViewResiduals], grid: tuple[int, in
     )
 
 
-def _compute_second_differences(view: ViewResiduals, grid: tuple[int, int]) -> Array:
+def _compute_second_differences(view: ViewResiduals, triples: NDArray[np.int64]) -> Array:
     """Return e₋₁ − 2 e₀ + e₊₁ (n, 2) of three corners in a row or column, px; six times the variance of one."""
-    columns, rows = grid
-    errors = np.full((rows * columns, 2), np.nan)
+    errors = np.full((max(int(triples.max(initial=0)), int(view.ids.max(initial=0))) + 1, 2), np.nan)
     errors[view.ids] = view.errors_px
-    errors = errors.reshape(rows, columns, 2)
-    across = errors[:, :-2] - 2 * errors[:, 1:-1] + errors[:, 2:]
-    down = errors[:-2] - 2 * errors[1:-1] + errors[2:]
-    differences = np.concatenate([across.reshape(-1, 2), down.reshape(-1, 2)])
+    before, middle, after = errors[triples].transpose(1, 0, 2)
+    differences = before - 2 * middle + after
     return differences[np.isfinite(differences).all(axis=1)]

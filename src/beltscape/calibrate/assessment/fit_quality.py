@@ -87,12 +87,12 @@ def estimate_residual_sigma_px(errors_px: Iterable[NDArray[np.float64]]) -> floa
     return estimate_robust_sigma(np.concatenate(list(errors_px)))
 
 
-def compute_camera_fits(rig_errors: RigErrors, grid: tuple[int, int]) -> dict[str, CameraFit]:
+def compute_camera_fits(rig_errors: RigErrors, triples: NDArray[np.int64]) -> dict[str, CameraFit]:
     """Return each camera's residuals against its corners' noise, for the cameras that have any."""
     return {
         name: CameraFit(
             estimate_residual_sigma_px(view.errors_px for view in views.values()),
-            estimate_corner_noise_px(views.values(), grid),
+            estimate_corner_noise_px(views.values(), triples),
         )
         for name, views in rig_errors.residuals.items()
         if views
@@ -100,10 +100,10 @@ def compute_camera_fits(rig_errors: RigErrors, grid: tuple[int, int]) -> dict[st
 
 
 def assess_fit(
-    score: Score, rig_errors: RigErrors, grid: tuple[int, int], findings: Sequence[str] = ()
+    score: Score, rig_errors: RigErrors, triples: NDArray[np.int64], findings: Sequence[str] = ()
 ) -> FitQuality:
     """Assess a fit by its score and residuals; the given ``findings`` come before those made here."""
-    cameras = compute_camera_fits(rig_errors, grid)
+    cameras = compute_camera_fits(rig_errors, triples)
     far = _mask_far_off(rig_errors, cameras)
     return FitQuality(
         rms_over_median=score.rms_px / score.median_px if score.median_px > 0 else float("nan"),

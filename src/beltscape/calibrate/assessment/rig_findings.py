@@ -20,7 +20,7 @@ from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.network.resection import fit_board_pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_dict
-from beltscape.target.board import Board
+from beltscape.target.board import Board, list_triples
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ def list_rig_findings(
     rig: Rig, detections: BoardDetections, board: Board, board_mm: Array, rig_errors: RigErrors
 ) -> list[str]:
     """Return why these views contradict a rig, by the likeliest cause; empty if they do not."""
-    fits, limit_px = compute_camera_fits(rig_errors, board.grid), _compute_limit_px(rig)
+    fits, limit_px = compute_camera_fits(rig_errors, list_triples(board)), _compute_limit_px(rig)
     patterned = [name for name, fit in fits.items() if fit.is_pattern(limit_px)]
     if not patterned:
         return []
@@ -120,5 +120,5 @@ def _fit_alone(rig: Rig, detections: BoardDetections, name: str, board: Board, b
         views.append(ViewResiduals(corners.ids, corners.pixels, errors))
     return CameraFit(
         estimate_residual_sigma_px(view.errors_px for view in views),
-        estimate_corner_noise_px(views, board.grid),
+        estimate_corner_noise_px(views, list_triples(board)),
     )

@@ -17,13 +17,15 @@ class Corners:
     """(n,) index of the corner on the board, ascending."""
     pixels: NDArray[np.float64]
     """(n, 2) position in the distorted image."""
+    from_behind: bool = False
+    """Whether the board was detected in the mirrored image only: seen from behind, or by a camera that mirrors."""
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def select(self, mask: NDArray[np.bool_]) -> Corners:
         """Return the corners of a mask (n,)."""
-        return Corners(self.ids[mask], self.pixels[mask])
+        return Corners(self.ids[mask], self.pixels[mask], self.from_behind)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

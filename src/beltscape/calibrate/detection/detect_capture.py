@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 
 from beltscape.calibrate.detection.board_mismatch import describe_shown_board
 from beltscape.calibrate.detection.corners import BoardDetections, Corners
-from beltscape.calibrate.detection.detector import PrintVariant, convert_to_8_bit, make_detector
+from beltscape.calibrate.detection.detector import Detector, PrintVariant, add_back_side, make_detector
+from beltscape.calibrate.detection.grey import convert_to_8_bit
 from beltscape.calibrate.solver.deterministic import single_thread
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture
 from beltscape.files.rasters.images import read_image
-from beltscape.target.board import Board, CharucoBoard
+from beltscape.target.board import AprilGrid, Board, BoardSet, CharucoBoard
 
 NO_BOARD = "they show neither ArUco markers nor a chessboard: look at exposure and focus"
 
@@ -33,7 +34,9 @@ def detect_board(
 ) -> tuple[BoardDetections, PrintVariant]:
     """Detect the board's corners in every image of a capture, and the print variant of the board.
 
-    Images that cannot be read, or whose size differs from the rest of their camera's, are reported and left out.
+    Images that cannot be read, or whose size differs from the rest of their camera's, are reported and left out. A
+    board with markers is also found from behind (`Corners.from_behind`), which a mirroring camera cannot be told from
+    by one image.
 
     Raises
     ------
@@ -44,7 +47,7 @@ def detect_board(
         reporter.warn(line)
     if variant is None:
         variant = _find_variant(capture, board)
-    detect = make_detector(board, variant)
+    detect = _make_two_sided_detector(board, variant)
     jobs = [(camera, frame, path) for camera, files in capture.files.items() for frame, path in files.items()]
 
     def detect_in_file(job: tuple[str, str, Path]) -> tuple[tuple[int, int], Corners | None] | str:
@@ -63,19 +66,7 @@ def detect_board(
         raise InputError(f"{capture.folder}: none of its {len(jobs)} images can be read; copy them again")
     if not any(detections.views.values()):
         raise InputError(_describe_failure(capture, board, variant))
-    for camera, views in detections.views.items():
-        if not views and _is_mirrored(capture.select_cameras((camera,)), board, variant):
-            reporter.warn(
-                f"{capture.folder / camera}: the images are mirrored; switch mirroring off in the camera"
-            )
     return detections, variant
-
-
-def _is_mirrored(capture: Capture, board: Board, variant: PrintVariant) -> bool:
-    """Return whether the board is detected in the images flipped left to right."""
-    detect = make_detector(board, variant)
-    flipped = (np.ascontiguousarray(image[:, ::-1]) for image in _sample_images(capture, 6))
-    return any(detect(image) is not None for image in flipped)
 
 
 def _map_parallel(
@@ -142,18 +133,31 @@ def _sample_images(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:
 
 def _find_variant(capture: Capture, board: Board) -> PrintVariant:
     """Return the print variant; keys that board.toml leaves open are determined from the images."""
-    if not isinstance(board, CharucoBoard):
+    charucos = list_charuco_boards(board)
+    if not charucos:
         return PrintVariant()
     options = [
         PrintVariant(legacy, inverted)
-        for inverted in _list_options(board.inverted)
-        for legacy in _list_options(board.legacy)
+        for inverted in _list_options([charuco.inverted for charuco in charucos])
+        for legacy in _list_options([charuco.legacy for charuco in charucos])
     ]
     return options[0] if len(options) == 1 else _select_variant(options, board, _sample_images(capture, 24))
 
 
-def _list_options(flag: bool | None) -> tuple[bool, ...]:
-    return (False, True) if flag is None else (flag,)
+def list_charuco_boards(board: Board) -> list[CharucoBoard]:
+    """Return the ChArUco boards among the described ones; those of a set have one print variant."""
+    boards = [face.board for face in board.faces] if isinstance(board, BoardSet) else [board]
+    return [each for each in boards if isinstance(each, CharucoBoard)]
+
+
+def _make_two_sided_detector(board: Board, variant: PrintVariant) -> Detector:
+    """Return a detector of one board with markers from both sides, of other boards from the front only."""
+    detect = make_detector(board, variant)
+    return add_back_side(detect) if isinstance(board, CharucoBoard | AprilGrid) else detect
+
+
+def _list_options(flags: list[bool | None]) -> tuple[bool, ...]:
+    return tuple(sorted({flag for flag in flags if flag is not None})) or (False, True)
 
 
 def _select_variant(
@@ -163,7 +167,7 @@ def _select_variant(
     counts = [0] * len(options)
     for image in images:
         for i, option in enumerate(options):
-            corners = make_detector(board, option)(image)
+            corners = _make_two_sided_detector(board, option)(image)
             counts[i] += len(corners) if corners else 0
         best, second = sorted(counts, reverse=True)[:2]
         if best >= 60 and best > 3 * second:

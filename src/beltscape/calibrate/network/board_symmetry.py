@@ -23,7 +23,7 @@ from beltscape.calibrate.network.quarter_turns import list_quarter_turns, make_b
 from beltscape.calibrate.network.synchronisation import CLEAR_IMPROVEMENT, MIN_FRAMES, SHIFTS
 from beltscape.core.geometry.pose import Pose
 from beltscape.files.capture import natural_key
-from beltscape.target.board import Board, corner_points_mm
+from beltscape.target.board import Board, corner_points_mm, outer_corners
 
 Array = NDArray[np.float64]
 
@@ -126,8 +126,7 @@ def _make_single_group(
     board: Board,
 ) -> _Group:
     """Return one camera with all its views, including those that its calibration rejected: they are scored later."""
-    columns, rows = board.grid
-    outer = corners_mm[[0, columns - 1, rows * columns - 1, (rows - 1) * columns]]
+    outer = corners_mm[outer_corners(board)]
     number = {frame: k for k, frame in enumerate(frames)}
     instants: dict[int, tuple[_View, ...]] = {}
     for frame, corners in detections.views[name].items():

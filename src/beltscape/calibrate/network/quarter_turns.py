@@ -6,14 +6,14 @@ import numpy as np
 
 from beltscape.calibrate.detection.corners import Corners
 from beltscape.core.geometry.pose import Pose
-from beltscape.target.board import Board, Chessboard, corner_points_mm
+from beltscape.target.board import Board, BoardSet, Chessboard, corner_points_mm
 
 
 def list_quarter_turns(board: Board) -> tuple[int, ...]:
     """Return the quarter turns under which a board looks the same, 0 first."""
-    columns, rows = board.grid
-    if not isinstance(board, Chessboard) or (columns + rows) % 2:
+    if not isinstance(board, Chessboard) or sum(board.grid) % 2:
         return (0,)
+    columns, rows = board.grid
     return (0, 1, 2, 3) if columns == rows else (0, 2)
 
 
@@ -27,6 +27,8 @@ def make_board_turn(board: Board, turn: int) -> Pose:
 
 def turn_corners(corners: Corners, board: Board, turn: int) -> Corners:
     """Renumber the corners of an image for a board after quarter turns; ids ascend again."""
+    if isinstance(board, BoardSet):
+        return corners  # `list_quarter_turns` lists none
     columns, rows = board.grid
     former = np.rot90(np.arange(columns * rows).reshape(rows, columns), turn).ravel()
     ids = np.argsort(former)[corners.ids]

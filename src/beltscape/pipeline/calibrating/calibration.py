@@ -23,7 +23,6 @@ from beltscape.calibrate.assessment.next_best_view import NextBestView, find_nex
 from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibrate.detection.corners import BoardDetections
-from beltscape.calibrate.detection.detect_capture import detect_board
 from beltscape.calibrate.detection.detector import PrintVariant
 from beltscape.calibrate.hierarchy import HierarchyResult, solve_hierarchy
 from beltscape.core.errors import CalibrationError, InputError
@@ -32,8 +31,9 @@ from beltscape.core.progress import RecordingReporter, Reporter
 from beltscape.files.capture import Capture, read_capture
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
+from beltscape.pipeline.calibrating.board_detection import detect_rig_board
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
-from beltscape.target.board import Board
+from beltscape.target.board import Board, list_triples
 
 MAX_SPLIT_RATIO = 2.0
 """Ratio of the halves' depth differences to their standard deviation above which the stated σ are too small."""
@@ -102,7 +102,7 @@ def calibrate(
     reporter = RecordingReporter(reporter)
     capture = _read_capture(folder, core)
     known = known.match_capture(capture, reporter) if known else KnownIntrinsics({})
-    detections, variant = detect_board(capture, board, reporter)
+    detections, variant = detect_rig_board(capture, board, reporter, known=known.cameras)
     known.require_sizes(detections.sizes_px)
     hierarchy = solve_hierarchy(detections, board, core, reporter, known=known.cameras)
     _require_baselines(hierarchy, folder)
@@ -115,9 +115,9 @@ def calibrate(
     _warn_of_split(halves, reporter)
     training, held_out = summarise_errors(rig_errors), halves.score if halves else None
     foreign = known.find_foreign(hierarchy, detections, board)
-    fits = compute_camera_fits(rig_errors, board.grid)
+    fits = compute_camera_fits(rig_errors, list_triples(board))
     findings = list_calibration_findings(hierarchy, fits, halves, training, explained=tuple(foreign))
-    fit = assess_fit(held_out or training, rig_errors, board.grid, [*foreign.values(), *findings])
+    fit = assess_fit(held_out or training, rig_errors, list_triples(board), [*foreign.values(), *findings])
     others = [line for line in reporter.warnings if line not in fit.findings]
     for line in fit.findings:
         reporter.warn(line)

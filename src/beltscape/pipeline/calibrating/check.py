@@ -18,7 +18,6 @@ from beltscape.calibrate.assessment.rig_findings import (
 )
 from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibrate.detection.corners import BoardDetections
-from beltscape.calibrate.detection.detect_capture import detect_board
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
@@ -27,7 +26,8 @@ from beltscape.files.capture import read_capture
 from beltscape.files.documents.json_text import to_plain
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
-from beltscape.target.board import Board, corner_points_mm
+from beltscape.pipeline.calibrating.board_detection import detect_rig_board
+from beltscape.target.board import Board, corner_points_mm, list_triples
 
 MAX_REMAINING_RMS = 0.5
 """A wrong scale is the cause if the right one leaves less than this share of the RMS."""
@@ -78,7 +78,7 @@ def check(folder: AnyPath, rig: Rig, board: Board, reporter: Reporter) -> RigChe
     # errors from the wrong scale alone are not attributed to the cameras
     assessed_errors = scaled_errors if factor != 1 else rig_errors
     findings += list_rig_findings(rig, detections, board, factor * board_mm, assessed_errors)
-    fit = assess_fit(summarise_errors(assessed_errors), assessed_errors, board.grid, findings)
+    fit = assess_fit(summarise_errors(assessed_errors), assessed_errors, list_triples(board), findings)
     for line in fit.findings:
         reporter.warn(line)
     return RigCheck(score, rig_errors, fit, factor)
@@ -96,7 +96,7 @@ def _detect_board(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> B
             f"{folder}: has the cameras {', '.join(capture.cameras)}, the rig {', '.join(rig.cameras)}; "
             "at least two of them must be the same"
         )
-    detections, _ = detect_board(common, board, reporter)
+    detections, _ = detect_rig_board(common, board, reporter, known=rig.cameras)
     for name, size in detections.sizes_px.items():
         if size != rig.cameras[name].size_px:
             width, height = rig.cameras[name].size_px
@@ -146,7 +146,7 @@ def _read_board_shape(rig: Rig, board: Board) -> NDArray[np.float64] | None:
     if corners is None or _get_rig_board(rig) != to_plain(board.model_dump()):
         return None
     points = np.asarray(corners, np.float64)
-    return points if points.shape == (board.grid[0] * board.grid[1], 3) else None
+    return points if points.shape == corner_points_mm(board).shape else None
 
 
 def _get_rig_board(rig: Rig) -> dict[str, Any] | None:

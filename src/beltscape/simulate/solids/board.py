@@ -13,7 +13,7 @@ from beltscape.core.errors import SettingsError
 from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.geometry.shapes import make_box
 from beltscape.simulate.geometry.world import Label, Solid
-from beltscape.target.board import Board, CharucoBoard
+from beltscape.target.planar_boards import CharucoBoard, SquareBoard
 from beltscape.target.printing.print_board import black_squares
 
 WHITE, BLACK = 0.8, 0.04
@@ -23,7 +23,7 @@ _TEXELS = (64, 200)
 
 
 def make_board_solid(
-    board: Board, world_from_board: Pose, *, margin_mm: float | None = None, thickness_mm: float = 3.0
+    board: SquareBoard, world_from_board: Pose, *, margin_mm: float | None = None, thickness_mm: float = 3.0
 ) -> Solid:
     """Return the board at its pose; the printed side is z = 0 of the board's frame and faces −z.
 
@@ -60,7 +60,7 @@ def make_board_solid(
 
 
 @lru_cache(maxsize=4)
-def _print_texture(board: Board, margin_mm: float) -> tuple[NDArray[np.float32], float, float]:
+def _print_texture(board: SquareBoard, margin_mm: float) -> tuple[NDArray[np.float32], float, float]:
     """Return (h, w, 3) reflectance of the printed side, the edge of a texel, and the margin in whole texels, mm."""
     legacy, inverted = getattr(board, "legacy", None), getattr(board, "inverted", None)
     if legacy:
@@ -88,7 +88,7 @@ def _covered_shares(count: int, start: float, length: float) -> NDArray[np.float
     return np.where(np.abs(covered - np.rint(covered)) < 1e-9, np.rint(covered), covered)
 
 
-def _texels_per_square(board: Board) -> int:
+def _texels_per_square(board: SquareBoard) -> int:
     """Return a number of texels for which squares, and where possible marker bits, end on whole texels."""
     low, high = _TEXELS
     if not isinstance(board, CharucoBoard):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.files.folders.atomic import write_bytes, write_text
-from beltscape.target.board import Board, CharucoBoard
+from beltscape.target.planar_boards import CharucoBoard, SquareBoard
 from beltscape.target.printing.paper import choose_page
 from beltscape.target.printing.sheet import Sheet, outline_text
 from beltscape.target.printing.sheet_pdf import sheet_to_pdf
@@ -29,13 +29,13 @@ FOOT_MM = 11.0
 class PrintedBoard:
     """A board on its page."""
 
-    board: Board
+    board: SquareBoard
     sheet: Sheet
     origin_mm: tuple[float, float]
     """The board's top-left corner on the page."""
 
 
-def lay_out(board: Board, page: str | None = None) -> PrintedBoard:
+def lay_out(board: SquareBoard, page: str | None = None) -> PrintedBoard:
     """Lay a board out on a page (A4 … A0, WxH in mm, or None: the smallest sufficient one), or SettingsError.
 
     A ChArUco board is drawn as by OpenCV since 4.6, neither legacy nor inverted.
@@ -55,12 +55,13 @@ def lay_out(board: Board, page: str | None = None) -> PrintedBoard:
     return PrintedBoard(board, sheet, (x, y))
 
 
-def make_caption(board: Board) -> str:
+def make_caption(board: SquareBoard) -> str:
     """Return the description of the board that is printed below it."""
     if isinstance(board, CharucoBoard):
         description = (
             f"ChArUco, {board.squares[0]} × {board.squares[1]} squares of {board.square_mm:g} mm, "
             f"markers {board.marker_mm:g} mm, {board.dictionary}"
+            + (f" from id {board.first_id}" if board.first_id else "")
         )
     else:
         columns, rows = board.corners
@@ -68,7 +69,7 @@ def make_caption(board: Board) -> str:
     return f"{description}; print at 100 %: the ruler is {RULER_MM:g} mm long"
 
 
-def black_squares(board: Board) -> NDArray[np.float64]:
+def black_squares(board: SquareBoard) -> NDArray[np.float64]:
     """Return (R, 4) x, y, width, height in mm of the black rectangles, from the board's top-left corner."""
     columns, rows = board.grid
     row, column = np.indices((rows + 1, columns + 1), dtype=np.float64)
@@ -119,13 +120,15 @@ def make_ruler() -> NDArray[np.float64]:
     return np.concatenate([line, ticks])
 
 
-def board_to_toml(board: Board) -> str:
+def board_to_toml(board: SquareBoard) -> str:
     """Return board.toml of a board as it is printed."""
     if isinstance(board, CharucoBoard):
         return (
             f'kind = "charuco"\nsquares = [{board.squares[0]}, {board.squares[1]}]\n'
             f"square_mm = {board.square_mm!r}\nmarker_mm = {board.marker_mm!r}\n"
-            f'dictionary = "{board.dictionary}"\nlegacy = false\ninverted = false\n'
+            f'dictionary = "{board.dictionary}"\n'
+            + (f"first_id = {board.first_id}\n" if board.first_id else "")
+            + "legacy = false\ninverted = false\n"
         )
     return (
         f'kind = "chessboard"\ncorners = [{board.corners[0]}, {board.corners[1]}]\n'

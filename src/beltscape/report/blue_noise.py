@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE = light("first"), light("second")
 _SHEET = Form(1080.0, narrow=False)
+"""The picture's width: three panels of a screen's width."""
 
 
 def draw_quality(image: NDArray[np.uint8] | NDArray[np.uint16], quality: BlueNoise) -> bytes:

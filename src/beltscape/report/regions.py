@@ -15,9 +15,13 @@ from beltscape.stereo.markers.grid import SIDE, MarkerGrid
 from beltscape.stereo.markers.regions import compute_region_outline
 
 _DETECTED, _PREDICTED = (80, 255, 120), (255, 160, 60)
+"""Colours of detected and predicted markers: green and orange, bright on grey images."""
 _BOUNDARY = (90, 190, 255)
+"""Colour of the regions' boundaries, distinct from both."""
 _DRAWN_WIDTH_PX = 900
+"""Width of a drawn camera: two fit a screen."""
 _FARTHEST_PX = 30_000.0
+"""Bound of drawn coordinates, since OpenCV draws with 16 bits before the binary point."""
 
 
 def draw_regions(frame_set: FrameSet, grids: Mapping[str, MarkerGrid], columns: int = 3) -> Rgb:

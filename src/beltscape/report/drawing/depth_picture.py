@@ -26,14 +26,21 @@ from beltscape.report.drawing.legend import (
 from beltscape.report.drawing.pictures import PANEL_PX, Panel, arrange_panels, quantile_range
 
 NO_TRUTH: Color = (0, 0, 0)
+"""Colour of pixels without a true depth; no colour map contains black."""
 _UNMEASURED = ("not measured", QUIET)
 GAPS = Swatches([_UNMEASURED])
 NO_ERROR = Swatches([_UNMEASURED, ("no truth", NO_TRUTH)])
 """Keys of the colours for missing values."""
 LIGHT = np.array([-1.0, -1.0, -2.0]) / np.sqrt(6.0)
 """Unit vector from the surface to the light, which is above left, in camera axes."""
+_STEEPEST = 3.0
+"""Largest slope for shading: steps of the depth are not shaded darker."""
+_SHADES = (0.35, 1.25)
+"""Darkest and brightest shade, within which the colours of the height stay recognisable."""
 _FLAT_MM = 1.0
 """Smallest depth range of the colour scale, so that the noise of a flat surface does not fill it."""
+_ERROR_MEDIANS = 6.0
+"""Limit of the scale of errors over their median size: four σ of normal errors."""
 _RELIABILITY_SIGMAS = 4.0
 """Range of the error picture in units of σ."""
 
@@ -123,7 +130,7 @@ def make_error_panel(
     """
     error = _error_mm(depth, true_depth_mm)
     size = np.abs(error[np.isfinite(error)])
-    limit = limit_mm or round_above(max(6 * float(np.median(size)), 1e-3) if size.size else 1.0)
+    limit = limit_mm or round_above(max(_ERROR_MEDIANS * float(np.median(size)), 1e-3) if size.size else 1.0)
     note = f"median size {np.median(size):.2g}" if size.size else ""
     return _make_error_panel(error, true_depth_mm, limit, "measured minus true depth, mm", note)
 
@@ -174,9 +181,9 @@ def _shade(image: Rgb, depth_mm: NDArray[np.float32]) -> Rgb:
     footprint = depth_mm / depth_mm.shape[1]
     p, q = np.zeros_like(depth_mm), np.zeros_like(depth_mm)
     p[:, :-1], q[:-1] = np.diff(depth_mm, axis=1), np.diff(depth_mm, axis=0)
-    p, q = (np.nan_to_num(np.clip(slope / footprint, -3, 3)) for slope in (p, q))
+    p, q = (np.nan_to_num(np.clip(slope / footprint, -_STEEPEST, _STEEPEST)) for slope in (p, q))
     lit = (LIGHT[0] * p + LIGHT[1] * q - LIGHT[2]) / np.sqrt(1 + p * p + q * q) / -LIGHT[2]
-    shade = np.clip(lit, 0.35, 1.25).astype(np.float32)
+    shade = np.clip(lit, *_SHADES).astype(np.float32)
     return np.clip(image * shade[..., None], 0, 255).astype(np.uint8)
 
 

@@ -15,17 +15,21 @@ Rgb = NDArray[np.uint8]
 Color = tuple[int, int, int]
 
 PAPER: Color = (255, 255, 255)
+"""Colour behind titles and legends."""
 INK: Color = (52, 58, 64)
+"""Colour of titles."""
 QUIET: Color = (134, 142, 150)
 """Colour of notes, ticks and missing values."""
 LEGEND_PX = 50
 """Height of a legend."""
 _BAR_PX = 12
+"""Height of the ramp and of the patches."""
 _BAR = slice(8, 8 + _BAR_PX)
 """Rows of the ramp and of the patches."""
 _STEPS = 4
 """Smallest number of intervals between ticks."""
 _PATCH_PX = 16
+"""Width of a patch."""
 
 
 def _interpolate_colors(*anchors: Color) -> Rgb:

@@ -25,9 +25,17 @@ from beltscape.report.drawing.legend import (
 PANEL_PX = 800
 """Width of a panel."""
 _MARGIN_PX = 12
+"""Margin about a panel's picture, title and legend."""
 _BODY_PX = PANEL_PX - 2 * _MARGIN_PX
+"""Width of a panel's picture."""
 _HEAD_PX = 36
+"""Height of a panel's title."""
 _MARK_PX = 20
+"""Height of a mark's text."""
+_BRIGHT_SHARE = 0.995
+"""Quantile that is drawn white: fewer pixels are glints."""
+_GAMMA = 0.6
+"""Exponent of the grey levels, which brightens dark scenes such as coal and rubber."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,8 +109,8 @@ def quantile_range(values: NDArray[np.floating], share: float = 0.005) -> tuple[
 
 def to_rgb(image: Image | NDArray[np.float32]) -> Rgb:
     """Return an image as 8-bit RGB, with dark scenes brightened."""
-    top = max(float(np.quantile(to_grey(image), 0.995)), 1.0)
-    bright = np.clip(image.astype(np.float32) / top, 0, 1) ** 0.6
+    top = max(float(np.quantile(to_grey(image), _BRIGHT_SHARE)), 1.0)
+    bright = np.clip(image.astype(np.float32) / top, 0, 1) ** _GAMMA
     eight = np.rint(255 * bright).astype(np.uint8)
     return eight if eight.ndim == 3 else np.repeat(eight[..., None], 3, axis=2)
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 Lines = list[NDArray[np.float64]]
 _ROUND = 49
+"""Points of a circle, of which the last is the first: 7.5° apart."""
 
 
 def make_belt_triangles(

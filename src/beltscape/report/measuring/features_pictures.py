@@ -30,10 +30,13 @@ _COLORS: tuple[Color, ...] = (
     (134, 142, 150), (25, 113, 194), (232, 89, 12), (47, 158, 68), (156, 54, 181), (224, 49, 49), (240, 140, 0),
     (12, 133, 153), (92, 64, 51), (194, 37, 92),
 )  # fmt: skip
+"""Colours of the features by their label, in turn; neighbours differ in hue."""
 FOUND, PERFECT = (0, 225, 255), (255, 140, 0)
 """Colours of measured and nominal edges; cyan and orange are distinct for colour-blind readers."""
 _MARGIN_PX = 12
+"""Margin of a cut-out about a feature, px of the depth map."""
 _SCENE_POINTS = 12_000
+"""Largest number of points of a scene, which bounds the size of the page."""
 
 
 def make_feature_panel(depth: DepthMap, camera: Camera, measured: MeasuredModule) -> Panel:

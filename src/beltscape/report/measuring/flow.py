@@ -23,6 +23,7 @@ from beltscape.report.measuring.flow_charts import (
 from beltscape.report.page import Section, Table, Tile, Tiles, render
 
 _MOST_ROWS = 400
+"""Largest number of rows of the table; flow.csv has all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

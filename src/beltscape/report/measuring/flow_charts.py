@@ -31,6 +31,7 @@ _STRIP = "#c9d3df"
 _ROW_MM = 3000.0
 """Length of the pieces in which a long belt is drawn below one another; a third of it on a phone."""
 _MOST_PIECES = 12
+"""Largest number of these pieces; a longer belt has longer ones."""
 _MOST_CELLS = 1600
 """Largest number of cells of a piece along the belt."""
 

@@ -20,6 +20,7 @@ OVERSIZE: Color = (217, 0, 130)
 BELT, FINE = (238, 240, 242), (178, 184, 190)
 """Colours without lumps: the bare belt, and fines."""
 _OUTLINE, _SEEN_OUTLINE = (33, 37, 41), (255, 169, 77)
+"""Colours of the outlines over the sizes, and over the image."""
 _PALE, _PALE_TO = 0.45, 235
 """Share of its colour that a partly visible lump keeps, and the grey of the rest."""
 _LARGEST = 12

@@ -1,4 +1,8 @@
-"""Settings of the alarms: limits, hysteresis, delays and severity."""
+"""Settings of the alarms: limits, hysteresis, delays and severity.
+
+Default delays and limits are chosen for plants in general: long enough that a single lump, a restart or a late frame
+raises no alarm, short enough for a person to act. ``docs/operations.md`` lists them.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +15,19 @@ from beltscape.alarms.checks import require_check
 from beltscape.core.live import Severity
 
 Seconds = Annotated[float, Field(ge=0, le=86_400, allow_inf_nan=False)]
+"""A time, up to a day."""
 Length = Annotated[float, Field(ge=0, le=10_000_000, allow_inf_nan=False)]
+"""A length of belt in mm, up to 10 km."""
 Limit = Annotated[float, Field(gt=0, le=1e9, allow_inf_nan=False)]
+"""A limit of a quantity; the bound only catches slips of the keyboard."""
 Share = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
+"""A share, which can exceed 1: an overloaded belt."""
 Below = Annotated[float, Field(gt=0, le=1)]
 """Share of an upper limit by which the value must fall below it."""
 Above = Annotated[float, Field(gt=0, le=10)]
 """Share of a lower limit by which the value must rise above it."""
 Sigmas = Annotated[float, Field(ge=0, le=5)]
+"""A number of standard deviations; beyond 5 a limit would be another one."""
 CheckName = Annotated[str, AfterValidator(require_check)]
 """Name of a check, as in its findings."""
 
@@ -91,6 +100,7 @@ class BeltStopped(CommonSettings):
     after_s: Seconds = 3.0
     clear_after_s: Seconds = 1.0
     speed_mm_s: Limit = 20.0
+    """Belts run at 500 mm/s and more; a stopped belt creeps."""
     hysteresis: Above = 1.0
     """Over above limit·(1 + hysteresis)."""
 
@@ -142,6 +152,7 @@ class CameraSkew(CommonSettings):
 
     after_s: Seconds = 2.0
     skew_ms: Limit = 2.0
+    """A belt at 2 m/s moves by 4 mm in that time."""
     hysteresis: Below = 0.5
     """Over below limit·(1 - hysteresis)."""
 
@@ -151,6 +162,7 @@ class FramesDropped(CommonSettings):
 
     after_s: Seconds = 10.0
     per_minute: Limit = 6.0
+    """Number of dropped frame sets."""
     hysteresis: Below = 0.5
     """Over below limit·(1 - hysteresis)."""
 
@@ -177,6 +189,7 @@ class EncoderSilent(CommonSettings):
     """The encoder sends nothing; the belt's motion is taken from the material."""
 
     silent_s: Annotated[float, Field(gt=0, le=86_400)] = 2.0
+    """Time without a reading."""
 
 
 class EncoderWrong(CommonSettings):
@@ -201,6 +214,7 @@ class CertificateExpiring(CommonSettings):
     """The web server's certificate ends soon."""
 
     days: Limit = 30.0
+    """Days before its end, as `tls.SOON_DAYS`: certificates of Let's Encrypt are renewed at 30."""
     hysteresis: Above = 0.05
     """Over above limit·(1 + hysteresis)."""
 

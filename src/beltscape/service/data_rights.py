@@ -10,6 +10,7 @@ from pathlib import Path
 _MASK = 0o027
 """New files get 0640 at most, new folders 0750, as under the systemd unit (UMask=0027)."""
 _OTHERS = 0o007
+"""Rights of other users, which are removed from files of the data folder."""
 _OWN = (
     *("history.db*", "history.*", "totals.json", "users.db*", "audit*.jsonl", "reserve"),
     *("days", "csv", "recordings", "damaged"),

@@ -23,7 +23,9 @@ from beltscape.service.view_models.picture import Picture, encode_thumbnail
 _RECORDS, _POINTS, _NOTES, _CAMERAS, _CHECKS = 600, 3600, 50, 64, 1000
 """Records, points of curves (15 minutes), messages, cameras and checks that are kept for new pages."""
 _POINT_S = 0.25
-"""Period of the points of a curve."""
+"""Period of the points of a curve: smooth for the eye."""
+_MESSAGE_LENGTH = 500
+"""Longer messages are cut, which bounds the memory; those of the program have up to 300 characters."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +201,7 @@ class LiveState:
     def on_message(self, message: str) -> None:
         """Append a message."""
         with self._lock:
-            self._notes.append((self._wall_ns() // 1_000_000, message[:500]))
+            self._notes.append((self._wall_ns() // 1_000_000, message[:_MESSAGE_LENGTH]))
 
     def _append_point(self, wall_ns: int, now_s: float) -> None:
         """Append the flow to the chart, at most four times a second. A clock set back removes the points after it."""

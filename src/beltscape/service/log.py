@@ -12,7 +12,7 @@ from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Ma
 
 _LOG = logging.getLogger("beltscape")
 _EVERY_S = 60.0
-"""Period of the line in the log."""
+"""Period of the line in the log: 1440 lines a day."""
 _LEVEL = {"info": logging.INFO, "warning": logging.WARNING, "critical": logging.ERROR}
 
 

@@ -21,7 +21,7 @@ from beltscape.service.access.settings import LimitSettings
 from beltscape.service.access.tls import create_tls_context, describe_expiry
 
 STOP_S = 2.0
-"""Time limit for stopping."""
+"""Time limit for stopping, far below systemd's 90 s. Three quarters are for running requests."""
 _BACKLOG = 128
 """Connections that may wait to be accepted: few enough for a process's limit of open files."""
 

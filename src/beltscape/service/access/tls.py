@@ -9,8 +9,9 @@ from pathlib import Path
 from beltscape.core.errors import InputError
 
 SOON_DAYS = 30
-"""A certificate that expires within this time is reported."""
-_NO_CHECK_TIME = 0x200000  # X509_V_FLAG_NO_CHECK_TIME of OpenSSL
+"""A certificate that expires within this time is reported, as by the alarm's default."""
+_NO_CHECK_TIME = 0x200000
+"""X509_V_FLAG_NO_CHECK_TIME of OpenSSL (x509_vfy.h)."""
 
 
 def create_tls_context(certificate: Path, key: Path) -> ssl.SSLContext:

@@ -15,7 +15,7 @@ from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 
 LAST_MS = 4_102_444_800_000
-"""The year 2100."""
+"""Latest time of a request, ms: the beginning of 2100."""
 
 WallMs = Annotated[int, Query(ge=0, le=LAST_MS, description="System clock, ms since 1970 UTC")]
 CameraName = Annotated[str, Path(min_length=1, max_length=64, description="Name of a camera")]

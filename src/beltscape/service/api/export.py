@@ -22,7 +22,7 @@ from beltscape.sinks.historian.storage.rows import to_row
 _ROWS, _SECTIONS = 2000, 500
 """Rows read from the historian at once, without and with cross-sections; it bounds the memory."""
 _LONGEST_MS = 366 * 86_400_000
-"""Longest period of one export: a year."""
+"""Longest period of one export: a leap year."""
 Format = Literal["csv", "parquet"]
 MEDIA_TYPES: dict[Format, str] = {
     "csv": "text/csv; charset=utf-8",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from beltscape.core.findings import EFFECTS, Effect
+from beltscape.core.translatable_message import get_values
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import (
     AppContext,
@@ -40,7 +41,8 @@ class CheckOut(ResponseModel):
     limit: Annotated[Number, Field(description="Value beyond which, with its sigma, it is a fault")]
     effect: Annotated[Effect, Field(description="On the records: none, degraded, missing")]
     fault: bool
-    cause: Annotated[str, Field(description="Key of the fault among the check's; empty: none")]
+    cause: Annotated[str, Field(description="Key of the fault's text in other languages; empty: none")]
+    values: Annotated[dict[str, float | int | str], Field(description="The values in that text")]
     text: Annotated[str, Field(description="The fault and the fix, in English; empty: no fault")]
     place: Annotated[
         Box | None, Field(description="Left, top, right, bottom in the camera's image, shares 0..1")
@@ -62,6 +64,7 @@ class CheckOut(ResponseModel):
             effect=finding.effect,
             fault=finding.is_fault,
             cause=finding.cause,
+            values=get_values(finding.text),
             text=finding.text,
             place=None if finding.place is None else (*map(float, finding.place),),  # pyright: ignore[reportArgumentType]
             wall_ms=state.wall_ns // MS_NS,

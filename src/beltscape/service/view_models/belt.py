@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.live import BeltStretch
 
 STEP_MM = 1 / 16
-"""Height of one count."""
+"""Height of one count: 32,767 counts are two metres, and a step is below one pixel of colour."""
 OFFSET_MM = -100.0
 """Height of count 0; noise below the empty belt must not wrap."""
 FILLED = 0x8000

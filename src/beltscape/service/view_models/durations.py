@@ -7,7 +7,7 @@ from itertools import accumulate
 from math import isfinite
 
 BOUNDS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0)
-"""Upper bounds of the bins; a last bin has no bound."""
+"""Upper bounds of the bins, which contain the times of all presets and sizes; a last bin has no bound."""
 
 
 class DurationHistogram:

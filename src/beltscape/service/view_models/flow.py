@@ -14,11 +14,15 @@ from beltscape.core.belt.ledger_entries import BeltRecord, Standing
 
 Trend = Literal["rising", "falling", "steady", "unknown"]
 _TREND_S = 60.0
-"""Time over which the flow is compared with the flow before."""
+"""Time over which the flow is compared with the flow before: longer than the gaps between lumps. Chosen."""
 _TREND_SHARE = 0.04
-"""Relative change from which a trend is shown."""
+"""Relative change from which a trend is shown, beside two σ; smaller ones would make the arrow flicker. Chosen."""
+_LEAST_TREND_S = 5.0
+"""Least time of the flow before for a trend. Chosen."""
+_MOST_STRIPS = 20_000
+"""Number of strips that are kept, which bounds the memory: minutes even of short strips on a fast belt."""
 _STOPPED_MM_S = 1.0
-"""At a lower speed the belt counts as stopped."""
+"""At a lower speed the belt counts as stopped; the alarm has its own limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +74,7 @@ class FlowAverage:
         """Clock at the last measured record."""
         self._standing: Standing = "missing"
         """Standing of that record."""
-        self._strips: deque[_Strip] = deque(maxlen=20_000)
+        self._strips: deque[_Strip] = deque(maxlen=_MOST_STRIPS)
         self._speed_mm_s = nan
 
     def add(self, records: Sequence[BeltRecord]) -> None:
@@ -159,7 +163,7 @@ def _is_measured(record: BeltRecord, strip: FlowRecord) -> bool:
 
 def _compute_trend(volume: float, sigma: float, before: list[_Strip]) -> tuple[Trend, float]:
     seconds = sum(strip.seconds for strip in before)
-    if seconds < 5:
+    if seconds < _LEAST_TREND_S:
         return "unknown", nan
     previous = sum(strip.volume_mm3 for strip in before) / seconds * 3600e-9
     change = (volume - previous) / previous if previous > 0 else nan

@@ -7,12 +7,14 @@ from starlette.responses import Response
 
 TOKEN_HEADER = "x-beltscape-token"
 """Header in which the page sends its token with every request that changes something."""
+_LONGEST = 100
+"""Characters of a token; a longer one is none: 32 bytes have 43 characters in base64."""
 
 
 def read_session_token(connection: HTTPConnection) -> str | None:
     """Return a request's session token, or None."""
     token = connection.cookies.get(_cookie_name(connection))
-    return token if token and len(token) <= 100 else None
+    return token if token and len(token) <= _LONGEST else None
 
 
 def set_session_cookie(response: Response, connection: HTTPConnection, token: str, life_s: float) -> None:

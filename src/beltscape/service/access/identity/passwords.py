@@ -18,6 +18,10 @@ MIN_LENGTH = 10
 """NIST SP 800-63B requires 8 characters at least."""
 MAX_LENGTH = 200
 """NIST SP 800-63B: at least 64 must be allowed; a limit bounds the time of the hash."""
+_LEAST_DISTINCT = 5
+"""Least number of different characters: refuses "aaaaaaaaaa" and "1212121212". Chosen."""
+_SALT_BYTES, _HASH_BYTES = 16, 32
+"""NIST SP 800-132: a salt of at least 16 bytes; the hash has the length of SHA-256's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,13 +29,16 @@ class ScryptCost:
     """Cost of one hash: 128·r·2^log2_n bytes of memory, p times. The default is the least that OWASP recommends."""
 
     log2_n: int = 15
+    """Binary logarithm of the cost N of RFC 7914: with r = 8, 32 MiB of memory."""
     r: int = 8
+    """Block size of RFC 7914."""
     p: int = 3
+    """Parallelisation of RFC 7914; here one after the other."""
 
 
 def hash_password(password: str, cost: ScryptCost) -> str:
     """Return a password's hash as ``scrypt$log2_n$r$p$salt$hash``, the last two in base64."""
-    salt = os.urandom(16)
+    salt = os.urandom(_SALT_BYTES)
     parts = (salt, _scrypt(password, salt, cost))
     return "$".join(
         ["scrypt", str(cost.log2_n), str(cost.r), str(cost.p), *(base64.b64encode(p).decode() for p in parts)]
@@ -52,8 +59,8 @@ def validate_password(password: str, name: str) -> str:
     plain = unicodedata.normalize("NFKC", password)
     if not MIN_LENGTH <= len(plain) <= MAX_LENGTH:
         raise InputError(f"password: must have {MIN_LENGTH} to {MAX_LENGTH} characters, not {len(plain)}")
-    if len(set(plain)) < 5:
-        raise InputError("password: too few different characters; use at least 5")
+    if len(set(plain)) < _LEAST_DISTINCT:
+        raise InputError(f"password: too few different characters; use at least {_LEAST_DISTINCT}")
     if len(name) > 2 and name.casefold() in plain.casefold():
         raise InputError("password: must not contain the user's name")
     return password
@@ -62,4 +69,6 @@ def validate_password(password: str, name: str) -> str:
 def _scrypt(password: str, salt: bytes, cost: ScryptCost) -> bytes:
     plain = unicodedata.normalize("NFKC", password).encode("utf-8", "surrogatepass")
     n = 2**cost.log2_n
-    return hashlib.scrypt(plain, salt=salt, n=n, r=cost.r, p=cost.p, maxmem=2 * 128 * cost.r * n, dklen=32)
+    return hashlib.scrypt(
+        plain, salt=salt, n=n, r=cost.r, p=cost.p, maxmem=2 * 128 * cost.r * n, dklen=_HASH_BYTES
+    )

@@ -14,13 +14,13 @@ from beltscape.service.access.identity.database import Database
 from beltscape.service.access.identity.roles import User
 
 MAX_PER_USER = 32
-"""Sessions of one user; beyond, the one unused longest is removed."""
+"""Sessions of one user, which bounds the table; beyond, the one unused longest is removed. Chosen."""
 IN_MEMORY_LIFE_S = 3600
-"""Life of a session that could not be written to disk."""
+"""Life of a session that could not be written to disk: an hour, in which to repair the disk. Chosen."""
 _TOUCH_S = 60
-"""The last use of a session is stored at most this often."""
+"""The last use of a session is stored at most this often, which bounds the writes."""
 _CLOCK_BACK_S = 300
-"""Correction of the clock up to which sessions created "in the future" stay valid."""
+"""Correction of the clock up to which sessions created "in the future" stay valid; NTP steps less. Chosen."""
 
 
 class Sessions:

@@ -19,7 +19,7 @@ from beltscape.service.access.limits.throttle import WorkLimiter, normalise_addr
 from beltscape.service.access.settings import LimitSettings
 
 PIECE_BYTES = 4096
-"""Bytes that count as one more read."""
+"""Bytes that count as one more read: a page of memory. Chosen."""
 
 
 class ConnectionCounter:

@@ -14,9 +14,10 @@ from beltscape.core.errors import InputError
 from beltscape.service.access.limits.throttle import Throttle, TokenBuckets
 
 MAX_WAITING = 8
-"""Passwords that may wait for their check; further ones are refused."""
+"""Passwords that may wait for their check, of some 0.1 s each; further ones are refused. Chosen."""
 UNKNOWN_HZ, UNKNOWN_BURST = 0.5, 30
-"""Rate and burst of password checks for all accounts and addresses without an earlier login together."""
+"""Rate and burst of password checks for all accounts and addresses without an earlier login together: 43,000 guesses
+a day, too few for any valid password. Chosen."""
 Result = TypeVar("Result")
 
 

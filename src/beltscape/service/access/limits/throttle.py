@@ -10,8 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+_MOST_DOUBLINGS = 30
+"""Bound of the exponent, against overflow; the delays' own limits are reached far earlier."""
 MAX_ENTRIES = 4096
-"""Accounts and addresses that are remembered; beyond, those unused longest are forgotten."""
+"""Accounts and addresses that are remembered, which bounds the memory; beyond, those unused longest are forgotten."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,12 +27,17 @@ class Delays:
 
     def compute_s(self, failures: int) -> float:
         """Return the seconds to wait after that many failures in a row."""
-        return 0.0 if failures < self.free else min(self.longest_s, 2.0 ** min(failures - self.free, 30))
+        return (
+            0.0
+            if failures < self.free
+            else min(self.longest_s, 2.0 ** min(failures - self.free, _MOST_DOUBLINGS))
+        )
 
 
 ACCOUNT = Delays(free=5, longest_s=60)
-"""Short, so that an attacker cannot lock a user out."""
+"""Delays of an account: short, so that an attacker cannot lock a user out. Chosen."""
 ADDRESS = Delays(free=10, longest_s=900)
+"""Delays of an address: several users may share it, and one that guesses waits up to 15 minutes. Chosen."""
 
 
 class Throttle:

@@ -18,9 +18,9 @@ from beltscape.service.access.limits.throttle import TokenBuckets
 from beltscape.service.access.requests.dependencies import USER, get_address
 
 SESSION_CHECK_S = 1.0
-"""Interval at which an open socket's session is checked."""
+"""Interval at which an open socket's session is checked; an ended session sees no more than this. Chosen."""
 SESSION_ENDED_CODE = 4401
-"""WebSocket close code after the end of the session."""
+"""WebSocket close code after the end of the session: HTTP's 401 in the private range (RFC 6455, 7.4.2)."""
 INCOMING_HZ, INCOMING_BURST = 5.0, 50
 """Rate and burst of messages from a page; the operator's page sends none."""
 

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.lens.domain import find_valid_radius
 from beltscape.core.geometry.rig import Rig
 
 FOCAL_OVER_DIAGONAL = (0.1, 100.0)
@@ -34,6 +35,10 @@ LEAST_DEPTH_MM = 10.0
 """Surfaces nearer than this to a core camera are within its lens."""
 _SAMPLES = 25
 """Pixels along each side of the grid on which a fold is searched; distortion is smooth between them."""
+_ROUNDED = 1e-6
+"""Relative tolerance of a stated domain that ends where the lens turns back: rounding of the file's digits."""
+_ODD_REACH = 0.9
+"""Share of the image's half diagonal below which a lens's stated domain is remarked on: boards rarely reach more."""
 
 
 def find_refusal(rig: Rig) -> str | None:
@@ -55,6 +60,12 @@ def find_oddities(rig: Rig) -> list[str]:
             lines.append(
                 f"camera {name}: center_px = {_two(camera.center_px)} is far off the middle of {_size(camera)} px"
             )
+        reach = camera.valid_radius_px
+        if reach is not None and reach < _ODD_REACH * find_corner_radius_px(camera):
+            lines.append(
+                f"camera {name}: its lens is valid up to {reach:.0f} px from the principal point, the image reaches "
+                f"{find_corner_radius_px(camera):.0f} px; pixels beyond are not used"
+            )
     for name in rig.auxiliaries:
         baseline = float(np.linalg.norm(rig.cam_from_core[name].center_mm))
         if baseline < _ODD_BASELINE_MM:
@@ -73,10 +84,37 @@ def _refusals(rig: Rig) -> Iterator[str]:
         off = np.abs(camera.center_px / (np.array(camera.size_px) - 1) - 0.5).max()
         if off > _OFF_CENTRE:
             yield f"camera {name}: center_px = {_two(camera.center_px)} is far outside an image of {_size(camera)} px"
-        if has_fold(camera):
-            values = ", ".join(f"{value:g}" for value in camera.distortion)
-            yield f"camera {name}: distortion = [{values}] turns back within the image, which no lens does"
+        yield from _lens_refusals(camera)
     yield from _position_refusals(rig)
+
+
+def _lens_refusals(camera: Camera) -> Iterator[str]:
+    """Yield a lens model that folds within the part of the image in which the rig uses it."""
+    turning_px = find_turning_radius_px(camera)
+    stated_px = camera.valid_radius_px
+    needed_px = find_corner_radius_px(camera) if stated_px is None else stated_px
+    if has_fold(camera) if stated_px is None else turning_px < needed_px * (1 - _ROUNDED):
+        values = ", ".join(f"{value:g}" for value in camera.distortion)
+        yield (
+            f"camera {camera.name}: distortion = [{values}] of model {camera.model} turns back within the image, "
+            f"{turning_px:.0f} px from the principal point, which no lens does (the farthest pixel lies at "
+            f"{needed_px:.0f} px); calibrate with a model for wide lenses, or give valid_radius_px"
+        )
+
+
+def find_turning_radius_px(camera: Camera) -> float:
+    """Return the distance from the principal point at which the lens model turns back, px of the image; ∞: never."""
+    turning = find_valid_radius(camera.model, camera.distortion)
+    if np.isinf(turning):
+        return turning
+    factor = camera.lens.radial.compute(np.array(turning**2), camera.distortion)
+    return float(turning * factor * camera.focal_px.mean())
+
+
+def find_corner_radius_px(camera: Camera) -> float:
+    """Return the distance of the image's farthest pixel from the principal point, px."""
+    far = np.maximum(camera.center_px, np.array(camera.size_px) - 1 - camera.center_px)
+    return float(np.hypot(*far))
 
 
 def _position_refusals(rig: Rig) -> Iterator[str]:

@@ -20,7 +20,7 @@ from beltscape.alarms.texts import TEXTS
 from beltscape.core.errors import InputError
 from beltscape.core.findings import Finding
 from beltscape.core.live import CameraHealth, CameraState
-from beltscape.core.translatable_message import get_key
+from beltscape.core.translatable_message import Message, get_key
 from beltscape.files.documents.toml_text import validate
 from tests.strategies import floats
 
@@ -444,10 +444,11 @@ def test_a_check_may_have_settings_of_its_own():
 
 
 def test_a_fault_that_stops_the_measurement_is_critical():
-    dark = Finding("projector", 0.0, 0.1, 1.0, "", text="the projector is off", effect="missing", cause="off")
+    text = Message("the projector is off", "projector_off", contrast=0, light=1)
+    dark = Finding("projector", 0.0, 0.1, 1.0, "", text=text, effect="missing")
     (raised,) = Plant().run(replace(GOOD, findings=[dark]), 5)
     assert raised.severity == "critical"
-    assert get_key(raised.detail) == "off"
+    assert get_key(raised.detail) == "projector_off"
 
 
 def test_alarms_of_measurement_are_held_during_maintenance():

@@ -228,9 +228,8 @@ def test_checks_and_their_series_are_for_engineers(tmp_path):
         2.0,
         "%",
         "cam2",
-        "cam2: dirt",
+        Message("cam2: dirt", "dirt", area=6.2, taken=40),
         "degraded",
-        cause="smeared",
         place=(0.1, 0.2, 0.3, 0.4),
     )
     unknown = Finding("zero_shift", nan, nan, 2.0, "mm")
@@ -238,7 +237,8 @@ def test_checks_and_their_series_are_for_engineers(tmp_path):
     made.history.add_findings([StoredFinding(BEGIN_NS + k * 1_000_000_000, dirt) for k in range(20)])
     engineer, operator = made.browser("engineer"), made.browser("operator")
     one, other = engineer("GET", "/api/checks").json()
-    assert (one["check"], one["subject"], one["fault"], one["cause"]) == ("dirt", "cam2", True, "smeared")
+    assert (one["check"], one["subject"], one["fault"], one["cause"]) == ("dirt", "cam2", True, "dirt")
+    assert one["values"] == {"area": 6.2, "taken": 40}
     assert one["place"] == [0.1, 0.2, 0.3, 0.4] and one["effect"] == "degraded"
     assert other["value"] is None and other["fault"] is False and other["place"] is None
     assert engineer("GET", "/api/checks/stored").json() == [{"check": "dirt", "subject": "cam2", "unit": "%"}]
@@ -302,8 +302,8 @@ def test_zero_is_measured_confirmed_and_audited_by_engineers(tmp_path):
     assert made.plant.zeros == [(6, "the-engineer"), (7, "the-engineer")]
     written = [(one["what"], one["who"]) for one in made.access.audit.read_last(20)]
     assert written.count(("set_zero", "the-engineer")) == 1
-    made.plant.zero_refusal = Message("zero: only 40% of the belt is bare", "zero_not_bare", share=40)
+    made.plant.zero_refusal = Message("zero: only 40% of the belt is bare", "zero_set_not_bare", share=40)
     refused = engineer("POST", "/api/zero/measure")
     assert refused.status_code == 409
-    assert (refused.json()["cause"], refused.json()["values"]) == ("zero_not_bare", {"share": 40})
+    assert (refused.json()["cause"], refused.json()["values"]) == ("zero_set_not_bare", {"share": 40})
     made.history.close()

@@ -446,6 +446,30 @@ def test_engineers_see_the_checks_with_trends_and_pictures(site, language, wide)
     page.context.close()
 
 
+def test_engineers_set_the_zero_after_seeing_what_was_measured(site):
+    plant = site.works.plant
+    plant.zero_refusal = Message("zero: only 40% of the belt is bare", "zero_set_not_bare", share=40)
+    page = site.page("/?lang=de#health", high=740, user="eva")
+    page.click("#zero-open")
+    page.click("#zero-next")
+    page.wait_for_selector("#zero-dialog .problem:visible")
+    assert (
+        read_text(page, "#zero-dialog .problem") == "Nur 40 % des Bandes sind frei: Band leeren und reinigen."
+    )
+    plant.zero_refusal = ""
+    page.click("#zero-next")
+    wait_for(page, "document.querySelector('#zero-dialog').innerText.includes('0,42 ± 0,05 mm')")
+    assert plant.zeros == []
+    page.click("#zero-next")
+    wait_for(page, "document.querySelector('#zero-dialog').innerText.includes('Nullpunkt ist gesetzt')")
+    assert plant.zeros == [(7, "eva")]
+    written = [one["what"] for one in site.works.access.audit.read_last(50) if one["who"] == "eva"]
+    assert "set_zero" in written
+    assert [error for error in site.errors if "409" not in error] == []
+    site.errors.clear()
+    page.context.close()
+
+
 def test_operators_do_not_see_the_checks(site):
     page = site.page("/#health")
     wait_until_live(page)

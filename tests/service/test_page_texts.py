@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import re
 from html.parser import HTMLParser
@@ -15,6 +16,7 @@ from beltscape.alarms.rules import RULES
 from beltscape.core.belt.ledger_entries import STANDINGS
 from beltscape.core.findings import EFFECTS
 from beltscape.core.live import AlarmState, CameraState, Severity
+from beltscape.measure.flow.motion.encoder_check import Kind
 from beltscape.service.access.identity.roles import ROLES
 from beltscape.service.settings import Language
 from beltscape.service.static import FOLDER
@@ -102,17 +104,68 @@ def test_the_list_of_checks_has_all_of_the_source():
     assert find_check_names() - set(CHECKS) == set()
 
 
-def find_camera_causes() -> set[str]:
-    """Return the keys of the cameras' messages in the source."""
-    texts = [path.read_text(encoding="utf-8") for path in (SOURCE / "sources").rglob("*.py")]
-    keys = {key for text in texts for key in re.findall(r'"([a-z_]+)"(?=[^"\n]*\)$|,\s*\n\s*\))', text)}
-    used = {
-        key
-        for text in texts
-        for key in re.findall(r'Message\([^()]*?(?:\([^()]*\)[^()]*?)*"([a-z_]+)"[,)\s]', text)
-    }
-    assert len(keys | used) > 5
-    return used
+KEYS_OF = {
+    "check": ("defocus", "condensation"),
+    "projector_{state} or check": ("projector_off", "projector_dim", "projector_focus", "dust"),
+    "zero_{kind}": ("zero_moved", "zero_moved_on_one_side", "zero_film", "zero_worn"),
+    "zero_set_{name}": ("zero_set_rise", "zero_set_tilt"),
+    "encoder_{kind}": tuple(f"encoder_{kind}" for kind in get_args(Kind)),
+}
+"""Keys of messages that are composed, by their expression."""
+
+
+def list_keys(expression: ast.expr) -> tuple[str, ...]:
+    """Return the keys that the second argument of a `Message` may be."""
+    if isinstance(expression, ast.Constant):
+        return (str(expression.value),)
+    if isinstance(expression, ast.IfExp) and isinstance(expression.body, ast.Constant):
+        return (*list_keys(expression.body), *list_keys(expression.orelse))
+    if isinstance(expression, ast.IfExp):
+        return KEYS_OF["projector_{state} or check"]
+    if isinstance(expression, ast.Name):
+        return KEYS_OF[expression.id]
+    form = re.sub(r"\{.*?([a-z]+)(?:\.replace\(.*?\))?\}", r"{\1}", ast.unparse(expression))
+    return KEYS_OF[form.strip("f\"'")]
+
+
+def find_messages() -> dict[str, set[str]]:
+    """Return the keys of all messages in the source, with the names of their values."""
+    messages: dict[str, set[str]] = {}
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "Message":
+                assert len(node.args) == 2, f"{path}:{node.lineno}: a message without a key"
+                names = {word.arg for word in node.keywords}
+                for key in list_keys(node.args[1]):
+                    messages[key] = {"value", "limit"} if names == {None} else {str(name) for name in names}
+    assert len(messages) > 50
+    return messages
+
+
+@pytest.mark.parametrize(("key", "names"), sorted(find_messages().items()))
+def test_every_message_has_a_text_with_its_values(key, names):
+    assert f"cause.{key}" in TEXTS
+    placeholders = {field for _, field, _, _ in Formatter().parse(TEXTS[f"cause.{key}"]["en"]) if field}
+    assert placeholders <= names
+
+
+def test_every_fault_of_a_check_is_a_message():
+    """Check that what makes a finding's text, in the checks' own modules, is a message with a key."""
+    modules = [*(SOURCE / "health").rglob("*.py"), SOURCE / "stereo" / "consistency" / "fault_texts.py"]
+    for path in [*modules, SOURCE / "measure" / "flow" / "motion" / "encoder_finding.py"]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.FunctionDef):
+                continue
+            words = {
+                word.arg for call in ast.walk(node) if isinstance(call, ast.Call) for word in call.keywords
+            }
+            makes = (
+                any(isinstance(one, ast.Name) and one.id == "text" for one in ast.walk(node))
+                or "text" in words
+            )
+            is_composed = any(isinstance(one, ast.JoinedStr) for one in ast.walk(node))
+            if makes and is_composed and node.name not in ("_describe_residuals",):
+                assert "Message(" in ast.unparse(node), f"{path.name}: {node.name}"
 
 
 @pytest.mark.parametrize(
@@ -122,7 +175,6 @@ def find_camera_causes() -> set[str]:
         ("help.", RULES),
         ("check.", CHECKS),
         ("health.", (*EFFECTS[1:], "ok", "unknown", "fault")),
-        ("cause.", find_camera_causes()),
         ("alarm.", get_args(AlarmState)),
         ("severity.", get_args(Severity)),
         ("camera.", get_args(CameraState)),

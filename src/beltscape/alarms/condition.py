@@ -9,7 +9,6 @@ from typing import Literal
 
 from beltscape.core.findings import Finding
 from beltscape.core.live import Severity
-from beltscape.core.translatable_message import Message
 
 ConditionState = Literal["on", "off", "between", "unknown"]
 """past the limit; back beyond the clear limit; between the two; not known"""
@@ -75,7 +74,7 @@ def condition_from_finding(finding: Finding) -> AlarmCondition:
             finding.value,
             finding.limit,
             finding.unit,
-            Message(finding.text, finding.cause),
+            finding.text,
             severity="critical" if finding.effect == "missing" else "warning",
         )
     state: ConditionState = "off" if math.isfinite(finding.value) else "unknown"

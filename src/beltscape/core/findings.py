@@ -8,6 +8,8 @@ from typing import Literal
 
 import numpy as np
 
+from beltscape.core.translatable_message import get_key
+
 Effect = Literal["none", "degraded", "missing"]
 """Effect of a finding on the records of its frame:
 
@@ -35,14 +37,12 @@ class Finding:
     subject: str = ""
     """The camera concerned; empty: the whole system."""
     text: str = ""
-    """The fault and the fix in one line; empty: no fault."""
+    """The fault and the fix in one line, as a `Message` that pages in other languages compose; empty: no fault."""
     effect: Effect = "none"
     systematic_mm: float = 0.0
     """One standard deviation of the height error common to the whole belt that the fault may cause."""
     relative_sigma: float = 0.0
     """One standard deviation of the volume's relative error that the fault may cause."""
-    cause: str = ""
-    """Key of the fault among those of its check, such as "reversed"; pages in other languages translate it."""
     place: tuple[float, float, float, float] | None = None
     """Where the fault is in the subject's image: left, top, right, bottom as shares of its width and height, 0..1."""
 
@@ -53,6 +53,11 @@ class Finding:
     def is_fault(self) -> bool:
         """Return whether the check found a fault."""
         return bool(self.text)
+
+    @property
+    def cause(self) -> str:
+        """Return the key of the fault's text; empty without a fault, and for a text that exists in English only."""
+        return get_key(self.text)
 
 
 def worst_effect(findings: Iterable[Finding]) -> Effect:

@@ -60,6 +60,8 @@ class ImageStatistics:
     """Relative spread of the level between blocks, which a veil reduces but defocus does not; at least 0.0001."""
     signal_to_noise: float
     """Texture of the median lit block over noise."""
+    exposure_us: float = 1.0
+    """Exposure time of the image; 1 where it never changes, NaN where it is not known."""
 
     @property
     def contrasts(self) -> FloatArray:

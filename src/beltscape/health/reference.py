@@ -39,7 +39,8 @@ class CameraReference:
     own_shading: float
     """Spread between blocks of the camera itself."""
     level: FloatArray
-    """`GRID` median level, counts of 255."""
+    """`GRID` median level, counts of 255, at the exposure time `exposure_us`."""
+    exposure_us: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +68,14 @@ def learn_reference(frames: Sequence[FrameStatistics]) -> Reference:
             float(np.median([log_contrast(frame[name]) for frame in frames])),
             float(np.median([log_sharpness(frame[name]) for frame in frames])),
             float(np.median([log_shading(frame[name]) for frame in frames])),
-            np.median([frame[name].level for frame in frames], axis=0).astype(np.float32),
+            np.median(
+                [
+                    frame[name].level * (frames[0][name].exposure_us / frame[name].exposure_us)
+                    for frame in frames
+                ],
+                axis=0,
+            ).astype(np.float32),
+            frames[0][name].exposure_us,
         )
         for name in names
     }

@@ -101,14 +101,14 @@ def test_the_limit_bounds_the_sum_of_settings_and_old_measurements_expire(tmp_pa
     assert control.set(first.number + 1, "eva") is None
     with pytest.raises(MeasureError) as caught:
         measure(ZeroControl(moved(1.4), limits))
-    assert get_key(caught.value.args[0]) == "zero_rise"
+    assert get_key(caught.value.args[0]) == "zero_set_rise"
 
 
 def test_frames_with_faults_are_not_used() -> None:
     control = ZeroControl(moved(0.5), BeltLimits(), patience_s=0.3)
     with pytest.raises(MeasureError, match="only 0 of 5 frames") as caught:
         measure(control, (SHIFT, DIRT))
-    assert get_key(caught.value.args[0]) == "zero_no_frames"
+    assert get_key(caught.value.args[0]) == "zero_set_no_frames"
 
 
 def test_the_engine_sets_it_with_an_event(tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ def caller(tmp_path_factory):
         for i in range(30):
             plant.step(1_800_000_000_000_000_000 + i * 200_000_000)
         found = [
-            Finding("sharpness", 0.4, 0.1, 0.5, "", name, "", "none", cause="", place=(0.1, 0.2, 0.3, 0.4))
+            Finding("sharpness", 0.4, 0.1, 0.5, "", name, "", "none", place=(0.1, 0.2, 0.3, 0.4))
             for name in ("cam1", "cam2")
         ]
         found.append(

@@ -47,7 +47,8 @@ def make_pose_findings(
 
 def make_unreliable_finding(text: str) -> Finding:
     """Return the finding of a frame whose few pixels match by chance, because no image fits the rig."""
-    return Finding(POSE, _NAN, _NAN, _NAN, "mm", "", text, "missing")
+    message = Message(text, "camera_pose_unreliable")
+    return Finding(POSE, _NAN, _NAN, _NAN, "mm", "", message, "missing")
 
 
 def make_unchecked_finding() -> Finding:

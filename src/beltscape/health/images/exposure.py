@@ -91,7 +91,7 @@ def _check_exposure(
             level=round(one.mean_level, 1),
         )
         effect = "missing" if one.mean_level < BLIND_LEVEL else "degraded"
-        return replace(finding, text=text, effect=effect, relative_sigma=0.03, cause="dark")
+        return replace(finding, text=text, effect=effect, relative_sigma=0.03)
     if is_compared and abs(deviation) > np.log(settings.brightness_factor):
         text = Message(
             f"{camera}: its brightness is {factor:.2g} times that of the other cameras; correct its exposure, gain "
@@ -99,7 +99,7 @@ def _check_exposure(
             "exposure_unequal",
             factor=round(factor, 2),
         )
-        return replace(finding, text=text, effect="degraded", relative_sigma=0.01, cause="unequal")
+        return replace(finding, text=text, effect="degraded", relative_sigma=0.01)
     return finding
 
 
@@ -164,7 +164,10 @@ def measure_light_step(before: FrameStatistics, now: FrameStatistics) -> tuple[f
     The bare belt and all that does not move show the most frequent ratio of the blocks' levels. Where moving material
     covers everything, the ratios scatter, and their median is taken.
     """
-    ratios = [compute_lit_ratios(now[name], before[name].level) for name in now.keys() & before.keys()]
+    ratios = [
+        compute_lit_ratios(now[name], before[name].level, before[name].exposure_us)
+        for name in now.keys() & before.keys()
+    ]
     if not ratios:
         return float("nan"), float("nan")
     pooled = np.concatenate(ratios)
@@ -174,10 +177,14 @@ def measure_light_step(before: FrameStatistics, now: FrameStatistics) -> tuple[f
     return float(np.median(pooled)), float(MAD_TO_SIGMA * np.median(np.abs(pooled - np.median(pooled))) / 10)
 
 
-def compute_lit_ratios(one: ImageStatistics, level: FloatArray) -> FloatArray:
-    """Return the logarithms of the levels over earlier ones, (N,), in the blocks that were lit."""
+def compute_lit_ratios(one: ImageStatistics, level: FloatArray, exposure_us: float) -> FloatArray:
+    """Return the logarithms of the light over that of earlier levels, (N,), in the blocks that were lit.
+
+    ``exposure_us`` is the exposure time of the earlier levels: a longer one is no more light.
+    """
     lit = level > 0.3 * np.median(level)
-    return np.log(np.maximum(one.level[lit], 0.1) / np.maximum(level[lit], 0.1))
+    ratio = np.maximum(one.level[lit], 0.1) / np.maximum(level[lit], 0.1)
+    return np.log(ratio * np.float32(exposure_us / one.exposure_us))
 
 
 def estimate_mode(values: FloatArray) -> tuple[float, float]:

@@ -69,6 +69,8 @@ class ImageMonitor:
         self._learned: list[dict[str, ImageStatistics]] = []
         self._before: dict[str, ImageStatistics] = {}
         self._levels_before: dict[str, FloatArray] = {}
+        self._lit_before: dict[str, ImageStatistics] = {}
+        """The last frame whose exposure times are known."""
         self._light = 0.0
         """Logarithm of the light over that of the reference."""
         self._lights: deque[float] = deque(maxlen=_FLICKER_FRAMES)
@@ -93,9 +95,13 @@ class ImageMonitor:
         if not self._settings.images or not images:
             return ImageCheck((), frames, True)
         levels = {name: compute_levels(image) for name, image in images.items()}
-        statistics = {name: compute_statistics(level) for name, level in levels.items()}
+        statistics = {
+            name: replace(compute_statistics(level), exposure_us=frames.exposures_us.get(name, 1.0))
+            for name, level in levels.items()
+        }
         findings = self._check(statistics, levels)
-        if self._settings.learning and self._reference is None and worst_effect(findings) == "none":
+        is_sound = worst_effect(findings) == "none" and _has_known_exposure(statistics)
+        if self._settings.learning and self._reference is None and is_sound:
             self._learn(statistics)
         self._before, self._levels_before = statistics, levels
         self._faulty = {one.subject for one in findings if one.is_fault}
@@ -160,9 +166,10 @@ class ImageMonitor:
 
         The bare belt's brightness is taken where it follows from the light before: else material covers the belt.
         """
-        step, step_sigma = (
-            measure_light_step(self._before, statistics) if self._before else (0.0, float("nan"))
-        )
+        if not _has_known_exposure(statistics):
+            return float("nan"), describe_lamp(float("nan"), float("nan"))
+        before, self._lit_before = self._lit_before, statistics
+        step, step_sigma = measure_light_step(before, statistics) if before else (0.0, float("nan"))
         step = step if np.isfinite(step) else 0.0
         self._lights.append((self._lights[-1] if self._lights else 0.0) + step)
         self._light += step
@@ -194,3 +201,7 @@ class ImageMonitor:
         if not blind & {"", self._rig.core} and len(images) > 1:
             return ImageCheck(findings, replace(frames, images=images), not blind)
         return ImageCheck(findings, replace(frames, images={}), True)
+
+
+def _has_known_exposure(statistics: dict[str, ImageStatistics]) -> bool:
+    return all(np.isfinite(one.exposure_us) for one in statistics.values())

@@ -150,7 +150,7 @@ def measure_light(frame: FrameStatistics, reference: Reference) -> tuple[float, 
     The bare belt is the most frequent ratio of brightness over all blocks; material is brighter or darker.
     """
     ratios = [
-        compute_lit_ratios(one, reference.cameras[name].level)
+        compute_lit_ratios(one, reference.cameras[name].level, reference.cameras[name].exposure_us)
         for name, one in frame.items()
         if name in reference.cameras
     ]

@@ -86,7 +86,7 @@ class ZeroControl:
         """
         if not self._measuring.acquire(blocking=False):
             raise MeasureError(
-                Message("zero: it is being measured already; wait for the result", "zero_busy")
+                Message("zero: it is being measured already; wait for the result", "zero_set_busy")
             )
         try:
             setting = zero_offset(self._collect(), self._learned, self._limits)
@@ -138,7 +138,7 @@ class ZeroControl:
                 f"zero: only {len(depths)} of {_FRAMES} frames were measured without a fault; end maintenance, mend "
                 "the faults of cameras and projector, and let the empty belt run"
             )
-            raise MeasureError(Message(text, "zero_no_frames", frames=len(depths), needed=_FRAMES))
+            raise MeasureError(Message(text, "zero_set_no_frames", frames=len(depths), needed=_FRAMES))
         return depths
 
     def _keep(self, setting: ZeroSetting, by: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.translatable_message import Message
 from beltscape.stereo.consistency.diagnosis.mirroring import Mirroring
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 
@@ -36,9 +37,12 @@ def list_faults(
     """Return the inconsistencies with the cameras that they concern; none for a sound rig."""
     if misplaced is not None and misplaced.exchanged is not None:
         one, other = misplaced.exchanged
-        text = (
+        text = Message(
             f"the images of {one} and {other} are exchanged: both fit the rig the other way round; "
-            f"rename the two folders, or their cameras in rig.json"
+            f"rename the two folders, or their cameras in rig.json",
+            "cameras_exchanged",
+            one=one,
+            other=other,
         )
         return [CameraFault((one, other), text, rig.core in (one, other))]
     if misplaced is not None and misplaced.mirroring is not None:
@@ -50,9 +54,11 @@ def list_faults(
         return []
     inconsistent = [each for each in consistency.cameras if each.camera in consistency.inconsistent]
     if consistency.core_moved:
-        text = (
+        text = Message(
             f"the core camera {rig.core} moved or its lens changed{_describe_pose_change(consistency)}: "
-            f"{_list_residuals(inconsistent, consistency)}; {_FIX}"
+            f"{_list_residuals(inconsistent, consistency)}; {_FIX}",
+            "core_moved",
+            camera=rig.core,
         )
         return [CameraFault((rig.core,), text)]
     contradicting = [each for each in inconsistent if each.state == "contradicting"]
@@ -63,16 +69,28 @@ def list_faults(
         faults += [
             CameraFault(
                 (each.camera,),
-                f"{_describe_residuals(each, consistency)}: it moved or its lens changed"
-                f"{_describe_pose_change(consistency, each)}, or it is not the rig's camera; {_FIX}",
+                Message(
+                    f"{_describe_residuals(each, consistency)}: it moved or its lens changed"
+                    f"{_describe_pose_change(consistency, each)}, or it is not the rig's camera; {_FIX}",
+                    "camera_moved",
+                    offset=round(each.epipolar_px, 2),
+                    sigma=round(each.epipolar_sigma_px, 2),
+                    limit=round(each.tolerance_px, 2),
+                    depth=round(max(each.depth_error_mm, 0.0), 2),
+                ),
             )
             for each in contradicting
         ]
     faults += [
         CameraFault(
             (each.camera,),
-            f"{each.camera}: no correspondence found ({each.points} of {each.searched} points): its lens is covered "
-            "or out of focus, its image is of another instant, or the rig is another's",
+            Message(
+                f"{each.camera}: no correspondence found ({each.points} of {each.searched} points): its lens is "
+                "covered or out of focus, its image is of another instant, or the rig is another's",
+                "camera_unmatched",
+                points=each.points,
+                searched=each.searched,
+            ),
         )
         for each in inconsistent
         if each.state == "unmatched"
@@ -84,7 +102,10 @@ def _describe_mirroring(mirroring: Mirroring, rig: Rig) -> str:
     names = mirroring.cameras
     whose = "all images are" if len(names) == len(rig.cameras) else f"the image of {', '.join(names)} is"
     how = "turned by 180°" if mirroring.flip == "by 180°" else f"mirrored {mirroring.flip}"
-    return f"{whose} {how}: flipped back, it fits the rig; switch the flip off in the camera's settings"
+    text = f"{whose} {how}: flipped back, it fits the rig; switch the flip off in the camera's settings"
+    return Message(
+        text, "camera_turned" if mirroring.flip == "by 180°" else "camera_mirrored", cameras=", ".join(names)
+    )
 
 
 def _describe_without_sound_set(
@@ -93,15 +114,18 @@ def _describe_without_sound_set(
     """Return the line for a frame in which no set of auxiliaries is sound."""
     residuals, cameras = _list_residuals(contradicting, consistency), [each.camera for each in contradicting]
     if len(consistency.cameras) == 1:
-        return f"{residuals}: {rig.core} or {cameras[0]} moved, or the rig is another's; {_FIX}"
+        text = f"{residuals}: {rig.core} or {cameras[0]} moved, or the rig is another's; {_FIX}"
+        return Message(text, "cameras_contradict", cameras=", ".join((rig.core, *cameras)))
     if consistency.ambiguous and len(cameras) > 1:
         names = " and ".join(filter(None, [", ".join(cameras[:-1]), cameras[-1]]))
-        return (
+        text = (
             f"{names} contradict each other: {residuals}; the images do not show which of them or of {rig.core} "
             f"moved; {_FIX}"
         )
+        return Message(text, "cameras_contradict", cameras=", ".join((rig.core, *cameras)))
     moved = f"{'they' if len(cameras) > 1 else cameras[0]} or {rig.core} moved"
-    return f"no auxiliary agrees with {rig.core}: {residuals}: {moved}, or the rig is another's; {_FIX}"
+    text = f"no auxiliary agrees with {rig.core}: {residuals}: {moved}, or the rig is another's; {_FIX}"
+    return Message(text, "cameras_contradict", cameras=", ".join((rig.core, *cameras)))
 
 
 def _list_residuals(cameras: list[CameraConsistency], consistency: RigConsistency) -> str:

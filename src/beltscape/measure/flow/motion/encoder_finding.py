@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
 from beltscape.measure.flow.motion.encoder_check import EncoderCheck, Kind
 
@@ -39,8 +40,10 @@ def make_encoder_finding(check: EncoderCheck, before: BeltPosition | None, place
         sigma,
         check.tolerance,
         "",
-        text=f"{_TEXTS[contradiction.kind]}; the metres are counted by {source}",
+        text=Message(
+            f"{_TEXTS[contradiction.kind]}; the metres are counted by {source}",
+            f"encoder_{contradiction.kind}",
+        ),
         effect="degraded",
         relative_sigma=0.0 if is_measured else relative_sigma,
-        cause=contradiction.kind,
     )

@@ -4,6 +4,7 @@ import { get } from "./api.js";
 import { $, create_element, create_icon, create_svg, set_text, sync_children } from "./dom.js";
 import { store } from "./store.js";
 import { apply_texts, format_date_time, format_duration, t } from "./texts.js";
+import * as zero from "./zero.js";
 
 const PERIODS = { h1: 3600, h8: 8 * 3600, h24: 24 * 3600, d7: 7 * 86400, d30: 30 * 86400 };
 const RELOAD_MS = 2000, TREND_MS = 30000, POINTS = 240;
@@ -26,6 +27,7 @@ function build() {
   const panel = (name, key, ...inside) => create_element("section", { class: `panel ${name}` }, create_element("header", {}, create_element("h2", { "data-text": key }), ...inside.slice(0, 1)), ...inside.slice(1));
   $("health-view").append(
     panel("pictures", "health.pictures", create_element("span"), create_element("ul", { id: "health-pictures" }), create_element("p", { class: "nothing", id: "health-pictures-none", "data-text": "cameras.none" })),
+    zero.create_panel(),
     panel("checks", "health.checks", periods, create_element("p", { class: "problem", id: "health-problem", role: "alert", hidden: true }), create_element("p", { class: "soft", id: "health-summary" }), create_element("ul", { id: "checks" }), create_element("p", { class: "nothing", id: "health-none", "data-text": "health.none", hidden: true })));
   apply_texts($("health-view"));
   choose_period(period);
@@ -71,6 +73,7 @@ function render() {
   const faults = listed.filter((one) => one.fault).length;
   set_text($("health-summary"), listed.length ? t(faults ? "health.faults" : "health.sound", { faults, checks: listed.length }) : "");
   sync_children($("checks"), listed, get_key, create_check, update_check);
+  zero.show(listed);
   show_pictures();
   load_trends();
 }
@@ -92,7 +95,7 @@ function update_check(item, one) {
   const parts = [one.value == null ? t("health.not_measured") : format_value(one.value, one.unit), one.value != null && one.sigma ? `±\u00a0${format_value(one.sigma, one.unit)}` : "",
     one.limit == null ? "" : `· ${t("health.limit", { limit: format_value(one.limit, one.unit) })}`, one.age_s > 10 ? `· ${t("health.age", { age: format_duration(one.age_s) })}` : ""];
   set_text(value, parts.filter(Boolean).join(" "));
-  set_text(help, one.fault ? explain({ name: get_key(one), detail: one.text, cause: one.cause, values: {} }) : "");
+  set_text(help, one.fault ? explain({ name: get_key(one), detail: one.text, cause: one.cause, values: one.values }) : "");
   help.hidden = !one.fault;
   item.check = one;
 }

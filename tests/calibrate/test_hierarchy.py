@@ -13,7 +13,6 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
 from tests.optional import require
-from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.detections import make_detections, project_corners
 
 FRAMES = range(12)

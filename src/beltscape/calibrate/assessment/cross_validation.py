@@ -1,8 +1,9 @@
-"""Cross-validation: the score of rigs from half of the frames on the other half."""
+"""Cross-validation: the score of rigs from some of the frames on the others."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,8 @@ from beltscape.calibrate.assessment.covariance import (
     compute_rig_covariance,
     make_view_points,
 )
-from beltscape.calibrate.assessment.score import Score, compute_rig_errors, summarise_errors
+from beltscape.calibrate.assessment.folds import list_folds
+from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import solve_hierarchy
@@ -25,12 +27,15 @@ from beltscape.target.board import Board
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CrossValidation:
-    """Result of the cross-validation of two halves of the views."""
+    """Result of the cross-validation."""
 
     score: Score
-    """Score of each half under the rig of the other half."""
+    """Score of each fold of the views under the rig of the others."""
     split_ratio: float
-    """RMS difference of depths under the two rigs over their standard deviation; 1 if the covariances are right."""
+    """RMS difference of depths under the two rigs over their standard deviation; 1 if the covariances are right.
+
+    NaN unless there are two folds.
+    """
 
 
 def cross_validate(
@@ -41,27 +46,36 @@ def cross_validate(
     *,
     known: Mapping[str, Camera] | None = None,
 ) -> CrossValidation | None:
-    """Score even frames under the rig of the odd ones and vice versa; return None if half the frames are too few."""
-    frames = [frame for frame in detections.frames if _count_cameras(detections, frame) > 1]
-    halves = frames[::2], frames[1::2]
-    try:
-        first, second = (
-            _calibrate_rig(detections.restrict(detections.cameras, train), board, core, known)
-            for train in halves
-        )
-        rig_errors = [
-            compute_rig_errors(
-                trained.rig,
-                detections.restrict(detections.cameras, test),
-                board,
-                kernels,
-                corners_mm=trained.geometry.points_mm,
+    """Score each fold of the frames under the rig of all others; return None if these are too few.
+
+    Frames of one pose of the board are in one fold (`folds.list_folds`).
+    """
+    frames = tuple(frame for frame in detections.frames if _count_cameras(detections, frame) > 1)
+    for folds in list_folds(detections, frames):
+        with suppress(CalibrationError):
+            return _score_folds(
+                folds, detections.restrict(detections.cameras, frames), board, core, kernels, known
             )
-            for trained, test in zip((first, second), halves[::-1], strict=True)
-        ]
-    except CalibrationError:
-        return None
-    return CrossValidation(summarise_errors(*rig_errors), _compute_split_ratio(first, second, kernels))
+    return None
+
+
+def _score_folds(
+    folds: Sequence[Sequence[str]],
+    detections: BoardDetections,
+    board: Board,
+    core: str,
+    kernels: Kernels,
+    known: Mapping[str, Camera] | None,
+) -> CrossValidation:
+    rigs: list[BundleAdjustmentResult] = []
+    rig_errors: list[RigErrors] = []
+    for test in folds:
+        train = (frame for frame in detections.frames if frame not in test)
+        rigs.append(_calibrate_rig(detections.restrict(detections.cameras, train), board, core, known))
+        views, corners_mm = detections.restrict(detections.cameras, test), rigs[-1].geometry.points_mm
+        rig_errors.append(compute_rig_errors(rigs[-1].rig, views, board, kernels, corners_mm=corners_mm))
+    ratio = _compute_split_ratio(rigs[0], rigs[1], kernels) if len(rigs) == 2 else float("nan")
+    return CrossValidation(summarise_errors(*rig_errors), ratio)
 
 
 def _calibrate_rig(

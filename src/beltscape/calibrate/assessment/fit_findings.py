@@ -42,6 +42,11 @@ def list_calibration_findings(
     return [*causes, *_find_open_loops(hierarchy), *_find_overfit(halves, training)]
 
 
+def list_network_findings(hierarchy: HierarchyResult) -> list[str]:
+    """Return the findings of pairs, of the loops' fault isolation, and of open loops."""
+    return [*_find_asynchronous(hierarchy), *_find_fault(hierarchy), *_find_open_loops(hierarchy)]
+
+
 TOGETHER = (
     "the cameras do not fit together: they are not triggered at the same instant, or one of them moved between "
     "views; check trigger and mounts"

@@ -8,7 +8,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.detection.corners import BoardDetections, Corners
+from beltscape.calibrate.assessment.corner_triangulation import triangulate_corners
+from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.network.resection import fit_board_pose
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
@@ -116,7 +117,7 @@ def compute_rig_errors(
         for name, corners in views.items():
             predicted = project_board(rig, name, core_from_board, board_mm[corners.ids])
             residuals[name][frame] = ViewResiduals(corners.ids, corners.pixels, corners.pixels - predicted)
-        points = _triangulate_corners(rig, views, len(board_mm), kernels)
+        points = triangulate_corners(rig, views, len(board_mm), kernels)
         edges.append(_compute_edge_errors(points, board_mm, board))
         heights.append(_compute_form_errors(points, board_mm))
     if not edges:
@@ -153,17 +154,6 @@ def project_board(
 ) -> NDArray[np.float64]:
     """Project points (n, 3) of a board into a camera's image (n, 2), px."""
     return rig.cameras[name].project((rig.cam_from_core[name] @ core_from_board).apply(points_mm))
-
-
-def _triangulate_corners(
-    rig: Rig, views: Mapping[str, Corners], count: int, kernels: Kernels
-) -> NDArray[np.float64]:
-    """Triangulate corners (count, 3) in the core frame, mm; NaN where fewer than two cameras see one (Eqs. 2-3)."""
-    pixels = np.full((len(views), count, 2), np.nan)
-    for i, (name, corners) in enumerate(views.items()):
-        camera = rig.cameras[name]
-        pixels[i, corners.ids] = camera.undistort(corners.pixels) * camera.focal_px + camera.center_px
-    return kernels.triangulate(np.stack([rig.projection(name) for name in views]), pixels, threads=1)
 
 
 def _compute_edge_errors(

@@ -43,7 +43,7 @@ def require_credible(
 ) -> None:
     """Raise CalibrationError if the rig cannot be right, or is not determined; the line says which views are missing.
 
-    ``fits`` and ``training`` are those of the views that the rig was found from; ``score`` is the held-out one, if any.
+    ``fits`` and ``training`` belong to the views that the rig was found from; ``score`` is the held-out one, if any.
     """
     _require_plausible_lenses(adjustment)
     _require_determined_lenses(adjustment, covariance)

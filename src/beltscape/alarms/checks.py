@@ -34,7 +34,7 @@ CHECKS = (
     "zero_shift",
     "zero_tilt",
 )
-"""In the order of the alphabet; a test compares them with the source."""
+"""Names of all checks in alphabetical order; a test compares them with the source."""
 
 
 def require_check(name: str) -> str:

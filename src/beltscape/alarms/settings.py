@@ -123,7 +123,7 @@ class MisalignedBelt(CommonSettings):
 
     after_s: Seconds = 5.0
     offset_mm: Limit = 50.0
-    """To either side."""
+    """Limit to either side."""
     hysteresis: Below = 0.3
     """Over below limit·(1 - hysteresis)."""
     sigmas: Sigmas = 1.0

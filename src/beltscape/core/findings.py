@@ -1,4 +1,4 @@
-"""Findings of the system about itself: what was compared, by how much it differs, and what records may be called."""
+"""Findings of the system about itself: the difference of two quantities, its σ, and its effect on records."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ degraded   the volume is counted with a larger σ, and the record is not called 
 missing    nothing was measured: the belt passed, its volume is counted nowhere
 """
 EFFECTS: tuple[Effect, ...] = ("none", "degraded", "missing")
-"""From harmless to severe."""
+"""All effects, from harmless to severe."""
 
 
 @dataclass(frozen=True, slots=True)

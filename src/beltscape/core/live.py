@@ -94,7 +94,7 @@ class Alarm:
     detail: str = ""
     """The fault and the fix in one line."""
     by: str = ""
-    """Who acknowledged it."""
+    """Name of the user that acknowledged it; empty: nobody yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class Maintenance:
     reason: str
     """Such as "cleaning"."""
     by: str
-    """Who began it."""
+    """Name of the user that began it."""
     since_ns: int
     """System clock when it began."""
     until_ns: int

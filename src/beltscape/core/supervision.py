@@ -1,4 +1,4 @@
-"""Threads that do not end silently: a failure is logged and reported, and the work starts again."""
+"""Supervised threads: a failure is logged and reported, and the work starts again."""
 
 from __future__ import annotations
 

@@ -51,11 +51,11 @@ class SceneResult:
 
     folder: Path
     depth_map: DepthMap
-    """Of the main method."""
+    """Depth map of the main method."""
     core_image: Image
     """Core camera's image on the depth map's grid."""
     depth: Mapping[str, DepthScore]
-    """By method."""
+    """Scores by method."""
     true_mm: NDArray[np.float64]
     """(H, W) true depth, mm, in the evaluated region; NaN elsewhere."""
 

@@ -11,7 +11,7 @@ import numpy as np
 from beltscape.health.image_statistics import FloatArray, ImageStatistics
 
 FrameStatistics = Mapping[str, ImageStatistics]
-"""By camera."""
+"""Statistics of a frame's images by camera."""
 _LARGEST_OFFSET = 0.3
 """Largest offset of a logarithm from the other cameras' that is learned: a fault from the start is not."""
 LEAST_SPECKLE = 0.18

@@ -29,19 +29,19 @@ class PlaneCoverage:
     width_mm: float
     """Width that must be seen."""
     polygons: Mapping[str, Polygon]
-    """By camera: the border of its image on the plane."""
+    """Border of each camera's image on the plane."""
     all_cameras: Polygon
     """The area seen by every camera."""
     at_least: tuple[float, ...]
     """Share of the strip seen by the core that at least 0, 1, …, n auxiliaries see too."""
     overlap: Mapping[str, float]
-    """By auxiliary: its share of that strip."""
+    """Share of that strip that each auxiliary sees."""
     core_length_mm: float
     """Length along the belt over which the core sees the full width."""
     lengths_mm: tuple[float, ...]
-    """The same for the core with at least 0, 1, …, n auxiliaries."""
+    """Length over which the core and at least 0, 1, …, n auxiliaries see the full width."""
     pixel_mm: Mapping[str, tuple[float, float, float]]
-    """By camera: finest, median, coarsest pixel size over the strip, as the edge of a square of equal area."""
+    """Finest, median and coarsest pixel of each camera over the strip, as the edge of a square of equal area."""
 
 
 def compute_plane_coverage(

@@ -18,7 +18,7 @@ class Motion:
     blur_mm: float
     """Travel of the belt during the exposure."""
     blur_px: float
-    """The same in the core's image of the nearest material, where it is longest."""
+    """That travel in the core's image of the nearest material, where it is longest."""
     frame_length_mm: float
     """Length of belt that one frame covers at full width and every height."""
     gap_free_fps: float

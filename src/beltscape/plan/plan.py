@@ -38,7 +38,7 @@ class Plan:
     planes: tuple[PlaneCoverage, ...]
     """The belt's level middle, its edges, the top of the load."""
     sigma: tuple[SigmaMap, ...]
-    """At the same heights."""
+    """Maps of σ at the same heights."""
     motion: Motion
     light: LightBudget
     defocus_px: tuple[float, ...]

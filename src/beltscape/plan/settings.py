@@ -194,7 +194,7 @@ class LightSettings(_Part):
     wavelength_nm: Annotated[float, Field(ge=300, le=1100)] = 560.0
     """Mean wavelength of the light; the limits are those of silicon."""
     exposure_us: Annotated[float, Field(ge=1, le=1e6)] | None = None
-    """None: the longest within `max_blur_px` of motion blur and the frame time."""
+    """Exposure; None: the longest within `max_blur_px` of motion blur and the frame time."""
     max_blur_px: Annotated[float, Field(gt=0, le=100)] = 0.5
     """Tolerated travel of the belt during an exposure, px of the nearest material."""
     target_snr: Annotated[float, Field(gt=0, le=1000)] = 30.0

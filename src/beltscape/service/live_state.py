@@ -47,7 +47,7 @@ class FrameStatistics:
     dropped: int = 0
     """Skipped since the start."""
     waiting: int = 0
-    """In the queue."""
+    """Number of frame sets in the queue."""
     seconds: float = nan
     """Time that the last one took."""
     coverage: float = nan
@@ -80,7 +80,7 @@ class Snapshot:
     totals: Totals
     """The ledger's sums."""
     cameras: tuple[CameraHealth, ...]
-    """In the order of their names."""
+    """Cameras in the order of their names."""
     alarms: tuple[Alarm, ...]
     """All alarms in their current state."""
     notes: tuple[tuple[int, str], ...]

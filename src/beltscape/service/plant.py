@@ -1,4 +1,4 @@
-"""Runs a project: engine, history, operator's page and access of one project.toml."""
+"""The run of a project: engine, history, operator's page and access of one project.toml."""
 
 from __future__ import annotations
 

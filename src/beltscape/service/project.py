@@ -1,4 +1,4 @@
-"""project.toml with the operator's page: reading, and replay of a capture in place of the cameras."""
+"""Reading of project.toml with the operator's page, and replay of a capture in place of the cameras."""
 
 from __future__ import annotations
 

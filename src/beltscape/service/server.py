@@ -60,7 +60,7 @@ class RunningServer:
     """A web server that runs until it is closed."""
 
     address: str
-    """Its address, such as "https://127.0.0.1:8460"."""
+    """Address of the server, such as "https://127.0.0.1:8460"."""
     warnings: tuple[str, ...]
     """Warnings about its settings, one line each."""
     _server: Server

@@ -100,7 +100,7 @@ class Belt(Displayed):
     deviation: BeltDeviation | None
     """Deviation from the constant cross-section; None where it does not exceed the noise."""
     edges: BeltEdges | None
-    """Its ends; None before they were measured."""
+    """Edges of the belt; None before they were measured."""
     claimed_sigma_mm: float
     """Median σ of the depth map; comparing it with ``noise_mm`` shows how well σ is calibrated."""
     frames: int

@@ -15,7 +15,7 @@ bridged    part of it passed between frames and was interpolated between its nei
 missing    not measured: it is not in the total, or it is counted with the next frame's strip
 """
 QUALITIES: tuple[Quality, ...] = ("measured", "degraded", "bridged", "missing")
-"""From good to bad."""
+"""All qualities, from good to bad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class FlowRecord:
     single_coverage: float
     """Mean share of the strip that a single frame measures, as a reference for the gain by fusing frames."""
     quality: Quality
-    """How well the strip was measured."""
+    """Quality of the strip's measurement."""
     reason: str = ""
     """The faults that were found in its frames, in one line; empty without a fault."""
 

@@ -20,9 +20,9 @@ class Rig(Displayed):
 
     core: str
     cameras: Mapping[str, Camera]
-    """By name."""
+    """Cameras by name, the core among them."""
     cam_from_core: Mapping[str, Pose]
-    """By camera name."""
+    """Pose of each camera by its name; that of the core is the identity."""
     quality: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """Figures of the calibration's quality: plain JSON values, units in the keys."""
     covariance: Mapping[str, Any] = field(default_factory=dict[str, Any])

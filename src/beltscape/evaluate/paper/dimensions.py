@@ -19,7 +19,7 @@ class DimensionRow:
 
     dimension: Dimension
     measured_mm: Mapping[str, float]
-    """By method; NaN: not measured."""
+    """Measured dimension by method; NaN: not measured."""
     sigma_mm: Mapping[str, float]
     """Predicted σ by method; NaN: none."""
 

@@ -50,13 +50,13 @@ class Paper:
     surfaces: Surfaces
     density: tuple[Density, ...]
     dimensions: tuple[DimensionRow, ...]
-    """By method, time of flight and baseline; empty without the module."""
+    """Dimensions by every method, time of flight and baseline; empty without the module."""
     tof: ScoredDepth | None
     baselines: Mapping[tuple[str, str], ScoredDepth]
     moving: tuple[ScoredDepth, ...]
     """Structured light for `TRAVELS_MM`; empty if the scene cannot be rendered again."""
     seconds: Mapping[str, float]
-    """By stage."""
+    """Duration of each stage."""
     warnings: tuple[str, ...]
 
     @property

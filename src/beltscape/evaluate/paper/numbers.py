@@ -24,9 +24,9 @@ class Dimension(_Part):
     """"name quantity" as in `measure features`; the mean of several."""
     actual_mm: float
     table2_mm: float
-    """By the paper's method."""
+    """Dimension by the paper's method."""
     table3_mm: float | None = None
-    """By its time-of-flight camera; None: the table has none."""
+    """Dimension by the paper's time-of-flight camera; None: the table has none."""
 
 
 class Density(_Part):

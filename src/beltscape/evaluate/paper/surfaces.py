@@ -38,10 +38,10 @@ class ScoredDepth:
     by: str
     """Method or sensor."""
     folder: Path | None
-    """Of the frame; None if nothing could be measured."""
+    """Folder of the reconstructed frame; None if nothing could be measured."""
     depth: DepthMap
     truth: Truth
-    """On the depth map's grid."""
+    """Truth on the depth map's grid."""
     scores: Mapping[str, RegionScore]
 
     @property
@@ -61,7 +61,7 @@ class ScoredDepth:
 
 
 Surfaces = Mapping[tuple[str, str], ScoredDepth]
-"""By scene and method."""
+"""Depth maps and scores by scene and method."""
 
 
 def base_scene(scene: str) -> str:

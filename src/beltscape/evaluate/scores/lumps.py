@@ -74,9 +74,9 @@ class LumpScore:
     d50_mm: float
     """Measured by estimated mass."""
     d50_top_mm: float
-    """Of the rocks that show `LEAST_PX` pixels, by their true mass: the result of a perfect measurement."""
+    """Distribution of the rocks that show `LEAST_PX` pixels, by true mass: a perfect measurement's result."""
     d50_heap_mm: float
-    """Of all rocks of the heap by mass; the difference is the bias of the top layer."""
+    """Distribution of all rocks of the heap by mass; the difference is the bias of the top layer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

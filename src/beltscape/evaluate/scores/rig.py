@@ -19,12 +19,12 @@ class RigScore:
     """Differences of a rig from the true one."""
 
     depth_rms_mm: float
-    """Of points projected with the true rig and triangulated with the tested one."""
+    """Error of points projected with the true rig and triangulated with the tested one."""
     depth_max_mm: float
     rotation_deg: Mapping[str, float]
-    """By camera, about the core."""
+    """Angle between true and tested pose of each camera, about the core."""
     center_mm: Mapping[str, float]
-    """By camera: distance of the camera centre from the true one, in the core frame."""
+    """Distance of each camera's centre from the true one, in the core's frame."""
 
 
 def score_rig_against_truth(rig: Rig, truth: Rig, kernels: Kernels) -> RigScore:

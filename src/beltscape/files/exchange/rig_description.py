@@ -15,9 +15,9 @@ class RigDescription:
     """Cameras, and the poses of those that have one in the file."""
 
     cameras: Mapping[str, Camera]
-    """By name."""
+    """Cameras by name."""
     cam_from_reference: Mapping[str, Pose]
-    """By name; the reference is any frame that all of them share. Cameras without a pose are absent."""
+    """Poses by camera name, in any frame that all of them share; cameras without a pose are absent."""
     core: str
     """The file's reference camera, or the first."""
 

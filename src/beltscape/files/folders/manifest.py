@@ -22,7 +22,7 @@ class Manifest:
     """Description of a command's output in its folder."""
 
     command: str
-    """As on the command line, such as ``measure volume``."""
+    """Name of the command as on the command line, such as ``measure volume``."""
     version: str
     """Version of Beltscape."""
     complete: bool

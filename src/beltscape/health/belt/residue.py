@@ -1,4 +1,4 @@
-"""Material on an otherwise empty belt: what a frame shows of carry-back and spillage."""
+"""Material on an otherwise empty belt: carry-back and spillage in one frame."""
 
 from __future__ import annotations
 

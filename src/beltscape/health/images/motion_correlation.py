@@ -34,11 +34,11 @@ class Displacement:
     """Displacement of an auxiliary's texture against the core's, positive along the travel."""
 
     moving_mm: float
-    """Of what moves with the belt, seen by one camera at one instant and by the other at the other."""
+    """Displacement of what moves with the belt, seen by the two cameras at different instants."""
     across_mm: float
-    """The same across the travel: 0 for cameras that agree with the rig, early or late."""
+    """Its displacement across the travel: 0 for cameras that agree with the rig, early or late."""
     same_mm: float
-    """Of the texture at the same instant, to which what stands still contributes, such as a projected pattern."""
+    """Displacement of the texture at one instant; a projected pattern, which stands still, contributes to it."""
     correlation: float
     """Least correlation of the moving texture."""
     same_correlation: float

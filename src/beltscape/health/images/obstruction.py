@@ -27,7 +27,7 @@ MEMORY, SHORT_MEMORY = 60.0, 3.0
 _LEAST_SAMPLES = 10.0
 """Number of samples of a block from which its light is judged: occlusions by material then average out."""
 _LEAST_SHORT = 1.8
-"""The same for nearly opaque dirt."""
+"""Least number of samples for nearly opaque dirt, which is found sooner."""
 _OPAQUE_SIGMAS = 0.5
 """Number of σ beyond the loss of nearly opaque dirt: its samples before the dirt came widen σ."""
 _LEAST_KNOWN = 0.3

@@ -25,7 +25,7 @@ from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReferenc
 _PERIOD_NS = 500_000_000
 """Time between two checks; the second one confirms, so that a moved projector is named within a second."""
 _EVERY = 4
-"""The same in frames, for frames without times."""
+"""Frames between two checks, for frames without times."""
 _BARE_MM = 4.0
 """Largest height over the learned belt of a bare one: the pattern is displaced by up to 0.4 of it."""
 _LEAST_SAMPLES = 3

@@ -35,7 +35,7 @@ class LearnedPattern:
     """The mean texture of the bare belt while the projector was sound, on the grid of the core's view."""
 
     textures: Mapping[str, Texture]
-    """By camera, (H, W), at the points of the learned empty belt; NaN: never seen bare."""
+    """Camera → texture (H, W) at the points of the learned empty belt; NaN: never seen bare."""
     height_mm: float
     """Mean height of the bare belt over the learned one."""
 
@@ -45,10 +45,10 @@ class PatternShift:
     """Displacement of the pattern on the bare belt."""
 
     shift_mm: float
-    """Its length; infinite where the pattern is projected but not found within the search; NaN: not measured."""
+    """Length of the displacement; infinite: the pattern is not found within the search; NaN: not measured."""
     sigma_mm: float
     allowance_mm: float
-    """What a change of the belt's height may explain."""
+    """Displacement that a change of the belt's height may explain."""
 
 
 UNMEASURED = PatternShift(float("nan"), float("nan"), float("nan"))

@@ -1,4 +1,4 @@
-"""Detection of the board in a capture of several cameras, with the views from behind told from mirrored images."""
+"""Detection of the board in the images of several cameras; views from behind are distinguished from mirrored ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The components of an engine: what feeds, measures, stores and shows."""
+"""The components of an engine: source, encoder, queue, measurement, sinks, alarms and observers."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class EngineComponents:
 
     source: LiveSource
     encoder: Encoder | None
-    """None where the frame sets contain the position themselves, or the position is unknown."""
+    """The encoder; None where the frame sets contain the position, or the position is unknown."""
     queue: FrameQueue
     measurement: MeasurementRun
     historian: Historian

@@ -20,7 +20,7 @@ class LedgerState:
 
     run: int
     number: int
-    """Of the next entry."""
+    """Number of the next entry."""
     end_mm: float | None
     """End of the last entry; None in a new ledger."""
     offset_mm: float = 0.0

@@ -35,7 +35,7 @@ class ChainResult:
     """The result of one frame set."""
 
     depth: DepthMap | None
-    """None if the frame could not be reconstructed."""
+    """Depth map; None if the frame could not be reconstructed."""
     records: list[FlowRecord]
     """The records that this frame set completed."""
     findings: tuple[Finding, ...] = ()

@@ -14,7 +14,7 @@ _EARLY_PAIRS = 8
 _CONSTANT = 0.1
 """A wrong scale or unit gives the same ratio in every pair; registrations by chance scatter by more than this."""
 _CONSTANT_APART = 0.03
-"""The same if the encoder excludes an overlap of the two views, so that chance is the likelier cause."""
+"""Least number where the encoder excludes an overlap of the two views, so that chance is likelier."""
 _FIX = "correct it, or leave --encoder out to measure by the material alone"
 _STANDING = 0.02
 """An encoder whose steps are below this share of the material's, and scatter, stands still and jitters."""

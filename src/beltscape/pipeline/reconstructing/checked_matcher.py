@@ -40,7 +40,7 @@ class CheckedDepth:
 
     depth: DepthMap
     consistency: RigConsistency | None
-    """None: the frame was not checked."""
+    """Result of the check; None: the frame was not checked."""
     auxiliaries: tuple[str, ...]
     """The auxiliaries used for the depth."""
     faults: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""When a shot is due: after a key, or at fixed intervals."""
+"""Triggers of single shots: a key, or a fixed interval."""
 
 from __future__ import annotations
 

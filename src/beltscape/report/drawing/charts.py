@@ -33,7 +33,7 @@ class Entry:
 
     text: str
     role: str
-    """Of the palette."""
+    """Role of its colour in the palette."""
     mark: Mark = "line"
 
     @property

@@ -1,4 +1,4 @@
-"""The plan's report: feasibility, positions of all devices, and what the rig will see."""
+"""The plan's report: feasibility, positions of all devices, coverage and precision."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Adds access control to an application: routes, pages, error handlers and the guard."""
+"""Installation of access control in an application: routes, pages, error handlers and the guard."""
 
 from __future__ import annotations
 

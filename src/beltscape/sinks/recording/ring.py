@@ -18,7 +18,7 @@ class Piece:
 
     folder: Path
     start_s: float
-    """On a monotonic clock."""
+    """Beginning on a monotonic clock."""
     is_continuation: bool
     """True if it belongs to the same capture as the piece before."""
 

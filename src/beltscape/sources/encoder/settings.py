@@ -41,7 +41,7 @@ class EncoderSettings(BaseModel):
     silent_s: Annotated[float, Field(gt=0, le=60)] = 1.0
     """Longest gap between readings that is interpolated; the encoder must send this often, also on a stopped belt."""
     wait_s: Annotated[float, Field(ge=0, le=1)] = 0.05
-    """How long a frame waits for the reading after it."""
+    """Longest wait of a frame for the reading after it."""
     poll_s: Annotated[float, Field(ge=0.001, le=1)] = 0.02
     """Interval between reads of the growing file."""
 

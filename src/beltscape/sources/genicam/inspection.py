@@ -19,7 +19,7 @@ class Inspection:
     formats: tuple[str, ...]
     """Pixel formats it offers."""
     triggers: tuple[str, ...]
-    """Its trigger inputs."""
+    """Trigger inputs of the camera."""
     trouble: str = ""
     """Why it could not be inspected; empty if it could."""
 

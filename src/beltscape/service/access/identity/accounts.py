@@ -20,7 +20,7 @@ from beltscape.service.access.identity.passwords import (
 from beltscape.service.access.identity.roles import ANONYMOUS, ROLES, Role, User
 
 MAX_NAME_LENGTH = 32
-"""As for user names on Linux."""
+"""Longest name: that of user names on Linux (useradd)."""
 _FIND = "SELECT name, role FROM users WHERE name = ?"
 
 

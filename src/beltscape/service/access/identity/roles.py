@@ -9,7 +9,7 @@ Role = Literal["viewer", "operator", "engineer"]
 """viewer: reads; operator: also acknowledges alarms, keeps recordings, begins maintenance; engineer: also sees the
 system's checks and manages users"""
 ROLES: tuple[Role, ...] = ("viewer", "operator", "engineer")
-"""From least to most; each role includes those before it."""
+"""All roles, from least to most; each includes those before it."""
 ANONYMOUS = "anonymous"
 """Name of users without a login; no account may have it."""
 

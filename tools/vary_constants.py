@@ -252,10 +252,11 @@ def make_table(package: str, chain: Chain) -> Iterator[str]:
 
 HEAD = """# Tuned constants
 
-What halving and doubling each constant of matching and measuring changes, one at a time: the output of `python
-tools/vary_constants.py docs/constants.md`. The captures are a simulated heap, an empty belt and a module
-(`--size quarter --seed 5`, 612 × 512 px), and six frames of a moving belt. Matching, volume and lumps are compared
-with their truth, features with the nominal dimensions.
+What halving and doubling each constant of a package changes, one at a time: the output of `python
+tools/vary_constants.py docs/constants.md PACKAGE`. Of matching and measuring, the packages below have been varied.
+The captures are a simulated heap, an empty belt and a module (`--size quarter --seed 5`, 612 × 512 px), and six
+frames of a moving belt. Matching, volume and lumps are compared with their truth, features with the nominal
+dimensions. Where a table is missing, the constants' docstrings say what is known.
 
 A dash means that no figure changes in four digits: the constant is a limit that these captures do not reach, or its
 value does not matter between half and double. "fails" means that the value is invalid. Constants of networks'

@@ -12,6 +12,7 @@ from tests.docs.reader import Reader
 from tests.docs.system import ROOT
 
 PACKAGES = ROOT / "src/beltscape"
+TEXTS = {".md", ".py", ".toml", ".yaml", ".yml", ".sh"}
 MATCHER = PACKAGES / "stereo/multiview"
 _ROW = re.compile(r"^\| `(\w+)` \|(.*)\|$", re.M)
 _STEP = re.compile(r"^\d\. .*$", re.M)
@@ -26,6 +27,50 @@ def missing_paths(page: str) -> list[str]:
     paths = [span for _, span in read_spans(page_text(page)) if re.fullmatch(r"[\w./*]+", span)]
     tops = tuple(f"{path.name}/" for path in ROOT.iterdir() if path.is_dir())
     return [path for path in paths if path.startswith(tops) and not [*ROOT.glob(path.rstrip("/"))]]
+
+
+def read_make_targets() -> set[str]:
+    """Return the targets of the Makefile."""
+    return set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.M))
+
+
+def read_texts() -> dict[str, str]:
+    """Return pages, settings and code of the project by their paths, without what is built or installed."""
+    folders = ("benchmarks", "deploy", "docs", "examples", "src", "tests", "tools", ".github")
+    paths = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in TEXTS]
+    paths += [path for path in ROOT.iterdir() if path.suffix in TEXTS or path.name == "Makefile"]
+    return {str(path.relative_to(ROOT)): path.read_text(errors="ignore") for path in paths}
+
+
+def test_make_targets_named_anywhere_exist():
+    targets = read_make_targets()
+    named = {
+        (path, target)
+        for path, text in read_texts().items()
+        for target in re.findall(r"`make ([a-z]+)", text)
+    }
+    assert len({target for _, target in named}) > 5
+    assert sorted(one for one in named if one[1] not in targets) == []
+
+
+def test_the_checks_of_a_change_call_targets_that_exist():
+    called = re.findall(r"^ *make (?:-\S+ )*([a-z]+)", (ROOT / ".ci/run").read_text(), re.M)
+    assert called
+    assert [target for target in called if target not in read_make_targets()] == []
+
+
+def test_constants_of_the_table_exist():
+    folder, missing, rows = PACKAGES, [], 0
+    for line in page_text("docs/constants.md").splitlines():
+        if line.startswith("## "):
+            folder = PACKAGES / line[3:].replace(".", "/")
+        elif row := re.match(r"\| `([\w.]+)\.(\w+)` \|", line):
+            rows += 1
+            module = folder / f"{row[1].replace('.', '/')}.py"
+            if not module.is_file() or not re.search(rf"^(\w+, )*{row[2]}\b.* = ", module.read_text(), re.M):
+                missing.append(f"{module.relative_to(PACKAGES)}: {row[2]}")
+    assert rows > 50
+    assert missing == []
 
 
 def test_commands_of_the_contributing_page_hold(tmp_path):

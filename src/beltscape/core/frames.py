@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -28,6 +28,8 @@ class FrameSet:
     """Trigger time on a monotonic clock; None: not known."""
     position_mm: float | None = None
     """The encoder's position at that instant, growing with the belt's travel; None without a reading."""
+    exposures_us: Mapping[str, float] = field(default_factory=dict[str, float])
+    """By camera, where exposure times may change: that of its image; NaN: not known."""
 
     def __repr__(self) -> str:
         return f"FrameSet({self.frame}: {', '.join(self.images)})"

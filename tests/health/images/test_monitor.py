@@ -215,3 +215,39 @@ def test_same_frames_give_the_same_findings() -> None:
 
 def test_checks_can_be_switched_off() -> None:
     assert make_monitor(images=False).check_images(make_frame(0)).findings == ()
+
+
+class TestExposureChange:
+    """Exposure times that the system changes itself are no fault of the light."""
+
+    @staticmethod
+    def expose(number: int, factor: float, exposures_us: float | None = None) -> FrameSet:
+        frames = make_frame(number, lambda _, light: (0.6 * factor * light).astype(np.float32))
+        given = 1000 * factor if exposures_us is None else exposures_us
+        return replace(frames, exposures_us=dict.fromkeys(frames.images, given))
+
+    def run(self, monitor: ImageMonitor, factor: float, exposure_us: float | None = None) -> set[str]:
+        for number in range(LEARNING + 1):
+            assert_sound(monitor.check_images(self.expose(number, 1.0)))
+        found = set[str]()
+        for number in range(NEXT, NEXT + 4):
+            found |= name_faults(monitor.check_images(self.expose(number, factor, exposure_us)).findings)
+        return found
+
+    @pytest.mark.parametrize("factor", [0.6, 1.5])
+    def test_known_change_is_no_flicker_and_no_ageing(self, factor: float) -> None:
+        assert self.run(make_monitor(), factor) == set()
+
+    def test_change_of_the_light_itself_is_still_found(self) -> None:
+        assert "flicker" in self.run(make_monitor(), 0.4, 1000.0)
+
+    def test_images_of_unknown_exposure_are_not_compared(self) -> None:
+        monitor = make_monitor()
+        assert self.run(monitor, 1.5, float("nan")) == set()
+        assert_sound(monitor.check_images(self.expose(NEXT + 4, 1.5)))
+
+    def test_reference_learned_over_a_change_holds(self) -> None:
+        monitor = make_monitor()
+        for number in range(LEARNING + 1):
+            assert_sound(monitor.check_images(self.expose(number, 1.0 if number < 2 else 1.4)))
+        assert_sound(monitor.check_images(self.expose(NEXT, 0.7)))

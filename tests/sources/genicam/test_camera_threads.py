@@ -29,6 +29,7 @@ class Steered:
         self.broken = 0
         self.frames = 0
         self.closed = threading.Event()
+        self.exposures_us: list[float] = []
         self._images: list[RawImage] = []
         self._came = threading.Condition()
 
@@ -47,6 +48,10 @@ class Steered:
         with self._came:
             self._came.wait_for(lambda: self._images, seconds)
             return self._images.pop(0) if self._images else None
+
+    def set_exposure(self, exposure_us: float) -> bool:
+        self.exposures_us.append(exposure_us)
+        return True
 
     def close(self) -> None:
         self.closed.set()

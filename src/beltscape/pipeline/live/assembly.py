@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import time_ns
@@ -13,16 +13,18 @@ from beltscape.alarms.board import AlarmBoard
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import scale_rig
-from beltscape.core.live import LiveSource, Observer, RecordSink
+from beltscape.core.live import LiveSource, Observer, Observers, RecordSink
 from beltscape.core.progress import Reporter
+from beltscape.files.documents.digest import hash_file
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.rig_json import read_rig
 from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.measure.volume.capacity import compute_capacity_mm2
-from beltscape.pipeline.live import zero
+from beltscape.pipeline.live import image_references, zero
 from beltscape.pipeline.live.engine import Engine, notify_records
 from beltscape.pipeline.live.engine_components import EngineComponents
+from beltscape.pipeline.live.exposure_control import ExposureControl
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.inspector import PeriodicInspector
@@ -31,6 +33,7 @@ from beltscape.pipeline.live.maintenance import MaintenanceMode
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
+from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.pipeline.live.writer import Writer
 from beltscape.pipeline.measuring.belt import hash_empty_belt
 from beltscape.pipeline.measuring.flow import Instant, list_instants, scale_rig_to_capture
@@ -45,7 +48,8 @@ from beltscape.sinks.recorder import Recorder
 from beltscape.sinks.settings import CsvSettings
 from beltscape.sources.encoder.opening import open_encoder
 from beltscape.sources.encoder.protocol import Encoder
-from beltscape.sources.genicam.source import open_cameras
+from beltscape.sources.genicam.settings import CamerasSettings
+from beltscape.sources.genicam.source import GenicamSource, open_cameras
 from beltscape.sources.replay import FrameTime, ReplaySource
 
 _END_OF_TIME_NS, _PAGE = 1 << 62, 5000
@@ -113,12 +117,13 @@ def _assemble_around(
 ) -> AssembledRun:
     """Open the other parts of a run; see ``assemble``."""
     settings = project.settings
-    context = build_context(project, rig, reporter, propose_rig=make_rig_writer(options.data, rig, reporter))
+    context = build_context(project, rig, reporter, options.data)
     learned, digest = context.empty_belt, hash_empty_belt(project.resolve(settings.empty))
     zero_file = options.data / zero.FILE
     context = replace(context, empty_belt=zero.read_zero(zero_file, learned, digest, reporter))
     check_encoder(project)
     historian = Historian(ensure_output_folder(options.data), settings.history)
+    observer = _add_exposure_control(observer, settings.cameras, source, rig, context, historian, reporter)
     resume = historian.ledger_end
     ended = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
     encoder = _open_encoder(project, options, ended)
@@ -152,6 +157,29 @@ def _assemble_around(
     return AssembledRun(Engine(components), historian, tables)
 
 
+def _add_exposure_control(
+    observer: Observer,
+    settings: CamerasSettings | None,
+    source: LiveSource,
+    rig: Rig,
+    context: MeasurementContext,
+    historian: Historian,
+    reporter: Reporter,
+) -> Observer:
+    """Return the observer with the control of the exposure times, where the settings of the cameras have bounds."""
+    if settings is None or settings.adaptive_exposure is None or not isinstance(source, GenicamSource):
+        return observer
+    distance_mm = float(context.empty_belt.belt.belt_from_core.inverse().translation_mm[2])
+    pixel_mm = distance_mm / float(rig.core_camera.focal_px.mean())
+    events = EventLog(historian, reporter)
+
+    def log(text: str, parts: Mapping[str, object]) -> None:
+        events.add("exposure", "changed", text, time_ns(), parameters=parts)
+
+    control = ExposureControl(settings, source, rig.core, pixel_mm, log)
+    return Observers((observer, control))
+
+
 def _open_table(folder: Path, settings: CsvSettings, historian: Historian) -> CsvSink:
     """Open the CSV sink and add the historian's records that it lacks, such as those lost in a power cut."""
     table = CsvSink(folder, settings)
@@ -164,23 +192,43 @@ def build_context(
     project: Project[RunSettings],
     rig: Rig,
     reporter: Reporter,
-    propose_rig: Callable[[Rig], None] | None = None,
+    data: Path | None = None,
 ) -> MeasurementContext:
     """Return rig, empty belt and matcher for the settings' image width.
 
-    ``propose_rig`` receives the rig with the estimated pose of a camera that moved.
+    ``data`` is the folder for the rig with the estimated pose of a camera that moved, and for what is learned of the
+    images; None: nothing is read or kept.
     """
     settings, matching = project.settings, project.settings.matching
+    propose_rig = None if data is None else make_rig_writer(data, rig, reporter)
     width = rig.core_camera.size_px[0]
     if matching.width_px is not None and matching.width_px < width:
         rig = scale_rig(rig, matching.width_px / width)
     empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
     near_far = compute_depth_range(empty_belt, matching.load_mm)
     matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
-    matcher = MonitoredMatcher(matcher, ImageMonitor(rig, settings.health))
+    matcher = MonitoredMatcher(matcher, _make_image_monitor(project, rig, reporter, data))
     density, limits = read_density(project), settings.health.belt
     images = BeltImageMonitor(rig, empty_belt, settings.health)
     return MeasurementContext(rig, empty_belt, matcher, settings.flow, density, limits, images)
+
+
+def _make_image_monitor(
+    project: Project[RunSettings], rig: Rig, reporter: Reporter, data: Path | None
+) -> ImageMonitor:
+    """Return the monitor of the images with what earlier runs of the same rig and empty belt learned."""
+    settings = project.settings
+    if data is None or not settings.health.learning:
+        return ImageMonitor(rig, settings.health)
+    key = {
+        "rig": hash_file(project.resolve(settings.rig)),
+        "empty belt": hash_empty_belt(project.resolve(settings.empty)),
+        "image width": rig.core_camera.size_px[0],
+    }
+    path = data / image_references.FILE
+    learned = image_references.read_references(path, key, reporter)
+    keep = image_references.make_keeper(path, key, reporter)
+    return ImageMonitor(rig, settings.health, learned, keep)
 
 
 def check_encoder(project: Project[RunSettings]) -> None:

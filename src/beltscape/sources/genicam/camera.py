@@ -41,6 +41,10 @@ class OpenCamera(Protocol):
         """Trigger an image; return whether the camera answered."""
         ...
 
+    def set_exposure(self, exposure_us: float) -> bool:
+        """Set the exposure time of the next images; return whether the camera answered."""
+        ...
+
     def close(self) -> None:
         """Release the camera."""
         ...
@@ -70,9 +74,17 @@ class CameraThreads:
         on_image: Callable[[str, RawImage], None],
         is_overdue: Callable[[str, float], bool],
         pace: TriggerPace | None,
+        on_exposure: Callable[[str, float, int], None],
     ) -> None:
-        """``is_overdue(name, seconds without an image)``: whether to reopen; ``pace``: of software triggers."""
+        """``is_overdue(name, seconds without an image)``: whether to reopen; ``pace``: of software triggers.
+
+        ``on_exposure(name, µs, time.monotonic_ns())`` is called when the camera has taken a new exposure time.
+        """
         self._name = name
+        self._on_exposure = on_exposure
+        self.exposure_us: float | None = None
+        """The exposure time to set, also after the camera was reopened; None: that of the settings."""
+        self._set_us: float | None = None
         self._open, self._on_open, self._on_image, self._is_overdue = open_, on_open, on_image, is_overdue
         self._pace = pace
         self._stop = threading.Event()
@@ -113,6 +125,7 @@ class CameraThreads:
     def _run_session(self) -> None:
         device = self._open()
         self.trouble = ""
+        self._set_us = None
         self._on_open(self._name)
         self._device = device
         try:
@@ -128,6 +141,8 @@ class CameraThreads:
     def _receive(self, device: OpenCamera) -> None:
         last_s = time.monotonic()
         while not self._stop.is_set() and not device.is_lost:
+            if self._pace is None:
+                self._update_exposure(device)
             raw = device.receive(RECEIVE_S)
             if raw is not None:
                 last_s = time.monotonic()
@@ -147,7 +162,14 @@ class CameraThreads:
             device = self._device
             # a late trigger would not belong to the instant of the other cameras
             if device is not None and time.monotonic() - instant_s < LATEST * self._pace.period_s:
+                self._update_exposure(device)  # between two images: the next one certainly has it
                 device.trigger()
+
+    def _update_exposure(self, device: OpenCamera) -> None:
+        wanted = self.exposure_us
+        if wanted is not None and wanted != self._set_us and device.set_exposure(wanted):
+            self._set_us = wanted
+            self._on_exposure(self._name, wanted, time.monotonic_ns())
 
     def stop(self) -> None:
         """Request the end of the threads; ``join`` waits for it."""

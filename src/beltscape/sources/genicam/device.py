@@ -151,6 +151,17 @@ class Device:
                 return False
         return True
 
+    def set_exposure(self, exposure_us: float) -> bool:
+        """Set the exposure time of the images from the next trigger on; return whether the camera answered."""
+        with self._triggering:
+            if self._closed:
+                return False
+            try:
+                self._camera.set_exposure_time(exposure_us)
+            except glib_error_type():
+                return False
+        return True
+
     def close(self) -> None:
         """Release the camera; blocks for seconds if it does not answer."""
         with self._triggering:  # a trigger call under way holds the camera

@@ -29,6 +29,14 @@ class Features:
         """Set all features of a camera that is not sending. Aravis's own errors pass through."""
         self._apply_pixel_format(settings, size_px)
         self._apply_exposure(settings.exposure_of(self._name), settings.gain_of(self._name))
+        if settings.adaptive_exposure is not None:
+            bounds = self._camera.get_exposure_time_bounds()
+            self._require_within(
+                "adaptive_exposure.shortest_us", settings.adaptive_exposure.shortest_us, bounds
+            )
+            self._require_within(
+                "adaptive_exposure.longest_us", settings.adaptive_exposure.longest_us, bounds
+            )
         self._apply_trigger(settings)
         if settings.clocks == "ptp":
             self._enable_shared_clock()

@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
+from beltscape.sources.genicam.adaptive_exposure import AdaptiveExposureSettings
+
 Name = Annotated[str, StringConstraints(min_length=1, strip_whitespace=True)]
 PixelFormat = Literal[
     "Mono8", "Mono10", "Mono10Packed", "Mono10p", "Mono12", "Mono12Packed", "Mono12p", "Mono14", "Mono16", "RGB8",
@@ -100,6 +102,8 @@ class CamerasSettings(BaseModel):
     """Buffer of each camera's socket; not given: as large as an image, as far as the system allows."""
     encoder: CameraEncoderSettings | None = None
     """The belt's encoder, if the core camera counts it."""
+    adaptive_exposure: AdaptiveExposureSettings | None = None
+    """Bounds within which the exposure times follow the light; not given: they stay as they are."""
 
     @model_validator(mode="after")
     def _check(self) -> CamerasSettings:
@@ -116,6 +120,20 @@ class CamerasSettings(BaseModel):
                 f"allowed_skew_ms {self.allowed_skew_ms:g} must be less than {most_ms:.3g} "
                 f"({WINDOW_SHARE:g} of the time between frames); lower it or frames_per_s"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _check_adaptive_exposure(self) -> CamerasSettings:
+        adaptive = self.adaptive_exposure
+        for name in self.devices if adaptive is not None else ():
+            exposure = self.exposure_of(name)
+            if exposure is None:
+                raise ValueError("adaptive_exposure: give exposure_us too, the exposure time at the start")
+            if adaptive is not None and not adaptive.shortest_us <= exposure <= adaptive.longest_us:
+                raise ValueError(
+                    f"exposure_us = {exposure:g} of {name} is outside adaptive_exposure's "
+                    f"{adaptive.shortest_us:g} to {adaptive.longest_us:g}"
+                )
         return self
 
     def exposure_of(self, camera: str) -> float | None:

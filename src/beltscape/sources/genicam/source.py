@@ -14,6 +14,7 @@ from beltscape.core.live import CameraHealth
 from beltscape.core.translatable_message import Message
 from beltscape.sources.genicam.camera import REOPEN_AFTER_S, CameraThreads, OpenCamera, TriggerPace
 from beltscape.sources.genicam.device import RawImage
+from beltscape.sources.genicam.exposure_times import ExposureTimes
 from beltscape.sources.genicam.health import CameraMonitor, assess_health, silence_limit_s
 from beltscape.sources.genicam.matching import InstantMatcher
 from beltscape.sources.genicam.matching_types import CameraImage, MatchedInstant, MatchingRules
@@ -37,6 +38,8 @@ class CountedImage:
 
     image: Image
     count: int | None
+    exposure_us: float
+    """NaN: not known."""
 
 
 class GenicamSource:
@@ -57,6 +60,7 @@ class GenicamSource:
         self._matcher: InstantMatcher[CountedImage] = InstantMatcher(self.cameras, core, _rules(settings))
         self._counter = None if settings.encoder is None else BeltCounter(settings.encoder)
         self._ready: deque[FrameSet] = deque()
+        self._exposures = _make_exposure_times(settings)
         start_s = time.monotonic()
         self._monitors = {name: CameraMonitor(start_s) for name in self.cameras}
         self._number = 0
@@ -70,7 +74,13 @@ class GenicamSource:
         )
         self._threads = {
             name: CameraThreads(
-                name, lambda n=name: opener(n), self._on_open, self._on_image, self._is_overdue, pace
+                name,
+                lambda n=name: opener(n),
+                self._on_open,
+                self._on_image,
+                self._is_overdue,
+                pace,
+                self._on_exposure,
             )
             for name in self.cameras
         }
@@ -99,6 +109,16 @@ class GenicamSource:
                 one = self._ready.popleft()
             yield one
 
+    def set_exposures(self, exposures_us: Mapping[str, float]) -> None:
+        """Let cameras take new exposure times, µs, between two images; one that is lost does so on its return."""
+        for name, exposure_us in exposures_us.items():
+            self._threads[name].exposure_us = exposure_us
+
+    def _on_exposure(self, name: str, exposure_us: float, at_ns: int) -> None:
+        with self._lock:
+            if self._exposures is not None:
+                self._exposures.set_present(name, exposure_us, at_ns)
+
     def _wait_s(self) -> float | None:
         deadline_ns = self._matcher.deadline_ns()
         return None if deadline_ns is None else max(0.0, (deadline_ns - time.monotonic_ns()) * 1e-9)
@@ -118,9 +138,13 @@ class GenicamSource:
                 monitor.add_image(now_s)
                 monitor.image_fault = Message(str(error), "wrong_image")
             return
-        shot = CameraImage(name, raw.frame_id, raw.camera_ns, raw.arrival_ns, CountedImage(image, raw.count))
         monitor.check_brightness(image, now_s)
         with self._lock:
+            exposure_us = (
+                float("nan") if self._exposures is None else self._exposures.find(name, raw.arrival_ns)
+            )
+            counted = CountedImage(image, raw.count, exposure_us)
+            shot = CameraImage(name, raw.frame_id, raw.camera_ns, raw.arrival_ns, counted)
             monitor.add_image(now_s)
             monitor.image_fault = ""
             self._matcher.add(shot, time.monotonic_ns())
@@ -150,7 +174,12 @@ class GenicamSource:
         if self._counter is not None and core is not None and core.payload.count is not None:
             position_mm = self._counter.position_mm(core.payload.count)
         images = {name: matched.shots[name].payload.image for name in self.cameras if name in matched.shots}
-        return FrameSet(f"{self._number:08d}", images, matched.time_ns, position_mm)
+        exposures_us = (
+            {}
+            if self._exposures is None
+            else {name: matched.shots[name].payload.exposure_us for name in images}
+        )
+        return FrameSet(f"{self._number:08d}", images, matched.time_ns, position_mm, exposures_us)
 
     def _is_overdue(self, name: str, silence_s: float) -> bool:
         """Return whether a camera without an image for that time must be reopened."""
@@ -187,6 +216,16 @@ class GenicamSource:
         until = time.monotonic() + CLOSE_S
         for threads in self._threads.values():
             threads.join(max(0.0, until - time.monotonic()))
+
+
+def _make_exposure_times(settings: CamerasSettings) -> ExposureTimes | None:
+    """Return the exposure times of all cameras if they may change; else None."""
+    if settings.adaptive_exposure is None:
+        return None
+    given = {name: settings.exposure_of(name) for name in settings.devices}
+    period_ns = round(1e9 / settings.frames_per_s)
+    times = {name: us for name, us in given.items() if us is not None}
+    return ExposureTimes(times, period_ns, is_triggered=settings.trigger == "software")
 
 
 def _rules(settings: CamerasSettings) -> MatchingRules:

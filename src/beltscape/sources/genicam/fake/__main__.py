@@ -21,6 +21,8 @@ from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
 
 _SKEW = 0.3
 """Allowed skew as a share of the time between frames; [cameras] takes less than `settings.WINDOW_SHARE` = 0.4."""
+EXPOSURE_US = 1000.0
+"""Exposure time at which the simulated cameras send the images of a capture as they are."""
 STOP = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -47,7 +49,9 @@ def serve_capture(words: Sequence[str]) -> int:
     signal.pthread_sigmask(signal.SIG_BLOCK, STOP)  # sigwait below receives them
     pictures, counts, per_round = read_pictures(arguments.capture, arguments.mm_per_count)
     with tempfile.TemporaryDirectory() as folder:
-        bench = SimulatedCameras(Path(folder), pictures, arguments.frames_per_s, counts, per_round)
+        bench = SimulatedCameras(
+            Path(folder), pictures, arguments.frames_per_s, counts, per_round, EXPOSURE_US
+        )
         add_addresses(bench.devices.values())
         with bench:
             print(
@@ -69,7 +73,7 @@ def project_tables(bench: SimulatedCameras, frames_per_s: float, mm_per_count: f
         "[cameras]",
         f"frames_per_s = {frames_per_s}",
         f'pixel_format = "{next(iter(bench.formats.values()))}"',
-        f"exposure_us = 1000\nallowed_skew_ms = {skew_ms}",
+        f"exposure_us = {EXPOSURE_US:g}\nallowed_skew_ms = {skew_ms}",
         'clocks = "ptp"\npacket_size = 9000\n\n[cameras.devices]',
         *(f'{name} = "{address}"' for name, address in bench.devices.items()),
     ]
@@ -82,7 +86,8 @@ def project_tables(bench: SimulatedCameras, frames_per_s: float, mm_per_count: f
 
 def serve_camera(folder: Path, name: str, address: str) -> int:
     """Run one camera in this process."""
-    camera = FakeCamera(address, name, _picture_function(folder, name))
+    exposure_us = json.loads((folder / "bench.json").read_text())["exposure_us"]
+    camera = FakeCamera(address, name, _picture_function(folder, name), exposure_us)
     print("listening", flush=True)
     sys.stdin.buffer.read()  # returns when the parent process ends, for whatever reason
     camera.close()

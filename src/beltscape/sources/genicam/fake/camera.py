@@ -26,14 +26,23 @@ _Fill = ctypes.CFUNCTYPE(
 class FakeCamera:
     """A camera that answers on an address of this machine until ``close`` or the end of the process."""
 
-    def __init__(self, address: str, serial: str, picture: Callable[[int], tuple[Image, int]]) -> None:
+    def __init__(
+        self,
+        address: str,
+        serial: str,
+        picture: Callable[[int], tuple[Image, int]],
+        exposure_us: float | None = None,
+    ) -> None:
         """``picture``: camera time in ns → the image in its pixel format, and the belt's count.
+
+        ``exposure_us`` is the exposure time of the images; they are brighter or darker at any other one. None: they
+        are sent as they are.
 
         InputError if the address cannot be opened.
         """
         load_aravis()  # raises an error with the packages to install
         self._lib = _library()
-        self._picture = picture
+        self._picture, self._exposure_us = picture, exposure_us
         self._fill = _Fill(
             self._fill_buffer
         )  # the reference keeps the callback alive while the library uses it
@@ -47,8 +56,10 @@ class FakeCamera:
         # PyGObject's binding of this one frees the callback at once
         self._lib.arv_fake_camera_set_fill_pattern(self._inner, self._fill, None)
 
-    def _fill_buffer(self, buffer: int, _data: Any, _exposure_us: int, _gain: int, _code: int) -> None:
+    def _fill_buffer(self, buffer: int, _data: Any, exposure_us: int, _gain: int, _code: int) -> None:
         image, count = self._picture(self._lib.arv_buffer_get_timestamp(buffer))
+        if self._exposure_us is not None and exposure_us != round(self._exposure_us):
+            image = scale_exposure(image, exposure_us / self._exposure_us)
         self._lib.arv_fake_camera_write_register(self._inner, COUNTER_ADDRESS, count & 0xFFFFFFFF)
         room = self._lib.arv_fake_camera_get_payload(self._inner)  # the buffer itself says 0
         target = self._lib.arv_buffer_get_data(buffer, ctypes.byref(ctypes.c_size_t()))
@@ -60,6 +71,12 @@ class FakeCamera:
     def close(self) -> None:
         """Stop listening."""
         self._lib.g_object_unref(self._camera)
+
+
+def scale_exposure(image: Image, factor: float) -> Image:
+    """Return an image as it would be with another exposure time; what saturates stays at the top of the range."""
+    top = float(np.iinfo(image.dtype).max)
+    return np.rint(image * np.float64(factor)).clip(0, top).astype(image.dtype)
 
 
 def _library() -> Any:

@@ -31,10 +31,12 @@ class SimulatedCameras:
         frames_per_s: float,
         counts: Sequence[int] | None = None,
         counts_per_round: int = 0,
+        exposure_us: float | None = None,
     ) -> None:
         """``folder`` holds their files while they run; ``frames_per_s``: their triggers' exact rate.
 
         ``counts``: the belt's count at each image; ``counts_per_round`` is added with each cycle through the images.
+        ``exposure_us`` is the exposure time of the images, which are scaled to the cameras'; None: they are not.
         """
         self.devices = {name: f"127.0.0.{FIRST_ADDRESS + i}" for i, name in enumerate(pictures)}
         """Camera → address, as in [cameras] devices."""
@@ -52,6 +54,7 @@ class SimulatedCameras:
             "period_s": 1 / frames_per_s,
             "counts": list(counts or [0] * count),
             "round": counts_per_round,
+            "exposure_us": exposure_us,
         }
         (folder / "bench.json").write_text(json.dumps(parameters))
 

@@ -52,6 +52,17 @@ class Reference:
     """Whether a projected pattern covered the picture."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageReferences:
+    """All that a monitor of images has learned; it outlives a run."""
+
+    reference: Reference
+    window_light: Mapping[str, FloatArray]
+    """By camera, `GRID` float32: light through clean windows, logarithms over the median camera; NaN: not known."""
+    light: float
+    """Logarithm of the present light over that of ``reference``."""
+
+
 def learn_reference(frames: Sequence[FrameStatistics]) -> Reference:
     """Return the medians over sound frames; only cameras that are in all of them have a reference."""
     names = [name for name in frames[0] if all(name in frame for frame in frames)]

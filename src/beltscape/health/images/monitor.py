@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,13 +33,15 @@ from beltscape.health.images.obstruction import (
 from beltscape.health.images.projected_pattern import check_projected_pattern, describe_lamp, measure_light
 from beltscape.health.images.repeated import check_repeated, measure_changes
 from beltscape.health.images.sharpness import check_contrast
-from beltscape.health.reference import Reference, learn_reference
+from beltscape.health.reference import ImageReferences, Reference, learn_reference
 from beltscape.health.settings import HealthSettings
 
 _FLICKER_FRAMES = 8
 """Number of frames whose median brightness the present one is compared with."""
 _CONTINUOUS = 0.15
 """Largest difference of the bare belt's log brightness from the light that follows from the frames before."""
+_KEPT_CHANGE = 0.05
+"""Change of the log light from which it is kept again: a third of `_CONTINUOUS`, so that a next run can follow it."""
 _COVERED_SIGMA = 0.3
 """σ of the log light while no bare belt shows it."""
 _LIGHT_FRAMES = 12
@@ -63,20 +66,27 @@ class ImageCheck:
 class ImageMonitor:
     """Checks the images of successive frame sets of one rig; the same frames give the same findings."""
 
-    def __init__(self, rig: Rig, settings: HealthSettings) -> None:
-        self._rig, self._settings = rig, settings
-        self._reference: Reference | None = None
+    def __init__(
+        self,
+        rig: Rig,
+        settings: HealthSettings,
+        learned: ImageReferences | None = None,
+        keep: Callable[[ImageReferences], None] | None = None,
+    ) -> None:
+        """``learned`` is what an earlier run learned; ``keep`` receives it whenever it has changed."""
+        self._rig, self._settings, self._keep = rig, settings, keep
+        self._reference: Reference | None = None if learned is None else learned.reference
         self._learned: list[dict[str, ImageStatistics]] = []
         self._before: dict[str, ImageStatistics] = {}
         self._levels_before: dict[str, FloatArray] = {}
         self._lit_before: dict[str, ImageStatistics] = {}
         """The last frame whose exposure times are known."""
-        self._light = 0.0
-        """Logarithm of the light over that of the reference."""
+        self._light = self._kept_light = 0.0 if learned is None else learned.light
+        """Logarithm of the light over that of the reference; ``_kept_light``: when it was kept."""
         self._lights: deque[float] = deque(maxlen=_FLICKER_FRAMES)
         self._is_moving = False
         self._light_maps: dict[str, LightMap] = {}
-        self._light_references: dict[str, FloatArray] = {}
+        self._light_references: dict[str, FloatArray] = {} if learned is None else dict(learned.window_light)
         self._recent_maps: dict[str, LightMap] = {}
         self._rays: NDArray[np.float64] | None = None
         self._moving_frames = 0
@@ -128,10 +138,13 @@ class ImageMonitor:
             self._recent_maps[name] = accumulate_light(self._recent_maps.get(name), light, SHORT_MEMORY)
         if self._moving_frames < _LIGHT_FRAMES:
             return []
-        if self._moving_frames == max(_LIGHT_FRAMES, self._settings.learning_frames):
+        if not self._light_references and self._moving_frames >= max(
+            _LIGHT_FRAMES, self._settings.learning_frames
+        ):
             self._light_references = {
                 name: learn_light(light, self._settings) for name, light in self._light_maps.items()
             }
+            self._keep_learned()
         return [
             check_obstruction(
                 name, light, self._recent_maps[name], self._light_references.get(name), self._settings
@@ -178,6 +191,8 @@ class ImageMonitor:
         light, sigma = measure_light(statistics, self._reference)
         if abs(light - self._light) < _CONTINUOUS:
             self._light = light
+            if abs(light - self._kept_light) > _KEPT_CHANGE:
+                self._keep_learned()
         else:
             sigma = _COVERED_SIGMA
         return step_sigma, describe_lamp(self._light, sigma)
@@ -186,6 +201,12 @@ class ImageMonitor:
         self._learned.append(statistics)
         if len(self._learned) >= self._settings.learning_frames:
             self._reference, self._learned, self._light = learn_reference(self._learned), [], 0.0
+            self._keep_learned()
+
+    def _keep_learned(self) -> None:
+        if self._keep is not None and self._reference is not None:
+            self._kept_light = self._light
+            self._keep(ImageReferences(self._reference, self._light_references, self._light))
 
     def _weight_camera(self, finding: Finding) -> Finding:
         """Return the finding as it concerns the volume: an auxiliary that fails is left out, the core is not."""

@@ -99,7 +99,7 @@ class BoardSet(BaseModel, frozen=True, extra="forbid"):
 
     @property
     def is_placed(self) -> bool:
-        """Whether the places of all boards are known."""
+        """True if the places of all boards are known."""
         return all(face.placement is not None for face in self.faces)
 
     @property

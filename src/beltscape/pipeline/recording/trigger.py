@@ -17,7 +17,7 @@ class Trigger(Protocol):
 
     @property
     def is_finished(self) -> bool:
-        """Whether no further shot will be due."""
+        """True if no further shot will be due."""
         ...
 
 

@@ -35,21 +35,9 @@ def list_faults(
     consistency: RigConsistency, rig: Rig, misplaced: MisplacedImages | None = None
 ) -> list[CameraFault]:
     """Return the inconsistencies with the cameras that they concern; none for a sound rig."""
-    if misplaced is not None and misplaced.exchanged is not None:
-        one, other = misplaced.exchanged
-        text = Message(
-            f"the images of {one} and {other} are exchanged: both fit the rig the other way round; "
-            f"rename the two folders, or their cameras in rig.json",
-            "cameras_exchanged",
-            one=one,
-            other=other,
-        )
-        return [CameraFault((one, other), text, rig.core in (one, other))]
-    if misplaced is not None and misplaced.mirroring is not None:
-        mirrored = misplaced.mirroring
-        cameras = () if len(mirrored.cameras) == len(rig.cameras) else mirrored.cameras
-        text = _describe_mirroring(mirrored, rig)
-        return [CameraFault(cameras, text, rig.core in mirrored.cameras)]
+    fault = None if misplaced is None else _find_misplaced(misplaced, rig)
+    if fault is not None:
+        return [fault]
     if consistency.is_sound:
         return []
     inconsistent = [each for each in consistency.cameras if each.camera in consistency.inconsistent]
@@ -67,35 +55,55 @@ def list_faults(
         faults.append(CameraFault((), _describe_without_sound_set(contradicting, rig, consistency)))
     else:
         faults += [
-            CameraFault(
-                (each.camera,),
-                Message(
-                    f"{_describe_residuals(each, consistency)}: it moved or its lens changed"
-                    f"{_describe_pose_change(consistency, each)}, or it is not the rig's camera; {_FIX}",
-                    "camera_moved",
-                    offset=round(each.epipolar_px, 2),
-                    sigma=round(each.epipolar_sigma_px, 2),
-                    limit=round(each.tolerance_px, 2),
-                    depth=round(max(each.depth_error_mm, 0.0), 2),
-                ),
-            )
-            for each in contradicting
+            CameraFault((each.camera,), _describe_contradiction(each, consistency)) for each in contradicting
         ]
     faults += [
-        CameraFault(
-            (each.camera,),
-            Message(
-                f"{each.camera}: no correspondence found ({each.points} of {each.searched} points): its lens is "
-                "covered or out of focus, its image is of another instant, or the rig is another's",
-                "camera_unmatched",
-                points=each.points,
-                searched=each.searched,
-            ),
-        )
+        CameraFault((each.camera,), _describe_unmatched(each))
         for each in inconsistent
         if each.state == "unmatched"
     ]
     return faults
+
+
+def _find_misplaced(misplaced: MisplacedImages, rig: Rig) -> CameraFault | None:
+    """Return the fault of images in another camera's place or flipped."""
+    if misplaced.exchanged is not None:
+        one, other = misplaced.exchanged
+        text = Message(
+            f"the images of {one} and {other} are exchanged: both fit the rig the other way round; "
+            f"rename the two folders, or their cameras in rig.json",
+            "cameras_exchanged",
+            one=one,
+            other=other,
+        )
+        return CameraFault((one, other), text, rig.core in (one, other))
+    mirrored = misplaced.mirroring
+    if mirrored is None:
+        return None
+    cameras = () if len(mirrored.cameras) == len(rig.cameras) else mirrored.cameras
+    return CameraFault(cameras, _describe_mirroring(mirrored, rig), rig.core in mirrored.cameras)
+
+
+def _describe_contradiction(each: CameraConsistency, consistency: RigConsistency) -> str:
+    return Message(
+        f"{_describe_residuals(each, consistency)}: it moved or its lens changed"
+        f"{_describe_pose_change(consistency, each)}, or it is not the rig's camera; {_FIX}",
+        "camera_moved",
+        offset=round(each.epipolar_px, 2),
+        sigma=round(each.epipolar_sigma_px, 2),
+        limit=round(each.tolerance_px, 2),
+        depth=round(max(each.depth_error_mm, 0.0), 2),
+    )
+
+
+def _describe_unmatched(each: CameraConsistency) -> str:
+    return Message(
+        f"{each.camera}: no correspondence found ({each.points} of {each.searched} points): its lens is "
+        "covered or out of focus, its image is of another instant, or the rig is another's",
+        "camera_unmatched",
+        points=each.points,
+        searched=each.searched,
+    )
 
 
 def _describe_mirroring(mirroring: Mirroring, rig: Rig) -> str:

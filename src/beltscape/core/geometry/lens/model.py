@@ -37,17 +37,17 @@ class LensModel:
 
     @property
     def has_tangential(self) -> bool:
-        """Whether the model has p1 and p2, which are then its third and fourth coefficient."""
+        """True if the model has p1 and p2, which are then its third and fourth coefficient."""
         return "p1" in self.coefficients
 
     @property
     def has_prism(self) -> bool:
-        """Whether the model has s1 to s4, which are then its ninth to twelfth coefficient."""
+        """True if the model has s1 to s4, which are then its ninth to twelfth coefficient."""
         return "s1" in self.coefficients
 
     @property
     def has_tilt(self) -> bool:
-        """Whether the model has tau_x and tau_y, which are then its last coefficients."""
+        """True if the model has tau_x and tau_y, which are then its last coefficients."""
         return "tau_x" in self.coefficients
 
     def distort(self, x: Array, y: Array, coefficients: Array) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ UNITS = (
     "measured; σ ratio: actual over predicted σ."
 )
 _MANY = 1000
-"""Ratio from which a number says no more than "over"."""
+"""Ratio above which only "over 1000 ×" is written."""
 ERROR_MM = 1.0
 """Limit of the colour scale of the error pictures: four times the tolerance of the column "< 0.25 mm"."""
 

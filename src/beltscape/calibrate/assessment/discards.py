@@ -17,7 +17,7 @@ from beltscape.core.errors import CalibrationError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Discards:
-    """What was left out of the final adjustment."""
+    """Views and corners that were left out of the final adjustment."""
 
     corners: int
     """Corners left out, those of whole views and frames included."""
@@ -29,18 +29,10 @@ class Discards:
     """Frame left out in all cameras → the reason."""
     all_frames: int
 
-    def describe(self) -> str | None:
-        """Return the counts with the largest reason in one line; None if nothing was left out."""
+    def describe_reason(self) -> str | None:
+        """Return the largest reason in one line; None if nothing was left out."""
         if not self.corners:
             return None
-        share = 100 * self.corners / self.all_corners
-        counts = (
-            f"left out: {self.corners} of {self.all_corners} corners ({share:.2g} %), {len(self.views)} of "
-            f"{self.all_views} views, {len(self.frames)} of {self.all_frames} frames"
-        )
-        return f"{counts}; {self._describe_reason()}"
-
-    def _describe_reason(self) -> str:
         if self.frames:
             return "; ".join(self.frames.values())
         if not self.views:
@@ -59,7 +51,7 @@ class Discards:
             "of_views": self.all_views,
             "frames": dict(self.frames),
             "of_frames": self.all_frames,
-            "largest_reason": self._describe_reason() if self.corners else None,
+            "largest_reason": self.describe_reason(),
         }
 
 

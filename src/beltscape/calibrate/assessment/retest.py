@@ -24,8 +24,8 @@ from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Silent
 
-MIN_SHIFT, MIN_SHIFT_SIGMA = 0.02, 3.0
-"""A start was off if the adjustment moved its focal length by this share of it, and by this many σ of the start."""
+MIN_SHIFT = 0.02
+"""A start was off if the adjustment moved its focal length by this share of it; good starts are within 0.002."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,8 +96,8 @@ def _describe_starts(hierarchy: HierarchyResult, adjustment: BundleAdjustmentRes
     final = _get_focals(adjustment.rig.cameras)
     lines: list[str] = []
     for name, own in hierarchy.monocular.items():
-        start, sigma = float(own.camera.focal_px.mean()), max(own.sigma["fx"], own.sigma["fy"])
-        if abs(final[name] - start) > max(MIN_SHIFT * final[name], MIN_SHIFT_SIGMA * sigma):
+        start = float(own.camera.focal_px.mean())
+        if abs(final[name] - start) > MIN_SHIFT * final[name]:
             lines.append(
                 f"the monocular start of camera {name} was off (focal length {start:.4g} px); the joint adjustment "
                 f"corrected it to {final[name]:.4g} px"

@@ -203,5 +203,6 @@ def _restart(
         return None
     if len(again.cam_from_board) < len(own.cam_from_board):
         return None
+    is_like = abs(again.camera.focal_px / guess.camera.focal_px - 1).max() < LIKE_FOCAL
     is_explained = again.rms_px < MAX_RMS_RATIO * own.rms_px + RMS_TOLERANCE_PX
-    return again if is_explained else None
+    return again if is_like and is_explained else None

@@ -1,0 +1,91 @@
+"""Verdict on rigs that their views do not determine, and the count of what was left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beltscape.calibrate.assessment.covariance import compute_rig_covariance
+from beltscape.calibrate.assessment.diagnosis import Diagnosis, diagnose
+from beltscape.calibrate.assessment.score import compute_rig_errors
+from beltscape.calibrate.assessment.verdict import compute_focal_sigma
+from beltscape.calibrate.bundle_adjustment import adjust_bundle
+from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.hierarchy import solve_hierarchy
+from beltscape.core.errors import CalibrationError
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.progress import Silent
+from beltscape.kernels import load
+from beltscape.target.board import list_triples
+from tests.synthetic.camera_arrays import BOARD, boards_before, detect, like_cameras
+
+
+def diagnose_views(seen: BoardDetections, known: dict[str, Camera] | None = None) -> Diagnosis:
+    found = solve_hierarchy(seen, BOARD, None, Silent(), known=known)
+    adjusted = adjust_bundle(found, BOARD)
+    errors = compute_rig_errors(
+        adjusted.rig, found.detections, BOARD, load(), corners_mm=adjusted.geometry.points_mm
+    )
+    covariance = compute_rig_covariance(adjusted)
+    return diagnose(found, adjusted, covariance, list_triples(BOARD), errors, None)
+
+
+@pytest.mark.parametrize(("tilt_rad", "bend_mm"), [(0.01, 0.5), (0.02, 0.0)])
+def test_three_boards_square_to_parallel_cameras_determine_no_rig(tilt_rad, bend_mm):
+    rig = like_cameras(4, 21, convergence=0.0)
+    seen = detect(rig, boards_before(rig, 3, tilt_rad, 21), 0.05, 21, bend_mm)
+    with pytest.raises(CalibrationError, match=r"focal length") as error:
+        diagnose_views(seen)
+    assert "3 frames with the board tilted by 1° at most" in str(error.value)
+    assert "photograph the board in 10 positions or more, tilted about 30° to every side" in str(error.value)
+
+
+def test_the_same_boards_suffice_with_known_intrinsics():
+    rig = like_cameras(4, 21, convergence=0.0)
+    seen = detect(rig, boards_before(rig, 3, 0.02, 21), 0.05, 21)
+    assert diagnose_views(seen, dict(rig.cameras)).findings == ()
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_few_tilted_boards_determine_a_rig(seed):
+    """The stated σ of the focal lengths covers their errors."""
+    rig = like_cameras(4, seed)
+    seen = detect(rig, boards_before(rig, 4, 0.3, seed), 0.05, seed, bend_mm=0.3)
+    assert diagnose_views(seen).findings == ()
+    adjusted = adjust_bundle(solve_hierarchy(seen, BOARD, None, Silent()), BOARD)
+    sigma = compute_focal_sigma(adjusted, compute_rig_covariance(adjusted))
+    for name, camera in adjusted.rig.cameras.items():
+        assert abs(camera.focal_px - rig.cameras[name].focal_px).max() < 4 * sigma[name]
+
+
+def test_views_of_a_single_board_pose_are_refused():
+    rig = like_cameras(2, 5)
+    with pytest.raises(CalibrationError, match="do not determine the focal length of camera c0"):
+        diagnose_views(detect(rig, boards_before(rig, 1, 0.2, 5) * 5, 0.05, 5))
+
+
+def test_a_frame_that_all_cameras_leave_out_is_named():
+    """The board is bent in one frame far beyond its shape in the others."""
+    rig = like_cameras(3, 6)
+    bend = np.array([0.0, 0.0, 40.0, 0.0, 0.0, 0.0, 0.0])
+    found = diagnose_views(detect(rig, boards_before(rig, 7, 0.3, 6), 0.05, 6, bend))
+    assert list(found.discards.frames) == ["02"]
+    assert found.discards.frames["02"].startswith("frame 02 is left out in all cameras: its board fits ")
+    assert (len(found.discards.views), found.discards.all_views, found.discards.all_frames) == (3, 21, 7)
+    assert found.discards.corners >= 3 * 126
+    assert found.discards.document()["largest_reason"] == found.discards.frames["02"]
+
+
+def test_pixels_that_are_not_square_are_remarked_on():
+    rig = like_cameras(3, 8)
+    stretched = {
+        name: replace(camera, focal_px=camera.focal_px * [1.18, 1.0]) for name, camera in rig.cameras.items()
+    }
+    wide = replace(rig, cameras=stretched)
+    found = diagnose_views(detect(wide, boards_before(wide, 8, 0.4, 8), 0.05, 8))
+    assert len(found.notes) == 3
+    for note, name in zip(sorted(found.notes), wide.cameras, strict=True):
+        assert note.startswith(f"camera {name}: its pixels are not square, fx/fy = 1.1")
+    assert found.findings == ()

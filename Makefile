@@ -71,7 +71,7 @@ bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md, a
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python tools/write_figures.py
 
-faults: dev ## every fault in front of the running system, against exact truth; writes benchmarks/FAULTS.md (an hour)
+faults: dev ## play every fault to the running system, against exact truth; writes benchmarks/FAULTS.md (an hour)
 	cd benchmarks && ../$(BIN)/python -m faults
 
 docs: dev ## the manual as a web site in site/

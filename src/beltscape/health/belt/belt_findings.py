@@ -1,4 +1,4 @@
-"""Findings about what clings to the belt and about the belt's own marks."""
+"""Findings about material stuck to the belt, and about splices and torn edges."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ class BeltRows:
 
     @property
     def is_empty(self) -> NDArray[np.bool_]:
-        """Return which rows (n,) are empty except for what clings to the belt, with no load near them in view."""
+        """Return which rows (n,) are empty except for material stuck to the belt, with no load near them in view."""
         known = np.isfinite(self.over_mm)
         number = np.maximum(known.sum(axis=1), 1)
         is_bare = (self.bare.sum(axis=1) >= _LEAST_BARE * number) | (self.ridge_mm > 0)

@@ -51,7 +51,7 @@ def separate_delay(delays: Sequence[Delay]) -> tuple[float, float]:
     """Return a camera's delay in ms and its σ from frames at different speeds.
 
     A camera that moved displaces the material by the same length at every speed, an unsynchronised one in proportion
-    to the speed. At one speed only the two cannot be told apart, and σ is infinite.
+    to the speed. At a single speed the two cannot be distinguished, and σ is infinite.
     """
     used = [one for one in delays if np.isfinite(one.displacement_mm)]
     speed = np.array([one.speed_mm_s for one in used])

@@ -74,7 +74,7 @@ def _sizes(lumps: Lumps) -> list[Item]:
             lumps.all.sieves_mm, lumps.all.passing, lumps.whole.passing, strict=True
         )
     ]
-    fines = f"Lumps below {lumps.smallest_mm:.0f} mm are not told apart and left out as fines."
+    fines = f"Lumps below {lumps.smallest_mm:.0f} mm are not distinguished and left out as fines."
     return [
         make_distribution_chart(lumps),
         Table(["sieve mm", "passing, all lumps", "fully visible ones"], rows),

@@ -48,7 +48,7 @@ def make_baselines_section(paper: Paper) -> list[Section]:
         items.append(make_baseline_table(paper, list(names)))
     intro = (
         "The comparison that the paper names as future work. All look at the same surfaces through the same "
-        "lens and sensor and are held against the same truth on the core's grid; unlike Beltscape's rig, which "
+        "lens and sensor and are compared with the same truth on the core's grid; unlike Beltscape's rig, which "
         "is calibrated from images, these are calibrated exactly."
     )
     return [Section("Structured light, line laser, LiDAR", intro, [*items, *figures])]

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from beltscape.core.progress import Reporter, Silent
-from beltscape.files.exchange import read_intrinsics
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.pipeline.calibrating import calibration
 from beltscape.pipeline.calibrating.calibration import Calibration
-from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.known_intrinsics import IntrinsicsUse, read_known_intrinsics
 from beltscape.target.board import Board, read_board
 
 
@@ -17,6 +16,7 @@ def calibrate(
     core: str | None = None,
     *,
     intrinsics: AnyPath | None = None,
+    intrinsics_as: IntrinsicsUse = "held",
     reporter: Reporter | None = None,
 ) -> Calibration:
     """Calibrate the rig of a capture of board views (the paper's Section 2.2).
@@ -30,7 +30,9 @@ def calibrate(
     core
         Name of the core camera; None: the best connected one.
     intrinsics
-        A rig.json or another file with known intrinsics, which are then fixed.
+        An intrinsics.json, a rig.json or another file with known intrinsics, or a folder of views for them.
+    intrinsics_as
+        ``held``: they are fixed; ``prior``: the views improve them within their covariance.
     reporter
         Receiver of progress and warnings; without one, only the result's ``warnings`` hold them.
 
@@ -47,5 +49,5 @@ def calibrate(
     reporter = reporter or Silent()
     known = None
     if intrinsics is not None:
-        known = KnownIntrinsics(read_intrinsics(as_path(intrinsics, "intrinsics"), reporter), str(intrinsics))
+        known = read_known_intrinsics(as_path(intrinsics, "intrinsics"), board, reporter, use=intrinsics_as)
     return calibration.calibrate(as_path(capture, "capture"), board, core, reporter, known=known)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import HierarchyResult
+from beltscape.calibrate.intrinsics.zhang import MonocularCalibration
 from beltscape.calibrate.network.resection import fit_board_pose
 from beltscape.calibrate.solver.bundle import Bundle
 from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Indices, Observations
@@ -24,6 +25,7 @@ from beltscape.calibrate.solver.lens import (
 from beltscape.calibrate.solver.levenberg_marquardt import Damping, minimise
 from beltscape.calibrate.solver.robust import compute_student_weights, estimate_student_sigma, select_corners
 from beltscape.calibrate.solver.schur import LinearisedBundle
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import Board, corner_points_mm
@@ -224,7 +226,7 @@ def _get_monocular_sigma(hierarchy: HierarchyResult) -> Array:
 
 def _make_prior(hierarchy: HierarchyResult, board_mm: Array) -> BundlePrior:
     cameras = hierarchy.rig.cameras
-    priors = [compute_lens_prior(camera) for camera in cameras.values()]
+    priors = [_find_lens_prior(hierarchy.monocular[name], camera) for name, camera in cameras.items()]
     free = [
         np.array([each not in hierarchy.monocular[name].fixed for each in list_parameters(camera.model)])
         for name, camera in cameras.items()
@@ -235,6 +237,11 @@ def _make_prior(hierarchy: HierarchyResult, board_mm: Array) -> BundlePrior:
         pad_rows(information for _, information in priors), pad_rows(free),
         board_mm, np.full(3, SHAPE_SIGMA_SHARE * diagonal),
     )  # fmt: skip
+
+
+def _find_lens_prior(monocular: MonocularCalibration, camera: Camera) -> tuple[Array, Array]:
+    """Return mean and information of a camera's intrinsics: of an earlier calibration, or of lenses in general."""
+    return monocular.prior.compute_information() if monocular.prior else compute_lens_prior(camera)
 
 
 def _set_sigma(observations: Observations, sigma: Array) -> Observations:

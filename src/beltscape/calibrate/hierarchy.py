@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.intrinsics.like_cameras import Restart, restart_weak_cameras
@@ -14,6 +17,7 @@ from beltscape.calibrate.network.global_optimisation import optimise_network
 from beltscape.calibrate.network.pairs import Pair, calibrate_pairs
 from beltscape.calibrate.network.synchronisation import find_frame_misfits
 from beltscape.calibrate.solver.deterministic import single_thread
+from beltscape.calibrate.solver.lens_prior import LensPrior
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
@@ -45,10 +49,12 @@ def solve_hierarchy(
     reporter: Reporter,
     *,
     known: Mapping[str, Camera] | None = None,
+    priors: Mapping[str, LensPrior] | None = None,
 ) -> HierarchyResult:
     """Calibrate a rig from the board's corners.
 
-    The intrinsics of ``known`` cameras (by name) are fixed. A camera with too few views, without views shared with
+    The intrinsics of ``known`` cameras (by name) are fixed; those with ``priors`` among them until the bundle is
+    adjusted. A camera with too few views, without views shared with
     the rest, or with frames of other instants, is reported and left out.
 
     Raises
@@ -61,7 +67,7 @@ def solve_hierarchy(
         monocular: dict[str, MonocularCalibration] = {}
         for done, name in enumerate(detections.cameras, start=1):
             try:
-                monocular[name] = calibrate_camera(name, detections, board_mm, known=(known or {}).get(name))
+                monocular[name] = _calibrate_camera(name, detections, board_mm, known or {}, priors or {})
             except CalibrationError as error:
                 _warn_or_raise(error, name, core, reporter)
             reporter.step("calibrating cameras", done, len(detections.cameras))
@@ -89,6 +95,18 @@ def solve_hierarchy(
         cam_from_core={name: network.cam_from_core[name] for name in order},
     )
     return HierarchyResult(rig, detections.restrict(order, detections.frames), kept, network, restarts)
+
+
+def _calibrate_camera(
+    name: str,
+    detections: BoardDetections,
+    board_mm: NDArray[np.float64],
+    known: Mapping[str, Camera],
+    priors: Mapping[str, LensPrior],
+) -> MonocularCalibration:
+    calibration = calibrate_camera(name, detections, board_mm, known=known.get(name))
+    prior = priors.get(name)
+    return calibration if prior is None else replace(calibration, fixed=prior.fixed, prior=prior)
 
 
 def _warn_or_raise(error: CalibrationError, name: str, core: str | None, reporter: Reporter) -> None:

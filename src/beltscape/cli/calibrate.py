@@ -1,52 +1,134 @@
-"""``beltscape calibrate CAPTURE --board board.toml --out DIR``: calibrates a rig from images of a board."""
+"""``beltscape calibrate CAPTURE --board board.toml --out DIR``: calibrates a rig from images of a board.
+
+``beltscape calibrate intrinsics CAPTURE``, with the word before the folder, calibrates each camera by itself.
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from math import isnan
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beltscape.cli.arguments import add_output_folder
 from beltscape.cli.fit import format_findings
+from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
+
+if TYPE_CHECKING:
+    from beltscape.target.board import Board
+
+INTRINSICS = "intrinsics"
+"""The word before the folder that selects intrinsics of single cameras."""
+
+
+class _SplitMode(argparse.Action):
+    """Take ``intrinsics CAPTURE`` or ``CAPTURE``: the word before the folder selects the mode."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: str | Sequence[Any] | None,
+        option_string: str | None = None,  # noqa: ARG002
+    ) -> None:
+        """Set ``capture`` and ``mode``."""
+        words = list(values or ())
+        if len(words) > 2 or (len(words) == 2 and words[0] != INTRINSICS):
+            parser.error(
+                f"{' '.join(words)}: give one capture folder, or the word {INTRINSICS} and a folder of board views"
+            )
+        namespace.capture, namespace.mode = Path(words[-1]), INTRINSICS if len(words) == 2 else "rig"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png of board views")
+    parser.usage = "%(prog)s [intrinsics] CAPTURE --board BOARD --out DIR [options]"
+    parser.add_argument(
+        "capture", nargs="+", metavar="CAPTURE", action=_SplitMode,
+        help="folder <capture>/<camera>/<frame>.png of board views; after the word intrinsics: views that each "
+        "camera took by itself, or a folder of one camera's images, for intrinsics.json",
+    )  # fmt: skip
     parser.add_argument("--board", type=Path, required=True, help="board.toml")
     parser.add_argument("--core", help="core camera (default: the most central one)")
     parser.add_argument(
         "--intrinsics", type=Path, metavar="PATH",
-        help="use these intrinsics: a rig.json, or a file or folder that `beltscape import` reads",
+        help="use these intrinsics: an intrinsics.json, a rig.json, a file or folder that `beltscape import` reads, "
+        "or a folder of views that each camera took by itself",
     )  # fmt: skip
-    add_output_folder(parser, "folder for rig.json and the report", required=True)
+    parser.add_argument(
+        "--intrinsics-as", choices=("held", "prior"),
+        help="hold these intrinsics (default), or let the views improve them within their covariance",
+    )  # fmt: skip
+    add_output_folder(parser, "folder for rig.json and the report, or for intrinsics.json", required=True)
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-    """Calibrate and write rig.json, calibration.json, report.html."""
-    from beltscape.files.exchange import read_intrinsics
+    """Calibrate and write rig.json, calibration.json, report.html; or intrinsics.json."""
     from beltscape.files.folders.atomic import ensure_output_folder
     from beltscape.pipeline.calibrating.calibration import calibrate
     from beltscape.pipeline.calibrating.calibration_files import make_calibration_document, write_calibration
-    from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+    from beltscape.pipeline.calibrating.known_intrinsics import read_known_intrinsics
     from beltscape.target.board import read_board
 
+    _check_options(arguments)
     board = read_board(arguments.board)
     out = ensure_output_folder(arguments.out)
+    if arguments.mode == INTRINSICS:
+        return _run_intrinsics(arguments.capture, board, out, reporter)
     given = arguments.intrinsics
-    known = KnownIntrinsics(read_intrinsics(given, reporter), str(given)) if given else None
+    use = arguments.intrinsics_as or "held"
+    known = read_known_intrinsics(given, board, reporter, use=use) if given else None
     calibration = calibrate(arguments.capture, board, arguments.core, reporter, known=known)
     write_calibration(out, calibration)
     document = make_calibration_document(calibration)
     return {**document, "rig": out / "rig.json", "report": out / "report.html"}
 
 
+def _check_options(arguments: argparse.Namespace) -> None:
+    """Raise SettingsError for options that have no effect."""
+    if arguments.intrinsics_as and not arguments.intrinsics:
+        raise SettingsError(
+            f"--intrinsics-as {arguments.intrinsics_as}: give the intrinsics, with --intrinsics PATH"
+        )
+    if arguments.mode == INTRINSICS:
+        for option in ("core", "intrinsics"):
+            if getattr(arguments, option) is not None:
+                raise SettingsError(f"--{option} has no meaning for single cameras; leave it out")
+
+
+def _run_intrinsics(folder: Path, board: Board, out: Path, reporter: Reporter) -> Mapping[str, Any]:
+    from beltscape.files.intrinsics_json import intrinsics_document
+    from beltscape.pipeline.calibrating.intrinsics import calibrate_intrinsics, write_intrinsics_calibration
+
+    calibration = calibrate_intrinsics(folder, board, reporter)
+    path = write_intrinsics_calibration(out, calibration)
+    return {**intrinsics_document(calibration.to_intrinsics()), "intrinsics": path}
+
+
+def _summarise_intrinsics(result: Mapping[str, Any]) -> str:
+    lines: list[str] = []
+    for name, camera in result["cameras"].items():
+        quality, focal = camera["quality"], camera["focal_px"]
+        held_out: float = quality["held_out_rms_px"]
+        lines.append(
+            f"{name}: focal length {focal[0]:.2f} ± {quality['sigma']['fx']:.2f} px, {quality['views']} of "
+            f"{quality['images']} images; training {quality['rms_px']:.3f} px RMS, held out "
+            + ("unknown" if isnan(held_out) else f"{held_out:.3f} px")
+        )
+    return "\n".join([*lines, f"intrinsics  {result['intrinsics']}"])
+
+
 def summary(result: Mapping[str, Any]) -> str:
     """Return the result in a few lines, findings against the fit first."""
+    if "intrinsics" in result:
+        return _summarise_intrinsics(result)
     score, kind = (result["held_out"], "held out") if result["held_out"] else (result["training"], "training")
-    given = [name for name, camera in result["cameras"].items() if camera["intrinsics"] == "given"]
+    origins = {name: camera["intrinsics"] for name, camera in result["cameras"].items()}
+    given = [
+        name + " (prior)" * (origin == "prior") for name, origin in origins.items() if origin != "estimated"
+    ]
     return "\n".join(
         [
             *format_findings(result["fit"]),
@@ -54,7 +136,20 @@ def summary(result: Mapping[str, Any]) -> str:
             f"{score['median_px']:.3f} px median, square edge {score['square_bias_mm']:+z.4f} mm, "
             f"RMS {score['square_rms_mm']:.4f} mm",
             *([f"intrinsics given: {', '.join(given)}"] if given else []),
+            *_describe_left_out(result["left_out"]),
+            *(f"note: {note}" for note in result["notes"]),
             f"rig     {result['rig']}",
             f"report  {result['report']}",
         ]
     )
+
+
+def _describe_left_out(left_out: Mapping[str, Any]) -> list[str]:
+    """Return the counts of what was left out, with the largest reason; empty if nothing was."""
+    if not left_out["corners"]:
+        return []
+    return [
+        f"left out: {left_out['corners']} of {left_out['of_corners']} corners, {len(left_out['views'])} of "
+        f"{left_out['of_views']} views, {len(left_out['frames'])} of {left_out['of_frames']} frames; "
+        f"{left_out['largest_reason']}"
+    ]

@@ -70,7 +70,7 @@ def read_capture(folder: AnyPath) -> Capture:
     require_finished(folder)
     files: dict[str, dict[str, Path]] = {}
     for camera in sorted((p for p in folder.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name)):
-        images = _images(camera)
+        images = list_images(camera)
         if images:
             files[camera.name] = images
     if not files:
@@ -80,7 +80,8 @@ def read_capture(folder: AnyPath) -> Capture:
     return Capture(folder, files)
 
 
-def _images(camera: Path) -> dict[str, Path]:
+def list_images(camera: Path) -> dict[str, Path]:
+    """Return the images of a folder by frame, in natural order; InputError if a frame is there twice."""
     paths = [p for p in camera.iterdir() if p.suffix.lower() in EXTENSIONS and not p.name.startswith(".")]
     images: dict[str, Path] = {}
     for path in sorted(paths, key=lambda p: (natural_key(p.stem), p.suffix)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -18,6 +18,7 @@ from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_e
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import solve_hierarchy
+from beltscape.calibrate.solver.lens_prior import LensPrior
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Silent
@@ -45,17 +46,21 @@ def cross_validate(
     kernels: Kernels,
     *,
     known: Mapping[str, Camera] | None = None,
+    priors: Mapping[str, LensPrior] | None = None,
 ) -> CrossValidation | None:
     """Score each fold of the frames under the rig of all others; return None if these are too few.
 
     Frames of one pose of the board are in one fold (`folds.list_folds`).
     """
+
+    def solve(views: BoardDetections) -> BundleAdjustmentResult:
+        hierarchy = solve_hierarchy(views, board, core, Silent(), known=known, priors=priors)
+        return adjust_bundle(hierarchy, board)
+
     frames = tuple(frame for frame in detections.frames if _count_cameras(detections, frame) > 1)
     for folds in list_folds(detections, frames):
         with suppress(CalibrationError):
-            return _score_folds(
-                folds, detections.restrict(detections.cameras, frames), board, core, kernels, known
-            )
+            return _score_folds(folds, detections.restrict(detections.cameras, frames), board, kernels, solve)
     return None
 
 
@@ -63,25 +68,18 @@ def _score_folds(
     folds: Sequence[Sequence[str]],
     detections: BoardDetections,
     board: Board,
-    core: str,
     kernels: Kernels,
-    known: Mapping[str, Camera] | None,
+    solve: Callable[[BoardDetections], BundleAdjustmentResult],
 ) -> CrossValidation:
     rigs: list[BundleAdjustmentResult] = []
     rig_errors: list[RigErrors] = []
     for test in folds:
         train = (frame for frame in detections.frames if frame not in test)
-        rigs.append(_calibrate_rig(detections.restrict(detections.cameras, train), board, core, known))
+        rigs.append(solve(detections.restrict(detections.cameras, train)))
         views, corners_mm = detections.restrict(detections.cameras, test), rigs[-1].geometry.points_mm
         rig_errors.append(compute_rig_errors(rigs[-1].rig, views, board, kernels, corners_mm=corners_mm))
     ratio = _compute_split_ratio(rigs[0], rigs[1], kernels) if len(rigs) == 2 else float("nan")
     return CrossValidation(summarise_errors(*rig_errors), ratio)
-
-
-def _calibrate_rig(
-    detections: BoardDetections, board: Board, core: str, known: Mapping[str, Camera] | None
-) -> BundleAdjustmentResult:
-    return adjust_bundle(solve_hierarchy(detections, board, core, Silent(), known=known), board)
 
 
 def _compute_split_ratio(

@@ -13,6 +13,7 @@ from beltscape.calibrate.detection.corners import BoardDetections, Corners
 from beltscape.calibrate.solver.bundle import Bundle
 from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
 from beltscape.calibrate.solver.lens import list_parameters, pack_intrinsics
+from beltscape.calibrate.solver.lens_prior import LensPrior
 from beltscape.calibrate.solver.levenberg_marquardt import minimise
 from beltscape.calibrate.solver.perspective import fit_view_pose
 from beltscape.core.errors import CalibrationError
@@ -42,6 +43,8 @@ class MonocularCalibration:
     """Frame → reason of the rejection."""
     fixed: tuple[str, ...] = ()
     """Fixed parameters: those that the images do not determine, or all of a camera with given intrinsics."""
+    prior: LensPrior | None = None
+    """Given intrinsics that the bundle adjustment takes as a prior; the poses above hold for them."""
 
 
 def calibrate_camera(

@@ -17,8 +17,9 @@ from beltscape.calibrate.assessment.covariance import (
     compute_rig_covariance,
 )
 from beltscape.calibrate.assessment.cross_validation import CrossValidation, cross_validate
-from beltscape.calibrate.assessment.fit_findings import list_calibration_findings
-from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit, compute_camera_fits
+from beltscape.calibrate.assessment.diagnosis import diagnose
+from beltscape.calibrate.assessment.discards import Discards
+from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit
 from beltscape.calibrate.assessment.next_best_view import NextBestView, find_next_best_view
 from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
@@ -64,12 +65,16 @@ class Calibration:
     training: Score
     """Score on the views that the rig was calibrated with; it is optimistic."""
     held_out: Score | None
-    """Score on views that the rig was not calibrated with; None if half of the views are too few."""
+    """Score on views that the rig was not calibrated with; None if the views are too few."""
     fit: FitQuality
     """Assessment of the fit by its own residuals."""
     given: tuple[str, ...]
     """Cameras whose intrinsics were given."""
     warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+    """Remarks that are no faults: what looked like one before the joint adjustment, pixels that are not square."""
+    discards: Discards
+    """Corners, views and frames that the rig was not found from."""
 
     @property
     def score(self) -> Score:
@@ -104,7 +109,7 @@ def calibrate(
     known = known.match_capture(capture, reporter) if known else KnownIntrinsics({})
     detections, variant = detect_rig_board(capture, board, reporter, known=known.cameras)
     known.require_sizes(detections.sizes_px)
-    hierarchy = solve_hierarchy(detections, board, core, reporter, known=known.cameras)
+    hierarchy = solve_hierarchy(detections, board, core, reporter, known=known.cameras, priors=known.priors)
     _require_baselines(hierarchy, folder)
     reporter.step("adjusting everything together", 0, 1)
     adjustment = adjust_bundle(hierarchy, board)
@@ -115,9 +120,13 @@ def calibrate(
     _warn_of_split(halves, reporter)
     training, held_out = summarise_errors(rig_errors), halves.score if halves else None
     foreign = known.find_foreign(hierarchy, detections, board)
-    fits = compute_camera_fits(rig_errors, list_triples(board))
-    findings = list_calibration_findings(hierarchy, fits, halves, training, explained=tuple(foreign))
-    fit = assess_fit(held_out or training, rig_errors, list_triples(board), [*foreign.values(), *findings])
+    triples = list_triples(board)
+    diagnosis = diagnose(
+        hierarchy, adjustment, covariance, triples, rig_errors, halves, explained=tuple(foreign)
+    )
+    for line in diagnosis.discards.frames.values():
+        reporter.warn(line)
+    fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     others = [line for line in reporter.warnings if line not in fit.findings]
     for line in fit.findings:
         reporter.warn(line)
@@ -127,13 +136,14 @@ def calibrate(
         covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
     )
     return Calibration(
-        capture=capture, board=board, variant=variant, detections=detections, hierarchy=hierarchy,
-        adjustment=adjustment, rig=rig, covariance=covariance,
+        capture=capture, board=board, variant=variant, detections=detections,
+        hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment,
+        rig=rig, covariance=covariance,
         depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance),
         next_best_view=find_next_best_view(adjustment, covariance),
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
-        warnings=(*fit.findings, *others),
+        warnings=(*fit.findings, *others), notes=diagnosis.notes, discards=diagnosis.discards,
     )  # fmt: skip
 
 
@@ -165,7 +175,9 @@ def _score_rig(
         adjustment.rig, detections, board, kernels, corners_mm=adjustment.geometry.points_mm
     )
     reporter.step("scoring on held-out views", 0, 1)
-    halves = cross_validate(detections, board, hierarchy.rig.core, kernels, known=known.cameras)
+    halves = cross_validate(
+        detections, board, hierarchy.rig.core, kernels, known=known.cameras, priors=known.priors
+    )
     reporter.step("scoring on held-out views", 1, 1)
     return rig_errors, halves
 

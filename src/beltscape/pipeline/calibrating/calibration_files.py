@@ -90,6 +90,8 @@ def make_calibration_document(calibration: Calibration) -> Mapping[str, Any]:
         ],
         "path_errors": [_make_misclosure_document(error) for error in hierarchy.network.path_errors],
         "loop_errors": [_make_misclosure_document(error) for error in hierarchy.network.loop_errors],
+        "left_out": calibration.discards.document(),
+        "notes": calibration.notes,
         "warnings": calibration.warnings,
     }
 
@@ -113,7 +115,7 @@ def _make_camera_document(calibration: Calibration, name: str) -> Mapping[str, A
             if parameter.startswith(f"{name}.")
         },
         "held": camera.fixed,
-        "intrinsics": "given" if name in calibration.given else "estimated",
+        "intrinsics": _describe_origin(calibration, name),
         "noise_px": adjustment.sigma_px[index],
         "corners": int(of_camera.sum()),
         "corners_left_out": int((of_camera & ~adjustment.used).sum()),
@@ -128,6 +130,13 @@ def _make_camera_document(calibration: Calibration, name: str) -> Mapping[str, A
         "rejected": camera.rejected,
         "path_from_core": calibration.hierarchy.network.paths[name],
     }
+
+
+def _describe_origin(calibration: Calibration, name: str) -> str:
+    """Return where a camera's intrinsics come from: its views, a file, or its views with a file as prior."""
+    if name not in calibration.given:
+        return "estimated"
+    return "given" if calibration.hierarchy.monocular[name].prior is None else "prior"
 
 
 def _make_next_view_document(pose: NextBestView | None) -> Mapping[str, Any] | None:

@@ -3,17 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import EXCESS_FACTOR, EXCESS_PX, HierarchyResult
 from beltscape.calibrate.intrinsics.zhang import calibrate_camera
 from beltscape.calibrate.solver.deterministic import single_thread
+from beltscape.calibrate.solver.lens import list_parameters
+from beltscape.calibrate.solver.lens_prior import LensPrior
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture
+from beltscape.files.exchange import RIG_JSON, detect_format, read_intrinsics
+from beltscape.files.intrinsics_json import Intrinsics, is_intrinsics_file, read_intrinsics_file
+from beltscape.files.rig_json import read_rig
+from beltscape.pipeline.calibrating.board_views import has_board_views
+from beltscape.pipeline.calibrating.intrinsics import calibrate_intrinsics
 from beltscape.target.board import Board, corner_points_mm
+
+IntrinsicsUse = Literal["held", "prior"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,6 +39,8 @@ class KnownIntrinsics:
     """By name."""
     source: str = "known"
     """The file, or another name for messages."""
+    priors: Mapping[str, LensPrior] = field(default_factory=dict[str, LensPrior])
+    """Cameras whose intrinsics are a prior of their adjustment, among ``cameras``; the others are fixed."""
 
     def match_capture(self, capture: Capture, reporter: Reporter) -> KnownIntrinsics:
         """Return the intrinsics of the capture's cameras; warn of names that only one side has.
@@ -49,7 +66,8 @@ class KnownIntrinsics:
             )
         elif unused:
             reporter.warn(f"{self.source}: also holds {', '.join(unused)}, not in {capture.folder}")
-        return KnownIntrinsics(held, self.source)
+        priors = {name: prior for name, prior in self.priors.items() if name in held}
+        return KnownIntrinsics(held, self.source, priors)
 
     def require_sizes(self, sizes_px: Mapping[str, tuple[int, int]]) -> None:
         """Raise InputError if the size of a camera's images differs from that of its intrinsics."""
@@ -90,6 +108,62 @@ class KnownIntrinsics:
                     f"ones, or none"
                 )
         return lines
+
+
+def read_known_intrinsics(
+    path: Path, board: Board, reporter: Reporter, *, use: IntrinsicsUse = "held"
+) -> KnownIntrinsics:
+    """Read intrinsics: an intrinsics.json, a rig.json, another program's file, or a folder of board views.
+
+    Of a folder of views, which each camera takes by itself, the intrinsics are calibrated first. ``use`` as ``prior``
+    needs covariances, which another program's files lack.
+
+    Raises
+    ------
+    InputError
+        When the file cannot be read, or has no covariances though they are needed.
+    """
+    intrinsics = _read_intrinsics(path, board, reporter)
+    if use == "held":
+        return KnownIntrinsics(intrinsics.cameras, str(path))
+    without = [name for name in intrinsics.cameras if name not in intrinsics.covariances]
+    if without:
+        raise InputError(
+            f"{path}: holds no covariance of the intrinsics of {', '.join(without)}, which a prior needs; hold them "
+            "(--intrinsics-as held), or give an intrinsics.json of beltscape calibrate intrinsics"
+        )
+    priors = {
+        name: LensPrior(camera, intrinsics.covariances[name]) for name, camera in intrinsics.cameras.items()
+    }
+    return KnownIntrinsics(intrinsics.cameras, str(path), priors)
+
+
+def _read_intrinsics(path: Path, board: Board, reporter: Reporter) -> Intrinsics:
+    if has_board_views(path):
+        return calibrate_intrinsics(path, board, reporter).to_intrinsics()
+    if is_intrinsics_file(path):
+        return read_intrinsics_file(path)
+    if path.is_file() and detect_format(path) == RIG_JSON:
+        rig = read_rig(path)
+        return Intrinsics(rig.cameras, _find_covariances(rig))
+    return Intrinsics(read_intrinsics(path, reporter))
+
+
+def _find_covariances(rig: Rig) -> dict[str, NDArray[np.float64]]:
+    """Return the covariances of the intrinsics by camera that a rig.json holds, as far as they are estimates."""
+    parameters, matrix = (
+        list(rig.covariance.get("parameters", ())),
+        np.array(rig.covariance.get("matrix", ())),
+    )
+    found: dict[str, NDArray[np.float64]] = {}
+    for name, camera in rig.cameras.items():
+        names = [f"{name}.{parameter}" for parameter in list_parameters(camera.model)]
+        if matrix.ndim == 2 and all(each in parameters for each in names):
+            place = [parameters.index(each) for each in names]
+            block = matrix[np.ix_(place, place)]
+            if (np.diag(block) > 0).any():
+                found[name] = block
+    return found
 
 
 def _describe_unused(names: list[str]) -> str:

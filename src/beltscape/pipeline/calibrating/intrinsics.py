@@ -1,0 +1,167 @@
+"""Intrinsics of single cameras from views that each takes on its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibrate.assessment.folds import list_folds
+from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.detection.detect_capture import detect_board
+from beltscape.calibrate.intrinsics.sensitivity import compute_lens_sensitivity
+from beltscape.calibrate.intrinsics.zhang import MonocularCalibration, calibrate_camera
+from beltscape.calibrate.solver.deterministic import single_thread
+from beltscape.calibrate.solver.lens import list_parameters
+from beltscape.core.errors import CalibrationError
+from beltscape.core.progress import RecordingReporter, Reporter
+from beltscape.files.capture import Capture
+from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.intrinsics_json import Intrinsics, write_intrinsics
+from beltscape.pipeline.calibrating.board_views import read_board_views, split_boards
+from beltscape.target.board import Board, corner_points_mm
+
+Array = NDArray[np.float64]
+
+MAX_HELD_OUT_RATIO, MAX_EXCESS_PX = 1.5, 0.1
+"""Ratio of a camera's held-out RMS to that in training, and px more, above which its views do not determine its lens:
+those of `beltscape.calibrate.assessment.fit_findings`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class IntrinsicsCalibration:
+    """Lenses of the cameras of a capture, each from its own views."""
+
+    capture: Capture
+    detections: BoardDetections
+    monocular: Mapping[str, MonocularCalibration]
+    held_out_px: Mapping[str, float]
+    """By camera: RMS over folds of the views, each under the lens from the others; NaN with too few views."""
+    covariances: Mapping[str, Array]
+    """(W, W) by camera, of fx, fy, cx, cy and the coefficients."""
+    warnings: tuple[str, ...]
+
+    def to_intrinsics(self) -> Intrinsics:
+        """Return the lenses as intrinsics.json holds them."""
+        quality = {name: self._describe_quality(name) for name in self.monocular}
+        cameras = {name: calibration.camera for name, calibration in self.monocular.items()}
+        return Intrinsics(cameras, self.covariances, quality)
+
+    def _describe_quality(self, name: str) -> dict[str, Any]:
+        calibration = self.monocular[name]
+        return {
+            "images": self.detections.images[name],
+            "views": len(calibration.cam_from_board),
+            "rms_px": calibration.rms_px,
+            "held_out_rms_px": self.held_out_px[name],
+            "sigma": dict(calibration.sigma),
+            "held": calibration.fixed,
+            "rejected": dict(calibration.rejected),
+        }
+
+
+def calibrate_intrinsics(folder: AnyPath, board: Board, reporter: Reporter) -> IntrinsicsCalibration:
+    """Calibrate each camera of a capture by itself; the views of different cameras need not be of one instant.
+
+    ``folder`` holds a folder of images for each camera, or the images of one camera.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        With one line that names the fault and the fix, when no camera can be calibrated.
+    """
+    reporter = RecordingReporter(reporter)
+    capture = read_board_views(as_path(folder, "folder"))
+    detections, _ = detect_board(capture, board, reporter)
+    detections = split_boards(detections, board)
+    board_mm = corner_points_mm(board)
+    monocular: dict[str, MonocularCalibration] = {}
+    failures: list[str] = []
+    with single_thread():
+        for done, name in enumerate(detections.cameras, start=1):
+            try:
+                monocular[name] = calibrate_camera(name, detections, board_mm)
+            except CalibrationError as error:
+                failures.append(str(error))
+            reporter.step("calibrating cameras", done, len(detections.cameras))
+        if not monocular:
+            raise CalibrationError(f"{capture.folder}: {failures[0]}")
+        for line in failures:
+            reporter.warn(f"{line}; going on without this camera")
+        held_out = {name: _score_held_out(name, detections, board_mm) for name in monocular}
+        covariances = {
+            name: _compute_covariance(detections, calibration, board_mm)
+            for name, calibration in monocular.items()
+        }
+    for name, calibration in monocular.items():
+        _warn_of_views(name, calibration, held_out[name], reporter)
+    return IntrinsicsCalibration(
+        capture, detections, monocular, held_out, covariances, tuple(reporter.warnings)
+    )
+
+
+def write_intrinsics_calibration(out: Path, calibration: IntrinsicsCalibration) -> Path:
+    """Write intrinsics.json into a folder; return its path."""
+    path = out / "intrinsics.json"
+    write_intrinsics(path, calibration.to_intrinsics())
+    return path
+
+
+def _score_held_out(name: str, detections: BoardDetections, board_mm: Array) -> float:
+    """Return the RMS of the views of each fold under the lens from the other folds; NaN with too few views."""
+    own = detections.restrict((name,), detections.views[name])
+    for folds in list_folds(own, tuple(own.views[name])):
+        try:
+            squares = [_sum_squares(name, own, fold, board_mm) for fold in folds]
+        except CalibrationError:
+            continue
+        total, count = np.sum(squares, axis=0)
+        return float(np.sqrt(total / count))
+    return float("nan")
+
+
+def _sum_squares(
+    name: str, detections: BoardDetections, fold: tuple[str, ...], board_mm: Array
+) -> tuple[float, int]:
+    """Return the sum of squared errors of a fold's corners under the lens from the other views, and their number."""
+    others = detections.restrict((name,), set(detections.views[name]) - set(fold))
+    lens = calibrate_camera(name, others, board_mm).camera
+    test = detections.restrict((name,), fold)
+    fitted = calibrate_camera(name, test, board_mm, known=lens, min_views=1)
+    counts = {frame: len(corners) for frame, corners in test.views[name].items()}
+    squares = sum(counts[frame] * rms**2 for frame, rms in fitted.view_rms_px.items())
+    return squares, sum(counts[frame] for frame in fitted.view_rms_px)
+
+
+def _compute_covariance(
+    detections: BoardDetections, calibration: MonocularCalibration, board_mm: Array
+) -> Array:
+    """Return the covariance (W, W) of a camera's intrinsics from the noise of its corners; 0 for fixed ones."""
+    sensitivity = compute_lens_sensitivity(detections, calibration, board_mm)
+    width = len(list_parameters(calibration.camera.model))
+    free = np.flatnonzero(sensitivity.free[:width])
+    covariance = np.zeros((width, width))
+    covariance[np.ix_(free, free)] = (
+        sensitivity.sigma_px**2 * sensitivity.by_corners.T @ sensitivity.by_corners
+    )
+    return covariance
+
+
+def _warn_of_views(
+    name: str, calibration: MonocularCalibration, held_out_px: float, reporter: Reporter
+) -> None:
+    """Warn if the views do not determine the lens, or do not fit it."""
+    if np.isnan(held_out_px):
+        reporter.warn(
+            f"camera {name}: its {len(calibration.cam_from_board)} views are too few for a held-out score; take ten "
+            "and more, tilted to every side, that fill the image to its corners"
+        )
+    elif held_out_px > max(MAX_HELD_OUT_RATIO * calibration.rms_px, calibration.rms_px + MAX_EXCESS_PX):
+        reporter.warn(
+            f"camera {name}: views that its lens was not calibrated with fit within {held_out_px:.2f} px RMS, the "
+            f"others within {calibration.rms_px:.2f} px: they do not determine its lens; take more at other tilts"
+        )

@@ -1,0 +1,139 @@
+"""``beltscape calibrate intrinsics`` and its file as known intrinsics of a rig."""
+
+from __future__ import annotations
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from beltscape.core.errors import InputError
+from beltscape.core.progress import Silent
+from beltscape.files.intrinsics_json import read_intrinsics_file
+from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.pipeline.calibrating.calibration import calibrate
+from beltscape.pipeline.calibrating.known_intrinsics import read_known_intrinsics
+from tests.synthetic.demo import parse_json
+
+BOARD = 'kind = "charuco"\nsquares = [8, 6]\nsquare_mm = 40\nmarker_mm = 29\ndictionary = "DICT_4X4_50"\n'
+
+
+@pytest.fixture(scope="module")
+def separate(tmp_path_factory, charuco_capture):
+    """Views of the three cameras, none of them of one instant, and the intrinsics from them."""
+    from beltscape.cli.main import main
+
+    folder = tmp_path_factory.mktemp("separate")
+    for k, name in enumerate(charuco_capture.rig.cameras):
+        (folder / "views" / name).mkdir(parents=True)
+        for source in sorted((charuco_capture.folder / name).iterdir()):
+            shutil.copy(source, folder / "views" / name / f"{k}_{source.name}")
+    (folder / "board.toml").write_text(BOARD)
+    words = ["intrinsics", folder / "views", "--board", folder / "board.toml", "--out", folder / "out"]
+    assert main(["calibrate", *map(str, words)]) == 0
+    return folder
+
+
+def test_intrinsics_of_separate_views_agree_with_the_truth_within_their_sigma(separate, charuco_capture):
+    intrinsics = read_intrinsics_file(separate / "out" / "intrinsics.json")
+    for name, true in charuco_capture.rig.cameras.items():
+        found, sigma = intrinsics.cameras[name], np.sqrt(np.diag(intrinsics.covariances[name]))
+        assert (np.abs(found.focal_px - true.focal_px) < 5 * sigma[:2]).all()
+        assert (np.abs(found.center_px - true.center_px) < 5 * sigma[2:4]).all()
+        assert (sigma[:4] < 3).all()
+        assert intrinsics.quality[name]["held_out_rms_px"] < 0.1
+
+
+def test_one_camera_may_be_a_folder_of_images(separate, run, tmp_path):
+    words = separate / "views" / "cam1", "--board", separate / "board.toml", "--out", tmp_path, "--json"
+    code, out, _ = run("calibrate", "intrinsics", *words)
+    assert code == 0
+    assert list(parse_json(out)["cameras"]) == ["cam1"]
+
+
+def test_a_capture_called_intrinsics_is_still_a_capture(
+    separate, run, tmp_path, charuco_capture, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "intrinsics").symlink_to(charuco_capture.folder)
+    code, out, _ = run(
+        "calibrate", "intrinsics", "--board", separate / "board.toml", "--out", "rig", "--json"
+    )
+    assert code == 0
+    assert len(read_rig(tmp_path / "rig" / "rig.json").cameras) == 3
+    assert parse_json(out)["cameras"]["cam0"]["intrinsics"] == "estimated"
+
+
+@pytest.fixture(scope="module")
+def few(tmp_path_factory, charuco_capture):
+    """Four joint frames, too few for good lenses."""
+    folder = tmp_path_factory.mktemp("few")
+    for name in charuco_capture.rig.cameras:
+        (folder / name).mkdir()
+        for source in sorted((charuco_capture.folder / name).iterdir())[:4]:
+            shutil.copy(source, folder / name)
+    return folder
+
+
+@pytest.mark.parametrize("use", ["held", "prior"])
+def test_intrinsics_are_held_or_a_prior(separate, few, charuco_capture, use):
+    board = charuco_capture.board
+    path = separate / "out" / "intrinsics.json"
+    known = read_known_intrinsics(path, board, Silent(), use=use)
+    rig = calibrate(few, board, "cam0", Silent(), known=known).rig
+    for name, true in charuco_capture.rig.cameras.items():
+        prior = known.cameras[name]
+        assert (rig.cameras[name].focal_px == prior.focal_px).all() == (use == "held")
+        assert np.abs(rig.cameras[name].focal_px - true.focal_px).max() < 1.0
+
+
+def test_a_folder_of_views_serves_as_intrinsics(separate, few, run, tmp_path):
+    words = "--board", separate / "board.toml", "--out", tmp_path / "rig", "--json"
+    code, out, _ = run(
+        "calibrate", few, "--intrinsics", separate / "views", "--intrinsics-as", "prior", *words
+    )
+    assert code == 0
+    assert {camera["intrinsics"] for camera in parse_json(out)["cameras"].values()} == {"prior"}
+
+
+def test_intrinsics_without_covariance_are_no_prior(tmp_path, charuco_capture):
+    write_rig(tmp_path / "rig.json", charuco_capture.rig)
+    with pytest.raises(
+        InputError, match="holds no covariance of the intrinsics of cam0, cam1, cam2, which a prior"
+    ):
+        read_known_intrinsics(tmp_path / "rig.json", charuco_capture.board, Silent(), use="prior")
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ({"covariance": [[1.0]]}, "cameras.cam0.covariance must be 9×9 numbers, symmetric"),
+        ({"covariance": (-np.eye(9)).tolist()}, "cameras.cam0.covariance is no covariance"),
+        ({"focal_px": [0, 1]}, "cameras.cam0.focal_px = [0, 1]: must be positive"),
+        ({"distortion": [1]}, "cameras.cam0.distortion has 1 numbers"),
+    ],
+)
+def test_an_invalid_file_is_refused_naming_the_key(separate, tmp_path, change, line):
+    document = json.loads((separate / "out" / "intrinsics.json").read_text())
+    document["cameras"]["cam0"].update(change)
+    path = tmp_path / "intrinsics.json"
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputError) as error:
+        read_intrinsics_file(path)
+    assert line in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["views", "capture"], "give one capture folder, or the word intrinsics and a folder of board views"),
+        (["intrinsics", "views", "--core", "a"], "--core has no meaning for single cameras"),
+        (["views", "--intrinsics-as", "prior"], "give the intrinsics, with --intrinsics PATH"),
+    ],
+)
+def test_options_without_effect_are_refused(run, tmp_path, words, line):
+    code, _, err = run("calibrate", *words, "--board", "board.toml", "--out", tmp_path / "out")
+    assert code == 2
+    assert line in err[-1]
+    assert not (tmp_path / "out").exists()

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
+from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.files.documents.json_text import to_json
@@ -92,6 +93,25 @@ def test_the_keys_are_those_of_the_contract_in_their_order(tmp_path):
     assert list(again["cameras"]["cam0"]) == list(document()["cameras"]["cam0"])
 
 
+@pytest.mark.parametrize("model", MODELS)
+def test_lens_models_are_read_and_written(tmp_path, model):
+    values = document()
+    lens = {
+        "model": model,
+        "distortion": [0.01 * (-1) ** i / (i + 1) for i in range(len(MODELS[model].coefficients))],
+        "valid_radius_px": 380.5,
+    }
+    values["cameras"]["cam1"] = {**values["cameras"]["cam1"], **lens}
+    (tmp_path / "rig.json").write_text(json.dumps(values))
+    camera = read_rig(tmp_path / "rig.json").cameras["cam1"]
+    assert (camera.model, camera.valid_radius_px) == (model, 380.5)
+    np.testing.assert_array_equal(camera.distortion, lens["distortion"])
+    again = json.loads(to_json(rig_document(read_rig(tmp_path / "rig.json"))))["cameras"]["cam1"]
+    if model == "brown":
+        del values["cameras"]["cam1"]["model"]  # files of before name none
+    assert again == values["cameras"]["cam1"]
+
+
 def test_quality_and_covariance_may_be_absent(tmp_path):
     values = document()
     del values["quality"], values["covariance"]
@@ -132,7 +152,25 @@ POSE = "cameras.cam1.cam_from_core"
         ("cameras.cam1.focal_px", [800, 0], f"cameras.cam1.focal_px = [800, 0]: must be positive{MEND}"),
         ("cameras.cam1.focal_px", 800, f"cameras.cam1.focal_px must be 2 numbers{MEND}"),
         ("cameras.cam1.focal_px", [800, "x"], f"cameras.cam1.focal_px must be 2 numbers{MEND}"),
-        ("cameras.cam1.distortion", [0, 0, 0, 0], f"cameras.cam1.distortion must be 5 numbers{MEND}"),
+        (
+            "cameras.cam1.distortion",
+            [0, 0, 0, 0],
+            "cameras.cam1.distortion has 4 numbers, model brown takes 5: k1, k2, p1, p2, k3; 4 are those of "
+            f'"model": "fisheye"{MEND}',
+        ),
+        (
+            "cameras.cam1.distortion",
+            [0] * 6,
+            f"cameras.cam1.distortion has 6 numbers, model brown takes 5: k1, k2, p1, p2, k3{MEND}",
+        ),
+        (
+            "cameras.cam1.model",
+            "omnidirectional",
+            "cameras.cam1.model = 'omnidirectional': must be one of brown, rational, thin_prism, tilted, fisheye"
+            f"{MEND}",
+        ),
+        ("cameras.cam1.valid_radius_px", "far", f"cameras.cam1.valid_radius_px must be a number{MEND}"),
+        ("cameras.cam1.valid_radius_px", -1, f"cameras.cam1.valid_radius_px = -1: must be positive{MEND}"),
         ("cameras.cam1.distortion", [0, 0, 0, 0, None], f"cameras.cam1.distortion must be 5 numbers{MEND}"),
         (
             "cameras.cam1.size_px",

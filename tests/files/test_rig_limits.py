@@ -55,6 +55,22 @@ def test_impossible_rig_is_refused(tmp_path, change, message):
     assert "\n" not in str(caught.value)
 
 
+def test_a_lens_that_turns_back_is_read_with_its_stated_domain(tmp_path):
+    # 1 - 3 · 0.8 r² turns at r = 0.645, about 248 px of the image of 578 px focal length
+    turning = {"distortion": [-0.8, 0, 0, 0, 0]}
+    with pytest.raises(
+        InputError, match=r"of model brown turns back within the image, 248 px from the principal"
+    ):
+        read_rig(edited(tmp_path, lambda c: c["cam3"].update(turning)))
+    with pytest.raises(InputError, match=r"the farthest pixel lies at 260 px"):
+        read_rig(edited(tmp_path, lambda c: c["cam3"].update(turning, valid_radius_px=260)))
+    rig = read_rig(edited(tmp_path, lambda c: c["cam3"].update(turning, valid_radius_px=240)))
+    (odd,) = find_oddities(rig)
+    assert odd.startswith(
+        "camera cam3: its lens is valid up to 240 px from the principal point, the image reaches 402 px"
+    )
+
+
 def test_unusual_rig_is_read_with_a_warning(tmp_path):
     small = read_rig(edited(tmp_path, lambda c: scale_translations(c, 0.02)))
     assert find_refusal(small) is None

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.lens import BROWN, MODELS
 from beltscape.core.geometry.pose import Pose, is_rotation
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.type_guards import is_dict
+from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.manifest import require_finished
 from beltscape.files.folders.paths import AnyPath, as_path
@@ -40,7 +41,7 @@ def rig_document(rig: Rig) -> dict[str, Any]:
                 "size_px": list(camera.size_px),
                 "focal_px": camera.focal_px,
                 "center_px": camera.center_px,
-                "distortion": camera.distortion,
+                **describe_lens(camera),
                 "cam_from_core": {
                     "rotation": rig.cam_from_core[name].rotation,
                     "translation_mm": rig.cam_from_core[name].translation_mm,
@@ -50,6 +51,15 @@ def rig_document(rig: Rig) -> dict[str, Any]:
         },
         "quality": rig.quality,
         "covariance": rig.covariance,
+    }
+
+
+def describe_lens(camera: Camera) -> dict[str, Any]:
+    """Return the keys of a lens; Brown's model, which a file means that names none, is not named."""
+    return {
+        **({} if camera.model == BROWN.name else {"model": camera.model}),
+        "distortion": camera.distortion,
+        **({} if camera.valid_radius_px is None else {"valid_radius_px": camera.valid_radius_px}),
     }
 
 
@@ -79,9 +89,9 @@ def _rig(document: Mapping[str, Any]) -> Rig:
         raise ValueError("cameras must be a table of cameras by name")
     if core not in entries:
         raise ValueError(f"core = {core!r} is not among the cameras {', '.join(entries)}")
-    cameras = {name: _camera(name, f"cameras.{name}", entry) for name, entry in entries.items()}
+    cameras = {name: parse_camera(name, f"cameras.{name}", entry) for name, entry in entries.items()}
     poses = {
-        name: _pose(f"cameras.{name}.cam_from_core", entry["cam_from_core"])
+        name: _pose(f"cameras.{name}.cam_from_core", _value(entry, "cam_from_core", f"cameras.{name}"))
         for name, entry in entries.items()
     }
     at_core = np.column_stack([poses[core].rotation, poses[core].translation_mm])
@@ -100,21 +110,41 @@ def _rig(document: Mapping[str, Any]) -> Rig:
     return rig
 
 
-def _camera(name: str, place: str, entry: Any) -> Camera:
+def parse_camera(name: str, place: str, entry: Any) -> Camera:
+    """Return the intrinsics of an entry of a document at ``place``; ValueError with the first invalid key."""
     size = _numbers(place, entry, "size_px", (2,))
     focal = _numbers(place, entry, "focal_px", (2,))
     if size.min() < 1 or (size % 1).any():
         raise ValueError(f"{place}.size_px = {entry['size_px']}: must be two positive whole numbers")
     if focal.min() <= 0:
         raise ValueError(f"{place}.focal_px = {entry['focal_px']}: must be positive")
-    _value(entry, "cam_from_core", place)
+    model, radius = entry.get("model", BROWN.name), entry.get("valid_radius_px")
+    if model not in MODELS:
+        raise ValueError(f"{place}.model = {model!r}: must be one of {', '.join(MODELS)}")
+    if radius is not None and _numbers(place, entry, "valid_radius_px", ()) <= 0:
+        raise ValueError(f"{place}.valid_radius_px = {radius}: must be positive")
     return Camera(
         name=name,
         size_px=(int(size[0]), int(size[1])),
         focal_px=focal,
         center_px=_numbers(place, entry, "center_px", (2,)),
-        distortion=_numbers(place, entry, "distortion", (5,)),
+        distortion=_distortion(place, entry, model),
+        model=model,
+        valid_radius_px=None if radius is None else float(radius),
     )
+
+
+def _distortion(place: str, entry: Any, model: str) -> NDArray[np.float64]:
+    """Return the coefficients of a lens model; ValueError with their names if their number is another."""
+    names = MODELS[model].coefficients
+    value = _value(entry, "distortion", place)
+    if is_list(value) and len(value) != len(names):
+        fits = [other.name for other in MODELS.values() if len(other.coefficients) == len(value)]
+        raise ValueError(
+            f"{place}.distortion has {len(value)} numbers, model {model} takes {len(names)}: {', '.join(names)}"
+            + (f'; {len(value)} are those of "model": "{fits[0]}"' if fits else "")
+        )
+    return _numbers(place, entry, "distortion", (len(names),))
 
 
 def _pose(place: str, entry: Any) -> Pose:
@@ -131,7 +161,9 @@ def _numbers(place: str, entry: Any, key: str, shape: tuple[int, ...]) -> NDArra
     except (TypeError, ValueError):
         numbers = np.full(shape, np.nan)
     if numbers.shape != shape or not np.isfinite(numbers).all():
-        raise ValueError(f"{place}.{key} must be {'×'.join(map(str, shape))} numbers")
+        raise ValueError(
+            f"{place}.{key} must be {'×'.join(map(str, shape)) + ' numbers' if shape else 'a number'}"
+        )
     return numbers
 
 

@@ -1,6 +1,6 @@
 """Exchange of rigs with OpenCV, Kalibr, COLMAP, ROS and VIC-3D; one module per format.
 
-Every format shares OpenCV's camera axes (x right, y down, z forward) and lens model; they differ in units, in the
+Every format shares OpenCV's camera axes (x right, y down, z forward) and lens models; they differ in units, in the
 direction and the reference of their transforms and in the position of pixel (0, 0). Each module's docstring defines
 its format; a warning with figures reports what a format cannot hold.
 """
@@ -53,6 +53,15 @@ class Format(Protocol):
 def export_rig(path: AnyPath, rig: Rig, kind: str, reporter: Reporter) -> list[Path]:
     """Write ``rig`` at ``path`` in the format ``kind``; warn of what the format cannot hold."""
     path = as_path(path)
+    limited = {
+        name: f"{c.valid_radius_px:.0f}" for name, c in rig.cameras.items() if c.valid_radius_px is not None
+    }
+    if limited:
+        texts = (f"{name} up to {radius} px" for name, radius in limited.items())
+        reporter.warn(
+            f"{path}: lenses were calibrated for a part of the image ({', '.join(texts)} from the principal point); "
+            "only rig.json holds that"
+        )
     if kind in READABLE and kind not in FORMATS:
         raise InputError(f"format {kind!r} is read, not written; there are {', '.join(FORMATS)}")
     with _errors_of(path):

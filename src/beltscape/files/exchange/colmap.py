@@ -2,8 +2,9 @@
 
 One rig; each camera has ``image_prefix`` (``<name>/``, the folder of its images, which is a Beltscape capture's
 layout), ``camera_model_name`` and ``camera_params``: OPENCV [fx, fy, cx, cy, k1, k2, p1, p2], or FULL_OPENCV with
-k3 and zeros for k4, k5, k6. The core has ``ref_sensor`` true and stands first; the others have
-``cam_from_rig_rotation`` (quaternion w, x, y, z) and ``cam_from_rig_translation`` (metres): x_cam = R x_core + t.
+k3, k4, k5, k6, or OPENCV_FISHEYE [fx, fy, cx, cy, k1, k2, k3, k4]. The core has ``ref_sensor`` true and stands
+first; the others have ``cam_from_rig_rotation`` (quaternion w, x, y, z) and ``cam_from_rig_translation`` (metres):
+x_cam = R x_core + t.
 COLMAP's pixel (0, 0) is the *corner* of the top-left pixel, so that its cx, cy are larger by 0.5 than Beltscape's.
 
 COLMAP keeps image sizes in its database, not here; ``width`` and ``height`` are written beside its own keys, which
@@ -43,6 +44,9 @@ LAYOUTS: dict[str, tuple[list[int], list[int]]] = {
     "RADIAL": ([0, 0, 1, 2], [0, 1]),
     "OPENCV": ([0, 1, 2, 3], [0, 1, 2, 3]),
     "FULL_OPENCV": ([0, 1, 2, 3], [0, 1, 2, 3, 4, 5, 6, 7]),
+    "OPENCV_FISHEYE": ([0, 1, 2, 3], [0, 1, 2, 3]),
+    "SIMPLE_RADIAL_FISHEYE": ([0, 0, 1, 2], [0]),
+    "RADIAL_FISHEYE": ([0, 0, 1, 2], [0, 1]),
 }
 """Model → indices of fx, fy, cx, cy among its parameters, and the indices of OpenCV's coefficients after them."""
 
@@ -97,13 +101,14 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
 
 
 def _intrinsics(camera: Camera) -> dict[str, Any]:
+    values.require_writable(camera, "COLMAP", ("brown", "rational", "fisheye"))
     params = [*camera.focal_px, *(camera.center_px + CORNER_TO_CENTRE_PX), *camera.distortion[:4]]
-    if camera.distortion[4] == 0:
+    if camera.model == "fisheye":
+        return {"camera_model_name": "OPENCV_FISHEYE", "camera_params": params}
+    if camera.model == "brown" and camera.distortion[4] == 0:
         return {"camera_model_name": "OPENCV", "camera_params": params}
-    return {
-        "camera_model_name": "FULL_OPENCV",
-        "camera_params": [*params, camera.distortion[4], 0.0, 0.0, 0.0],
-    }
+    rest = np.concatenate([camera.distortion[4:], np.zeros(8 - len(camera.distortion))])
+    return {"camera_model_name": "FULL_OPENCV", "camera_params": [*params, *rest]}
 
 
 def _names(entries: list[Any]) -> list[str]:
@@ -119,7 +124,7 @@ def _names(entries: list[Any]) -> list[str]:
 
 
 def _camera(name: str, entry: Any) -> Camera:
-    fix = "let COLMAP use OPENCV or FULL_OPENCV"
+    fix = "let COLMAP use OPENCV, FULL_OPENCV or OPENCV_FISHEYE"
     model = values.require_value(entry, "camera_model_name", name)
     intrinsic, distorting = LAYOUTS[
         values.require_known(model, f"{name}.camera_model_name", tuple(LAYOUTS), fix)
@@ -134,14 +139,20 @@ def _camera(name: str, entry: Any) -> Camera:
         raise ValueError(
             f'{name}: COLMAP keeps image sizes in its database; add "width" and "height" beside camera_params'
         )
-    pinhole = params[intrinsic]
+    pinhole, place = params[intrinsic], f"{name}.camera_params"
+    lens, coefficients = (
+        ("fisheye", coefficients[:4])
+        if str(model).endswith("FISHEYE")
+        else values.require_lens(coefficients, place)
+    )
     return values.make_camera(
         name,
         name,
         [entry["width"], entry["height"]],
         pinhole[[FX, FY]],
         pinhole[[CX, CY]] - CORNER_TO_CENTRE_PX,
-        values.require_distortion(coefficients, f"{name}.camera_params"),
+        coefficients,
+        lens,
     )
 
 

@@ -2,7 +2,8 @@
 
 Cameras are ``cam0``, ``cam1``, …; ``cam0`` is the core, then the others in the rig's order. Each has
 ``camera_model`` pinhole, ``intrinsics`` [fu, fv, pu, pv] in px, ``distortion_model`` radtan with
-``distortion_coeffs`` [k1, k2, r1, r2] (OpenCV's k1, k2, p1, p2), ``resolution`` [width, height], and from ``cam1``
+``distortion_coeffs`` [k1, k2, r1, r2] (OpenCV's k1, k2, p1, p2), or equidistant with [k1, k2, k3, k4] of the fisheye
+model, ``resolution`` [width, height], and from ``cam1``
 on ``T_cn_cnm1``: 4×4, brings points from the camera before into this one, translation in metres. Pixel (0, 0) is
 the centre of the top-left pixel: Kalibr takes OpenCV's corners.
 
@@ -25,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_dict
@@ -33,7 +35,9 @@ from beltscape.files.exchange.documents import read_document, to_floats, write_y
 from beltscape.files.exchange.radtan import fit_without_k3
 from beltscape.files.exchange.rig_description import RigDescription, names_core_first
 
-FIX = "calibrate with pinhole-radtan"
+FIX = "calibrate with pinhole-radtan or pinhole-equi"
+DISTORTIONS = {"radtan": "brown", "equidistant": "fisheye", "none": "brown"}
+"""Kalibr's distortion models that are known, and the lens models they are."""
 
 
 def is_of_format(document: Any) -> bool:
@@ -77,16 +81,23 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
 
 
 def _intrinsics(camera: Camera, warn: Callable[[str], None]) -> dict[str, Any]:
+    values.require_writable(camera, "Kalibr", ("brown", "fisheye"))
+    if camera.model == "fisheye":
+        return _entry(camera, "equidistant", camera.distortion)
     coefficients, rms_px, largest_px = fit_without_k3(camera)
     if camera.distortion[4] != 0:
         warn(
             f"camera {camera.name}: Kalibr's radtan has no k3 ({camera.distortion[4]:.4g}); k1, k2, p1, p2 were "
             f"refitted, which moves the image by {rms_px:.2g} px RMS, {largest_px:.2g} px at most"
         )
+    return _entry(camera, "radtan", coefficients)
+
+
+def _entry(camera: Camera, model: str, coefficients: NDArray[np.float64]) -> dict[str, Any]:
     return {
         "camera_model": "pinhole",
         "distortion_coeffs": to_floats(coefficients),
-        "distortion_model": "radtan",
+        "distortion_model": model,
         "intrinsics": to_floats([*camera.focal_px, *camera.center_px]),
         "resolution": list(camera.size_px),
     }
@@ -111,15 +122,17 @@ def _camera(name: str, key: str, entry: Any) -> Camera:
         values.require_value(entry, "camera_model", key), f"{key}.camera_model", ("pinhole",), FIX
     )
     model = values.require_value(entry, "distortion_model", key)
-    values.require_known(model, f"{key}.distortion_model", ("radtan", "none"), FIX)
+    lens = DISTORTIONS[values.require_known(model, f"{key}.distortion_model", tuple(DISTORTIONS), FIX)]
     listed = values.require_numbers(values.require_value(entry, "intrinsics", key), f"{key}.intrinsics", 4)
     distortion: NDArray[np.float64] = np.zeros(4)
-    if model == "radtan":
+    if model != "none":
         distortion = values.require_numbers(
             values.require_value(entry, "distortion_coeffs", key), f"{key}.distortion_coeffs", 4
         )
     size = values.require_value(entry, "resolution", key)
-    return values.make_camera(name, key, size, listed[:2], listed[2:], [*distortion, 0.0])
+    return values.make_camera(
+        name, key, size, listed[:2], listed[2:], [*distortion, 0.0][: len(MODELS[lens].coefficients)], lens
+    )
 
 
 def _pose(key: str, entry: Any, warn: Callable[[str], None]) -> Pose:

@@ -1,9 +1,9 @@
 """OpenCV FileStorage YAML.
 
 Written: one file with ``core``, ``units`` and the list ``cameras``; each has ``name`` and what OpenCV's calibration
-sample writes (``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` k1, k2, p1, p2,
-k3), and ``R``, ``T`` as `cv2.stereoCalibrate` gives them with the core as its first camera: x_cam = R x_core + T, T
-in mm. Nothing is lost but quality and covariance.
+sample writes (``image_width``, ``image_height``, ``camera_matrix``, ``distortion_coefficients`` of 5, 8, 12 or 14
+numbers, or ``fisheye_model`` 1 and 4 of `cv2.fisheye`), and ``R``, ``T`` as `cv2.stereoCalibrate` gives them with the
+core as its first camera: x_cam = R x_core + T, T in mm. Nothing is lost but quality and covariance.
 
 Read: that, or one camera's file of OpenCV's sample (also with its older capital letters), or a folder of these,
 whose cameras are named by file and have no poses. Pixel (0, 0) is the centre of the top-left pixel, as in
@@ -56,6 +56,7 @@ def write(path: Path, rig: Rig, warn: Callable[[str], None]) -> list[Path]:  # n
             "image_width": camera.size_px[0],
             "image_height": camera.size_px[1],
             "camera_matrix": _matrix(camera.matrix),
+            **({"fisheye_model": 1} if camera.model == "fisheye" else {}),
             "distortion_coefficients": _matrix(camera.distortion[None]),
             "R": _matrix(rig.cam_from_core[name].rotation),
             "T": _matrix(rig.cam_from_core[name].translation_mm[:, None]),
@@ -94,10 +95,9 @@ def _read_camera(name: str, document: Any, place: str) -> Camera:
         raise ValueError(f"{place} must be a table with camera_matrix and distortion_coefficients")
     entry = {str(key).lower(): item for key, item in document.items()}
     model = "fisheye" if entry.get("fisheye_model") else entry.get("distortion_model", "plumb_bob")
-    values.require_known(
-        model, f"{place}.distortion_model", ("plumb_bob",), "calibrate with cv2.calibrateCamera"
-    )
-    return values.require_camera(name, entry, place)
+    known = ("plumb_bob", "rational_polynomial", "fisheye", "equidistant")
+    values.require_known(model, f"{place}.distortion_model", known, "calibrate with cv2.calibrateCamera")
+    return values.require_camera(name, entry, place, is_fisheye=model in ("fisheye", "equidistant"))
 
 
 def _pose(document: dict[str, Any], name: str, entry: Any, warn: Callable[[str], None]) -> Pose:

@@ -1,7 +1,8 @@
 """ROS camera_info YAML, one file per camera in a folder, and ``extrinsics.yaml`` beside them.
 
 ``<camera>.yaml`` is what camera_calibration_parsers reads: ``image_width``, ``image_height``, ``camera_name``,
-``camera_matrix``, ``distortion_model`` plumb_bob, ``distortion_coefficients`` (k1, k2, p1, p2, k3),
+``camera_matrix``, ``distortion_model`` plumb_bob with the ``distortion_coefficients`` k1, k2, p1, p2, k3,
+rational_polynomial with k4, k5, k6 as well, or equidistant with k1, k2, k3, k4 of the fisheye model,
 ``rectification_matrix`` (the identity) and ``projection_matrix`` ([K | 0]: an undistorted single camera). Pixel (0,
 0) is the centre of the top-left pixel, as in Beltscape.
 
@@ -33,6 +34,8 @@ from beltscape.files.exchange.quaternion import rotation_from_wxyz, wxyz_from_ro
 from beltscape.files.exchange.rig_description import RigDescription
 from beltscape.files.folders.atomic import ensure_output_folder
 
+DISTORTIONS = {"brown": "plumb_bob", "rational": "rational_polynomial", "fisheye": "equidistant"}
+"""Lens models and their names in sensor_msgs/distortion_models.hpp."""
 EXTRINSICS = "extrinsics.yaml"
 SUFFIX = "_optical_frame"
 
@@ -78,12 +81,13 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
 
 
 def _camera_info(camera: Camera) -> dict[str, Any]:
+    values.require_writable(camera, "ROS", tuple(DISTORTIONS))
     return {
         "image_width": camera.size_px[0],
         "image_height": camera.size_px[1],
         "camera_name": camera.name,
         "camera_matrix": _matrix(camera.matrix),
-        "distortion_model": "plumb_bob",
+        "distortion_model": DISTORTIONS[camera.model],
         "distortion_coefficients": _matrix(camera.distortion[None]),
         "rectification_matrix": _matrix(np.eye(3)),
         "projection_matrix": _matrix(np.column_stack([camera.matrix, np.zeros(3)])),
@@ -93,13 +97,14 @@ def _camera_info(camera: Camera) -> dict[str, Any]:
 def _camera(file: Path, document: Any) -> Camera:
     place = file.name
     values.require_value(document, "camera_matrix", place)
-    values.require_known(
+    model = values.require_known(
         document.get("distortion_model", "plumb_bob"),
         f"{place}.distortion_model",
-        ("plumb_bob", "rational_polynomial"),
+        (*DISTORTIONS.values(), "fisheye"),
         "calibrate with plumb_bob",
     )
-    return values.require_camera(str(document.get("camera_name") or file.stem), document, place)
+    name = str(document.get("camera_name") or file.stem)
+    return values.require_camera(name, document, place, is_fisheye=model in ("equidistant", "fisheye"))
 
 
 def _transform(rig: Rig, name: str) -> dict[str, Any]:

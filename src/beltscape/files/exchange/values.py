@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.type_guards import is_dict
 
@@ -70,30 +71,51 @@ def split_camera_matrix(
     return np.diag(k)[:2].copy(), k[:2, 2].copy()
 
 
-def require_distortion(coefficients: NDArray[np.float64], place: str) -> NDArray[np.float64]:
-    """Return k1, k2, p1, p2, k3 (5,) of OpenCV's 0, 4, 5, 8, 12 or 14 coefficients; those past k3 must be zero."""
+def require_lens(coefficients: NDArray[np.float64], place: str) -> tuple[str, NDArray[np.float64]]:
+    """Return the smallest lens model that holds OpenCV's 0, 4, 5, 8, 12 or 14 coefficients, and its coefficients."""
     if coefficients.size not in (0, 4, 5, 8, 12, 14):
-        raise ValueError(f"{place} has {coefficients.size} coefficients: must be k1, k2, p1, p2 and maybe k3")
-    if coefficients[5:].any():
         raise ValueError(
-            f"{place} = {coefficients.tolist()}: only k1, k2, p1, p2, k3 are known; calibrate without the rational, "
-            f"thin prism and tilted models"
+            f"{place} has {coefficients.size} coefficients: must be 4, 5, 8, 12 or 14 (k1, k2, p1, p2, k3, …)"
         )
-    return np.concatenate([coefficients[:5], np.zeros(5 - coefficients[:5].size)])
+    counts = {name: len(MODELS[name].coefficients) for name in ("brown", "rational", "thin_prism", "tilted")}
+    model = next(name for name, count in counts.items() if not coefficients[count:].any())
+    taken = coefficients[: counts[model]]
+    return model, np.concatenate([taken, np.zeros(counts[model] - taken.size)])
 
 
-def require_camera(name: str, entry: Any, place: str) -> Camera:
+def require_fisheye(coefficients: NDArray[np.float64], place: str) -> NDArray[np.float64]:
+    """Return k1, k2, k3, k4 (4,) of the fisheye model."""
+    if coefficients.size != 4:
+        raise ValueError(f"{place} has {coefficients.size} coefficients: a fisheye has k1, k2, k3, k4")
+    return coefficients
+
+
+def require_writable(camera: Camera, program: str, models: tuple[str, ...]) -> None:
+    """Refuse a lens model that another program does not have."""
+    if camera.model not in models:
+        raise ValueError(
+            f"camera {camera.name}: {program} has no lens model like {camera.model}; calibrate with --lens-model "
+            f"{' or '.join(models)}, or export to opencv"
+        )
+
+
+def require_camera(name: str, entry: Any, place: str, *, is_fisheye: bool = False) -> Camera:
     """Return the camera of a table with the keys that OpenCV's samples and ROS share."""
     k = require_matrix(require_value(entry, "camera_matrix", place), f"{place}.camera_matrix", 3, 3)
     where = f"{place}.distortion_coefficients"
     coefficients = require_matrix(require_value(entry, "distortion_coefficients", place), where, -1)
     size = [require_value(entry, key, place) for key in ("image_width", "image_height")]
     focal, center = split_camera_matrix(k, f"{place}.camera_matrix")
-    return make_camera(name, place, size, focal, center, require_distortion(coefficients, where))
+    model, coefficients = (
+        ("fisheye", require_fisheye(coefficients, where)) if is_fisheye else require_lens(coefficients, where)
+    )
+    return make_camera(name, place, size, focal, center, coefficients, model)
 
 
-def make_camera(name: str, place: str, size: Any, focal: Any, center: Any, coefficients: Any) -> Camera:
-    """Return a camera of checked size (width, height), focal length, principal point (px) and distortion (5,)."""
+def make_camera(
+    name: str, place: str, size: Any, focal: Any, center: Any, coefficients: Any, model: str = "brown"
+) -> Camera:
+    """Return a camera of checked size (width, height), focal length and principal point (px), with its lens."""
     size_px = require_numbers(size, f"{place}: image width and height", 2)
     if size_px.min() < 1 or (size_px % 1).any():
         raise ValueError(f"{place}: image width and height = {size}: must be positive whole numbers")
@@ -105,6 +127,7 @@ def make_camera(name: str, place: str, size: Any, focal: Any, center: Any, coeff
         focal_px=np.asarray(focal, dtype=np.float64),
         center_px=np.asarray(center, dtype=np.float64),
         distortion=np.asarray(coefficients, dtype=np.float64),
+        model=model,
     )
 
 

@@ -163,9 +163,10 @@ class SynchronisationMonitor:
         middle = 1e-3 * float(np.median([one.delay_ms for one in recent])) * speed_mm_s
         delay = Delay(middle, newest.sigma_mm, speed_mm_s)
         limit = self._settings.skew_ms
+        if not newest.exceeds(limit):
+            return delay
         # an unusual check that is not confirmed yet neither passes nor accuses
-        is_open = newest.exceeds(limit) and (len(recent) < _CONFIRMING or not delay.exceeds(limit))
-        return None if is_open else delay
+        return newest if len(recent) >= _CONFIRMING and delay.exceeds(limit) else None
 
     def _make_finding(
         self, name: str, delay: Delay | None, along: NDArray[np.float64], distance_mm: float

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.calibrate.detection.corners import BoardDetections, Corners
 from beltscape.core.geometry.camera import Camera
@@ -70,7 +71,7 @@ def _turn_towards(forward: np.ndarray) -> np.ndarray:
 
 
 def detect(
-    rig: Rig, poses: Sequence[Pose], noise_px: float, seed: int, bend_mm: Sequence[float] | float = 0.0
+    rig: Rig, poses: Sequence[Pose], noise_px: float, seed: int, bend_mm: NDArray[np.float64] | float = 0.0
 ) -> BoardDetections:
     """Return the corners of a board that bends by ``bend_mm`` (in each frame) in all cameras' images."""
     rng = np.random.default_rng(seed)

@@ -26,6 +26,10 @@ from beltscape.core.progress import Silent
 
 MIN_SHIFT = 0.02
 """A start was off if the adjustment moved its focal length by this share of it; good starts are within 0.002."""
+AGREEMENT = (
+    "pairs of cameras did not agree with the lenses that their own views gave; with those of the joint "
+    "adjustment they do"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +37,7 @@ class Retest:
     """The network under the adjusted lenses, and what this explains of its first test."""
 
     hierarchy: HierarchyResult
-    """With the network of the adjusted lenses if the first test had findings; else unchanged."""
+    """With the network of the adjusted lenses if these refute findings of the first test; else unchanged."""
     notes: tuple[str, ...]
     """What the first test found and the second refutes, in one line each; no faults."""
 
@@ -49,11 +53,9 @@ def retest_network(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResul
             again = _rebuild_network(hierarchy, adjustment)
     except CalibrationError:  # no pose fits a pair under these lenses: the first test stands
         return Retest(hierarchy, tuple(notes))
-    if len(list_network_findings(again)) < len(first):
-        notes += _describe_starts(hierarchy, adjustment) or [
-            "pairs of cameras did not agree with the lenses that their own views gave; with those of the joint "
-            "adjustment they do"
-        ]
+    if len(list_network_findings(again)) >= len(first):
+        return Retest(hierarchy, tuple(notes))
+    notes += _describe_starts(hierarchy, adjustment) or [AGREEMENT]
     return Retest(again, tuple(notes))
 
 

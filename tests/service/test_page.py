@@ -454,7 +454,7 @@ def test_engineers_set_the_zero_after_seeing_what_was_measured(site):
     page.click("#zero-next")
     page.wait_for_selector("#zero-dialog .problem:visible")
     assert (
-        read_text(page, "#zero-dialog .problem") == "Nur 40 % des Bandes sind frei: Band leeren und reinigen."
+        read_text(page, "#zero-dialog .problem") == "Nur 40\u00a0% des Bandes sind frei: Band leeren und reinigen."
     )
     plant.zero_refusal = ""
     page.click("#zero-next")

@@ -2,7 +2,7 @@
 import { post } from "./api.js";
 import { $, create_element, create_icon, set_text, sync_children } from "./dom.js";
 import { store } from "./store.js";
-import { format_moment, format_number, format_percent, format_significant, get_language, has_text, t } from "./texts.js";
+import { format_measured, format_moment, format_number, format_percent, format_plain, format_significant, get_language, has_text, t } from "./texts.js";
 
 const SEVERITY_ORDER = { critical: 0, warning: 1, info: 2 };
 const STATE_ORDER = { raised: 0, gone: 1, acknowledged: 2, clear: 3 };
@@ -23,17 +23,27 @@ export function format_value(value, unit) {
   return unit === "%" ? format_percent(value / 100, Math.abs(value) < 9.95 ? 1 : 0) : `${format_significant(value)}\u00a0${unit}`;
 }
 
+/** Return a check's value with its standard deviation, if it is known. */
+export function format_value_and_sigma(value, sigma, unit) {
+  if (!sigma) return format_value(value, unit);
+  return `${format_measured(value, sigma)}${unit && unit !== "1" ? `\u00a0${unit}` : ""}`;
+}
+
+export function format_limit(limit, unit) {
+  return `${format_plain(limit)}${unit && unit !== "1" ? `\u00a0${unit}` : ""}`;
+}
+
 function format_value_and_limit(alarm) {
   if (alarm.value == null) return "";
   const value = format_value(alarm.value, alarm.unit);
-  return alarm.limit == null ? value : t("alarms.limit", { value, limit: format_value(alarm.limit, alarm.unit) });
+  return alarm.limit == null ? value : t("alarms.limit", { value, limit: format_limit(alarm.limit, alarm.unit) });
 }
 
 /** Return a camera's or an alarm's cause in the chosen language; null without a text. */
 export function translate_cause(cause, values) {
   if (!cause || !has_text(`cause.${cause}`)) return null;
-  const shown = Object.fromEntries(Object.entries(values ?? {}).map(([name, value]) => [name, typeof value === "number" ? (Number.isInteger(value) ? format_number(value) : format_significant(value)) : value]));
-  return t(`cause.${cause}`, shown);
+  const shown = Object.fromEntries(Object.entries(values ?? {}).map(([name, value]) => [name, typeof value === "number" ? format_plain(value) : value]));
+  return t(`cause.${cause}`, shown).replaceAll(" %", "\u00a0%");
 }
 
 /** Return the fault and the fix in the chosen language; a check's own text in English. */

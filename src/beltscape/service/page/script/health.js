@@ -1,5 +1,5 @@
 // The engineer's view of the system's checks: state, trend and limit of each, and the cameras' pictures with the place of a fault.
-import { explain, format_title, format_value } from "./alarms.js";
+import { explain, format_limit, format_title, format_value, format_value_and_sigma } from "./alarms.js";
 import { get } from "./api.js";
 import { $, create_element, create_icon, create_svg, set_text, sync_children } from "./dom.js";
 import { store } from "./store.js";
@@ -26,6 +26,7 @@ function build() {
     ...Object.keys(PERIODS).map((name) => create_element("button", { type: "button", "data-period": name, "data-text": `chart.${name}`, on: { click: () => choose_period(name) } })));
   const panel = (name, key, ...inside) => create_element("section", { class: `panel ${name}` }, create_element("header", {}, create_element("h2", { "data-text": key }), ...inside.slice(0, 1)), ...inside.slice(1));
   $("health-view").append(
+    create_element("p", { class: "printed", id: "health-printed" }),
     panel("pictures", "health.pictures", create_element("span"), create_element("ul", { id: "health-pictures" }), create_element("p", { class: "nothing", id: "health-pictures-none", "data-text": "cameras.none" })),
     zero.create_panel(),
     panel("checks", "health.checks", periods, create_element("p", { class: "problem", id: "health-problem", role: "alert", hidden: true }), create_element("p", { class: "soft", id: "health-summary" }), create_element("ul", { id: "checks" }), create_element("p", { class: "nothing", id: "health-none", "data-text": "health.none", hidden: true })));
@@ -74,6 +75,7 @@ function render() {
   set_text($("health-summary"), listed.length ? t(faults ? "health.faults" : "health.sound", { faults, checks: listed.length }) : "");
   sync_children($("checks"), listed, get_key, create_check, update_check);
   zero.show(listed);
+  set_text($("health-printed"), `${store.page?.plant || t("title")} · ${format_date_time(Date.now() + store.clock_ms)}`);
   show_pictures();
   load_trends();
 }
@@ -92,9 +94,9 @@ function update_check(item, one) {
   if (item.dataset.state !== state) chip.replaceChild(create_icon(ICON[state]), chip.firstChild);
   item.dataset.state = state;
   set_text(chip.lastChild, t(`health.${state}`));
-  const parts = [one.value == null ? t("health.not_measured") : format_value(one.value, one.unit), one.value != null && one.sigma ? `±\u00a0${format_value(one.sigma, one.unit)}` : "",
-    one.limit == null ? "" : `· ${t("health.limit", { limit: format_value(one.limit, one.unit) })}`, one.age_s > 10 ? `· ${t("health.age", { age: format_duration(one.age_s) })}` : ""];
-  set_text(value, parts.filter(Boolean).join(" "));
+  const parts = [one.value == null ? "" : format_value_and_sigma(one.value, one.sigma, one.unit),
+    one.limit == null ? "" : t("health.limit", { limit: format_limit(one.limit, one.unit) }), one.value != null && one.age_s > 10 ? t("health.age", { age: format_duration(one.age_s) }) : ""];
+  set_text(value, parts.filter(Boolean).join(" · "));
   set_text(help, one.fault ? explain({ name: get_key(one), detail: one.text, cause: one.cause, values: one.values }) : "");
   help.hidden = !one.fault;
   item.check = one;

@@ -68,6 +68,15 @@ export function format_significant(value) {
   return format_number(value, size >= 99.5 || size === 0 ? 0 : size >= 9.95 ? 1 : size >= 0.995 ? 2 : 3);
 }
 
+/** Return a number that was given or is rounded already, without zeros at its end. */
+export const format_plain = (value) => get_format("NumberFormat", { maximumSignificantDigits: 4 }).format(value);
+
+/** Return a value with its uncertainty: this has two significant digits, and the value ends where it does. */
+export function format_measured(value, sigma) {
+  const digits = Math.min(Math.max(1 - Math.floor(Math.log10(sigma)), 0), 4);
+  return `${format_number(value, digits)}\u00a0±\u00a0${format_number(sigma, digits)}`;
+}
+
 /** Return an uncertainty with two significant digits. */
 export function format_uncertainty(value) {
   if (value == null || !Number.isFinite(value)) return "";

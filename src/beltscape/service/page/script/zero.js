@@ -1,5 +1,5 @@
 // The zero of the empty belt: an engineer measures it, sees the result, and confirms it.
-import { format_value, translate_cause } from "./alarms.js";
+import { format_value_and_sigma, translate_cause } from "./alarms.js";
 import { post } from "./api.js";
 import { $, create_element, set_text } from "./dom.js";
 import { format_number, get_language, t } from "./texts.js";
@@ -14,7 +14,7 @@ export function create_panel() {
 /** Show where the bare belt lies, from the newest findings. */
 export function show(checks) {
   const found = ["zero_drift", "zero_shift"].map((name) => checks.find((one) => one.check === name && one.value != null)).find(Boolean);
-  set_text($("zero-present"), found ? t("zero.present", { value: `${format_value(found.value, found.unit)} ±\u00a0${format_value(found.sigma, found.unit)}` }) : t("zero.unknown"));
+  set_text($("zero-present"), found ? t("zero.present", { value: format_value_and_sigma(found.value, found.sigma, found.unit) }) : t("zero.unknown"));
 }
 
 function open() {

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 FILE = "audit.jsonl"
+_ENTRY_BYTES = 1024
+"""Bytes per entry from which the latest entries are read; an entry has some 200."""
 _MAX_VALUE_LENGTH = 300
 """Longer values are cut, so that no request can fill the log."""
 
@@ -57,7 +59,7 @@ class Audit:
         with self._lock:
             try:
                 with self.path.open("rb") as file:
-                    file.seek(max(0, file.seek(0, os.SEEK_END) - 1024 * count))
+                    file.seek(max(0, file.seek(0, os.SEEK_END) - _ENTRY_BYTES * count))
                     lines = file.read().splitlines()
             except OSError:
                 return []

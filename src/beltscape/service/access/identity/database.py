@@ -26,6 +26,8 @@ CREATE TABLE IF NOT EXISTS facts(key TEXT PRIMARY KEY, value TEXT NOT NULL) STRI
 """
 
 
+_BUSY_S = 5.0
+"""Time to wait while `beltscape users` writes; SQLite's default."""
 _CHECK_S = 5.0
 """Interval at which ``trouble`` reads the file, so that damage is noticed before somebody signs in."""
 
@@ -130,7 +132,7 @@ class Database:
 
 def _open(path: Path) -> sqlite3.Connection:
     """Open the database and create its tables; sqlite3.DatabaseError if it is damaged."""
-    connection = sqlite3.connect(path, timeout=5, isolation_level=None, check_same_thread=False)
+    connection = sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None, check_same_thread=False)
     try:
         connection.executescript(
             "PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL; PRAGMA foreign_keys=ON;" + _SCHEMA

@@ -25,13 +25,12 @@ template <class T>
 using Grid = Array<T, kAny, kAny>;
 template <class T>
 using Stack = Array<T, kAny, kAny, kAny>;
-using PackedView = Array<const float, 21>;  // a View
-using PackedViews = Array<const float, kAny, 21>;
+using PackedView = Array<const float, kViewFloats>;  // a View
+using PackedViews = Array<const float, kAny, kViewFloats>;
 
 #ifndef __CUDACC__
 inline View view_of(const float* packed) {
     View view;
-    static_assert(sizeof view == 21 * sizeof(float));
     __builtin_memcpy(&view, packed, sizeof view);
     return view;
 }

@@ -149,6 +149,22 @@ BELTSCAPE_INLINE F broadcast(T value) {
     return value - F{};  // keeps -0; setting lanes one by one costs an instruction each
 }
 
+// The angle whose tangent is a >= 0, to 1.1e-7 (S. L. Moshier's atanf of the Cephes library, 1989, with the low
+// parts of pi/2 and pi/4).
+template <class F>
+BELTSCAPE_INLINE F arc_tangent(F a) {
+    const MaskOf<F> is_steep = a > 2.41421356f, is_middle = a > 0.414213562f;
+    const F turned = select(is_steep, -1.0f / a, (a - 1.0f) / (a + 1.0f));
+    const F x = select(is_middle, turned, a), xx = x * x;
+    const F series = multiply_add(
+        xx, multiply_add(xx, multiply_add(xx, 8.05374449538e-2f, -1.38776856032e-1f), 1.99777106478e-1f),
+        -3.33329491539e-1f);
+    const F high = select(is_steep, broadcast<F>(1.57079637f), broadcast<F>(0.785398185f));
+    const F low = select(is_steep, broadcast<F>(-4.37113883e-8f), broadcast<F>(-2.18556941e-8f));
+    const F angle = multiply_add(xx * series, x, x);
+    return select(is_middle, high + (angle + low), angle);
+}
+
 // 0, 1, 2, ...: the columns of a row's lanes, for `broadcast<IntOf<F>>(x) + lane_numbers<F>()`.
 template <class F>
 BELTSCAPE_INLINE IntOf<F> lane_numbers() {

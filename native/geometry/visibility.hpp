@@ -98,7 +98,7 @@ inline void inverse_depth_buffers(const BuffersInput& in, std::size_t threads,
                                   const std::vector<Grid<float>>& buffers) {
     const int height = in.s.height(), width = in.s.width();
     for_jobs(buffers.size(), threads, [&](std::size_t i) {
-        const View view = view_of(in.views.data + 21 * i);
+        const View view = view_of(in.views.data + kViewFloats * i);
         for (int v = 0; v < height; ++v)
             splat_row<Floats>(view, in.s.row(v), v, width, buffers[i].width(), buffers[i].height(),
                               buffers[i].data);

@@ -172,7 +172,7 @@ inline void normal_equations(const NormalEquationsInput& in, std::size_t threads
     for (std::size_t k = 0; k < in.coefficients.size(); ++k) {
         const Grid<const float>& image = in.coefficients[k];
         problem.views.push_back(
-            {view_of(in.views.data + 21 * k), {image.data, image.width(), image.height()}});
+            {view_of(in.views.data + kViewFloats * k), {image.data, image.width(), image.height()}});
     }
     for_bands(0, problem.height, kRowsPerJob, threads,
               [&](int first, int end) { NormalBand(problem).run(first, end); });

@@ -20,7 +20,7 @@ inline std::vector<Auxiliary> auxiliaries_of(const std::vector<Grid<const float>
                                              const std::vector<Grid<const float>>& buffers) {
     std::vector<Auxiliary> all;
     for (std::size_t i = 0; i < images.size(); ++i)
-        all.push_back({view_of(views.data + 21 * i), image_of(images[i]), buffers[i].data});
+        all.push_back({view_of(views.data + kViewFloats * i), image_of(images[i]), buffers[i].data});
     return all;
 }
 #endif

@@ -8,14 +8,21 @@ from scipy.ndimage import gaussian_filter
 
 from beltscape.core.geometry.pose import Pose
 from beltscape.kernels.arrays import CellIndices
+from beltscape.kernels.projection import pack_lens
 from beltscape.kernels.reference.view import project
 
 WIDTHS = (1, 2, 3, 4, 5, 7, 8, 9, 15, 16, 17, 31, 33, 53)
 """Full lanes and every kind of tail for 4, 8 and 16 of them."""
 
 
+PINHOLE = pack_lens("brown", np.zeros(5))
+"""The lens of a packed projection without distortion."""
+STRAIGHT = np.concatenate([[1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0], PINHOLE]).astype(np.float32)
+"""A view that sees core pixel (u, v) at (u + s, v), as near as the core does."""
+
+
 def view_of_seed(seed: int, width: int = 48, height: int = 40) -> np.ndarray:
-    """(21,) an auxiliary beside the core; both see about `width` × `height` px with a focal length near 60 px."""
+    """(39,) an auxiliary beside the core; both see about `width` × `height` px with a focal length near 60 px."""
     rng = np.random.default_rng(seed)
     focal, center = rng.uniform(50, 80, 2), np.array([width, height]) / 2 + rng.uniform(-3, 3, 2)
     pinhole = np.array([[60, 0, width / 2], [0, 60, height / 2], [0, 0, 1]])
@@ -23,7 +30,9 @@ def view_of_seed(seed: int, width: int = 48, height: int = 40) -> np.ndarray:
     shift = rng.uniform(-1, 1, 3) / 60
     lens = rng.uniform(-1, 1, 5) * [0.15, 0.05, 2e-3, 2e-3, 0.03] + [0, 0.05, 0, 0, 0]
     direction = turn @ np.linalg.inv(pinhole)
-    return np.concatenate([direction.ravel(), shift, focal, center, lens]).astype(np.float32)
+    return np.concatenate([direction.ravel(), shift, focal, center, pack_lens("brown", lens)]).astype(
+        np.float32
+    )
 
 
 def surface(seed: int, height: int, width: int, holes: float = 0.1) -> np.ndarray:

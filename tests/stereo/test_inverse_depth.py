@@ -35,7 +35,7 @@ def test_packed_projection_equals_that_of_the_rig(rig, seed, core_step, aux_step
 
     row = pack_projection(rig, name, unit, core_step, aux_step)
     assert row.dtype == np.float32
-    assert row.shape == (21,)
+    assert row.shape == (39,)
     at = (np.stack([u, v]) - (core_step - 1) / 2) / core_step
     found_u, found_v, found_s = project(row, at[0], at[1], 1 / (z * unit))
     found = np.column_stack([found_u, found_v]) * aux_step + (aux_step - 1) / 2

@@ -21,7 +21,7 @@ def make_frame(core: np.ndarray, scale: float = 1.0) -> PreparedFrame:
     """Return a frame without auxiliaries."""
     context = MatchContext.for_grid(rig := make_ring(), rig.auxiliaries, 1, load(), 1)
     context = replace(context, windows=replace(context.windows, scale=scale))
-    return PreparedFrame(core, (), (), np.empty((0, 21), np.float32), Noise(1, 1, 1), context)
+    return PreparedFrame(core, (), (), np.empty((0, 39), np.float32), Noise(1, 1, 1), context)
 
 
 def planes(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

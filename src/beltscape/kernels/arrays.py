@@ -12,8 +12,6 @@ from beltscape.core.errors import KernelError
 
 WINDOW_LIMIT = 15
 """Largest radius of a window, px; arrays of the native kernels have this size (``kMaxRadius``)."""
-PROJECTION_SIZE = 21
-"""Numbers of a packed projection (native/view.hpp): rotation 9, shift 3, focal lengths 2, centre 2, distortion 5."""
 
 
 def float32(name: str, array: NDArray[np.floating], shape: tuple[int | str, ...]) -> NDArray[np.float32]:

@@ -11,16 +11,13 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from beltscape.kernels.reference.view import project
-from tests.kernels.grids import WIDTHS, project_grid, surface, view_of_seed
+from tests.kernels.grids import STRAIGHT, WIDTHS, project_grid, surface, view_of_seed
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds
 
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
 widths = st.sampled_from(WIDTHS)
-
-STRAIGHT = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0], np.float32)
-"""A view that sees core pixel (u, v) at (u + s, v), as near as the core does."""
 
 
 def near_a_border(view: np.ndarray, s: np.ndarray, half: float) -> np.ndarray:
@@ -130,7 +127,7 @@ def test_wrong_shapes_are_named(name):
     for call, message in (
         (
             lambda: kernels.inverse_depth_buffers(grid, STRAIGHT[None], [(4, 4), (5, 5)]),
-            "views must have the shape (2, 21), not (1, 21)",
+            "views must have the shape (2, 39), not (1, 39)",
         ),
         (
             lambda: kernels.inverse_depth_buffers(grid, STRAIGHT[None], [(4, 0)]),
@@ -142,7 +139,7 @@ def test_wrong_shapes_are_named(name):
         ),
         (
             lambda: kernels.visible(grid, STRAIGHT[None], grid, 1.0),
-            "view must have the shape (21,), not (1, 21)",
+            "view must have the shape (39,), not (1, 39)",
         ),
         (
             lambda: kernels.visible(grid, STRAIGHT, grid[0], 1.0),

@@ -13,9 +13,8 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from beltscape.kernels.selection.candidates import CANDIDATES
-from tests.kernels.grids import WIDTHS, surface, texture, view_of_seed
+from tests.kernels.grids import STRAIGHT, WIDTHS, surface, texture, view_of_seed
 from tests.kernels.rounding import first_alike
-from tests.kernels.selection.test_propagation import SIDEWAYS
 from tests.strategies import seeds
 
 every_level = pytest.mark.parametrize("level", levels())
@@ -130,14 +129,14 @@ def test_levels_that_match_after_the_gain_do_not_differ(name):
     image = texture(3, height, width + 10)
     core = gain * image[:, shift : shift + width]
     s = np.full((height, width), float(shift), np.float32)
-    buffers = load("reference").inverse_depth_buffers(s, SIDEWAYS[None], [(width + 10, height)])
+    buffers = load("reference").inverse_depth_buffers(s, STRAIGHT[None], [(width + 10, height)])
     u, v = np.arange(4, 32), np.full(28, 9)
     planes = np.stack([np.full(28, shift), np.full(28, shift + 3), np.full(28, shift - 3)])
     given_: dict[str, Any] = {
         "core": core,
         "variance": np.full(core.shape, 4.0),
         "images": [image],
-        "views": SIDEWAYS[None],
+        "views": STRAIGHT[None],
         "buffers": buffers,
         "gains": [np.full(core.shape, gain)],
         "tolerance": 1.0,

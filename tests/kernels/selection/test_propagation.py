@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from tests.kernels.grids import WIDTHS, surface, texture, view_of_seed
+from tests.kernels.grids import STRAIGHT, WIDTHS, surface, texture, view_of_seed
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds
 
@@ -20,8 +20,6 @@ every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
 
 OFFSETS = np.array([(2, 0), (-2, 0), (0, 3), (0, -3), (4, 4), (-4, -4), (60, -1)])
-SIDEWAYS = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0], np.float32)
-"""A view that sees core pixel (u, v) at (u + s, v), as near as the core does."""
 
 
 def scene(seed: int, height: int, width: int, views: int) -> dict[str, Any]:
@@ -111,7 +109,7 @@ def test_a_smeared_step_returns_to_its_edge(name):
     flat, core = np.zeros_like(truth), texture(3, height, width)
     images, views = [], []
     for sign in (1, -1):
-        view, image = SIDEWAYS.copy(), texture(8, height, width + 40)
+        view, image = STRAIGHT.copy(), texture(8, height, width + 40)
         view[9], view[14] = sign, 20  # 20 px more to both sides
         for s in (6, 12):  # what is nearer overwrites
             columns = np.flatnonzero(truth[0] == s)
@@ -190,7 +188,7 @@ def test_a_pixel_that_no_view_sees_has_the_unseen_cost(name):
     ("change", "message"),
     [
         ({"slope_u": np.zeros((8, 9))}, "slope_u must have the shape (9, 17), not (8, 9)"),
-        ({"views": np.zeros((3, 21))}, "views must have the shape (2, 21), not (3, 21)"),
+        ({"views": np.zeros((3, 39))}, "views must have the shape (2, 39), not (3, 39)"),
         ({"buffers": []}, "buffers must be 2, as the images are, not 0"),
         ({"images": []}, "propagation needs at least one auxiliary image"),
         ({"candidates": 9}, "candidates must be 1 to 8, not 9"),

@@ -10,15 +10,12 @@ from hypothesis import strategies as st
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from tests.kernels.grids import WIDTHS, texture, view_of_seed
+from tests.kernels.grids import STRAIGHT, WIDTHS, texture, view_of_seed
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds
 
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
 widths = st.sampled_from(WIDTHS)
-
-STRAIGHT = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0], np.float32)
-"""A view that sees core pixel (u, v) at (u + s, v)."""
 
 
 def scene(seed: int, height: int, width: int, count: int):
@@ -104,7 +101,7 @@ def test_the_number_of_threads_does_not_change_a_byte(level):
         ({"core": np.zeros(5)}, "core must have the shape (H, W), not (5,)"),
         ({"images": []}, "a sweep needs at least one auxiliary image"),
         ({"images": [np.zeros((5, 1))]}, "images[0] must be of at least 2 × 2 pixels, not (5, 1)"),
-        ({"views": np.zeros((2, 21))}, "views must have the shape (1, 21), not (2, 21)"),
+        ({"views": np.zeros((2, 39))}, "views must have the shape (1, 39), not (2, 39)"),
         ({"rows": (3, 9)}, "rows must lie within (0, 8), not (3, 9)"),
         ({"rows": (4, 4)}, "rows must lie within (0, 8), not (4, 4)"),
         ({"planes": 3}, "planes must be 4 to 4096, not 3"),
@@ -114,7 +111,7 @@ def test_the_number_of_threads_does_not_change_a_byte(level):
     ],
 )
 def test_wrong_input_is_named(name, change, message):
-    right = {"core": np.zeros((8, 9)), "images": [np.zeros((5, 5))], "views": np.zeros((1, 21))}
+    right = {"core": np.zeros((8, 9)), "images": [np.zeros((5, 5))], "views": np.zeros((1, 39))}
     with pytest.raises(KernelError) as error:
         load(name).sweep(**(right | {"first": 0, "step": 1, "planes": 4, "floor": 1.0} | change))
     assert str(error.value) == message

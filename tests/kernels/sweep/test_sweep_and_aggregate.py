@@ -10,15 +10,13 @@ from hypothesis import strategies as st
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from beltscape.kernels.sweep.bands import bands
-from tests.kernels.grids import texture, view_of_seed
+from tests.kernels.grids import STRAIGHT, texture, view_of_seed
 from tests.kernels.rounding import fusing_levels
 
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
 every_level = pytest.mark.parametrize("level", levels())
 
 LOW, HIGH = {"small_jump": 8, "large_jump": 80}, {"small_jump": 60, "large_jump": 300}
-STRAIGHT = np.array([1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 0, 0, 1, 1, 0, 0, 0, 0, 0, 0, 0], np.float32)
-"""A view that sees core pixel (u, v) at (u + s, v)."""
 
 
 @given(st.integers(1, 3000))
@@ -70,7 +68,7 @@ def test_a_step_between_two_planes_is_found(name):
         columns = columns[columns < core.shape[1]]
         aux[:, columns] = core[:, columns - sign * shift[1]]
         images.append(aux)
-        views.append(STRAIGHT * np.where(np.arange(21) == 9, sign, 1).astype(np.float32))
+        views.append(STRAIGHT * np.where(np.arange(39) == 9, sign, 1).astype(np.float32))
         views[-1][14] = 20
     truth = np.where(near, shift[1], shift[0])
     index, _ = load(name).sweep_and_aggregate(

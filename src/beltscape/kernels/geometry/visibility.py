@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.arrays import PROJECTION_SIZE, float32, image_sizes
+from beltscape.kernels.arrays import float32, image_sizes
 from beltscape.kernels.backend import KernelFamily
+from beltscape.kernels.projection import PROJECTION_SIZE
 
 
 class BuffersInput(NamedTuple):
@@ -18,7 +19,7 @@ class BuffersInput(NamedTuple):
     s: NDArray[np.float32]
     """(H, W)"""
     views: NDArray[np.float32]
-    """(n, 21)"""
+    """(n, 39)"""
 
 
 class VisibleInput(NamedTuple):
@@ -27,7 +28,7 @@ class VisibleInput(NamedTuple):
     s: NDArray[np.float32]
     """(H, W)"""
     view: NDArray[np.float32]
-    """(21,)"""
+    """(39,)"""
     buffer: NDArray[np.float32]
     """(h, w)"""
     tolerance: float
@@ -54,7 +55,7 @@ class VisibilityKernels(KernelFamily):
         s
             (H, W) inverse depth on the core's undistorted grid; NaN where there is none.
         views
-            (n, 21) how the auxiliaries see the core's pixels, rows as native/view.hpp lays them out.
+            (n, 39) how the auxiliaries see the core's pixels, rows as native/view.hpp lays them out.
         sizes
             n times (width, height) of an auxiliary's image.
 
@@ -83,7 +84,7 @@ class VisibilityKernels(KernelFamily):
         s
             (H, W) inverse depth on the core's undistorted grid; NaN where there is none.
         view
-            (21,) how the auxiliary sees the core's pixels.
+            (39,) how the auxiliary sees the core's pixels.
         buffer
             (h, w) of this auxiliary, from `inverse_depth_buffers`.
         tolerance

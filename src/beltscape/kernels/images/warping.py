@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels.arrays import PROJECTION_SIZE, float32, spline
+from beltscape.kernels.arrays import float32, spline
 from beltscape.kernels.backend import KernelFamily
+from beltscape.kernels.projection import PROJECTION_SIZE
 
 
 class SplineInput(NamedTuple):
@@ -24,7 +25,7 @@ class WarpInput(NamedTuple):
     s: NDArray[np.float32]
     """(H, W)"""
     view: NDArray[np.float32]
-    """(21,)"""
+    """(39,)"""
     coefficients: NDArray[np.float32]
     """(h, w)"""
 
@@ -69,7 +70,7 @@ class WarpingKernels(KernelFamily):
         s
             (H, W) inverse depth on the core's undistorted grid; NaN where there is none.
         view
-            (21,) how the auxiliary sees the core's pixels, as native/view.hpp lays it out.
+            (39,) how the auxiliary sees the core's pixels, as native/view.hpp lays it out.
         coefficients
             (h, w) of the auxiliary's image, at least 4 × 4, from `spline_coefficients`.
 

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.arrays import PROJECTION_SIZE, WINDOW_LIMIT, demand_within, float32, spline
+from beltscape.kernels.arrays import WINDOW_LIMIT, demand_within, float32, spline
 from beltscape.kernels.backend import KernelFamily
+from beltscape.kernels.projection import PROJECTION_SIZE
 
 
 class NormalEquations(NamedTuple):
@@ -35,7 +36,7 @@ class NormalEquationsInput(NamedTuple):
     coefficients: list[NDArray[np.float32]]
     """n of (h, w), of the auxiliaries' images from `spline_coefficients`, on the core's scale of levels."""
     views: NDArray[np.float32]
-    """(n, 21) packed projections of the core's pixels into the auxiliaries, as native/view.hpp lays them out."""
+    """(n, 39) packed projections of the core's pixels into the auxiliaries, as native/view.hpp lays them out."""
     window: int
     """Radius of the normalisation's window in px, 1 to 15: the window has (2 window + 1)² pixels."""
     residual_window: int

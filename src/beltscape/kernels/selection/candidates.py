@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.arrays import PROJECTION_SIZE, flags, float32, pixel_indices, sampled_images
+from beltscape.kernels.arrays import flags, float32, pixel_indices, sampled_images
 from beltscape.kernels.backend import KernelFamily
+from beltscape.kernels.projection import PROJECTION_SIZE
 
 CANDIDATES = 9
 """Number of a pixel's candidates: its own surface, then one from each of eight directions."""
@@ -87,7 +88,7 @@ class PhotoConsistencyInput(NamedTuple):
     images: list[NDArray[np.float32]]
     """n of (h, w), as in `propagate`."""
     views: NDArray[np.float32]
-    """(n, 21), as in `propagate`."""
+    """(n, 39), as in `propagate`."""
     buffers: list[NDArray[np.float32]]
     """n of (h, w), as in `propagate`."""
     gains: list[NDArray[np.float32]]

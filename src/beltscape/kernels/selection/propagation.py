@@ -9,11 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.arrays import PROJECTION_SIZE, flags, float32, sampled_images
+from beltscape.kernels.arrays import flags, float32, sampled_images
 from beltscape.kernels.backend import KernelFamily
+from beltscape.kernels.projection import PROJECTION_SIZE
 
 MOST_OFFSETS = 254
 """Largest number of offsets: their numbers, with that of the own surface, fit a byte in the native kernel."""
+MOST_JUMP = 100
+"""Largest cost of a step: with a candidate's cost, at most 1, far below the cost of an empty place (1000)."""
 MOST_CANDIDATES = 8
 """Largest number of candidates of a pixel; the native kernel's arrays have this size."""
 FARTHEST_OFFSET = 32767
@@ -49,7 +52,7 @@ class PropagationCosts(NamedTuple):
     small_jump: float
     """The cost of a step per unit of s that the slopes do not explain."""
     large_jump: float
-    """The largest cost of a step, at most 100."""
+    """The largest cost of a step, at most `MOST_JUMP`."""
 
 
 class PropagationInput(NamedTuple):
@@ -63,7 +66,7 @@ class PropagationInput(NamedTuple):
     images: list[NDArray[np.float32]]
     """n of (h, w) grey levels, as the auxiliaries took them, each at least 2 × 2."""
     views: NDArray[np.float32]
-    """(n, 21) packed projections of the core's pixels into the auxiliaries, as native/view.hpp lays them out."""
+    """(n, 39) packed projections of the core's pixels into the auxiliaries, as native/view.hpp lays them out."""
     buffers: list[NDArray[np.float32]]
     """n of (h, w) from `inverse_depth_buffers`, of this or an earlier s."""
     offsets: NDArray[np.int32]
@@ -176,7 +179,7 @@ def _check_costs(costs: PropagationCosts) -> None:
     if not 0 <= costs.tolerance < np.inf:
         raise KernelError(f"tolerance must not be negative, not {costs.tolerance}")
     small, large = costs.small_jump, costs.large_jump
-    if not (0 <= small < np.inf and 0 <= large <= 100):
+    if not (0 <= small < np.inf and 0 <= large <= MOST_JUMP):
         raise KernelError(
-            f"jumps must be 0 <= small_jump and 0 <= large_jump <= 100, not {small} and {large}"
+            f"jumps must be 0 <= small_jump and 0 <= large_jump <= {MOST_JUMP}, not {small} and {large}"
         )

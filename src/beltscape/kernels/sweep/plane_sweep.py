@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.arrays import PROJECTION_SIZE, float32, sampled_images
+from beltscape.kernels.arrays import float32, sampled_images
 from beltscape.kernels.backend import KernelFamily
+from beltscape.kernels.projection import PROJECTION_SIZE
 from beltscape.kernels.sweep.bands import BAND_ROWS, HALO_ROWS
 
 WORST = 120
@@ -32,7 +33,7 @@ class SweepInput(NamedTuple):
     images: list[NDArray[np.float32]]
     """n of (h, w) grey levels, each at least 2 × 2."""
     views: NDArray[np.float32]
-    """(n, 21), see `beltscape.kernels.reference.view.project`."""
+    """(n, 39), see `beltscape.kernels.reference.view.project`."""
     first: float
     step: float
     planes: int
@@ -103,7 +104,7 @@ class PlaneSweepKernels(KernelFamily):
         images
             n of (h, w) grey levels, as the auxiliaries took them.
         views
-            (n, 21) how each sees the core's pixels: `beltscape.kernels.reference.view.project`.
+            (n, 39) how each sees the core's pixels: `beltscape.kernels.reference.view.project`.
         first, step, planes
             Plane d has the inverse depth first + step · d; 4 to 4096 planes.
         floor

@@ -22,7 +22,8 @@ def _buffer(
 ) -> NDArray[np.float64]:
     width, height = size
     y, x = cast("NDArray[np.int64]", np.indices(s.shape))
-    u, v, inverse_depth = (a[np.isfinite(a)] for a in project(view, x, y, s.astype(np.float64)))
+    u, v, inverse_depth = project(view, x, y, s.astype(np.float64))
+    u, v, inverse_depth = (a[np.isfinite(u)] for a in (u, v, inverse_depth))
     framed = np.zeros((height + 2, width + 2))  # a pixel all around, for what is seen half outside
     near = (u >= -1) & (u < width) & (v >= -1) & (v < height)
     column, row = np.floor(u[near]).astype(int) + 1, np.floor(v[near]).astype(int) + 1

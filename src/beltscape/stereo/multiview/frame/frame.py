@@ -60,7 +60,7 @@ class PreparedFrame:
     coefficients: tuple[NDArray[np.float32], ...]
     """n of (h, w) coefficients of the cubic splines through ``images``."""
     views: NDArray[np.float32]
-    """(n, 21) packed projections of the core's grid into the auxiliaries (native/view.hpp)."""
+    """(n, 39) packed projections of the core's grid into the auxiliaries (native/view.hpp)."""
     noise: Noise
     context: MatchContext
 

@@ -1,7 +1,7 @@
 """Normalised inverse depth s, whose unit is about a pixel of disparity, and packed projections for the kernels.
 
-s is 1/Z divided by a rig's `inverse_depth_scale`, on the core's undistorted grid. A packed projection is a row of 21
-numbers that maps a pixel of that grid with its s into a camera's image; native/view.hpp defines it.
+s is 1/Z divided by a rig's `inverse_depth_scale`, on the core's undistorted grid. A packed projection is a row of 39
+numbers that maps a pixel of that grid with its s into a camera's image; `kernels.projection` defines it.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
+from beltscape.kernels.projection import pack_lens
 
 ON_AXIS = 0.1
 """Share of a baseline across the core's axis below which its whole length counts."""
@@ -36,7 +37,7 @@ def _measure_across_axis(center_mm: NDArray[np.float64]) -> float:
 def pack_projection(
     rig: Rig, name: str, unit: float, core_step: int = 1, aux_step: int = 1
 ) -> NDArray[np.float32]:
-    """Return the (21,) projection of the core's grid into a camera, for s in units of ``unit`` (1/mm).
+    """Return the (39,) projection of the core's grid into a camera, for s in units of ``unit`` (1/mm).
 
     The images may be averaged in blocks of ``core_step`` and ``aux_step`` pixels. For the core's name it is the
     projection of the undistorted grid into the core's own distorted image, which does not depend on s.
@@ -45,33 +46,36 @@ def pack_projection(
     focal, center = _scale_to_blocks(camera, aux_step)
     ray = _invert_core_matrix(rig, core_step)
     direction, shift = pose.rotation @ ray, pose.translation_mm * unit
-    return np.concatenate([direction.ravel(), shift, focal, center, camera.distortion]).astype(np.float32)
+    lens = pack_lens(camera.model, camera.distortion, camera.valid_radius)
+    return np.concatenate([direction.ravel(), shift, focal, center, lens]).astype(np.float32)
 
 
 def pack_projections(rig: Rig, auxiliaries: tuple[str, ...], unit: float, step: int) -> NDArray[np.float32]:
-    """Return the (n, 21) projections of the core's grid into the auxiliaries, all averaged in the same blocks."""
+    """Return the (n, 39) projections of the core's grid into the auxiliaries, all averaged in the same blocks."""
     return np.stack([pack_projection(rig, name, unit, step, step) for name in auxiliaries])
 
 
 def displace_projection(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
-    """Return the (21,) projection of the core's grid, in blocks of ``step``, into the core displaced by -``shift``.
+    """Return the (39,) projection of the core's grid, in blocks of ``step``, into the core displaced by -``shift``.
 
     ``shift`` (3,) is in mm times the grid's unit. The displaced core is a pinhole without distortion.
     """
     focal, center = _scale_to_blocks(rig.core_camera, step)
     ray = _invert_core_matrix(rig, step)
-    return np.concatenate([ray.ravel(), shift, focal, center, np.zeros(5)]).astype(np.float32)
+    return np.concatenate([ray.ravel(), shift, focal, center, pack_lens("brown", np.zeros(5))]).astype(
+        np.float32
+    )
 
 
 def crop_projection(view: NDArray[np.float32], first_u: int, first_v: int) -> NDArray[np.float32]:
-    """Return the (21,) projection of the grid whose pixel (0, 0) is (first_u, first_v) of the given one."""
+    """Return the (39,) projection of the grid whose pixel (0, 0) is (first_u, first_v) of the given one."""
     direction = view[:9].astype(np.float64).reshape(3, 3).copy()
     direction[:, 2] += first_u * direction[:, 0] + first_v * direction[:, 1]
     return np.concatenate([direction.ravel(), view[9:]]).astype(np.float32)
 
 
 def subsample_projection(view: NDArray[np.float32], stride: int) -> NDArray[np.float32]:
-    """Return the (21,) projection of the grid of every ``stride``-th row and column, from ``stride // 2`` on."""
+    """Return the (39,) projection of the grid of every ``stride``-th row and column, from ``stride // 2`` on."""
     direction = view[:9].astype(np.float64).reshape(3, 3).copy()
     direction[:, 2] += stride // 2 * (direction[:, 0] + direction[:, 1])
     direction[:, :2] *= stride

@@ -97,7 +97,7 @@ def count_visible_views(
 ) -> NDArray[np.uint8]:
     """Return (H, W) the number of auxiliaries that see the surface of inverse depth s (H, W).
 
-    ``views`` (n, 21) are the auxiliaries' packed projections, ``sizes`` their images' (width, height).
+    ``views`` (n, 39) are the auxiliaries' packed projections, ``sizes`` their images' (width, height).
     """
     return _count_with_buffers(s, views, sizes, kernels, threads)[0]
 

@@ -361,7 +361,7 @@ def test_a_long_camera_message_stretches_no_picture_and_is_translated(site):
             "[...document.querySelectorAll('#cameras figure')].map((each) => each.clientHeight)"
         )
         assert max(heights) - min(heights) <= 1
-        assert "37 % der Pixel sind gesättigt" in read_text(page, ".camera[data-state=unusable] .message")
+        assert "37\u00a0% der Pixel sind gesättigt" in read_text(page, ".camera[data-state=unusable] .message")
         page.context.close()
     finally:
         del plant.send_health

@@ -254,7 +254,7 @@ def _list_checks(live_state: LiveState) -> list[Family]:
 
 
 def make_router(context: AppContext) -> APIRouter:
-    """GET /metrics."""
+    """Return the route GET /metrics."""
     router = APIRouter(tags=["metrics"])
     viewer = require_role("viewer")
 

@@ -29,7 +29,7 @@ class Scene:
     """(N, 3) RGB of the points."""
 
     def to_json(self) -> str:
-        """For the viewer; coordinates rounded to 0.1 mm keep the page small."""
+        """Return the scene as JSON for the viewer; coordinates rounded to 0.1 mm keep the page small."""
         points = np.empty((0, 3)) if self.points_mm is None else self.points_mm
         colors = np.empty((0, 3), np.uint8) if self.colors is None else self.colors
         return json.dumps(
@@ -47,7 +47,7 @@ class Scene:
 def make_rig_scene(
     rig: Rig, *, length_mm: float, boards_mm: Mapping[str, NDArray[np.float64]] | None = None
 ) -> Scene:
-    """The cameras' frusta, drawn ``length_mm`` long, and the outlines (n, 3) of boards in the core frame."""
+    """Return the cameras' frusta, drawn ``length_mm`` long, and the outlines (n, 3) of boards in the core frame."""
     lines: list[tuple[str, NDArray[np.float64]]] = [
         (QUIET, outline) for outline in (boards_mm or {}).values()
     ]

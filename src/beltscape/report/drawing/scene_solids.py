@@ -16,7 +16,7 @@ _ROUND = 49
 def make_belt_triangles(
     document: Mapping[str, Any], along_mm: tuple[float, float]
 ) -> NDArray[np.float64] | None:
-    """(T, 3, 3) the belt's cross-section drawn along y, in the belt frame; None where the file tells none."""
+    """Return (T, 3, 3) the belt's cross-section drawn along y, in the belt frame; None where the file has none."""
     belt: Mapping[str, Any] = document.get("belt", document)
     parts: list[Mapping[str, Any]] = [belt, *(value for value in belt.values() if isinstance(value, Mapping))]
     for part in parts:

@@ -33,7 +33,7 @@ class BeginMaintenance(BaseModel):
 
 
 def make_router(context: AppContext) -> APIRouter:
-    """POST /api/alarms/{name}/acknowledge, /api/recording/keep, /api/maintenance/begin and /api/maintenance/end."""
+    """Return the routes POST /api/alarms/{name}/acknowledge, /api/recording/keep and /api/maintenance/begin, …/end."""
     router = APIRouter(prefix="/api", tags=["controls"])
 
     @router.post("/alarms/{name}/acknowledge", responses=describe_refusals(404, 409))

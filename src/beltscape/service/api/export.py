@@ -31,7 +31,7 @@ MEDIA_TYPES: dict[Format, str] = {
 
 
 def make_router(context: AppContext) -> APIRouter:
-    """GET /api/export."""
+    """Return the route GET /api/export."""
     router = APIRouter(prefix="/api", tags=["history"])
 
     @router.get(

@@ -110,7 +110,7 @@ class CheckKeyOut(ResponseModel):
 
 
 def make_router(context: AppContext) -> APIRouter:
-    """GET /api/checks, /api/checks/stored and /api/checks/series."""
+    """Return the routes GET /api/checks, /api/checks/stored and /api/checks/series."""
     router = APIRouter(prefix="/api/checks", tags=["health"])
 
     @router.get("", responses=describe_refusals())

@@ -177,7 +177,7 @@ def map_history_errors() -> Generator[None]:
 
 
 def make_router(context: AppContext) -> APIRouter:
-    """GET /api/series, /api/records, /api/events, /api/days and /api/section."""
+    """Return the routes GET /api/series, /api/records, /api/events, /api/days and /api/section."""
     router = APIRouter(prefix="/api", tags=["history"])
     _add_series(router, context.history)
     _add_records(router, context.history)

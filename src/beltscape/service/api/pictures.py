@@ -12,7 +12,7 @@ from beltscape.service.view_models.picture import MEDIA_TYPE
 
 
 def make_router(context: AppContext) -> APIRouter:
-    """GET /api/cameras/{name}/picture."""
+    """Return the route GET /api/cameras/{name}/picture."""
     router = APIRouter(prefix="/api", tags=["now"])
 
     @router.get(

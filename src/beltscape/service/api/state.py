@@ -227,7 +227,7 @@ class PageOut(ResponseModel):
 
 
 def make_router(context: AppContext) -> APIRouter:
-    """GET /api/state and /api/page."""
+    """Return the routes GET /api/state and /api/page."""
     router = APIRouter(prefix="/api", tags=["now"])
 
     @router.get("/state", responses=describe_refusals())

@@ -43,7 +43,7 @@ class SetZero(BaseModel):
 
 
 def make_router(context: AppContext) -> APIRouter:
-    """POST /api/zero/measure and /api/zero/set."""
+    """Return the routes POST /api/zero/measure and /api/zero/set."""
     router = APIRouter(prefix="/api/zero", tags=["health"])
     refusals = describe_refusals(503) | {409: {"model": ZeroRefusal, "description": "It cannot be measured"}}
 

@@ -33,7 +33,7 @@ class BeginMaintenance(BaseModel):
 
 
 def make_router(context: AppContext) -> APIRouter:
-    """Return the routes of an operator's actions: acknowledge an alarm, keep the recording, begin and end maintenance."""
+    """Return the routes of an operator's actions: alarms, the kept recording, maintenance."""
     router = APIRouter(prefix="/api", tags=["controls"])
 
     @router.post("/alarms/{name}/acknowledge", responses=describe_refusals(404, 409))

@@ -236,6 +236,7 @@ def _make_prior(hierarchy: HierarchyResult, board_mm: Array) -> BundlePrior:
         tuple(camera.model for camera in cameras.values()), pad_rows(mean for mean, _ in priors),
         pad_rows(information for _, information in priors), pad_rows(free),
         board_mm, np.full(3, SHAPE_SIGMA_SHARE * diagonal),
+        tuple(i for i, name in enumerate(cameras) if name in hierarchy.fixed_poses),
     )  # fmt: skip
 
 

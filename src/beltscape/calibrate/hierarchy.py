@@ -40,6 +40,8 @@ class HierarchyResult:
     network: CameraNetwork
     restarts: tuple[Restart, ...] = ()
     """Cameras whose own views did not determine their lens."""
+    fixed_poses: frozenset[str] = frozenset()
+    """Cameras whose pose relative to the core is given and fixed."""
 
 
 def solve_hierarchy(

@@ -17,6 +17,7 @@ from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
 
 if TYPE_CHECKING:
+    from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
     from beltscape.target.board import Board
 
 INTRINSICS = "intrinsics"
@@ -61,6 +62,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--intrinsics-as", choices=("held", "prior"),
         help="hold these intrinsics (default), or let the views improve them within their covariance",
     )  # fmt: skip
+    parser.add_argument(
+        "--add-to", type=Path, metavar="RIG",
+        help="keep this rig.json's cameras as they are, and calibrate only those that it lacks",
+    )  # fmt: skip
+    parser.add_argument(
+        "--replace",
+        action="append",
+        metavar="CAMERA",
+        help="with --add-to: calibrate this camera anew; repeatable",
+    )
     add_output_folder(parser, "folder for rig.json and the report, or for intrinsics.json", required=True)
 
 
@@ -80,6 +91,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     given = arguments.intrinsics
     use = arguments.intrinsics_as or "held"
     known = read_known_intrinsics(given, board, reporter, use=use) if given else None
+    if arguments.add_to:
+        return _run_extension(arguments, board, known, out, reporter)
     calibration = calibrate(arguments.capture, board, arguments.core, reporter, known=known)
     write_calibration(out, calibration)
     document = make_calibration_document(calibration)
@@ -93,9 +106,17 @@ def _check_options(arguments: argparse.Namespace) -> None:
             f"--intrinsics-as {arguments.intrinsics_as}: give the intrinsics, with --intrinsics PATH"
         )
     if arguments.mode == INTRINSICS:
-        for option in ("core", "intrinsics"):
-            if getattr(arguments, option) is not None:
-                raise SettingsError(f"--{option} has no meaning for single cameras; leave it out")
+        _refuse_options(arguments, ("core", "intrinsics", "add_to", "replace"), "for single cameras")
+    if arguments.add_to:
+        _refuse_options(arguments, ("core",), "with --add-to, which keeps the rig's core")
+    elif arguments.replace:
+        raise SettingsError(f"--replace {arguments.replace[0]}: give the rig, with --add-to rig.json")
+
+
+def _refuse_options(arguments: argparse.Namespace, options: Sequence[str], where: str) -> None:
+    for option in options:
+        if getattr(arguments, option) is not None:
+            raise SettingsError(f"--{option.replace('_', '-')} has no meaning {where}; leave it out")
 
 
 def _run_intrinsics(folder: Path, board: Board, out: Path, reporter: Reporter) -> Mapping[str, Any]:
@@ -105,6 +126,30 @@ def _run_intrinsics(folder: Path, board: Board, out: Path, reporter: Reporter) -
     calibration = calibrate_intrinsics(folder, board, reporter)
     path = write_intrinsics_calibration(out, calibration)
     return {**intrinsics_document(calibration.to_intrinsics()), "intrinsics": path}
+
+
+def _run_extension(
+    arguments: argparse.Namespace, board: Board, known: KnownIntrinsics | None, out: Path, reporter: Reporter
+) -> Mapping[str, Any]:
+    from beltscape.files.rig_json import read_rig
+    from beltscape.pipeline.calibrating.extension import extend_rig, make_extension_document, write_extension
+
+    rig, replaced = read_rig(arguments.add_to), tuple(arguments.replace or ())
+    extension = extend_rig(arguments.capture, rig, board, reporter, replaced=replaced, known=known)
+    path = write_extension(out, extension)
+    return {**make_extension_document(extension), "rig": path}
+
+
+def _summarise_extension(result: Mapping[str, Any]) -> str:
+    score, kind = (result["held_out"], "held out") if result["held_out"] else (result["training"], "training")
+    return "\n".join(
+        [
+            *format_findings(result["fit"]),
+            f"calibrated {', '.join(result['new'])} with {', '.join(result['held'])} held; {kind}: "
+            f"{score['rms_px']:.3f} px RMS, {score['median_px']:.3f} px median",
+            f"rig     {result['rig']}",
+        ]
+    )
 
 
 def _summarise_intrinsics(result: Mapping[str, Any]) -> str:
@@ -124,6 +169,8 @@ def summary(result: Mapping[str, Any]) -> str:
     """Return the result in a few lines, findings against the fit first."""
     if "intrinsics" in result:
         return _summarise_intrinsics(result)
+    if "new" in result:
+        return _summarise_extension(result)
     score, kind = (result["held_out"], "held out") if result["held_out"] else (result["training"], "training")
     origins = {name: camera["intrinsics"] for name, camera in result["cameras"].items()}
     given = [

@@ -44,7 +44,8 @@ class Bundle:
         self.adjusts_shape = bool((prior.points_sigma_mm > 0).any())
         self.columns = self.point_start + 3 * self.points * self.adjusts_shape
         free = np.concatenate(
-            [prior.intrinsics_free.ravel(), np.ones(6 * (self.cameras - 1), bool),
+            [prior.intrinsics_free.ravel(),
+             np.repeat(~np.isin(np.arange(1, self.cameras), prior.fixed_poses), 6),
              np.tile(prior.points_sigma_mm > 0, self.points)]
         )[: self.columns]  # fmt: skip
         self.free = np.flatnonzero(free)

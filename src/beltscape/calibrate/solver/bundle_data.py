@@ -71,3 +71,5 @@ class BundlePrior:
     """(P, 3) the nominal board."""
     points_sigma_mm: Array
     """(3,) one standard deviation of a corner about its nominal position in x, y, z; 0 fixes it there."""
+    fixed_poses: tuple[int, ...] = ()
+    """Cameras, by number, whose pose is fixed; the core's, 0, always is."""

@@ -17,9 +17,11 @@ GRID = 32, 40
 _ROWS = 5 * GRID[0]
 """This number of rows is examined, evenly spaced; texture is examined along them."""
 _FULL = 255.0
+"""Full range of the levels: images of more bits are scaled to 8."""
 _NARROW_PX, _WIDE_PX = (3, 1), (7, 1)
 """Texture finer than the first box is fine; between the two it is coarse. Projected dots: radius 1 to 3 px."""
 _THIRD_DIFFERENCE = np.array([[1, -3, 3, -1]], np.float32)
+"""Third difference along a row, in which smooth shading vanishes and noise remains."""
 _DIFFERENCE_GAIN = 20.0
 """Sum of the squares of `_THIRD_DIFFERENCE`: its gain of the variance of white noise."""
 _QUIET = 10.0

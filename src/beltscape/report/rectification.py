@@ -18,8 +18,9 @@ from beltscape.stereo.pairwise.rectified_images import RectifiedImages
 LINES = 9
 """Number of epipolar lines of a pair."""
 _TEXT_PX = 32
-"""Height of a warning's text, and below the distance of its lines."""
+"""Height of a warning's text."""
 _LINE_PX = 48
+"""Distance of a warning's lines."""
 _WARNING = (176, 0, 32)
 """Colour of warnings: a dark red, legible on white."""
 _COLORS = [(255, 99, 71), (255, 193, 37), (124, 252, 0), (0, 229, 238), (100, 149, 237), (238, 130, 238)]

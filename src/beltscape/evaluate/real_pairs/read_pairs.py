@@ -51,8 +51,9 @@ METHODS: Mapping[str, Reconstruct] = {"pairwise": run_pairwise, "multiview": run
 """Methods that the tests and the benchmark run."""
 
 _SUBSET_PX = 27
-"""Edge of a subset, and below the step between two: those of DICe's example."""
+"""Edge of a subset, as in DICe's example."""
 _STEP_PX = 35
+"""Distance of the subsets' centres, as in DICe's example."""
 _BORDER_PX = 20
 """Distance of the outermost subsets' centres from the image's border: half a subset and some search."""
 _CORRELATED = 0.95

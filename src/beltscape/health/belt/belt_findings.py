@@ -12,6 +12,7 @@ from beltscape.health.belt.settings import BeltLimits
 CARRY_BACK, CARRY_BACK_TOTAL, STUCK_TOTAL = "carry_back", "carry_back_total", "carry_back_stuck"
 _NAN = float("nan")
 _MM3_PER_L = 1e6
+"""mm³ of a litre."""
 _CHECKS = {"splice": "splice", "torn left edge": "torn_edge_left", "torn right edge": "torn_edge_right"}
 
 

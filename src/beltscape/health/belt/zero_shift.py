@@ -35,6 +35,7 @@ _BELOW_COST = 5.0
 _BLOCK = 64
 """Motions that are compared at once: their differences stay in the processor's cache, three times as fast as all."""
 _TOLERANCE_SIGMAS = 5.0
+"""A cell belongs to a plane within this many of its σ: of 3000 bare cells none is lost by chance."""
 _LEAST_PRIOR_MM = 0.05
 """Least standard deviation, at the belt's edges, of what a bare strip does not determine. A larger shift of the
 visible strips makes a larger tilt plausible: then their root mean square is taken."""

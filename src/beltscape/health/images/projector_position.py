@@ -16,6 +16,7 @@ from beltscape.health.settings import HealthSettings
 
 MOVED = "projector_moved"
 SEARCH_CELLS = 24
+"""Farthest displacement that is searched, cells; a pattern that moved farther counts as not found."""
 _SIGMA_CELLS = 0.03
 """σ of the pattern's displacement, cells; sound captures scatter by 0.01."""
 _PER_HEIGHT = 1.0

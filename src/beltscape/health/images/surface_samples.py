@@ -24,6 +24,7 @@ _STEEP = 7.5
 """Greatest difference of depth within `_AROUND` cells, in cells' widths: beside steps the cameras see other surfaces,
 which biases the delay (75 mm of travel: 0.18 to 0.1 mm; 150 mm: 0.5 to 0.15 mm)."""
 _AROUND = 5
+"""Edge of the square of cells in which a step of the depth excludes the middle one: the support of `_FINE`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

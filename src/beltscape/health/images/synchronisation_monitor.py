@@ -42,6 +42,7 @@ _NOISE = 0.012
 _BIAS = 1.8e-4
 """σ of the displacement that remains in the mean over frames, over the distance; up to 2.4e-4 in three rigs."""
 _NOISE_DISTANCE_MM = 700.0
+"""Distance at which `_NOISE` holds; a displacement in mm grows with the distance."""
 _MEMORY = 3
 """Checks whose median is taken, so that a single one accuses no camera."""
 _CONFIRMING = 2

@@ -70,6 +70,7 @@ STYLE: Mapping[str, Any] = {
     "image.composite_image": False,
     "path.simplify": False,
 }
+"""Matplotlib's settings for all charts: thin grey axes without a frame, so that the data stand out."""
 
 
 def make_panels(

@@ -29,7 +29,7 @@ class FrameSet:
     position_mm: float | None = None
     """The encoder's position at that instant, growing with the belt's travel; None without a reading."""
     exposures_us: Mapping[str, float] = field(default_factory=dict[str, float])
-    """By camera, where exposure times may change: that of its image; NaN: not known."""
+    """By camera, exposure time of its image; NaN while it changes; empty where exposure times are not known."""
 
     def __repr__(self) -> str:
         return f"FrameSet({self.frame}: {', '.join(self.images)})"

@@ -33,8 +33,8 @@ def test_every_image_has_its_exposure_time_also_after_a_return() -> None:
     assert again.exposures_us == [1500.0]
 
 
-def test_without_adaptive_exposure_no_exposure_time_is_stated() -> None:
-    source = source_of({"cam0": [Steered()]}, exposure_us=1000)
+def test_the_cameras_own_exposure_time_is_not_known() -> None:
+    source = source_of({"cam0": [Steered()]})
     frames = fetch(source, lambda one: bool(one.images))[-1][1]
     source.close()
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import time_ns
+from typing import Any
 
 import numpy as np
 
@@ -224,11 +225,20 @@ def _make_image_monitor(
         "rig": hash_file(project.resolve(settings.rig)),
         "empty belt": hash_empty_belt(project.resolve(settings.empty)),
         "image width": rig.core_camera.size_px[0],
+        **_describe_exposure(settings.cameras),
     }
     path = data / image_references.FILE
     learned = image_references.read_references(path, key, reporter)
     keep = image_references.make_keeper(path, key, reporter)
     return ImageMonitor(rig, settings.health, learned, keep)
+
+
+def _describe_exposure(cameras: CamerasSettings | None) -> dict[str, Any]:
+    """Return what makes the levels of images comparable beside their stated exposure times."""
+    if cameras is None:
+        return {"stated exposure": False}
+    gains = {name: cameras.gain_of(name) for name in cameras.devices}
+    return {"stated exposure": bool(cameras.exposures_us), "gain": gains}
 
 
 def check_encoder(project: Project[RunSettings]) -> None:

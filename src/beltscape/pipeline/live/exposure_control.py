@@ -42,10 +42,7 @@ class ExposureControl(Observer):
         assert settings.adaptive_exposure is not None
         self._settings, self._cameras, self._log = settings.adaptive_exposure, cameras, log
         self._core, self._pixel_mm = core, pixel_mm
-        given = {name: settings.exposure_of(name) for name in settings.devices}
-        self._controller = ExposureController(
-            self._settings, {name: us for name, us in given.items() if us is not None}
-        )
+        self._controller = ExposureController(self._settings, settings.exposures_us)
         self._speed_mm_s = float("nan")
         self._is_maintained = False
 

@@ -141,6 +141,13 @@ class CamerasSettings(BaseModel):
         own = self.own.get(camera)
         return self.exposure_us if own is None or own.exposure_us is None else own.exposure_us
 
+    @property
+    def exposures_us(self) -> dict[str, float]:
+        """Return the exposure times of all cameras; empty if that of any is not given."""
+        given = {name: self.exposure_of(name) for name in self.devices}
+        known = {name: us for name, us in given.items() if us is not None}
+        return known if len(known) == len(given) else {}
+
     def gain_of(self, camera: str) -> float | None:
         """Return the gain of a camera in dB."""
         own = self.own.get(camera)

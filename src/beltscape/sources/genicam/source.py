@@ -219,13 +219,11 @@ class GenicamSource:
 
 
 def _make_exposure_times(settings: CamerasSettings) -> ExposureTimes | None:
-    """Return the exposure times of all cameras if they may change; else None."""
-    if settings.adaptive_exposure is None:
+    """Return the exposure times of all cameras; None if that of any is not known."""
+    if not settings.exposures_us:
         return None
-    given = {name: settings.exposure_of(name) for name in settings.devices}
     period_ns = round(1e9 / settings.frames_per_s)
-    times = {name: us for name, us in given.items() if us is not None}
-    return ExposureTimes(times, period_ns, is_triggered=settings.trigger == "software")
+    return ExposureTimes(settings.exposures_us, period_ns, is_triggered=settings.trigger == "software")
 
 
 def _rules(settings: CamerasSettings) -> MatchingRules:

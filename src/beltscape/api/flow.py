@@ -21,6 +21,7 @@ from beltscape.pipeline.measuring.flow_checks import require_consistent_motion
 _ENCODER = Path("position_mm")
 """How errors name the encoder: by the argument of `FlowMeter.push`."""
 _LITRES_MM3 = 1e-6
+"""Litres of a mm³."""
 
 
 class FlowMeter(Displayed):

@@ -11,6 +11,7 @@ from typing import Any
 from beltscape.core.progress import Reporter
 
 OVER_MM = 60.0
+"""Default of ``--over``, as in `score_lumps`."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

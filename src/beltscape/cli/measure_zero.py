@@ -11,6 +11,7 @@ from beltscape.cli.arguments import add_output_file, make_settings
 from beltscape.core.progress import Reporter
 
 _LIMIT_MM = 2.0
+"""Default of ``--set-limit``: a larger shift is rather a fault than wear. Chosen."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

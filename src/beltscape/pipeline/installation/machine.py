@@ -20,6 +20,7 @@ RECEIVE_BUFFER = 33_554_432
 _LEAST_MB_S = 100.0
 """A day's records take kilobytes a second; recording five cameras of 1224×1024 at 8 frames/s takes 50 MB/s."""
 _WRITE_MB = 64
+"""MiB that are written to measure the disk: more than a disk's own cache, and done in a second."""
 _LEAST_FREE_GB = 10.0
 """Half a year of records, or three minutes of recorded images."""
 

@@ -20,6 +20,7 @@ FILE = "maintenance.json"
 _LIMIT = 0.5
 """Between the two values of its finding."""
 _MINUTE_S, _S_NS = 60.0, 1_000_000_000
+"""Seconds of a minute, and nanoseconds of a second."""
 
 
 class MaintenanceMode:

@@ -16,6 +16,7 @@ from beltscape.sources.encoder.protocol import Encoder
 QUEUE = 32
 """Largest number of frame sets that wait to be written; beyond it the oldest are dropped and counted."""
 _POLL_S = 0.05
+"""Longest wait before the end of the recording is checked."""
 
 
 class FrameFeed:

@@ -17,7 +17,8 @@ from beltscape.core.errors import InputError
 from beltscape.simulate.geometry.world import Solid
 
 Appearance = Literal["real", "emissive", "white", "highlights"]
-_ROUGHNESS = 0.2  # Mitsuba's alpha of the glossy share: satin, a highlight about 20° wide
+_ROUGHNESS = 0.2
+"""Mitsuba's alpha of the glossy share: satin, a highlight about 20° wide."""
 
 
 def make_shapes(

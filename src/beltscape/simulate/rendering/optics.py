@@ -18,7 +18,8 @@ from beltscape.simulate.rendering.pinhole import Pinhole, make_pinholes
 
 _NODE_PX = 8.0
 """Spacing of the nodes between which the distortion is interpolated."""
-_BAND_ROWS = 128  # rows of pixels integrated at once, which bounds the memory
+_BAND_ROWS = 128
+"""Rows of pixels that are integrated at once, which bounds the memory."""
 
 
 class Optics(BaseModel):

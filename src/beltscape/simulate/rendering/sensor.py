@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-_RGGB = ((0, 1), (1, 2))  # channel by row and column of the mosaic
+_RGGB = ((0, 1), (1, 2))
+"""Channel by row and column of the colour mosaic (Bayer)."""
 
 
 class Sensor(BaseModel):

@@ -20,7 +20,9 @@ from beltscape.target.printing.sheet_svg import sheet_to_svg
 MARGIN_MM = 5.0
 """White margin on all sides, which most printers cannot print."""
 RULER_MM = 100.0
+"""Length of the ruler below the board, by which a print's scale is checked."""
 FONT_MM = 2.6
+"""Height of the text below the board: legible, and beside most boards on one line."""
 FOOT_MM = 11.0
 """Height of ruler and text below the board."""
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from beltscape.target.printing.sheet import Sheet, format_length
 
 POINTS_PER_MM = 72 / 25.4
+"""A point is 1/72 inch (ISO 32000-1, 8.3.2.3)."""
 
 
 def sheet_to_pdf(sheet: Sheet) -> bytes:

@@ -13,6 +13,7 @@ from beltscape.files.rasters.images import encode_image
 from beltscape.target.printing.sheet import Sheet
 
 MAX_PIXELS = 400_000_000
+"""Largest number of pixels of a sheet, 400 MB in memory: DIN A0 at 400 dots per inch has 248 million."""
 STRIP_ROWS = 512
 """Rows drawn at once."""
 LETTER_OVERSAMPLE = 8

@@ -17,6 +17,7 @@ MAX_EMPTY_ROUNDS = 20
 """Rounds of at least MIN_ROUND darts without an accepted one after which the plane counts as full."""
 
 MIN_ROUND, MAX_ROUND = 16384, 65536
+"""Least and largest number of darts thrown at once, which bound the calls and the memory."""
 
 
 def throw_darts(

@@ -16,7 +16,10 @@ Array: TypeAlias = NDArray[np.float64]
 _FARTHEST = 10.0
 """Radius up to which a lens without turning point is searched for folds of its other terms: 84° off the axis."""
 _DIRECTIONS, _RADII, _BISECTIONS = 64, 200, 40
+"""Directions and radii at which a fold is searched, and halvings of the interval between two radii, which leave the
+rounding of a double."""
 _INVERSE_SAMPLES = 512
+"""Angles off the axis, evenly spaced, at which the inverse distortion is tabulated."""
 
 
 def find_valid_radius(model: str, coefficients: Array) -> float:

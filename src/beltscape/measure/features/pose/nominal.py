@@ -13,6 +13,7 @@ from beltscape.measure.features.pose.solids import Solid, build_solids
 from beltscape.target.module import Module
 
 NO_PART = -1
+"""Label of a pixel that shows no part of the module."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,7 @@ _NEAR_MM, _TILT_RAD = 1.0, np.deg2rad(2.0)
 _FINE_PX = 16
 """Edge of a block at an image width of ``_FINE_OF_PX``, narrower than the gaps between features."""
 _FINE_OF_PX = 1224
+"""Image width for which ``_FINE_PX`` is given: that of the rendered captures."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

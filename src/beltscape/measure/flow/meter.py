@@ -17,6 +17,7 @@ from beltscape.measure.flow.fusion.fuse import Scatter
 from beltscape.measure.flow.fusion.rows import PieceCallback, RowFiller
 from beltscape.measure.flow.motion.belt_motion import BeltMotion, BeltPosition
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
+from beltscape.measure.flow.motion.high_pass import HighPassHeights, compute_high_pass
 from beltscape.measure.flow.motion.location import Location
 from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion.prediction import MotionPrediction
@@ -31,6 +32,8 @@ from beltscape.measure.flow.records.totals import FlowTotals, Sums
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.flow.strip_cutter import StripCutter
 
+_COARSE_CELLS = 2
+"""Cells of the registration of the material are coarser by this factor."""
 _PATIENCE = 8
 """Number of frames held back until the first motion is detected."""
 
@@ -151,7 +154,7 @@ class FlowMeter:
             time_ns,
             clock,
             position_mm,
-            self._tracker.filter(depth),
+            self._filter(depth),
             whole,
             self._count,
             list(findings),
@@ -165,6 +168,13 @@ class FlowMeter:
         out = [record for one in self._waiting for record in self._process(one)]
         self._waiting = []
         return out
+
+    def _filter(self, depth: DepthMap | None) -> HighPassHeights | None:
+        """Return the high-pass heights of a depth map."""
+        if depth is None:
+            return None
+        height, cell_mm = self.reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * self.reference.cell_mm
+        return compute_high_pass(height, cell_mm, self.reference.belt.noise_mm)
 
     def finish(self) -> list[FlowRecord]:
         """Return the remaining records after the last frame."""
@@ -186,8 +196,9 @@ class FlowMeter:
         if oldest.encoder_mm is None:
             self._strips.add(self._cutter.make_unplaced_strip(oldest))
             return self._pop_finished()
-        # an empty or standing belt: both directions are equivalent until the material determines one
-        self._tracker.direction, self._tracker.is_assumed = 1, True
+        if not self._tracker.direction:
+            # an empty or standing belt: both directions are equivalent until the material determines one
+            self._tracker.direction, self._tracker.is_assumed = 1, True
         out = self._process(oldest)
         for one in self._waiting:
             out += self._process(one)
@@ -201,6 +212,7 @@ class FlowMeter:
         place = location.place
         if location.has_turned:
             self._buffer.clear()
+        self._relocate(location)
         if place is None:
             self._strips.add(self._cutter.make_unplaced_strip(frame))
             return self._pop_finished()
@@ -212,7 +224,7 @@ class FlowMeter:
             blur = place.sigma_mm if place.source == "speed" else 0.0
             layer = self.reference.layer(frame.depth, place.position_mm, self._tracker.direction, blur)
             self._buffer.add(replace(layer, frame=frame.number), place.position_mm)
-            self._tracker.update_key(frame, place)
+            self._tracker.update_key(frame, location)
             view_start = layer.first * self.reference.cell_mm
         strip = self._cutter.cut(frame, place, before, self._convert_range(self.reference.window_mm))
         self._faults.attach(strip, frame, view_start)
@@ -222,6 +234,17 @@ class FlowMeter:
         for rows in self._buffer.fuse_until(seen_until):
             self._profile.add(rows)
         return self._pop_finished(seen_until)
+
+    def _relocate(self, location: Location) -> None:
+        """Give earlier frames, their layers and their strips the positions that a contradiction showed."""
+        if not location.relocated:
+            return
+        places = {one.number: one.place for one in location.relocated}
+        self._cutter.recut(self._strips, places, self._convert_range(self.reference.window_mm)[1])
+        self._buffer.move({one.number: one.moved_mm for one in location.relocated})
+        if self._watch_step is not None:
+            for one in location.relocated:
+                self._watch_step(FramePlacement(one.frame, one.place, None, is_encoder_trusted=False))
 
     def _add_encoder_finding(self, frame: PushedFrame, location: Location) -> None:
         """Attribute the encoder's finding to the frame's strip and to those before it that it concerns."""

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
 
-from beltscape.core.depth import DepthMap
-from beltscape.core.findings import worst_effect
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.motion.belt_motion import (
     MAX_DISAGREEMENT,
@@ -19,7 +16,9 @@ from beltscape.measure.flow.motion.belt_motion import (
 from beltscape.measure.flow.motion.encoder_check import LEAST_MM, Contradiction, EncoderCheck, Interval
 from beltscape.measure.flow.motion.encoder_finding import make_encoder_finding
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
-from beltscape.measure.flow.motion.high_pass import HighPassHeights, compute_high_pass
+from beltscape.measure.flow.motion.first_motion import FirstMotion
+from beltscape.measure.flow.motion.high_pass import compute_free_mm
+from beltscape.measure.flow.motion.key_frame import KeyFrame
 from beltscape.measure.flow.motion.location import Location, Observation
 from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion.plausibility import (
@@ -28,23 +27,15 @@ from beltscape.measure.flow.motion.plausibility import (
     is_belt_surface,
     is_certain,
     is_certain_apart,
-    is_confirmed,
     is_jump,
-    is_unmatched,
 )
 from beltscape.measure.flow.motion.prediction import MotionPrediction
-from beltscape.measure.flow.motion.registration import Shift, register
+from beltscape.measure.flow.motion.recount import LocatedFrame, ProvenMotion, UnconfirmedTravel
+from beltscape.measure.flow.motion.registration import Shift
 from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.settings import FlowSettings
 
-_COARSE_CELLS = 2
-"""Cells of the registration are coarser by this factor."""
-_LEAST_MOTION_MM = 2.0
-"""A shorter motion does not determine the direction."""
-_USUAL_SCORES = 16
-"""Number of latest correlations that are kept as the usual ones."""
-_LEAST_UNMATCHED = 2
-"""Number of frames without a match after which the encoder's prediction is wrong; one frame may be bad itself."""
+_NAN = float("nan")
 
 
 class MotionTracker:
@@ -63,15 +54,13 @@ class MotionTracker:
         low, high = reference.seen_mm
         self._reach_mm = (1 - settings.least_overlap) * (high - low)
         """Longest motion between two frames that can be registered."""
-        self._key: HighPassHeights | None = None
-        self._key_number = 0
+        self._key = KeyFrame(settings.least_overlap)
         self._open: tuple[Interval, bool] | None = None
         """The interval from the key frame to the last one, and whether encoder and material agree on it."""
-        self._scores: deque[float] = deque(maxlen=_USUAL_SCORES)
-        self._unmatched = 0
         self._speed_by_match: float | None = None
         """Speed by the last registration, mm per unit of the clock."""
-        self._first_mm = float("nan")  # motion of the pair of frames before, until the first motion is known
+        self._first = FirstMotion(settings.least_overlap)
+        self._travel = UnconfirmedTravel()
         self._last_reading: BeltPosition | None = None
         """The last position with an encoder reading."""
 
@@ -89,35 +78,23 @@ class MotionTracker:
             uses_encoder=self.check.is_trusted or motion.speed is None,
         )
 
-    def filter(self, depth: DepthMap | None) -> HighPassHeights | None:
-        """Return the high-pass heights of a depth map."""
-        if depth is None:
-            return None
-        height, cell_mm = (
-            self._reference.coarse(depth, _COARSE_CELLS),
-            _COARSE_CELLS * self._reference.cell_mm,
-        )
-        return compute_high_pass(height, cell_mm, self._reference.belt.noise_mm)
-
     def can_locate(self, waiting: Sequence[PushedFrame]) -> bool:
         """Return whether frames can be placed: by a known motion, by an encoder, or by a first motion found now."""
         newest = waiting[-1]
-        if self.motion.key is not None or (self.direction and newest.encoder_mm is not None):
+        if self.motion.key is not None:
             return True
-        before = next((one for one in waiting[-2::-1] if one.high_pass is not None), None)
-        if before is None or before.high_pass is None or newest.high_pass is None:
-            return False
-        shift = register(before.high_pass, newest.high_pass, least_overlap=self._settings.least_overlap)
-        if shift is None or abs(shift.along_mm) < max(_LEAST_MOTION_MM, 3 * shift.sigma_mm):
-            return False
-        if newest.encoder_mm is not None and newest.encoder_mm < (before.encoder_mm or 0.0):
-            return False  # the belt rolls back, or the encoder counts in reverse: a longer motion decides
-        earlier, self._first_mm = self._first_mm, shift.along_mm
-        if not is_confirmed(shift.along_mm, newest.encoder_mm, before.encoder_mm, earlier):
-            return False
-        self.direction = self.direction or (1 if shift.along_mm > 0 else -1)
-        if newest.encoder_mm is None and newest.clock > before.clock:
-            self.motion.speed = self.direction * shift.along_mm / (newest.clock - before.clock)
+        is_known = bool(self.direction) and newest.encoder_mm is not None
+        if is_known and len(waiting) == 1:
+            return newest.high_pass is None or not newest.high_pass.has_load
+        if not self._first.find(waiting):
+            return is_known and not self._first.is_contradicting
+        along, before = self._first.along_mm, waiting[-2]
+        self.direction = self.direction or (1 if along > 0 else -1)
+        contradiction = self._first.contradiction
+        if contradiction is not None:
+            self.check.distrust(contradiction)
+        if (newest.encoder_mm is None or contradiction is not None) and newest.clock > before.clock:
+            self.motion.speed = self.direction * along / (newest.clock - before.clock)
         return True
 
     def locate(self, frame: PushedFrame) -> Location:
@@ -129,40 +106,87 @@ class MotionTracker:
         shift = observed.shift
         agrees = self._open is not None and self._open[1]
         contradiction = observed.contradiction or (None if agrees else jump)
+        relocated: list[LocatedFrame] = []
+        if shift is not None and (contradiction is not None or not self.check.is_trusted):
+            relocated = self._relocate(frame, shift, contradiction)
         if contradiction is not None:
             self.check.distrust(contradiction)
         elif shift is None:
             self._count_jump_over(frame)
-        before = self.motion.last
-        observation = MotionObservation(
-            frame.clock,
-            frame.encoder_mm,
-            None if shift is None else self.direction * shift.along_mm,
-            0.0 if shift is None else shift.sigma_mm,
-            uses_encoder=self.check.is_trusted
-            and not (observed.is_doubtful and self.motion.speed is not None),
-        )
-        if observed.is_doubtful and not self.check.is_trusted:
-            self.motion.observe_movement(frame.clock)
-        place = None if before is None and frame.depth is None else self.motion.locate(observation)
-        if place is not None and frame.encoder_mm is not None:
-            self._last_reading = place
+        before, place = self.motion.last, self._place(frame, observed)
+        if place is not None:
+            is_confirmed = shift is not None and (agrees or not self.check.is_trusted)
+            located = LocatedFrame(frame.number, frame.frame, place)
+            self._travel.add(located, self.motion.speed, is_confirmed=is_confirmed)
         has_turned = was_assumed and self.direction != direction
         finding = None
         if place is not None and not (frame.encoder_mm is None and self.check.is_trusted):
             finding = make_encoder_finding(self.check, before, place)
-        return Location(place, shift, self.check.is_trusted, contradiction, finding, has_turned)
+        return Location(
+            place, shift, self.check.is_trusted, contradiction, finding, has_turned, tuple(relocated)
+        )
 
-    def update_key(self, frame: PushedFrame, place: BeltPosition) -> None:
-        """Make the frame the key frame once the belt has moved, unless only the old one has load and overlaps."""
-        key = self.motion.key
-        moved = abs(place.position_mm - key.position_mm) if key is not None else np.inf
+    def _place(self, frame: PushedFrame, observed: Observation) -> BeltPosition | None:
+        """Return the frame's position from the best observation; None if unknown."""
+        motion, trusted, shift = self.motion, self.check.is_trusted, observed.shift
+        if observed.is_doubtful and not trusted:
+            motion.observe_movement(frame.clock)
+        if motion.last is None and frame.depth is None:
+            return None
+        place = motion.locate(
+            MotionObservation(
+                frame.clock,
+                frame.encoder_mm,
+                None if shift is None else self.direction * shift.along_mm,
+                0.0 if shift is None else shift.sigma_mm,
+                uses_encoder=trusted and not (observed.is_doubtful and motion.speed is not None),
+                encoder_ratio=_NAN if trusted else self.check.constant_ratio,
+            )
+        )
+        if place is not None and frame.encoder_mm is not None:
+            self._last_reading = place
+        return place
+
+    def _relocate(
+        self, frame: PushedFrame, shift: Shift, contradiction: Contradiction | None
+    ) -> list[LocatedFrame]:
+        """Move key and last frame, and return the frames since the last agreement with their new positions."""
+        key, elapsed = self.motion.key, self._compute_elapsed(frame)
+        if key is None or self._key.heights is None or elapsed <= 0:
+            return []
+        along = self.direction * shift.along_mm
+        proven = ProvenMotion(
+            LocatedFrame(self._key.number, "", key),
+            along / elapsed,
+            self.check.constant_ratio if contradiction is None else 1 + contradiction.value,
+            compute_free_mm(self._key.heights, self.direction),
+        )
+        relocated = self._travel.relocate(proven)
+        at_key = next((one.place for one in relocated if one.number == self._key.number), None)
+        if at_key is None:
+            return []
+        self.motion.move(at_key.position_mm, relocated[-1].place.position_mm)
+        return relocated
+
+    def _compute_elapsed(self, frame: PushedFrame) -> float:
+        """Return the time since the key frame; 0 without one."""
+        return frame.clock - (self.motion.key or frame).clock
+
+    def update_key(self, frame: PushedFrame, location: Location) -> None:
+        """Make the frame the key frame once the belt has moved, unless only the old one has load and overlaps.
+
+        A frame with load that does not match the key frame replaces it: else a key frame without common load would
+        remain for as long as an encoder stands still, whatever passes.
+        """
+        key, place = self.motion.key, location.place
+        moved = abs(place.position_mm - key.position_mm) if key is not None and place is not None else np.inf
         has_load = frame.high_pass is not None and frame.high_pass.has_load
-        kept = self._key is not None and self._key.has_load
         is_out_of_view = moved > self._reach_mm
-        if self._key is None or (moved >= self._key_step_mm and (has_load or not kept)) or is_out_of_view:
+        is_unmatched = location.shift is None and has_load
+        is_due = moved >= self._key_step_mm and (has_load or not self._key.has_load)
+        if self._key.heights is None or is_due or is_unmatched or is_out_of_view:
             self.motion.move_key()
-            self._key, self._key_number = frame.high_pass, frame.number
+            self._key.replace(frame)
             self._close_interval()
 
     def _close_interval(self) -> None:
@@ -173,7 +197,7 @@ class MotionTracker:
     def _observe(self, frame: PushedFrame, *, trusted: bool) -> Observation:
         """Observe the motion since the key frame; ``trusted``: the encoder may be used to predict it."""
         key, motion = self._key, self.motion
-        if key is None or frame.high_pass is None:
+        if key.heights is None or frame.high_pass is None:
             return Observation()
         trusted = trusted and frame.encoder_mm is not None
         by_speed = motion.predict_from_speed_mm(frame.clock)
@@ -184,21 +208,25 @@ class MotionTracker:
             expected = by_speed
         is_in_view = (1 - MAX_DISAGREEMENT) * abs(expected or 0.0) <= self._reach_mm
         near = expected if is_in_view and not self.is_assumed else None
-        shift = self._register(frame.high_pass, near)
+        shift = key.register(frame.high_pass, None if near is None else self.direction * near)
         by_encoder = trusted and shift is not None and not shift.clear
         if shift is None and trusted and not self.is_assumed and differ(by_speed, expected):
-            shift, by_encoder = self._register(frame.high_pass, by_speed), False
+            shift, by_encoder = key.register(frame.high_pass, self.direction * (by_speed or 0.0)), False
         self._turn(shift, apart=apart)
         if shift is not None:
             self.evidence.add(shift, self.direction, self._encoder_step_mm(frame), apart=is_beyond)
             if not self._is_credible(frame, shift, expected, by_speed, apart=apart):
                 shift = None
         if shift is not None:
-            self._unmatched = 0
+            key.reset_unmatched()
             return Observation(shift, None if by_encoder else self._compare(frame, shift))
-        if apart or near is None or not self._is_unmatched(frame, near if trusted else None):
+        # not where the encoder puts it; while it is not trusted: not where a standstill puts it
+        if apart or near is None or not key.is_unmatched(frame, self.direction * near if trusted else 0.0):
             return Observation()
-        return Observation(None, self._contradict_unmatched() if trusted else None, is_doubtful=True)
+        if not trusted or not key.count_unmatched():
+            return Observation(is_doubtful=True)
+        first = 1 + min(key.number, self.check.agreed)
+        return Observation(None, Contradiction("unmatched", first, _NAN, _NAN), is_doubtful=True)
 
     def _is_credible(
         self,
@@ -210,10 +238,10 @@ class MotionTracker:
         apart: bool,
     ) -> bool:
         """Return whether a registration is the material's motion and not a match by chance."""
-        key, position = self._key, self.motion.key
-        if key is None or position is None or frame.high_pass is None:
+        key = self._key.heights
+        if key is None or self.motion.key is None or frame.high_pass is None:
             return True
-        along, elapsed = self.direction * shift.along_mm, frame.clock - position.clock
+        along, elapsed = self.direction * shift.along_mm, self._compute_elapsed(frame)
         speed_before, self._speed_by_match = self._speed_by_match, along / elapsed if elapsed > 0 else None
         if apart:
             # by the encoder the views do not overlap: then a similar surface is other material
@@ -223,17 +251,12 @@ class MotionTracker:
         step = self._encoder_step_mm(frame)
         if self.check.is_trusted and (step is None or not differ(along, step / self.motion.scale.ratio)):
             return True
-        return is_certain(shift, along, by_speed_mm, speed_before, elapsed)
-
-    def _register(self, high_pass: HighPassHeights, near_mm: float | None) -> Shift | None:
-        """Return the motion of the material since the key frame; ``near_mm`` is the prediction along the travel."""
-        assert self._key is not None
-        near = None if near_mm is None else self.direction * near_mm
-        return register(self._key, high_pass, least_overlap=self._settings.least_overlap, near_mm=near)
+        by_speeds = (by_speed_mm, self._travel.predict_motion_mm(elapsed))
+        return is_certain(shift, along, by_speeds, speed_before, elapsed)
 
     def _turn(self, shift: Shift | None, *, apart: bool) -> None:
         """Replace an assumed direction by that of the material's motion."""
-        if shift is None or not self.is_assumed or apart or abs(shift.along_mm) <= _LEAST_MOTION_MM:
+        if shift is None or not self.is_assumed or apart or abs(shift.along_mm) <= LEAST_MM:
             return
         self.is_assumed = False
         if self.direction * shift.along_mm < 0:
@@ -246,44 +269,22 @@ class MotionTracker:
             return None
         return frame.encoder_mm - key.encoder_mm
 
-    def _is_unmatched(self, frame: PushedFrame, near_mm: float | None) -> bool:
-        """Return whether the material is not where the encoder puts it; None: not where a standstill puts it."""
-        if self._key is None or frame.high_pass is None or worst_effect(frame.findings) != "none":
-            return False
-        return is_unmatched(
-            self._key,
-            frame.high_pass,
-            self.direction * (near_mm or 0.0),
-            least_overlap=self._settings.least_overlap,
-            usual_scores=self._scores,
-        )
-
-    def _contradict_unmatched(self) -> Contradiction | None:
-        self._unmatched += 1
-        if self._unmatched < _LEAST_UNMATCHED:
-            return None
-        self._unmatched = 0
-        return Contradiction("unmatched", self._key_number + 1, float("nan"), float("nan"))
-
     def _compare(self, frame: PushedFrame, shift: Shift) -> Contradiction | None:
         """Compare the encoder's step since the key frame with the material's."""
         step = self._encoder_step_mm(frame)
         if step is None or self.is_assumed or shift.support < LEAST_SUPPORT:
             return None
-        self._scores.append(shift.score)
-        interval = Interval(step, self.direction * shift.along_mm, shift.sigma_mm**2, self._key_number)
+        self._key.add_match(shift.score)
+        interval = Interval(step, self.direction * shift.along_mm, shift.sigma_mm**2, self._key.number)
         found = self.check.find_contradiction(interval, frame.number, self.motion.speed or 0.0)
         self._open = interval, found is None
         return found
 
     def _find_jump(self, frame: PushedFrame) -> Contradiction | None:
         """Return the contradiction of a reading to which no belt can have moved since the last reading."""
-        before, last = self._last_reading, self.motion.last
-        if before is None or last is None or frame.encoder_mm is None:
-            return None
-        if not is_jump(before, last, self.motion.speed, frame.clock, frame.encoder_mm):
-            return None
-        return Contradiction("jump", frame.number, float("nan"), float("nan"))
+        motion = self.motion
+        jumps = is_jump(self._last_reading, motion.last, motion.speed, frame.clock, frame.encoder_mm)
+        return Contradiction("jump", frame.number, _NAN, _NAN) if jumps else None
 
     def _count_jump_over(self, frame: PushedFrame) -> None:
         """Count the agreement of the encoder with the last speed, where the material does not show the motion."""
@@ -295,4 +296,4 @@ class MotionTracker:
         step, by_speed = frame.encoder_mm - last.encoder_mm, speed * (frame.clock - last.clock)
         agrees = abs(step - by_speed) <= MAX_DISAGREEMENT * abs(by_speed)
         if abs(by_speed) > LEAST_MM and agrees and self.check.count_agreement():
-            self.motion.scale = EncoderScale()
+            self.motion.restart_scale(frame.encoder_mm - by_speed)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+
 import numpy as np
 
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
@@ -58,6 +60,19 @@ class StripCutter:
         elif self._opening is not None:
             self._opening.speed_mm_s, self._opening = speed, None
         return strip
+
+    def recut(self, strips: Iterable[Strip], places: Mapping[int, BeltPosition], high_mm: float) -> None:
+        """Cut the strips of frames with new positions anew; ``high_mm`` is the newer end of the window."""
+        front = None
+        for strip in strips:
+            place = places.get(strip.number)
+            if front is None and place is None:
+                continue
+            strip.start_mm = strip.start_mm if front is None else front
+            strip.end_mm = (
+                strip.start_mm if place is None else max(strip.start_mm, place.position_mm + high_mm)
+            )
+            self._front_mm = front = strip.end_mm
 
     def make_unplaced_strip(self, frame: PushedFrame) -> Strip:
         """Return the empty strip of a frame without a position: its belt counts with the next frame's strip."""

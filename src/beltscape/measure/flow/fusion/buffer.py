@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
@@ -40,6 +43,19 @@ class LayerBuffer:
             self._newest = layer
         if self._next is None:
             self._next = layer.first
+
+    def move(self, moves_mm: Mapping[int, float]) -> None:
+        """Move the layers of these frames along the belt, by whole cells."""
+        if self._layers and self._kept_mm is not None:
+            self._kept_mm += moves_mm.get(self._layers[-1].frame, 0.0)
+        self._layers = [self._move_layer(layer, moves_mm) for layer in self._layers]
+        if self._newest is not None:
+            self._newest = self._move_layer(self._newest, moves_mm)
+
+    def _move_layer(self, layer: Layer, moves_mm: Mapping[int, float]) -> Layer:
+        return replace(
+            layer, first=layer.first + round(moves_mm.get(layer.frame, 0.0) / self._ground.cell_mm)
+        )
 
     def clear(self) -> None:
         """Discard the layers, which were added for the wrong direction."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,9 @@ _SPEED_KNOWN = 0.01
 FASTEST_MM_S = 20_000.0
 """No belt is faster."""
 _NEGLIGIBLE_MM = 2.0
+"""Difference of an encoder's step and the speed's that is no contradiction: resolution and jitter, as `LEAST_MM`."""
+LEAST_RATIO = 0.05
+"""An encoder that moves by less than this share of the material's travel stands still: its steps are no measure."""
 _LONGEST_COAST = 10.0
 """Time, s, for which the last speed continues against an encoder that is not trusted; a belt stops within it."""
 MAX_DISAGREEMENT = 0.25
@@ -39,6 +42,8 @@ class MotionObservation:
     """One standard deviation of the shift."""
     uses_encoder: bool = True
     """Whether the encoder is trusted; else its step counts only where it agrees with the last speed."""
+    encoder_ratio: float = float("nan")
+    """Encoder's over the material's motion of an encoder that is not trusted; NaN: unknown, or not constant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +116,19 @@ class BeltMotion:
         self.last = placed
         return placed
 
+    def move(self, key_mm: float, last_mm: float) -> None:
+        """Correct the positions of the key frame and of the last one."""
+        if self.key is not None and self.last is not None:
+            self.key = replace(self.key, position_mm=key_mm)
+            self.last = replace(self.last, position_mm=last_mm)
+
+    def restart_scale(self, encoder_mm: float) -> None:
+        """Begin the encoder's scale anew with a count that shows ``encoder_mm`` at the last position."""
+        self.scale = EncoderScale()
+        if self.key is not None and self.last is not None:
+            since_key = self.last.position_mm - self.key.position_mm
+            self.key = replace(self.key, encoder_mm=encoder_mm - since_key)
+
     def move_key(self) -> None:
         """Make the last frame the key frame, and compare encoder and material between the two."""
         key, last = self.key, self.last
@@ -141,18 +159,21 @@ class BeltMotion:
     def _from_increment(self, observation: MotionObservation) -> BeltPosition | None:
         """Return the position by the step of an encoder that is not trusted, or by the speed where they differ.
 
-        Without any observation for long, the encoder's step is all that there is. σ covers both.
+        The step counts by the ratio that the material showed, if it is constant. Without any observation for long,
+        the encoder's step is all that there is. σ covers both.
         """
         last = self.last
         if last is None or observation.encoder_mm is None or last.encoder_mm is None:
             return None
-        step = observation.encoder_mm - last.encoder_mm
+        ratio = observation.encoder_ratio
+        is_known = abs(ratio) > LEAST_RATIO
+        step = (observation.encoder_mm - last.encoder_mm) / (ratio if is_known else 1.0)
         elapsed = observation.clock - last.clock
         if self.speed is None:
             by_speed = 0.0 if abs(step) > FASTEST_MM_S * elapsed else step
         else:
             by_speed = self.speed * elapsed
-        differs = abs(step - by_speed) > MAX_DISAGREEMENT * abs(by_speed) + _NEGLIGIBLE_MM
+        differs = not is_known or abs(step - by_speed) > MAX_DISAGREEMENT * abs(by_speed) + _NEGLIGIBLE_MM
         sigma = float(np.hypot(abs(step - by_speed) / np.sqrt(12), _SPEED_CHANGE * by_speed))
         if differs and observation.clock - self._observed_clock < _LONGEST_COAST:
             step = by_speed

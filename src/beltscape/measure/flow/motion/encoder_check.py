@@ -23,6 +23,7 @@ LEAST_MM = 2.0
 _TIMING_S = 0.002
 """Encoder and images may be read at instants that differ by this much."""
 _SIGMAS = 4.0
+"""A difference counts if it exceeds this many σ of the registration, so that a sound encoder is not distrusted."""
 _HISTORY = 128
 """Number of intervals over which small differences add up."""
 _LEAST_AGREEING = 3
@@ -30,6 +31,9 @@ _LEAST_AGREEING = 3
 _TREND_MM = 5000.0
 """Length of belt over which the present ratio is averaged: some seconds, within which slip is to be noticed."""
 _LEAST_TREND_MM = 100.0
+"""Least length of belt for a present ratio: over it, `LEAST_MM` at both ends makes 3 %. Chosen."""
+_CONSTANT_RATIO = 0.03
+"""Relative spread of the ratios below which an encoder slips or has a wrong scale; wild readings spread by more."""
 _STANDING_SHARE = 0.05
 """An encoder that moves by less than this share of the material's travel stands still, and jitters."""
 
@@ -75,6 +79,11 @@ class EncoderCheck:
         self._trend: deque[Interval] = deque(maxlen=4 * _HISTORY)
 
     @property
+    def agreed(self) -> int:
+        """Return the number of the last frame in which encoder and material agreed; -1 before."""
+        return self._agreed
+
+    @property
     def is_trusted(self) -> bool:
         """Return whether the encoder agrees with the material as far as both are known."""
         return self._needed == 0
@@ -92,10 +101,8 @@ class EncoderCheck:
             variance += one.variance_mm2
             difference = abs(encoder - material)
             if difference > allowed + _SIGMAS * variance**0.5 + self.tolerance * abs(material):
-                value = _compute_deviation(encoder, material)
-                sigma = _compute_sigma(encoder, material, variance)
                 first = 1 + min(one.first, self._agreed)
-                return Contradiction(_classify(encoder, material), first, value, sigma, intervals=count)
+                return make_contradiction(encoder, material, variance, first=first, intervals=count)
         if abs(now.material_mm) > LEAST_MM:
             self._agreed = number
         return None
@@ -131,6 +138,16 @@ class EncoderCheck:
         return self.is_trusted
 
     @property
+    def constant_ratio(self) -> float:
+        """Return the median of encoder over material of the last intervals; NaN where it is not constant."""
+        ratios = [one.encoder_mm / one.material_mm for one in self._trend if abs(one.material_mm) > LEAST_MM]
+        if len(ratios) < _LEAST_AGREEING:
+            return float("nan")
+        ratio = float(np.median(ratios))
+        spread = float(np.median(np.abs(np.array(ratios) - ratio)))
+        return ratio if spread <= _CONSTANT_RATIO * abs(ratio) else float("nan")
+
+    @property
     def deviation(self) -> tuple[float, float]:
         """Return encoder over material less 1 over the last metres, and its σ; NaN before enough travel."""
         encoder = sum(one.encoder_mm for one in self._trend)
@@ -139,6 +156,19 @@ class EncoderCheck:
             return float("nan"), float("nan")
         variance = sum(one.variance_mm2 for one in self._trend)
         return encoder / material - 1, _compute_sigma(encoder, material, variance)
+
+
+def make_contradiction(
+    encoder_mm: float, material_mm: float, variance_mm2: float, *, first: int, intervals: int
+) -> Contradiction:
+    """Return the contradiction of travels of encoder and material over some intervals."""
+    return Contradiction(
+        _classify(encoder_mm, material_mm),
+        first,
+        _compute_deviation(encoder_mm, material_mm),
+        _compute_sigma(encoder_mm, material_mm, variance_mm2),
+        intervals,
+    )
 
 
 def _compute_deviation(encoder_mm: float, material_mm: float) -> float:

@@ -50,3 +50,15 @@ def compute_high_pass(height_mm: NDArray[np.float64], cell_mm: float, noise_mm: 
     spread = float(np.sqrt(np.mean(high_pass[load] ** 2))) if load.any() else 0.0
     high_pass = np.clip(high_pass, -_TALLEST * spread, _TALLEST * spread)
     return HighPassHeights(np.where(load, height_mm, np.nan), high_pass, load, cell_mm)
+
+
+def compute_free_mm(frame: HighPassHeights, direction: int) -> float:
+    """Return the length without load at the end of the view at which the belt leaves it.
+
+    ``direction`` of travel is +1 towards +y, -1 towards -y.
+    """
+    rows = np.flatnonzero(frame.load.any(axis=1))
+    count = len(frame.load)
+    if not len(rows):
+        return count * frame.cell_mm
+    return float((count - 1 - rows[-1] if direction > 0 else rows[0]) * frame.cell_mm)

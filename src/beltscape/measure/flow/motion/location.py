@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from beltscape.core.findings import Finding
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
 from beltscape.measure.flow.motion.encoder_check import Contradiction
+from beltscape.measure.flow.motion.recount import LocatedFrame
 from beltscape.measure.flow.motion.registration import Shift
 
 
@@ -25,6 +26,8 @@ class Location:
     """The finding about the encoder; None without an encoder."""
     has_turned: bool
     """Whether the direction of travel, which was only assumed before, turned out to be the other one."""
+    relocated: tuple[LocatedFrame, ...] = ()
+    """Earlier frames with new positions: the contradiction shows that the encoder located them wrongly."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,9 @@ _LOW_SCORE = 0.4
 _ROUGH_MM = 5.0
 """Surfaces with this relief match by 0.75 or more where they are the same, whatever their noise."""
 _ROUGH_SCORE = 0.75
+"""Score that stands for the usual one while few are known, of surfaces with `_ROUGH_MM`."""
 _LEAST_SCORES = 3
+"""Number of scores from which their median is the usual one: one outlier does not move it."""
 _BRAKED_MM_S2 = 3000.0
 """Acceleration of a belt that is braked in an emergency."""
 _HIGHEST_ACCELERATION_MM_S2 = 10_000.0
@@ -49,16 +51,22 @@ def differ(motion_mm: float | None, expected_mm: float | None) -> bool:
 
 
 def is_certain(
-    shift: Shift, along_mm: float, by_speed_mm: float | None, speed_before: float | None, elapsed: float
+    shift: Shift,
+    along_mm: float,
+    by_speeds_mm: Sequence[float | None],
+    speed_before: float | None,
+    elapsed: float,
 ) -> bool:
     """Return whether a match that contradicts the encoder is not by chance.
 
-    It agrees with the last speed, or a belt can have changed its speed so far, or it is exact; then it must have much
-    material, or agree with the match before, by ``speed_before``. ``along_mm`` is its motion along the travel,
-    ``elapsed`` the time since the key frame.
+    It agrees with one of the last speeds, or a belt can have changed its speed so far, or it is exact; then it must
+    have much material, or agree with the match before, by ``speed_before``. ``along_mm`` is its motion along the
+    travel, ``by_speeds_mm`` are those by the present speed and by the last confirmed one, ``elapsed`` is the time
+    since the key frame.
     """
-    if by_speed_mm is not None and not differ(along_mm, by_speed_mm):
+    if any(one is not None and not differ(along_mm, one) for one in by_speeds_mm):
         return True
+    by_speed_mm = by_speeds_mm[0]
     change = 0.0 if by_speed_mm is None else abs(along_mm - by_speed_mm)
     if shift.score < _STRONG_SCORE and change > _LEAST_JUMP_MM + _BRAKED_MM_S2 * elapsed**2:
         return False
@@ -118,13 +126,19 @@ def is_unmatched(
 
 
 def is_jump(
-    before: BeltPosition, last: BeltPosition, speed: float | None, clock: float, encoder_mm: float
+    before: BeltPosition | None,
+    last: BeltPosition | None,
+    speed: float | None,
+    clock: float,
+    encoder_mm: float | None,
 ) -> bool:
     """Return whether no belt can have moved from the last reading ``before`` to this one.
 
     ``last`` is the last position and ``speed`` the last speed, mm per unit of the clock; None if unknown. Where the
     position was observed between the two, the speed had less time to change.
     """
+    if before is None or last is None or encoder_mm is None:
+        return False
     since = before if last.source == "speed" else last
     elapsed = max(clock - since.clock, 0.0)
     expected, allowed = 0.0, FASTEST_MM_S * elapsed
@@ -135,17 +149,23 @@ def is_jump(
     return abs(step - expected) > _LEAST_JUMP_MM + allowed + 0.05 * abs(expected)
 
 
-def is_confirmed(
-    along_mm: float, encoder_mm: float | None, encoder_before_mm: float | None, earlier_mm: float
-) -> bool:
-    """Return whether a first motion is the encoder's step, or that of the pair of frames before (``earlier_mm``).
+def is_confirmed(along_mm: float, encoder_mm: float | None, encoder_before_mm: float | None) -> bool:
+    """Return whether a first motion is the encoder's step; without an encoder every motion counts as confirmed.
 
     A chance registration of a thin load may have any length and sign; it must not set the direction of travel.
-    Without an encoder every motion counts as confirmed.
     """
     if encoder_mm is None or encoder_before_mm is None:
         return True
     step = encoder_mm - encoder_before_mm
-    if abs(abs(along_mm) - step) <= MAX_DISAGREEMENT * step + LEAST_MM:
-        return True
-    return abs(along_mm - earlier_mm) <= MAX_DISAGREEMENT * abs(along_mm)
+    return abs(abs(along_mm) - step) <= MAX_DISAGREEMENT * step + LEAST_MM
+
+
+def are_consistent(shifts: Sequence[Shift]) -> bool:
+    """Return whether first motions that the encoder contradicts are not by chance: long, exact and all alike."""
+    usual = float(np.median([shift.along_mm for shift in shifts]))
+    return all(
+        shift.clear
+        and shift.support >= _LARGE_SUPPORT
+        and abs(shift.along_mm - usual) <= _CONSTANT_SPEED * abs(usual) + LEAST_MM
+        for shift in shifts
+    )

@@ -9,6 +9,7 @@ from statistics import median
 import numpy as np
 
 from beltscape.health.image_statistics import FloatArray, ImageStatistics
+from beltscape.health.settings import HealthSettings
 
 FrameStatistics = Mapping[str, ImageStatistics]
 """Statistics of a frame's images by camera."""
@@ -63,34 +64,40 @@ class ImageReferences:
     """Logarithm of the present light over that of ``reference``."""
 
 
+def has_projector(reference: Reference, settings: HealthSettings) -> bool:
+    """Return whether a projector is to light the belt."""
+    return settings.projector == "yes" or (settings.projector == "auto" and reference.has_speckle)
+
+
 def learn_reference(frames: Sequence[FrameStatistics]) -> Reference:
-    """Return the medians over sound frames; only cameras that are in all of them have a reference."""
-    names = [name for name in frames[0] if all(name in frame for frame in frames)]
-    mean_level, contrast, sharpness, shading = (
-        [compare_cameras(frame, value) for frame in frames]
-        for value in (log_brightness, log_contrast, log_sharpness, log_shading)
-    )
-    cameras = {
-        name: CameraReference(
-            _learn_offset(mean_level, name),
-            _learn_offset(contrast, name),
-            _learn_offset(sharpness, name, 2 * _LARGEST_OFFSET),
-            _learn_offset(shading, name, 4 * _LARGEST_OFFSET),
-            float(np.median([log_contrast(frame[name]) for frame in frames])),
-            float(np.median([log_sharpness(frame[name]) for frame in frames])),
-            float(np.median([log_shading(frame[name]) for frame in frames])),
-            np.median(
-                [
-                    frame[name].level * (frames[0][name].exposure_us / frame[name].exposure_us)
-                    for frame in frames
-                ],
-                axis=0,
-            ).astype(np.float32),
-            frames[0][name].exposure_us,
-        )
-        for name in names
-    }
+    """Return the medians over sound frames, of the cameras that are in most of them."""
+    names = {name: None for frame in frames for name in frame}
+    common = [name for name in names if 2 * sum(name in frame for frame in frames) >= len(frames)]
+    cameras = {name: _learn_camera([frame for frame in frames if name in frame], name) for name in common}
     return Reference(cameras, float(np.median([measure_speckle(frame) for frame in frames])) > LEAST_SPECKLE)
+
+
+def _learn_camera(frames: Sequence[FrameStatistics], name: str) -> CameraReference:
+    """Return the medians of one camera over frames that have its image."""
+    own, first = [frame[name] for frame in frames], frames[0][name]
+
+    def learn_offset(value: Callable[[ImageStatistics], float], limit: float = _LARGEST_OFFSET) -> float:
+        offsets = [compare_cameras(frame, value)[name] for frame in frames]
+        return float(np.clip(np.median(offsets), -limit, limit))
+
+    return CameraReference(
+        mean_level=learn_offset(log_brightness),
+        contrast=learn_offset(log_contrast),
+        sharpness=learn_offset(log_sharpness, 2 * _LARGEST_OFFSET),
+        shading=learn_offset(log_shading, 4 * _LARGEST_OFFSET),
+        own_contrast=float(np.median([log_contrast(one) for one in own])),
+        own_sharpness=float(np.median([log_sharpness(one) for one in own])),
+        own_shading=float(np.median([log_shading(one) for one in own])),
+        level=np.median([one.level * (first.exposure_us / one.exposure_us) for one in own], axis=0).astype(
+            np.float32
+        ),
+        exposure_us=first.exposure_us,
+    )
 
 
 def compare_cameras(frame: FrameStatistics, value: Callable[[ImageStatistics], float]) -> dict[str, float]:
@@ -127,7 +134,3 @@ def log_sharpness(one: ImageStatistics) -> float:
 def log_shading(one: ImageStatistics) -> float:
     """Return the logarithm of the spread between blocks."""
     return float(np.log(one.shading))
-
-
-def _learn_offset(frames: Sequence[Mapping[str, float]], name: str, limit: float = _LARGEST_OFFSET) -> float:
-    return float(np.clip(np.median([frame[name] for frame in frames]), -limit, limit))

@@ -95,6 +95,16 @@ class TestOneCamera:
             assert "defocus:cam0" in name_faults(result.findings)
 
 
+def test_a_camera_that_missed_some_frames_is_learned() -> None:
+    one = make_monitor()
+    for number in range(LEARNING):
+        frames = make_frame(number)
+        present = {name: image for name, image in frames.images.items() if name != AUXILIARY or number != 2}
+        one.check_images(replace(frames, images=present))
+    assert one.reference is not None
+    assert set(one.reference.cameras) == set(make_rig().cameras)
+
+
 class TestFrozen:
     @pytest.mark.parametrize("camera", [CORE, AUXILIARY])
     def test_first_repeated_image_is_noticed(self, monitor: ImageMonitor, camera: str) -> None:
@@ -170,6 +180,23 @@ class TestLight:
         assert 0.6 < right < 0.72
         assert 0.25 < top < 0.4
         assert 0.55 < bottom < 0.7
+
+    def test_sunlight_on_a_pattern_too_fine_to_be_recognised(self) -> None:
+        """A project that states its projector needs no recognised pattern; the sun's light is no dirt."""
+
+        def shine(_: str, light: Levels) -> Levels:
+            lit = 0.25 * light + 0.75 * blur(light, 9.0)
+            lit[100:200, 150:260] += 130 * (number > LEARNING)
+            return lit.astype(np.float32)
+
+        monitor = make_monitor(projector="yes")
+        for number in range(LEARNING + 2):
+            findings = monitor.check_images(make_frame(number, shine)).findings
+
+        assert monitor.reference is not None
+        assert not monitor.reference.has_speckle
+        assert "sunlight" in name_faults(findings)
+        assert monitor.check_depth(None) == ()  # type: ignore[arg-type]  # not even looked at
 
     def test_flicker_is_only_a_warning(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(make_frame(NEXT, lambda _, light: 1.3 * light))

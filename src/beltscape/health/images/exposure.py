@@ -17,6 +17,7 @@ from beltscape.health.reference import (
     FrameStatistics,
     Reference,
     compare_cameras,
+    has_projector,
     log_brightness,
     measure_speckle,
 )
@@ -122,8 +123,8 @@ def check_sunlight(frame: FrameStatistics, reference: Reference | None, settings
 
     Without a projected pattern it is not measured.
     """
-    speckled = measure_speckle(frame) > LEAST_SPECKLE if reference is None else reference.has_speckle
-    if not speckled:
+    speckled = measure_speckle(frame) > LEAST_SPECKLE
+    if not (speckled if reference is None else has_projector(reference, settings)):
         return Finding("sunlight", float("nan"), float("nan"), 100 * settings.sunlight, "%")
     patches = {name: find_sunlit_blocks(one) for name, one in frame.items()}
     shares = {name: float(patch.mean()) for name, patch in patches.items()}

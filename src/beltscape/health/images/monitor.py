@@ -93,6 +93,8 @@ class ImageMonitor:
         self._dirt: tuple[Finding, ...] = ()
         self._faulty: set[str] = set()
         """Cameras whose last image has another fault: its light says nothing about dirt."""
+        self._has_other_light = False
+        """Whether sunlight, dust or the projector changes the light of all cameras: then it says nothing either."""
 
     @property
     def reference(self) -> Reference | None:
@@ -115,6 +117,7 @@ class ImageMonitor:
             self._learn(statistics)
         self._before, self._levels_before = statistics, levels
         self._faulty = {one.subject for one in findings if one.is_fault}
+        self._has_other_light = any(one.effect != "none" and not one.subject for one in findings)
         blind = {one.subject for one in findings if one.effect == "missing"}
         return self._select(frames, blind, tuple(map(self._weight_camera, findings)))
 
@@ -123,7 +126,8 @@ class ImageMonitor:
 
         Dirt is searched in frames of a moving belt; while it stands the last findings hold.
         """
-        if not self._settings.images or len(self._before.keys() - self._faulty) < 3:
+        is_comparable = not self._has_other_light and len(self._before.keys() - self._faulty) >= 3
+        if not self._settings.images or not is_comparable:
             return ()
         self._moving_frames += self._is_moving
         if self._is_moving:

@@ -14,6 +14,7 @@ from beltscape.health.images.sharpness import FAINT_SIGNAL
 from beltscape.health.reference import (
     FrameStatistics,
     Reference,
+    has_projector,
     log_contrast,
     log_shading,
     log_sharpness,
@@ -58,11 +59,6 @@ def check_projected_pattern(
         _describe(check, value, float(np.exp(light)), limit, check == fault)
         for check in ("projector", "projector_focus", "dust")
     ]
-
-
-def has_projector(reference: Reference, settings: HealthSettings) -> bool:
-    """Return whether a projector is to light the belt."""
-    return settings.projector == "yes" or (settings.projector == "auto" and reference.has_speckle)
 
 
 @dataclass(frozen=True, slots=True)

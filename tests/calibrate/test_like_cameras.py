@@ -107,3 +107,16 @@ def test_a_camera_that_moved_is_still_a_fault_after_the_second_test():
     found = solve_hierarchy(seen, BOARD, None, Silent())
     retest = retest_network(found, adjust_bundle(found, BOARD))
     assert any(f"camera {WEAK} disagrees" in line for line in list_network_findings(retest.hierarchy))
+
+
+def test_an_implausible_start_is_replaced_by_the_best_of_several():
+    """A camera without a like one: a minimum at an endless focal length is no lens."""
+    rig = like_cameras(2, 14, convergence=0.3)
+    seen = detect(rig, boards_before(rig, 3, 0.06, 14), 0.05, 14, bend_mm=0.3).restrict(
+        ["c01"], ["00", "01", "02"]
+    )
+    own = calibrate_camera("c01", seen, BOARD_MM)
+    endless = replace(own, camera=replace(own.camera, focal_px=own.camera.focal_px * 100), rms_px=0.2)
+    again, (restart,) = restart_weak_cameras(seen, {"c01": endless}, BOARD_MM)
+    assert restart.own_focal_px > 100_000
+    np.testing.assert_allclose(again["c01"].camera.focal_px, rig.cameras["c01"].focal_px, rtol=0.04)

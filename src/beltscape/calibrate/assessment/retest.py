@@ -88,8 +88,8 @@ def _describe_restarts(hierarchy: HierarchyResult, adjustment: BundleAdjustmentR
     )
     more = f" and {len(restarts) - 4} more" if len(restarts) > 4 else ""
     return [
-        f"own views hardly determine the focal length of camera {sizes}{more}; they were started from the lens of "
-        "like cameras"
+        f"own views hardly determine the focal length of camera {sizes}{more}; they were started again from the "
+        "lens of like cameras or the best of several"
     ]
 
 

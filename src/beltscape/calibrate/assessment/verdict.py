@@ -11,7 +11,7 @@ from beltscape.calibrate.assessment.covariance import RigCovariance
 from beltscape.calibrate.assessment.fit_quality import CameraFit
 from beltscape.calibrate.assessment.score import Score
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult
-from beltscape.calibrate.intrinsics.like_cameras import compute_coherence_factor
+from beltscape.calibrate.intrinsics.like_cameras import MAX_FOCAL, MIN_FOCAL, compute_coherence_factor
 from beltscape.core.errors import CalibrationError
 
 Array = NDArray[np.float64]
@@ -21,8 +21,6 @@ MAX_FOCAL_SIGMA = 0.03
 
 Of 60 simulated sets of 3 to 5 frames, nearly square to the cameras, it refuses all that are off by more than 3 %.
 """
-MIN_FOCAL, MAX_FOCAL = 0.15, 60.0
-"""Plausible focal lengths over the image's longer side: lenses between 147° and 1° of view."""
 MAX_RMS = 0.004
 """Largest RMS and median, over the image's diagonal, of a credible rig; webcams without a common trigger: 0.0009."""
 FEW_FRAMES, MAX_FEW_CHI2, MAX_FEW_PX = 5, 25.0, 0.3

@@ -24,7 +24,7 @@ from beltscape.core.geometry.camera import Camera
 
 Array = NDArray[np.float64]
 
-MAX_FOCAL_SIGMA = 0.02
+MAX_SIGMA = 0.02
 """Largest σ of the focal length, over it, of a camera whose own views determine its lens; good sets have 0.002."""
 VIEW_FREEDOM = 8
 """Independent numbers that a view gives if its corners' errors are alike, as of a bent board: a homography's."""
@@ -35,6 +35,8 @@ LIKE_SIGMA = 0.02
 """Standard deviation of the focal length of like cameras about their mean, over it."""
 MAX_RMS_RATIO, RMS_TOLERANCE_PX = 1.3, 0.03
 """A common lens explains a camera's views if they fit within this multiple of their RMS without it, and px more."""
+MIN_FOCAL, MAX_FOCAL = 0.15, 60.0
+"""Plausible focal lengths over the image's longer side: lenses between 147° and 1° of view."""
 TRIED_FOCALS = 0.45, 0.65, 0.9, 1.3, 1.8, 2.6, 3.7
 """Focal lengths over the image's longer side that are tried as starts; lenses between 96° and 15° of view."""
 TRIED_STARTS = 2
@@ -58,9 +60,11 @@ def is_determined(detections: BoardDetections, camera: MonocularCalibration) -> 
     """Return whether the own views of a camera determine its focal length, were the errors of a view all alike."""
     views = detections.views[camera.camera.name]
     corners = sum(len(views[frame]) for frame in camera.cam_from_board)
-    factor = compute_coherence_factor(corners, len(camera.cam_from_board))
+    focal, sigma = float(camera.camera.focal_px.mean()), max(camera.sigma["fx"], camera.sigma["fy"])
+    is_plausible = MIN_FOCAL < focal / max(camera.camera.size_px) < MAX_FOCAL
     return (
-        factor * max(camera.sigma["fx"], camera.sigma["fy"]) < MAX_FOCAL_SIGMA * camera.camera.focal_px.mean()
+        is_plausible
+        and compute_coherence_factor(corners, len(camera.cam_from_board)) * sigma < MAX_SIGMA * focal
     )
 
 
@@ -78,7 +82,8 @@ def restart_weak_cameras(
     """Start the cameras again whose own views do not determine a lens, or that differ from the like cameras.
 
     ``known`` cameras keep their intrinsics. Cameras of one image size are like if most of those that are determined
-    agree in focal length; if none is determined, if one lens explains the views of all.
+    agree in focal length; if none is determined, if one lens explains the views of all. A camera without a like one
+    starts again from the best of several focal lengths.
     """
     result, restarts = dict(monocular), list[Restart]()
     free = [name for name in monocular if name not in known]
@@ -107,7 +112,7 @@ def _find_common_lens(
     agreeing = _find_agreeing(determined)
     weak = [name for name in names if name not in agreeing]
     are_unlike = 2 * len(determined) > len(names) and not agreeing
-    if len(names) < 2 or not weak or are_unlike:
+    if not weak or are_unlike:
         return None, []
     if agreeing:
         return LensGuess(_average_lens([monocular[name].camera for name in agreeing]), LIKE_SIGMA), weak

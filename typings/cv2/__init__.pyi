@@ -40,6 +40,7 @@ BORDER_REPLICATE: Final = 1
 BORDER_REFLECT: Final = 2
 BORDER_REFLECT_101: Final = 4
 CALIB_CB_ADAPTIVE_THRESH: int
+CALIB_CB_EXHAUSTIVE: int
 CALIB_CB_FAST_CHECK: int
 CALIB_CB_LARGER: int
 CALIB_CB_NORMALIZE_IMAGE: int
@@ -51,6 +52,7 @@ COLOR_BayerGBRG2RGB: int
 COLOR_BayerRGGB2RGB: int
 COLOR_BayerRGGB2RGB_EA: int
 COLOR_BayerRGGB2RGB_VNG: int
+COLOR_GRAY2BGR: int
 COLOR_RGB2BGR: int
 COLOR_RGB2GRAY: int
 CV_32F: Final = 5
@@ -111,6 +113,20 @@ class FileStorage:
     def getNode(self, nodename: str) -> FileNode: ...
 
 # filters --------------------------------------------------------------------------------------------------------
+class VideoCapture:
+    def __init__(self, filename: str) -> None: ...
+    def isOpened(self) -> bool: ...
+    def read(self) -> tuple[bool, NDArray[np.uint8]]: ...
+    def release(self) -> None: ...
+
+class VideoWriter:
+    def __init__(self, filename: str, fourcc: int, fps: float, frameSize: Sequence[int]) -> None: ...
+    def isOpened(self) -> bool: ...
+    def write(self, image: NDArray[np.uint8]) -> None: ...
+    def release(self) -> None: ...
+
+def VideoWriter_fourcc(c1: str, c2: str, c3: str, c4: str) -> int: ...
+def Laplacian(src: NDArray[np.float32], ddepth: int) -> NDArray[np.float32]: ...
 def GaussianBlur(
     src: NDArray[_S],
     ksize: _Size,

@@ -48,8 +48,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.usage = "%(prog)s [intrinsics] CAPTURE --board BOARD --out DIR [options]"
     parser.add_argument(
         "capture", nargs="+", metavar="CAPTURE", action=_SplitMode,
-        help="folder <capture>/<camera>/<frame>.png of board views; after the word intrinsics: views that each "
-        "camera took by itself, or a folder of one camera's images, for intrinsics.json",
+        help="folder <capture>/<camera>/<frame>.png of board views, or of one video per camera, <camera>.mp4; after "
+        "the word intrinsics: views that each camera took by itself, or a folder of one camera's images, for "
+        "intrinsics.json",
     )  # fmt: skip
     parser.add_argument("--board", type=Path, required=True, help="board.toml")
     parser.add_argument("--core", help="core camera (default: the most central one)")
@@ -81,19 +82,22 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.pipeline.calibrating.calibration import calibrate
     from beltscape.pipeline.calibrating.calibration_files import make_calibration_document, write_calibration
     from beltscape.pipeline.calibrating.known_intrinsics import read_known_intrinsics
+    from beltscape.pipeline.calibrating.video_frames import locate_capture
     from beltscape.target.board import read_board
 
     _check_options(arguments)
     board = read_board(arguments.board)
     out = ensure_output_folder(arguments.out)
-    if arguments.mode == INTRINSICS:
-        return _run_intrinsics(arguments.capture, board, out, reporter)
+    single = arguments.mode == INTRINSICS
+    folder = locate_capture(arguments.capture, out, reporter, synchronous=not single)
+    if single:
+        return _run_intrinsics(folder, board, out, reporter)
     given = arguments.intrinsics
     use = arguments.intrinsics_as or "held"
     known = read_known_intrinsics(given, board, reporter, use=use) if given else None
     if arguments.add_to:
-        return _run_extension(arguments, board, known, out, reporter)
-    calibration = calibrate(arguments.capture, board, arguments.core, reporter, known=known)
+        return _run_extension(arguments, folder, board, known, out, reporter)
+    calibration = calibrate(folder, board, arguments.core, reporter, known=known)
     write_calibration(out, calibration)
     document = make_calibration_document(calibration)
     return {**document, "rig": out / "rig.json", "report": out / "report.html"}
@@ -129,13 +133,18 @@ def _run_intrinsics(folder: Path, board: Board, out: Path, reporter: Reporter) -
 
 
 def _run_extension(
-    arguments: argparse.Namespace, board: Board, known: KnownIntrinsics | None, out: Path, reporter: Reporter
+    arguments: argparse.Namespace,
+    folder: Path,
+    board: Board,
+    known: KnownIntrinsics | None,
+    out: Path,
+    reporter: Reporter,
 ) -> Mapping[str, Any]:
     from beltscape.files.rig_json import read_rig
     from beltscape.pipeline.calibrating.extension import extend_rig, make_extension_document, write_extension
 
     rig, replaced = read_rig(arguments.add_to), tuple(arguments.replace or ())
-    extension = extend_rig(arguments.capture, rig, board, reporter, replaced=replaced, known=known)
+    extension = extend_rig(folder, rig, board, reporter, replaced=replaced, known=known)
     path = write_extension(out, extension)
     return {**make_extension_document(extension), "rig": path}
 

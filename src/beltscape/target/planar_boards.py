@@ -101,7 +101,7 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
             self.square_mm,
             self.marker_mm,
             load_dictionary(self.dictionary),
-            ids,  # pyright: ignore[reportCallIssue]
+            ids,
         )
         board.setLegacyPattern(legacy)
         return board

@@ -20,13 +20,15 @@ def getPredefinedDictionary(dict: int) -> Dictionary: ...
 
 class DetectorParameters:
     cornerRefinementMethod: int
+    markerBorderBits: int
 
 class CharucoParameters:
     tryRefineMarkers: bool
 
 class CharucoBoard:
     def __init__(
-        self, size: Sequence[int], squareLength: float, markerLength: float, dictionary: Dictionary
+        self, size: Sequence[int], squareLength: float, markerLength: float, dictionary: Dictionary,
+        ids: NDArray[np.int32] = ...,
     ) -> None: ...
     def generateImage(
         self, outSize: Sequence[int], *, marginSize: int = ..., borderBits: int = ...

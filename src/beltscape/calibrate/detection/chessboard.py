@@ -13,9 +13,7 @@ from beltscape.calibrate.detection.corners import Corners
 Grid = tuple[int, int]
 Grey = NDArray[np.uint8]
 
-_EXHAUSTIVE = 16
-"""cv2.CALIB_CB_EXHAUSTIVE, which the type stubs lack."""
-_SECTORS = {"sectors": _EXHAUSTIVE, "sectors, equalised": int(cv2.CALIB_CB_NORMALIZE_IMAGE)}
+_SECTORS = {"sectors": cv2.CALIB_CB_EXHAUSTIVE, "sectors, equalised": cv2.CALIB_CB_NORMALIZE_IMAGE}
 _SQUARES = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
 
 

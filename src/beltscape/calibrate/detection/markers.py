@@ -47,7 +47,7 @@ def find_charuco(light: NDArray[np.uint8], board: CharucoBoard, *, legacy: bool)
 @cache
 def _make_tag_detector(dictionary: str, border_bits: int) -> cv2.aruco.ArucoDetector:
     parameters = _make_parameters()
-    parameters.markerBorderBits = border_bits  # pyright: ignore[reportAttributeAccessIssue]
+    parameters.markerBorderBits = border_bits
     return cv2.aruco.ArucoDetector(load_dictionary(dictionary), parameters)
 
 

@@ -20,12 +20,14 @@ from beltscape.calibrate.assessment.cross_validation import CrossValidation, cro
 from beltscape.calibrate.assessment.diagnosis import diagnose
 from beltscape.calibrate.assessment.discards import Discards
 from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit
+from beltscape.calibrate.assessment.lens_domain import limit_domains
 from beltscape.calibrate.assessment.next_best_view import NextBestView, find_next_best_view
 from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.detection.detector import PrintVariant
 from beltscape.calibrate.hierarchy import HierarchyResult, solve_hierarchy
+from beltscape.calibrate.intrinsics.lens_choice import AUTO, describe_choices
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter
@@ -93,9 +95,11 @@ def calibrate(
     reporter: Reporter,
     *,
     known: KnownIntrinsics | None = None,
+    lens_model: str = AUTO,
 ) -> Calibration:
     """Calibrate the rig of a capture of board views; the intrinsics of ``known`` cameras are fixed.
 
+    ``lens_model`` is that of all other cameras, or ``auto``: each camera's own views choose it.
     Findings against the fit come first among the warnings.
 
     Raises
@@ -109,7 +113,10 @@ def calibrate(
     known = known.match_capture(capture, reporter) if known else KnownIntrinsics({})
     detections, variant = detect_rig_board(capture, board, reporter, known=known.cameras)
     known.require_sizes(detections.sizes_px)
-    hierarchy = solve_hierarchy(detections, board, core, reporter, known=known.cameras, priors=known.priors)
+    hierarchy = solve_hierarchy(
+        detections, board, core, reporter, known=known.cameras, priors=known.priors,
+        lens_models=dict.fromkeys(detections.cameras, lens_model),
+    )  # fmt: skip
     _require_baselines(hierarchy, folder)
     reporter.step("adjusting everything together", 0, 1)
     adjustment = adjust_bundle(hierarchy, board)
@@ -131,7 +138,7 @@ def calibrate(
     for line in fit.findings:
         reporter.warn(line)
     rig = replace(
-        adjustment.rig,
+        limit_domains(adjustment.rig, adjustment, known.cameras),
         quality=_make_quality(board, adjustment, covariance, held_out, training, fit),
         covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
     )
@@ -143,7 +150,7 @@ def calibrate(
         next_best_view=find_next_best_view(adjustment, covariance),
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
-        warnings=(*fit.findings, *others), notes=diagnosis.notes, discards=diagnosis.discards,
+        warnings=(*fit.findings, *others), notes=(*describe_choices(hierarchy.lens_choices), *diagnosis.notes), discards=diagnosis.discards,
     )  # fmt: skip
 
 
@@ -176,8 +183,9 @@ def _score_rig(
     )
     reporter.step("scoring on held-out views", 0, 1)
     halves = cross_validate(
-        detections, board, hierarchy.rig.core, kernels, known=known.cameras, priors=known.priors
-    )
+        detections, board, hierarchy.rig.core, kernels, known=known.cameras, priors=known.priors,
+        lens_models={name: camera.model for name, camera in hierarchy.rig.cameras.items()},
+    )  # fmt: skip
     reporter.step("scoring on held-out views", 1, 1)
     return rig_errors, halves
 

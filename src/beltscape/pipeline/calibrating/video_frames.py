@@ -1,0 +1,147 @@
+"""Captures from videos: sharp frames that differ from each other, taken at the same numbers from every camera.
+
+A video of a moving board has hundreds of frames, most blurred by motion or nearly alike. Of every few successive
+frames the sharpest is a candidate, in the camera that is blurred most; among the candidates those are chosen, one
+after the other, that differ most from all chosen before (farthest-point sampling).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import InputError
+from beltscape.core.frames import to_grey
+from beltscape.core.progress import Reporter
+from beltscape.files.capture import Capture, natural_key, read_capture
+from beltscape.files.rasters.images import write_image
+from beltscape.files.rasters.videos import EXTENSIONS, read_video
+from beltscape.pipeline.calibrating.board_views import has_board_views
+
+Array = NDArray[np.float64]
+
+FRAMES = "frames"
+"""Folder of the chosen frames below the output folder."""
+MAX_FRAMES = 60
+"""Frames that are chosen at most: more add little to a calibration, and each costs time."""
+CANDIDATE_STRIDE = 5
+"""Successive frames of which the sharpest is a candidate: at 30 Hz the board barely moves within 0.17 s."""
+MIN_NOVELTY = 0.15
+"""Least difference from a chosen frame, as a share of the greatest difference between candidates."""
+THUMBNAIL = (32, 24)
+"""Width and height of the image that frames are compared in: it shows where the board is, not its squares."""
+SHARPNESS_WIDTH = 640
+"""Width of the image of which the sharpness is taken; noise of single pixels averages out."""
+
+
+def find_videos(folder: Path) -> dict[str, Path]:
+    """Return a folder's videos by camera, the file's stem, in natural order; InputError if one is there twice."""
+    if not folder.is_dir():
+        return {}
+    videos: dict[str, Path] = {}
+    for path in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
+        if path.suffix.lower() in EXTENSIONS and not path.name.startswith("."):
+            if path.stem in videos:
+                raise InputError(f"{path}: camera {path.stem} is there twice (also {videos[path.stem].name})")
+            videos[path.stem] = path
+    return videos
+
+
+def locate_capture(folder: Path, out: Path, reporter: Reporter, *, synchronous: bool) -> Path:
+    """Return the folder itself or, if it holds videos instead of images, that of frames extracted below ``out``."""
+    if not find_videos(folder) or has_board_views(folder):
+        return folder
+    return extract_frames(folder, out / FRAMES, reporter, synchronous=synchronous).folder
+
+
+def extract_frames(folder: Path, out: Path, reporter: Reporter, *, synchronous: bool) -> Capture:
+    """Write chosen frames of a folder's videos as a capture into ``out``, named by their numbers, and read it.
+
+    The frames of ``synchronous`` videos have the same numbers in every camera, otherwise each its own.
+
+    Raises
+    ------
+    InputError
+        When a video cannot be decoded, or synchronous ones have different numbers of frames.
+    """
+    videos = find_videos(folder)
+    summaries: dict[str, tuple[Array, Array]] = {}
+    for done, (name, path) in enumerate(videos.items(), start=1):
+        summaries[name] = _summarise(path)
+        reporter.step("reading videos", done, len(videos))
+    if synchronous:
+        _require_equal_lengths(videos, summaries)
+        joint = select_frames(list(summaries.values()))
+        chosen = dict.fromkeys(videos, joint)
+    else:
+        chosen = {name: select_frames([summary]) for name, summary in summaries.items()}
+    for done, (name, path) in enumerate(videos.items(), start=1):
+        _write_frames(path, chosen[name], out / name)
+        reporter.step("writing frames", done, len(videos))
+    return read_capture(out)
+
+
+def _summarise(path: Path) -> tuple[Array, Array]:
+    """Return a video's sharpness (F,) and thumbnails (F, h·w)."""
+    import cv2
+
+    sharpness: list[float] = []
+    thumbnails: list[Array] = []
+    for image in read_video(path):
+        grey = to_grey(image)
+        scale = min(1.0, SHARPNESS_WIDTH / grey.shape[1])
+        small = cv2.resize(grey, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        sharpness.append(float(cv2.Laplacian(small, cv2.CV_32F).var()))
+        thumbnails.append(
+            cv2.resize(small, THUMBNAIL, interpolation=cv2.INTER_AREA).astype(np.float64).ravel()
+        )
+    return np.array(sharpness), np.stack(thumbnails)
+
+
+def _require_equal_lengths(videos: Mapping[str, Path], summaries: Mapping[str, tuple[Array, Array]]) -> None:
+    counts = {name: len(sharpness) for name, (sharpness, _) in summaries.items()}
+    if len(set(counts.values())) > 1:
+        listed = ", ".join(f"{videos[name].name} {count}" for name, count in counts.items())
+        raise InputError(
+            f"{next(iter(videos.values())).parent}: the videos have different numbers of frames ({listed}), so that "
+            "frames of the same number are not of one instant; cut them to the same frames"
+        )
+
+
+def select_frames(cameras: Sequence[tuple[Array, Array]]) -> tuple[int, ...]:
+    """Return the numbers of the chosen frames, ascending, from each camera's sharpness (F,) and thumbnails (F, n)."""
+    sharpness = np.min([_normalise(values) for values, _ in cameras], axis=0)
+    thumbnails = np.concatenate([values for _, values in cameras], axis=1)
+    starts = range(0, len(sharpness), CANDIDATE_STRIDE)
+    candidates = np.array(
+        [start + int(np.argmax(sharpness[start : start + CANDIDATE_STRIDE])) for start in starts]
+    )
+    # a candidate may still be blurred throughout its interval
+    candidates = candidates[sharpness[candidates] >= 0.5 * np.median(sharpness[candidates])]
+    views = thumbnails[candidates]
+    chosen = [int(np.argmax(sharpness[candidates]))]
+    distance = np.linalg.norm(views - views[chosen[0]], axis=1)
+    least = MIN_NOVELTY * float(distance.max())
+    while len(chosen) < min(MAX_FRAMES, len(candidates)):
+        following = int(np.argmax(distance))
+        if distance[following] <= least:
+            break
+        chosen.append(following)
+        distance = np.minimum(distance, np.linalg.norm(views - views[following], axis=1))
+    return tuple(sorted(int(number) for number in candidates[chosen]))
+
+
+def _normalise(sharpness: Array) -> Array:
+    """Return the sharpness relative to the camera's own median, so that lenses of different contrast compare."""
+    return sharpness / max(float(np.median(sharpness)), 1e-12)
+
+
+def _write_frames(path: Path, numbers: Sequence[int], folder: Path) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    wanted = set(numbers)
+    for number, image in enumerate(read_video(path)):
+        if number in wanted:
+            write_image(folder / f"{number:06d}.png", image)

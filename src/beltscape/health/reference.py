@@ -82,8 +82,9 @@ def _learn_camera(frames: Sequence[FrameStatistics], name: str) -> CameraReferen
     own, first = [frame[name] for frame in frames], frames[0][name]
 
     def learn_offset(value: Callable[[ImageStatistics], float], limit: float = _LARGEST_OFFSET) -> float:
-        offsets = [compare_cameras(frame, value)[name] for frame in frames]
-        return float(np.clip(np.median(offsets), -limit, limit))
+        # a camera alone in its frame is compared with none
+        offsets = [compare_cameras(frame, value)[name] for frame in frames if len(frame) > 1]
+        return float(np.clip(np.median(offsets), -limit, limit)) if offsets else float("nan")
 
     return CameraReference(
         mean_level=learn_offset(log_brightness),

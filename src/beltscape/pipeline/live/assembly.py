@@ -229,6 +229,8 @@ def _make_image_monitor(
     }
     path = data / image_references.FILE
     learned = image_references.read_references(path, key, reporter)
+    if learned is not None and not set(rig.cameras) <= set(learned.reference.cameras):
+        learned = None  # a camera was missing when they were learned
     keep = image_references.make_keeper(path, key, reporter)
     return ImageMonitor(rig, settings.health, learned, keep)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibrate.detection.corners import BoardDetections
+from beltscape.calibrate.intrinsics.lens_choice import AUTO, LensChoice, calibrate_with_model
 from beltscape.calibrate.intrinsics.like_cameras import Restart, restart_weak_cameras
 from beltscape.calibrate.intrinsics.zhang import MIN_VIEWS, MonocularCalibration, calibrate_camera
 from beltscape.calibrate.network.association import CameraNetwork, associate_cameras, find_groups, select_core
@@ -42,6 +43,8 @@ class HierarchyResult:
     """Cameras whose own views did not determine their lens."""
     fixed_poses: frozenset[str] = frozenset()
     """Cameras whose pose relative to the core is given and fixed."""
+    lens_choices: tuple[LensChoice, ...] = ()
+    """The lens models of the cameras whose intrinsics were not given."""
 
 
 def solve_hierarchy(
@@ -52,9 +55,11 @@ def solve_hierarchy(
     *,
     known: Mapping[str, Camera] | None = None,
     priors: Mapping[str, LensPrior] | None = None,
+    lens_models: Mapping[str, str] | None = None,
 ) -> HierarchyResult:
     """Calibrate a rig from the board's corners.
 
+    ``lens_models`` are the models of cameras by name; those of the others are chosen from their views.
     The intrinsics of ``known`` cameras (by name) are fixed; those with ``priors`` among them until the bundle is
     adjusted. A camera with too few views, without views shared with
     the rest, or with frames of other instants, is reported and left out.
@@ -67,9 +72,16 @@ def solve_hierarchy(
     board_mm = corner_points_mm(board)
     with single_thread():
         monocular: dict[str, MonocularCalibration] = {}
+        choices: dict[str, LensChoice] = {}
         for done, name in enumerate(detections.cameras, start=1):
             try:
-                monocular[name] = _calibrate_camera(name, detections, board_mm, known or {}, priors or {})
+                if name in (known or {}):
+                    monocular[name] = _fit_known(name, detections, board_mm, known or {}, priors or {})
+                else:
+                    requested = (lens_models or {}).get(name, AUTO)
+                    monocular[name], choices[name] = calibrate_with_model(
+                        name, detections, board_mm, requested
+                    )
             except CalibrationError as error:
                 _warn_or_raise(error, name, core, reporter)
             reporter.step("calibrating cameras", done, len(detections.cameras))
@@ -96,17 +108,20 @@ def solve_hierarchy(
         cameras={name: kept[name].camera for name in order},
         cam_from_core={name: network.cam_from_core[name] for name in order},
     )
-    return HierarchyResult(rig, detections.restrict(order, detections.frames), kept, network, restarts)
+    return HierarchyResult(
+        rig, detections.restrict(order, detections.frames), kept, network, restarts,
+        lens_choices=tuple(choices[name] for name in order if name in choices),
+    )  # fmt: skip
 
 
-def _calibrate_camera(
+def _fit_known(
     name: str,
     detections: BoardDetections,
     board_mm: NDArray[np.float64],
     known: Mapping[str, Camera],
     priors: Mapping[str, LensPrior],
 ) -> MonocularCalibration:
-    calibration = calibrate_camera(name, detections, board_mm, known=known.get(name))
+    calibration = calibrate_camera(name, detections, board_mm, known=known[name])
     prior = priors.get(name)
     return calibration if prior is None else replace(calibration, fixed=prior.fixed, prior=prior)
 

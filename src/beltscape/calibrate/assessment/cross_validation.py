@@ -47,6 +47,7 @@ def cross_validate(
     *,
     known: Mapping[str, Camera] | None = None,
     priors: Mapping[str, LensPrior] | None = None,
+    lens_models: Mapping[str, str] | None = None,
 ) -> CrossValidation | None:
     """Score each fold of the frames under the rig of all others; return None if these are too few.
 
@@ -54,7 +55,7 @@ def cross_validate(
     """
 
     def solve(views: BoardDetections) -> BundleAdjustmentResult:
-        hierarchy = solve_hierarchy(views, board, core, Silent(), known=known, priors=priors)
+        hierarchy = solve_hierarchy(views, board, core, Silent(), known=known, priors=priors, lens_models=lens_models)
         return adjust_bundle(hierarchy, board)
 
     frames = tuple(frame for frame in detections.frames if _count_cameras(detections, frame) > 1)

@@ -116,7 +116,10 @@ def compute_rig_errors(
         core_from_board = fit_board_pose(rig, views, board_mm)
         for name, corners in views.items():
             predicted = project_board(rig, name, core_from_board, board_mm[corners.ids])
-            residuals[name][frame] = ViewResiduals(corners.ids, corners.pixels, corners.pixels - predicted)
+            seen = np.isfinite(predicted).all(axis=1)  # the others lie beyond the lens's domain
+            if seen.any():
+                errors = corners.pixels - predicted
+                residuals[name][frame] = ViewResiduals(corners.ids[seen], corners.pixels[seen], errors[seen])
         points = triangulate_corners(rig, views, len(board_mm), kernels)
         edges.append(_compute_edge_errors(points, board_mm, board))
         heights.append(_compute_form_errors(points, board_mm))

@@ -27,6 +27,15 @@ COEFFICIENT_SIGMA = {
     **dict.fromkeys(("tau_x", "tau_y"), 0.2),
 }
 """Standard deviations of the coefficients about 0; 0.2 rad of tilt is a Scheimpflug adapter at its end."""
+RATIONAL_PRIOR = {
+    **{"k1": (7 / 9, 0.7), "k2": (64 / 945, 0.7), "k3": (0.0, 0.2)},
+    **{"k4": (10 / 9, 0.3), "k5": (5 / 21, 0.1), "k6": (0.0, 0.02)},
+}
+"""Mean and standard deviation of the rational factor: the Padé approximant of an equidistant fisheye, atan(r)/r.
+
+Numerator and denominator may have a common factor, which no image determines; its root may be a pole in the image,
+but about this mean the denominator stays positive.
+"""
 
 
 def list_parameters(model: str) -> tuple[str, ...]:
@@ -70,10 +79,20 @@ def compute_lens_prior(camera: Camera) -> tuple[Array, Array]:
     width, height = camera.size_px
     focal = float(camera.focal_px.mean())
     coefficients = camera.lens.coefficients
-    mean = np.array([focal, focal, (width - 1) / 2, (height - 1) / 2, *np.zeros(len(coefficients))])
+    center = (width - 1) / 2, (height - 1) / 2
+    means, sigmas = zip(*(get_coefficient_prior(name, camera.model) for name in coefficients), strict=True)
+    mean = np.array([focal, focal, *center, *means])
     information = np.zeros((len(mean), len(mean)))
     information[:2, :2] = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (ASPECT_SIGMA * focal) ** 2
     information[[2, 3], [2, 3]] = 1 / (CENTER_SIGMA * width) ** 2
     places = range(len(PINHOLE), len(mean))
-    information[places, places] = np.array([COEFFICIENT_SIGMA[name] for name in coefficients]) ** -2.0
+    information[places, places] = np.array(sigmas) ** -2.0
     return mean, information
+
+
+def get_coefficient_prior(name: str, model: str) -> tuple[float, float]:
+    """Return mean and standard deviation of a coefficient of a lens model."""
+    is_rational = "k6" in MODELS[model].coefficients
+    if is_rational and name in RATIONAL_PRIOR:
+        return RATIONAL_PRIOR[name]
+    return 0.0, COEFFICIENT_SIGMA[name]

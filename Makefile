@@ -1,6 +1,6 @@
 # Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
 .DEFAULT_GOAL := help
-.PHONY: help install dev system demo test quick sanitize check format bench faults docs lock clean
+.PHONY: help install dev system demo test quick sanitize check format bench faults wheel docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
 SOURCES := $(wildcard native/*.* native/*/*)
@@ -74,6 +74,15 @@ bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md, a
 faults: dev ## play every fault to the running system, against exact truth; writes benchmarks/FAULTS.md (an hour)
 	cd benchmarks && ../$(BIN)/python -m faults
 
+# In an environment of its own: the compiler alone takes 400 MB.
+$(VENV)-wheel/.made: requirements/wheel.lock
+	sh tools/venv.sh $(VENV)-wheel
+	$(VENV)-wheel/bin/python -m pip install --quiet --require-hashes -r requirements/wheel.lock
+	@touch $@
+
+wheel: $(VENV)-wheel/.made ## dist/: the wheel for glibc 2.28 and newer, and the source archive
+	$(VENV)-wheel/bin/python tools/build_wheel.py dist
+
 docs: dev ## the manual as a web site in site/
 	$(BIN)/mkdocs build --strict --quiet
 
@@ -82,6 +91,8 @@ lock: dev ## resolve the dependencies anew
 	  --no-header --extra build --extra simulate --extra live pyproject.toml -o requirements/run.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
 	  --no-header --extra build --extra simulate --extra live --extra dev -c requirements/run.lock pyproject.toml -o requirements/dev.lock
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
+	  --no-header -c requirements/run.lock requirements/wheel.in -o requirements/wheel.lock
 
 clean: ## back to a fresh clone
-	rm -rf $(VENV) build out site .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-wheel build dist out site .pytest_cache .ruff_cache .hypothesis

@@ -9,6 +9,7 @@
 #endif
 
 #include <cstdint>
+#include <utility>
 
 #include "simd.hpp"
 
@@ -104,6 +105,16 @@ inline Fours four_from(const float* from) {
     return four;
 }
 
+// Lane i of the result is lane pick(i) of a and b one after the other; one or two instructions.
+template <class Pick, int... i>
+inline Floats shuffle_lanes(Floats a, Floats b, std::integer_sequence<int, i...>) {
+    return __builtin_shufflevector(a, b, Pick{}(i)...);
+}
+template <class Pick>
+inline Floats shuffle(Floats a, Floats b, Pick) {
+    return shuffle_lanes<Pick>(a, b, std::make_integer_sequence<int, kFloatLanes>{});
+}
+
 // base[index] ... base[index + 3] as four Floats: one load a lane, then each 4x4 is transposed where it lies.
 // A spline's warp takes 6 ms so and 9 with gathers (16 lanes), 8 and 9 (8 lanes).
 inline void gather_four(const float* base, Ints index, Floats (&taps)[4]) {
@@ -123,16 +134,15 @@ inline void gather_four(const float* base, Ints index, Floats (&taps)[4]) {
         rows[r] = four_from(base + index[r]);
 #endif
     }
-    Ints low, high, first, last;  // constants: the shuffles are one instruction each
-    for (int i = 0; i < kFloatLanes; ++i) {
-        const int quad = i / 4 * 4, half = i % 4 / 2, other = i % 2 * kFloatLanes;
-        low[i] = quad + half + other, high[i] = quad + half + 2 + other;
-        first[i] = quad + i % 2 + half * kFloatLanes, last[i] = first[i] + 2;
-    }
-    const Floats a = __builtin_shuffle(rows[0], rows[1], low), b = __builtin_shuffle(rows[2], rows[3], low);
-    const Floats c = __builtin_shuffle(rows[0], rows[1], high), d = __builtin_shuffle(rows[2], rows[3], high);
-    taps[0] = __builtin_shuffle(a, b, first), taps[1] = __builtin_shuffle(a, b, last);
-    taps[2] = __builtin_shuffle(c, d, first), taps[3] = __builtin_shuffle(c, d, last);
+    // of two rows: lanes 0, 1 and lanes 2, 3 of each quad in turn; then even and odd neighbours of each
+    constexpr auto low = [](int i) { return i / 4 * 4 + i % 4 / 2 + i % 2 * kFloatLanes; };
+    constexpr auto high = [](int i) { return i / 4 * 4 + i % 4 / 2 + 2 + i % 2 * kFloatLanes; };
+    constexpr auto first = [](int i) { return i / 4 * 4 + i % 2 + i % 4 / 2 * kFloatLanes; };
+    constexpr auto last = [](int i) { return i / 4 * 4 + i % 2 + i % 4 / 2 * kFloatLanes + 2; };
+    const Floats a = shuffle(rows[0], rows[1], low), b = shuffle(rows[2], rows[3], low);
+    const Floats c = shuffle(rows[0], rows[1], high), d = shuffle(rows[2], rows[3], high);
+    taps[0] = shuffle(a, b, first), taps[1] = shuffle(a, b, last);
+    taps[2] = shuffle(c, d, first), taps[3] = shuffle(c, d, last);
 }
 
 inline void store(float* to, Floats a) { __builtin_memcpy(to, &a, sizeof a); }

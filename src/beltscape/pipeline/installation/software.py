@@ -51,7 +51,8 @@ def check_kernels() -> InstallationCheck:
 
 def check_threads() -> InstallationCheck:
     """Return how many processor cores this process may use."""
-    usable, present = len(os.sched_getaffinity(0)), os.cpu_count() or 1
+    present = os.cpu_count() or 1
+    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else present
     found = f"{usable} of {present} processor cores may be used"
     if usable >= min(present, 2):
         return InstallationCheck("threads", found)

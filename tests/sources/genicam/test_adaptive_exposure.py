@@ -62,6 +62,14 @@ def test_an_empty_belt_between_loads_changes_nothing() -> None:
     assert changes == [None] * 400
 
 
+def test_frames_far_apart_are_followed_too() -> None:
+    controller = ExposureController(BOUNDS, {"cam0": 1000.0})
+    for number in range(40):
+        controller.update(4.0 * number, 0.06 * controller.exposures_us["cam0"])
+
+    assert 0.06 * controller.exposures_us["cam0"] > BOUNDS.level / BOUNDS.tolerance
+
+
 def test_a_covered_lens_and_single_bright_frames_change_nothing() -> None:
     controller = ExposureController(BOUNDS, {"cam0": 1000.0})
 

@@ -79,7 +79,11 @@ class ExposureController:
         self.exposures_us = dict(exposures_us)
         """The present exposure times."""
         self._settings = settings
-        self._levels: deque[tuple[float, float]] = deque()
+        self._recent: deque[float] = deque(maxlen=_LEAST_LEVELS)
+        self._dark_since_s: float | None = None
+        """Time since which every level was below the tolerance; None: the last one was not."""
+        self._brightest = 0.0
+        """Greatest level since then."""
         self._changed_s = -np.inf
 
     def update(self, time_s: float, level: float, blur_limit_us: float = np.inf) -> ExposureChange | None:
@@ -89,12 +93,10 @@ class ExposureController:
         """
         settings = self._settings
         longest = max(settings.shortest_us, min(settings.longest_us, blur_limit_us))
-        self._levels.append((time_s, level))
-        while self._levels[0][0] < time_s - max(settings.hold_s, settings.every_s):
-            self._levels.popleft()
+        self._follow(time_s, level)
         if max(self.exposures_us.values()) > _NEGLIGIBLE * longest:
             return self._change(time_s, level, longest / max(self.exposures_us.values()), is_by_motion=True)
-        if len(self._levels) < _LEAST_LEVELS or time_s - self._changed_s < settings.every_s:
+        if len(self._recent) < _LEAST_LEVELS or time_s - self._changed_s < settings.every_s:
             return None
         wanted = self._find_factor(time_s)
         step = float(np.clip(wanted, 1 / settings.largest_step, settings.largest_step))
@@ -105,25 +107,30 @@ class ExposureController:
             return None
         return self._change(time_s, level, factor, is_by_motion=False)
 
+    def _follow(self, time_s: float, level: float) -> None:
+        self._recent.append(level)
+        wanted = self._settings.level
+        if not _FAULT * wanted <= level < wanted / self._settings.tolerance:
+            self._dark_since_s, self._brightest = None, 0.0
+            return
+        self._dark_since_s = time_s if self._dark_since_s is None else self._dark_since_s
+        self._brightest = max(self._brightest, level)
+
     def _find_factor(self, time_s: float) -> float:
         """Return the factor that the levels demand, without bounds; 1 within the tolerance."""
         settings = self._settings
-        recent = median(level for _, level in list(self._levels)[-_LEAST_LEVELS:])
+        recent = median(self._recent)
         if recent >= _SATURATED:
             return 1 / settings.largest_step
         if recent > settings.level * settings.tolerance:
             return settings.level / recent
-        brightest = max(level for _, level in self._levels)
-        held = time_s - max(self._levels[0][0], self._changed_s) >= 0.95 * settings.hold_s
-        is_fault = recent < _FAULT * settings.level
-        if held and not is_fault and brightest < settings.level / settings.tolerance:
-            return settings.level / brightest
-        return 1.0
+        is_held = self._dark_since_s is not None and time_s - self._dark_since_s >= settings.hold_s
+        return settings.level / self._brightest if is_held else 1.0
 
     def _change(self, time_s: float, level: float, factor: float, *, is_by_motion: bool) -> ExposureChange:
         self.exposures_us = {name: round(factor * us, 1) for name, us in self.exposures_us.items()}
-        self._levels.clear()
-        self._changed_s = time_s
+        self._recent.clear()
+        self._dark_since_s, self._brightest, self._changed_s = None, 0.0, time_s
         return ExposureChange(dict(self.exposures_us), factor, level, is_by_motion)
 
 

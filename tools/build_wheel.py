@@ -1,8 +1,8 @@
 """Builds the wheel for glibc 2.28 and newer: ``python tools/build_wheel.py OUT``, in an environment with wheel.lock.
 
-The compiler is clang from the package ziglang, which links against the symbols of any glibc; a wheel that the system's
-compiler makes asks for the glibc of this machine. auditwheel verifies the tag. The kernels give the same bytes as with
-GCC: ``tools/compare_kernels.py`` shows it.
+The compiler is clang from the package ziglang, which links against the symbols of any glibc; a wheel of the system's
+compiler asks for the glibc of this machine. auditwheel verifies the tag. The kernels give the same bytes as with GCC:
+``tools/compare_kernels.py`` shows it.
 """
 
 from __future__ import annotations

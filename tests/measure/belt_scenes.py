@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,6 +163,7 @@ class Scene:
         return hit
 
 
+@cache
 def camera_of(width: int) -> Camera:
     """A camera of 55° across, principal point off the middle."""
     height = round(width * 0.84)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
 from beltscape.measure.belt.empty_belt import learn_belt
@@ -29,6 +30,10 @@ TROUGH = trough(300, (250, 25))
 MIDDLE = {"across_mm": (-140.0, 140.0), "along_mm": (-150.0, 150.0)}
 
 
+BELTS: dict[tuple[Any, ...], Belt] = {}
+"""Belts that tests have learned, by their cross-section, noise and view."""
+
+
 def measured(
     solids: tuple,
     box: dict[str, Any],
@@ -40,10 +45,12 @@ def measured(
 ) -> Volume:
     empty, loaded = Scene(section, **view), Scene(section, solids, **view)
     noise = noise or {}
-    belt = learn_belt([depth_map(empty.depth_mm(), seed=2 * seed + 1, **noise)], empty.camera)
+    key = (section.tobytes(), seed, *noise.items(), *view.items())
+    if key not in BELTS:
+        BELTS[key] = learn_belt([depth_map(empty.depth_mm(), seed=2 * seed + 1, **noise)], empty.camera)
     return measure_volume(
         depth_map(loaded.depth_mm(), seed=2 * seed, **noise),
-        belt,
+        BELTS[key],
         empty.camera,
         VolumeSettings(),
         **box,

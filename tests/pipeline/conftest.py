@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.once import make_once
 from tests.synthetic.demo import DEMO, TRUE_RIG
 
 
@@ -44,7 +45,8 @@ def small_frames(tmp_path_factory):
     from beltscape.files.rig_json import read_rig
     from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 
-    out = tmp_path_factory.mktemp("frames")
-    for scene in ("belt_empty", "belt_loaded"):
-        reconstruct_capture(DEMO / scene, read_rig(TRUE_RIG), out / scene, Silent(), method="binocular")
-    return out
+    def make(out: Path) -> None:
+        for scene in ("belt_empty", "belt_loaded"):
+            reconstruct_capture(DEMO / scene, read_rig(TRUE_RIG), out / scene, Silent(), method="binocular")
+
+    return make_once(tmp_path_factory, "small_frames", make)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,20 +33,20 @@ def measured(density: Density, *, timed: bool = True, heap: Heap | None = HEAP) 
     return Flow(records, steps, meter, picture, 0.1, True, None)
 
 
-def write_without_density(folder: Path, *, timed: bool) -> tuple[dict[str, Any], Path]:
+def write_without_density(folder: Path, *, timed: bool) -> tuple[Mapping[str, Any], Path]:
     unknown = make_unknown_density()
     return write_flow_result(folder, measured(unknown, timed=timed), unknown, ()), folder
 
 
 @pytest.fixture(scope="module")
-def timed_flow(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, Any], Path]:
+def timed_flow(tmp_path_factory: pytest.TempPathFactory) -> tuple[Mapping[str, Any], Path]:
     """The result of a flow without a density, and its folder."""
     return write_without_density(tmp_path_factory.mktemp("flow"), timed=True)
 
 
 @pytest.mark.parametrize("timed", [True, False])
 def test_flow_without_density_has_no_mass(
-    timed_flow: tuple[dict[str, Any], Path], tmp_path: Path, timed: bool
+    timed_flow: tuple[Mapping[str, Any], Path], tmp_path: Path, timed: bool
 ) -> None:
     result, folder = timed_flow if timed else write_without_density(tmp_path, timed=False)
     text = summary(result)
@@ -65,7 +66,7 @@ def test_flow_with_density_has_mass(tmp_path: Path) -> None:
     assert "mass" in summary(result)
 
 
-def test_summary_names_the_evidence_of_the_direction(timed_flow: tuple[dict[str, Any], Path]) -> None:
+def test_summary_names_the_evidence_of_the_direction(timed_flow: tuple[Mapping[str, Any], Path]) -> None:
     result, _ = timed_flow
     evidence = result["motion_evidence"]
     assert evidence["pairs_towards_plus_y"] == evidence["encoder_agrees"] >= 5

@@ -26,7 +26,7 @@ def in_grains(points):
     return grains.astype(np.int64)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(
     st.tuples(st.integers(20, 200), st.integers(20, 200)),
     st.integers(500, 40_000),

@@ -9,25 +9,36 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from beltscape.core.frames import FrameSet
-from beltscape.sinks.recorder import Recorder
+from beltscape.sinks.recorder import Recorder, RecorderState
 from beltscape.sinks.settings import RecordingSettings
 
 NOBODY = 65534
 
 
-def record(recorder: Recorder, start: int, seconds: float) -> dict[str, object]:
-    """Record for some seconds; return the state at the end."""
-    for number in range(start, start + round(10 * seconds)):
+def record(recorder: Recorder, start: int, until: Callable[[RecorderState], bool]) -> dict[str, object]:
+    """Record until a state is reached, at most ten seconds; return the state at the end."""
+    for number in range(start, start + 100):
         image = np.full((20, 30), number % 250, np.uint8)
         recorder.take(FrameSet(f"{number:06d}", {"cam0": image}, number * 100_000_000, float(number)))
         time.sleep(0.1)
+        if until(recorder.state):
+            break
     state = recorder.state
     return {"written": state.written, "dropped": state.dropped, "trouble": state.trouble}
+
+
+def is_recording(state: RecorderState) -> bool:
+    return state.written > 0 and not state.trouble
+
+
+def is_paused(state: RecorderState) -> bool:
+    return bool(state.trouble)
 
 
 def main(folder: Path) -> None:
@@ -37,17 +48,18 @@ def main(folder: Path) -> None:
         os.seteuid(NOBODY)
     recordings = folder / "recordings"
     recorder = Recorder(recordings, RecordingSettings(mode="all", free_gib=0))
-    out = {"before": record(recorder, 0, 0.5)}
+    out = {"before": record(recorder, 0, is_recording)}
     recordings.chmod(0)
-    out["forbidden"] = record(recorder, 100, 2.5)
+    out["forbidden"] = record(recorder, 100, is_paused)
     recordings.chmod(0o750)
-    out["after"] = record(recorder, 200, 2.5)
+    before = recorder.state.written
+    out["after"] = record(recorder, 200, lambda state: is_recording(state) and state.written > before)
     recorder.close()
     (recordings / "all").chmod(0)
     recorder = Recorder(recordings, RecordingSettings(mode="all", free_gib=0))
-    out["begun forbidden"] = record(recorder, 300, 1.5)
+    out["begun forbidden"] = record(recorder, 300, is_paused)
     (recordings / "all").chmod(0o750)
-    out["begun after"] = record(recorder, 400, 2.5)
+    out["begun after"] = record(recorder, 400, is_recording)
     recorder.close()
     captures = sorted(path.name.partition("-")[0] for path in (recordings / "all").iterdir())
     print(json.dumps({**out, "captures": captures}))

@@ -1,0 +1,23 @@
+"""What is made once in a run of the tests, whatever the number of its workers."""
+
+from __future__ import annotations
+
+import fcntl
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+
+def make_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
+    """Return a folder that the first worker to ask for it fills by ``make``; the others wait."""
+    shared = factory.getbasetemp()
+    shared = shared.parent if shared.name.startswith("popen") else shared
+    folder, done = shared / name, shared / f"{name}.done"
+    with (shared / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not done.is_file():
+            folder.mkdir()
+            make(folder)
+            done.touch()
+    return folder

@@ -54,9 +54,10 @@ def _mark_occluders(tangents: NDArray[np.float64]) -> tuple[NDArray[np.int64], f
     steps = (np.arange(_CELLS) + 0.5) / _CELLS * 2 * reach - reach
     x, y = np.meshgrid(steps, steps)
     centers = np.stack([x, y, np.ones_like(x)], axis=-1)  # centres lie one radius up
+    square = x**2 + y**2 + 1
     code = np.zeros(x.shape, np.int64)
     for i, tangent in enumerate(tangents):
         ray = np.array([*tangent, 1.0]) / np.sqrt(1 + tangent @ tangent)
-        distance2 = (centers**2).sum(axis=-1) - (centers @ ray) ** 2
+        distance2 = square - (centers @ ray) ** 2
         code |= (distance2 < 1).astype(np.int64) << i
     return code, (2 * reach / _CELLS) ** 2

@@ -73,6 +73,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="CAMERA",
         help="with --add-to: calibrate this camera anew; repeatable",
     )
+    parser.add_argument(
+        "--lens-model", choices=("auto", "brown", "rational", "thin_prism", "tilted", "fisheye"), default="auto",
+        help="lens model of the cameras without given intrinsics; auto (default): each camera's views choose among "
+        "brown, rational and fisheye",
+    )  # fmt: skip
     add_output_folder(parser, "folder for rig.json and the report, or for intrinsics.json", required=True)
 
 
@@ -97,7 +102,9 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     known = read_known_intrinsics(given, board, reporter, use=use) if given else None
     if arguments.add_to:
         return _run_extension(arguments, folder, board, known, out, reporter)
-    calibration = calibrate(folder, board, arguments.core, reporter, known=known)
+    calibration = calibrate(
+        folder, board, arguments.core, reporter, known=known, lens_model=arguments.lens_model
+    )
     write_calibration(out, calibration)
     document = make_calibration_document(calibration)
     return {**document, "rig": out / "rig.json", "report": out / "report.html"}
@@ -192,20 +199,9 @@ def summary(result: Mapping[str, Any]) -> str:
             f"{score['median_px']:.3f} px median, square edge {score['square_bias_mm']:+z.4f} mm, "
             f"RMS {score['square_rms_mm']:.4f} mm",
             *([f"intrinsics given: {', '.join(given)}"] if given else []),
-            *_describe_left_out(result["left_out"]),
+            *([result["left_out"]["words"]] if result["left_out"]["corners"] else []),
             *(f"note: {note}" for note in result["notes"]),
             f"rig     {result['rig']}",
             f"report  {result['report']}",
         ]
     )
-
-
-def _describe_left_out(left_out: Mapping[str, Any]) -> list[str]:
-    """Return the counts of what was left out, with the largest reason; empty if nothing was."""
-    if not left_out["corners"]:
-        return []
-    return [
-        f"left out: {left_out['corners']} of {left_out['of_corners']} corners, {len(left_out['views'])} of "
-        f"{left_out['of_views']} views, {len(left_out['frames'])} of {left_out['of_frames']} frames; "
-        f"{left_out['largest_reason']}"
-    ]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import scale_camera
@@ -26,8 +27,8 @@ DOWN = np.diag([1.0, -1.0, -1.0])
 """Rotation of a camera that looks vertically down, its rows across the belt."""
 FOCAL_SCATTER, CENTER_SCATTER, POSITION_SCATTER_MM, ROTATION_SCATTER = 0.004, 0.01, 5.0, np.deg2rad(0.7)
 """Standard deviations at a scatter of 1."""
-DISTORTION_SCATTER = np.array([0.01, 0.015, 4e-4, 4e-4, 0.0])
-"""Standard deviations of k1, k2, p1, p2, k3 from lens to lens; assumed."""
+DISTORTION_SCATTER = {"k1": 0.01, "k2": 0.015, "p1": 4e-4, "p2": 4e-4}
+"""Standard deviations of coefficients from lens to lens, 0 for all others; assumed."""
 
 
 def make_station(spec: RigSpec) -> Station:
@@ -98,8 +99,10 @@ def _make_camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
         [1.0, 1 + spec.scatter * FOCAL_SCATTER / 10 * rng.normal()]
     )  # pixels are nearly square
     center = (size - 1) / 2 + spec.scatter * CENTER_SCATTER * size[0] * rng.normal(size=2)
-    distortion = np.array(spec.distortion) + spec.scatter * DISTORTION_SCATTER * rng.normal(size=5)
-    return scale_camera(Camera(name, spec.size_px, focal, center, distortion), spec.image_scale)
+    deviations = np.array([DISTORTION_SCATTER.get(each, 0.0) for each in MODELS[spec.model].coefficients])
+    distortion = np.array(spec.distortion) + spec.scatter * deviations * rng.normal(size=len(deviations))
+    camera = Camera(name, spec.size_px, focal, center, distortion, spec.model)
+    return scale_camera(camera, spec.image_scale)
 
 
 def _camera_positions(spec: RigSpec) -> list[Array]:

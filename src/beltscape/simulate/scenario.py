@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from beltscape.core.geometry.lens import MODELS
 from beltscape.simulate.faults.settings import Faults
 from beltscape.simulate.rendering.optics import Optics
 from beltscape.simulate.rendering.render import RenderSettings
@@ -58,12 +59,24 @@ class RigSpec(_Part):
     focal_mm: Annotated[float, Field(ge=1, le=500)] = 8.0
     scale: Annotated[float, Field(gt=0.02, le=1)] | None = None
     """Scale of the images to the sensor: 0.5 averages 2 × 2 pixels. None: 0.5, or 1 for a rig from a file."""
-    distortion: tuple[Place, Place, Place, Place, Place] = (-0.08, 0.1, 0.0, 0.0, 0.0)
-    """k1, k2, p1, p2, k3 on average."""
+    model: Literal["brown", "rational", "thin_prism", "tilted", "fisheye"] = "brown"
+    """Lens model of the cameras."""
+    distortion: tuple[Place, ...] = (-0.08, 0.1, 0.0, 0.0, 0.0)
+    """Coefficients of the lens model on average: of ``brown`` k1, k2, p1, p2, k3."""
     scatter: Annotated[float, Field(ge=0, le=10)] = 1.0
     """Factor on the deviations of lenses and mounting. 0: nominal; 1: standard deviations of 0.4 % of the focal
     length, 1 % of the width for the principal point, 5 mm and 0.7° of mounting.
     """
+
+    @model_validator(mode="after")
+    def _check_lens(self) -> RigSpec:
+        names = MODELS[self.model].coefficients
+        if len(self.distortion) != len(names):
+            raise ValueError(
+                f"distortion has {len(self.distortion)} numbers: model {self.model} takes {len(names)}, "
+                f"{', '.join(names)}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _check_aim(self) -> RigSpec:

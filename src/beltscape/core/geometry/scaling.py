@@ -19,6 +19,9 @@ def scale_camera(camera: Camera, factor: float) -> Camera:
         size_px=(size[0], size[1]),
         focal_px=camera.focal_px * factors,
         center_px=(camera.center_px + 0.5) * factors - 0.5,
+        valid_radius_px=None
+        if camera.valid_radius_px is None
+        else camera.valid_radius_px * float(factors.mean()),
     )
 
 

@@ -41,6 +41,8 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
         training=calibration.training,
         fit=calibration.fit,
         warnings=calibration.warnings,
+        notes=calibration.notes,
+        left_out=calibration.discards.describe(),
     )
     write_text(out / "report.html", page)
 
@@ -108,7 +110,10 @@ def _make_camera_document(calibration: Calibration, name: str) -> Mapping[str, A
         "views_used": len(camera.cam_from_board),
         "focal_px": final.focal_px,
         "center_px": final.center_px,
+        "model": final.model,
+        "model_choice": _make_choice_document(calibration, name),
         "distortion": final.distortion,
+        "valid_radius_px": final.valid_radius_px,
         "sigma": {
             parameter.removeprefix(f"{name}."): float(value)
             for parameter, value in zip(covariance.parameters, sigma, strict=True)
@@ -137,6 +142,15 @@ def _describe_origin(calibration: Calibration, name: str) -> str:
     if name not in calibration.given:
         return "estimated"
     return "given" if calibration.hierarchy.monocular[name].prior is None else "prior"
+
+
+def _make_choice_document(calibration: Calibration, name: str) -> Mapping[str, Any] | None:
+    """Return why the camera has its lens model; None if it was given, or is the default one."""
+    choices = {choice.camera: choice for choice in calibration.hierarchy.lens_choices}
+    choice = choices.get(name)
+    if choice is None or not choice.reason:
+        return None
+    return {"reason": choice.reason, "held_out_px": choice.held_out_px}
 
 
 def _make_next_view_document(pose: NextBestView | None) -> Mapping[str, Any] | None:

@@ -21,7 +21,7 @@ KEY = {"rig": "aa", "empty belt": "bb", "image width": 320}
 
 
 @pytest.fixture
-def kept(tmp_path: Path) -> Path:
+def stored(tmp_path: Path) -> Path:
     """Return the file of a run that learned the cameras' normal images."""
     path = tmp_path / FILE
     monitor = ImageMonitor(make_rig(), SETTINGS, keep=make_keeper(path, KEY, Silent()))
@@ -30,10 +30,10 @@ def kept(tmp_path: Path) -> Path:
     return path
 
 
-def test_a_restarted_monitor_compares_with_what_was_learned(kept: Path) -> None:
+def test_a_restarted_monitor_compares_with_what_was_learned(stored: Path) -> None:
     """All cameras out of focus from the first frame on: only known images show it."""
     reporter = Silent()
-    learned = read_references(kept, KEY, reporter)
+    learned = read_references(stored, KEY, reporter)
     assert learned is not None and reporter.warnings == []
     assert set(learned.reference.cameras) == set(make_rig().cameras)
     blurred = make_frame(9, lambda _, light: blur(light, 2))
@@ -47,12 +47,12 @@ def test_a_restarted_monitor_compares_with_what_was_learned(kept: Path) -> None:
     assert [one.text for one in sound.findings if one.is_fault] == []
 
 
-def test_what_is_kept_is_exact(kept: Path) -> None:
-    first = read_references(kept, KEY, Silent())
+def test_what_is_kept_is_exact(stored: Path) -> None:
+    first = read_references(stored, KEY, Silent())
     assert first is not None
     light = {"cam1": np.full((32, 40), np.nan, np.float32), "cam2": np.zeros((32, 40), np.float32)}
-    make_keeper(kept, KEY, Silent())(replace(first, window_light=light, light=-0.25))
-    again = read_references(kept, KEY, Silent())
+    make_keeper(stored, KEY, Silent())(replace(first, window_light=light, light=-0.25))
+    again = read_references(stored, KEY, Silent())
     assert again is not None and again.light == -0.25
     assert again.reference.has_speckle == first.reference.has_speckle
     for name, grid in light.items():
@@ -63,21 +63,21 @@ def test_what_is_kept_is_exact(kept: Path) -> None:
 
 
 @pytest.mark.parametrize("name", KEY)
-def test_references_of_another_system_are_named_and_not_used(kept: Path, name: str) -> None:
+def test_references_of_another_system_are_named_and_not_used(stored: Path, name: str) -> None:
     reporter = Silent()
-    assert read_references(kept, {**KEY, name: "other"}, reporter) is None
+    assert read_references(stored, {**KEY, name: "other"}, reporter) is None
     assert reporter.warnings == [
-        f"{kept}: the {name} changed since; they are learned anew from the next frames"
+        f"{stored}: the {name} changed since; they are learned anew from the next frames"
     ]
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "bytes", "other", "grid"])
-def test_a_damaged_file_is_named_and_not_used(kept: Path, damage: str) -> None:
-    text, reporter = kept.read_text(), Silent()
+def test_a_damaged_file_is_named_and_not_used(stored: Path, damage: str) -> None:
+    text, reporter = stored.read_text(), Silent()
     document = json.loads(text)
     document["cameras"]["cam1"]["level"] = [[1.0]]
     del document["sha256"]
-    kept.write_bytes(
+    stored.write_bytes(
         {
             "cut": text[: len(text) // 2].encode(),
             "changed": text.replace('"light": 0.0', '"light": 0.5').encode(),
@@ -86,9 +86,9 @@ def test_a_damaged_file_is_named_and_not_used(kept: Path, damage: str) -> None:
             "grid": json.dumps(document).encode(),
         }[damage]
     )
-    assert read_references(kept, KEY, reporter) is None
+    assert read_references(stored, KEY, reporter) is None
     (line,) = reporter.warnings
-    assert line.startswith(f"{kept}") and line.endswith("they are learned anew from the next frames")
+    assert line.startswith(f"{stored}") and line.endswith("they are learned anew from the next frames")
 
 
 def test_nothing_is_read_where_nothing_was_kept(tmp_path: Path) -> None:

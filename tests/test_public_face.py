@@ -13,7 +13,7 @@ import beltscape
 
 PUBLIC = [
     "Belt", "BeltProfile", "BeltscapeError", "Camera", "DepthMap", "FlowMeter", "FlowRecord", "FrameSet", "HeightMap",
-    "PointCloud", "Pose", "Reconstructor", "Rig", "calibrate", "learn_belt", "measure_features", "measure_lumps",
+    "PointCloud", "Pose", "Reconstructor", "Rig", "calibrate", "demo_folder", "learn_belt", "measure_features", "measure_lumps",
     "measure_volume", "point_cloud", "read_belt", "read_capture", "read_rig", "write_belt", "write_ply", "write_rig",
 ]  # fmt: skip
 

@@ -26,6 +26,7 @@ _HOME = {
     "Reconstructor": "beltscape.api.reconstruction",
     "Rig": "beltscape.core.geometry.rig",
     "calibrate": "beltscape.api.calibration",
+    "demo_folder": "beltscape.api.files",
     "learn_belt": "beltscape.api.measuring",
     "measure_features": "beltscape.api.measuring",
     "measure_lumps": "beltscape.api.measuring",

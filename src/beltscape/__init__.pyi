@@ -2,6 +2,7 @@
 
 from beltscape.api.calibration import calibrate
 from beltscape.api.files import (
+    demo_folder,
     read_belt,
     read_capture,
     read_rig,
@@ -44,6 +45,7 @@ __all__ = [
     "Reconstructor",
     "Rig",
     "calibrate",
+    "demo_folder",
     "learn_belt",
     "measure_features",
     "measure_lumps",

@@ -22,8 +22,9 @@ from tests.docs.program import call, narrowed, parser_of, unknown_options
 from tests.docs.system import ROOT, RULES, Wrong, demand, run_system
 from tests.docs.tables import check_table
 
-RUN_ELSEWHERE = {"evaluate paper": "tests/evaluate/paper", "demo": "tests/pipeline/test_demo.py"}
-"""Commands that take minutes at any size: parsed here, run by the tests named."""
+RUN_ELSEWHERE = {"evaluate paper": "tests/evaluate/paper", "demo": "tests/pipeline/test_demo.py",
+                 "record": "tests/sources/genicam/test_record_command.py"}  # fmt: skip
+"""Commands that take minutes at any size, or cameras: parsed here, run by the tests named."""
 SCENES = {"calibration", "module", "belt_empty", "belt_loaded", "belt_moving"}
 """A scene's name is rendered from ``scenes/NAME.toml``, the same scene seen by fewer cameras with fewer rocks."""
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from beltscape.core.arguments import require_instance
 from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.cloud import PointCloud
@@ -14,6 +16,15 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.meshes.ply import write_cloud
 from beltscape.files.rasters.images import read_image
 from beltscape.sources.folder import FolderSource
+
+
+def demo_folder() -> Path:
+    """Return the folder of the small capture that ships with Beltscape.
+
+    It holds the scenes ``calibration``, ``belt_empty``, ``belt_loaded`` and ``module``, ``board.toml``,
+    ``module.toml``, and in ``truth`` the true rig and depths.
+    """
+    return Path(__file__).resolve().parents[1] / "data" / "demo"
 
 
 def read_rig(path: AnyPath) -> Rig:

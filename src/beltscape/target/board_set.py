@@ -117,6 +117,11 @@ class BoardSet(BaseModel, frozen=True, extra="forbid"):
         """Return all corners (P, 3), mm: on the object, or each in its own board's frame where no place is known."""
         return np.concatenate([_place_corners(face) for face in self.faces])
 
+    def unplace(self) -> BoardSet:
+        """Return the set with every board in its own frame, where all its corners have z = 0."""
+        faces = tuple(face.model_copy(update={"placement": None}) for face in self.faces)
+        return self.model_copy(update={"faces": faces})
+
     def place(self, poses: dict[str, Pose]) -> BoardSet:
         """Return the set with boards placed at poses object_from_board, by name."""
         faces = [

@@ -71,7 +71,7 @@ class BoardDetections:
 
 
 def has_planar_extent(points: NDArray[np.float64]) -> bool:
-    """Return whether points (n, 2) are not (nearly) collinear, as a pose requires."""
+    """Return whether points (n, 2) or (n, 3) are not (nearly) collinear, as a pose requires."""
     if len(points) < 4:
         return False
     singular_values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)

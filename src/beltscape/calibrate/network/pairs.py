@@ -105,7 +105,7 @@ def calibrate_pair(
     common = {
         frame: ids
         for frame, ids in detections.find_common_corners(*names).items()
-        if len(ids) >= MIN_COMMON and has_planar_extent(board_mm[ids, :2])
+        if len(ids) >= MIN_COMMON and has_planar_extent(board_mm[ids])
         and frame not in first.rejected and frame not in second.rejected
     }  # fmt: skip
     rejected: dict[str, str] = {}

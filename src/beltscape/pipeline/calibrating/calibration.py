@@ -35,6 +35,7 @@ from beltscape.files.capture import Capture, read_capture
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_detection import detect_rig_board
+from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import Board, list_triples
 
@@ -113,8 +114,9 @@ def calibrate(
     known = known.match_capture(capture, reporter) if known else KnownIntrinsics({})
     detections, variant = detect_rig_board(capture, board, reporter, known=known.cameras)
     known.require_sizes(detections.sizes_px)
+    detections, board, start = resolve_board_set(detections, board, known)
     hierarchy = solve_hierarchy(
-        detections, board, core, reporter, known=known.cameras, priors=known.priors,
+        detections, board, core, reporter, known=start.cameras, priors=start.priors,
         lens_models=dict.fromkeys(detections.cameras, lens_model),
     )  # fmt: skip
     _require_baselines(hierarchy, folder)
@@ -122,7 +124,7 @@ def calibrate(
     adjustment = adjust_bundle(hierarchy, board)
     covariance = compute_rig_covariance(adjustment)
     reporter.step("adjusting everything together", 1, 1)
-    rig_errors, halves = _score_rig(hierarchy, adjustment, board, known, reporter)
+    rig_errors, halves = _score_rig(hierarchy, adjustment, board, start, reporter)
     _warn_of_distance(board, adjustment, reporter)
     _warn_of_split(halves, reporter)
     training, held_out = summarise_errors(rig_errors), halves.score if halves else None
@@ -150,7 +152,8 @@ def calibrate(
         next_best_view=find_next_best_view(adjustment, covariance),
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
-        warnings=(*fit.findings, *others), notes=(*describe_choices(hierarchy.lens_choices), *diagnosis.notes), discards=diagnosis.discards,
+        warnings=(*fit.findings, *others), notes=(*describe_choices(hierarchy.lens_choices), *diagnosis.notes),
+        discards=diagnosis.discards,
     )  # fmt: skip
 
 

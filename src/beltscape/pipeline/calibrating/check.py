@@ -27,6 +27,7 @@ from beltscape.files.documents.json_text import to_plain
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_detection import detect_rig_board
+from beltscape.pipeline.calibrating.board_sets import resolve_checked_set
 from beltscape.target.board import Board, corner_points_mm, list_triples
 
 MAX_REMAINING_RMS = 0.5
@@ -58,6 +59,7 @@ def check(folder: AnyPath, rig: Rig, board: Board, reporter: Reporter) -> RigChe
     for line in _describe_board_differences(rig, board):
         reporter.warn(line)
     detections = _detect_board(folder, rig, board, reporter)
+    detections, board = resolve_checked_set(detections, board, rig)
     board_mm = _read_board_shape(rig, board)
     board_mm = corner_points_mm(board) if board_mm is None else board_mm
     kernels = load()

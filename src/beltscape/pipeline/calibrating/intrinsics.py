@@ -23,7 +23,7 @@ from beltscape.files.capture import Capture
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.intrinsics_json import Intrinsics, write_intrinsics
 from beltscape.pipeline.calibrating.board_views import read_board_views, split_boards
-from beltscape.target.board import Board, corner_points_mm
+from beltscape.target.board import Board, BoardSet, corner_points_mm
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def calibrate_intrinsics(folder: AnyPath, board: Board, reporter: Reporter) -> I
     capture = read_board_views(as_path(folder, "folder"))
     detections, _ = detect_board(capture, board, reporter)
     detections = split_boards(detections, board)
-    board_mm = corner_points_mm(board)
+    board_mm = corner_points_mm(board.unplace() if isinstance(board, BoardSet) else board)
     monocular: dict[str, MonocularCalibration] = {}
     failures: list[str] = []
     with single_thread():
@@ -94,7 +94,7 @@ def calibrate_intrinsics(folder: AnyPath, board: Board, reporter: Reporter) -> I
             reporter.warn(f"{line}; going on without this camera")
         held_out = {name: _score_held_out(name, detections, board_mm) for name in monocular}
         covariances = {
-            name: _compute_covariance(detections, calibration, board_mm)
+            name: compute_lens_covariance(detections, calibration, board_mm)
             for name, calibration in monocular.items()
         }
     for name, calibration in monocular.items():
@@ -137,7 +137,7 @@ def _sum_squares(
     return squares, sum(counts[frame] for frame in fitted.view_rms_px)
 
 
-def _compute_covariance(
+def compute_lens_covariance(
     detections: BoardDetections, calibration: MonocularCalibration, board_mm: Array
 ) -> Array:
     """Return the covariance (W, W) of a camera's intrinsics from the noise of its corners; 0 for fixed ones."""

@@ -159,5 +159,5 @@ def describe_lamp(light: float, sigma: float) -> Finding:
     finding = Finding("lamp", value, value * sigma, 100 * _AGED, "%")
     if not value + 2 * value * sigma < 100 * _AGED:
         return finding
-    text = f"the light has fallen to {value:.0f} % of that at the start; replace the lamp soon"
+    text = f"the light has fallen to {value:.0f} % of what was learned; replace the lamp soon"
     return replace(finding, text=Message(text, "lamp", light=round(value)))

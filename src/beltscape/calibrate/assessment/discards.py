@@ -29,10 +29,16 @@ class Discards:
     """Frame left out in all cameras → the reason."""
     all_frames: int
 
-    def describe_reason(self) -> str | None:
-        """Return the largest reason in one line; None if nothing was left out."""
+    def describe(self) -> str:
+        """Return the counts with the largest reason in one line."""
         if not self.corners:
-            return None
+            return "nothing left out"
+        return (
+            f"left out: {self.corners} of {self.all_corners} corners, {len(self.views)} of {self.all_views} views, "
+            f"{len(self.frames)} of {self.all_frames} frames; {self._describe_reason()}"
+        )
+
+    def _describe_reason(self) -> str:
         if self.frames:
             return "; ".join(self.frames.values())
         if not self.views:
@@ -51,7 +57,7 @@ class Discards:
             "of_views": self.all_views,
             "frames": dict(self.frames),
             "of_frames": self.all_frames,
-            "largest_reason": self.describe_reason(),
+            "words": self.describe(),
         }
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.calibrate.assessment.board_positions import group_frames
 from beltscape.calibrate.assessment.covariance import RigCovariance
 from beltscape.calibrate.assessment.fit_quality import CameraFit
 from beltscape.calibrate.assessment.score import Score
@@ -23,9 +24,9 @@ Of 60 simulated sets of 3 to 5 frames, nearly square to the cameras, it refuses 
 """
 MAX_RMS = 0.004
 """Largest RMS and median, over the image's diagonal, of a credible rig; webcams without a common trigger: 0.0009."""
-FEW_FRAMES, MAX_FEW_CHI2, MAX_FEW_PX = 5, 25.0, 0.3
-"""With so few frames, a camera whose residuals exceed its corners' noise by this variance ratio, and this σ in px, is
-not credible: the frames do not suffice to average the excess. With more frames it is a finding, not an end."""
+FEW_POSITIONS, MAX_FEW_CHI2, MAX_FEW_PX = 5, 25.0, 0.3
+"""With so few board positions, a camera whose residuals exceed its corners' noise by this variance ratio, and this σ
+in px, is not credible: they do not suffice to average the excess. With more positions it is a finding, not an end."""
 PHOTOGRAPH = (
     "photograph the board in 10 positions or more, tilted about 30° to every side, near and far and in all parts of "
     "every image"
@@ -77,7 +78,7 @@ def _require_plausible_lenses(adjustment: BundleAdjustmentResult) -> None:
         if not MIN_FOCAL * max(camera.size_px) < focal < MAX_FOCAL * max(camera.size_px):
             raise CalibrationError(
                 f"camera {name}: the views lead to a focal length of {focal:.4g} px, which no lens of an image "
-                f"{camera.size_px[0]} px wide has; {_describe_views(adjustment)}: {PHOTOGRAPH}"
+                f"{camera.size_px[0]} px wide has; {_describe_views(adjustment)} do not suffice: {PHOTOGRAPH}"
             )
 
 
@@ -89,8 +90,8 @@ def _require_determined_lenses(adjustment: BundleAdjustmentResult, covariance: R
         sizes = ", ".join(f"{name} {focal[name]:.0f} ± {sigma[name]:.0f} px" for name in loose[:4])
         more = f" and {len(loose) - 4} more" if len(loose) > 4 else ""
         raise CalibrationError(
-            f"the views do not determine the focal length of camera {sizes}{more}: {_describe_views(adjustment)}; "
-            f"{PHOTOGRAPH}, or give known intrinsics"
+            f"the views do not determine the focal length of camera {sizes}{more}: {_describe_views(adjustment)} do "
+            f"not suffice; {PHOTOGRAPH}, or give known intrinsics"
         )
 
 
@@ -105,9 +106,9 @@ def _require_small_residuals(
                 f"triggered together, one of them moved, or board.toml describes another board; correct that, then "
                 f"{PHOTOGRAPH}"
             )
-    frames = len(np.unique(adjustment.bundle.observations.frame[adjustment.used]))
+    positions = len(set(group_frames(adjustment).values()))
     worst = max(fits, key=lambda name: fits[name].sigma_px, default=None)
-    if worst is None or frames > FEW_FRAMES:
+    if worst is None or positions > FEW_POSITIONS:
         return
     if fits[worst].sigma_px > MAX_FEW_PX and fits[worst].chi2_per_dof > MAX_FEW_CHI2:
         raise CalibrationError(
@@ -117,7 +118,7 @@ def _require_small_residuals(
 
 
 def _describe_views(adjustment: BundleAdjustmentResult) -> str:
-    """Return the number of frames and the largest tilt of the board against a camera in words."""
+    """Return the number of board positions and the largest tilt of the board against a camera in words."""
     observed = adjustment.bundle.observations
     geometry = adjustment.geometry
     views = np.unique(np.stack([observed.camera, observed.frame])[:, adjustment.used], axis=1)
@@ -125,5 +126,5 @@ def _describe_views(adjustment: BundleAdjustmentResult) -> str:
         "nij,nj->ni", geometry.cam_rotation[views[0]], geometry.board_rotation[views[1]][:, :, 2]
     )
     tilt = float(np.degrees(np.arccos(np.abs(normals[:, 2]).min().clip(0, 1))))
-    frames = len(np.unique(views[1]))
-    return f"{frames} frame{'s' * (frames != 1)} with the board tilted by {tilt:.0f}° at most"
+    positions = len(set(group_frames(adjustment).values()))
+    return f"{positions} position{'s' * (positions != 1)} of the board, tilted by {tilt:.0f}° at most,"

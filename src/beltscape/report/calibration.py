@@ -38,8 +38,10 @@ def calibration_page(
     training: Score,
     fit: FitQuality,
     warnings: Sequence[str],
+    notes: Sequence[str],
+    left_out: str,
 ) -> str:
-    """Return report.html of a calibration."""
+    """Return report.html of a calibration; ``left_out`` counts the corners that the rig was not found from."""
     score = held_out or training
     sections = [
         Section(
@@ -61,7 +63,8 @@ def calibration_page(
         _next_section(adjustment, board, following),
         *_view_sections(adjustment, rig_errors),
         _network_section(hierarchy),
-        *_left_out(hierarchy, rejected_images),
+        *_make_notes_section(notes),
+        _make_left_out_section(hierarchy, rejected_images, left_out),
     ]
     verdict = _describe_verdict(hierarchy, board, score, held_out is not None, fit)
     return render("Calibration", verdict, sections, warnings=warnings)
@@ -133,13 +136,22 @@ def _network_section(hierarchy: HierarchyResult) -> Section:
     )
 
 
-def _left_out(hierarchy: HierarchyResult, images: Sequence[tuple[str, Image]]) -> list[Section]:
+def _make_notes_section(notes: Sequence[str]) -> list[Section]:
+    """Return the notes as a section; empty without any."""
+    intro = "What looked like a fault before the joint adjustment and is none, and other remarks."
+    return [Section("Notes", intro, [Lines(notes)])] if notes else []
+
+
+def _make_left_out_section(
+    hierarchy: HierarchyResult, images: Sequence[tuple[str, Image]], left_out: str
+) -> Section:
     rejected = _list_rejected(hierarchy)
-    if not rejected:
-        return []
     pictures = [Pictures([Panel(to_rgb(image), why) for why, image in images], columns=2)] if images else []
-    intro = "Rejected views fit far worse than the rest: blur, a finger on the board, a moving board."
-    return [Section("Left out", intro, [Lines(rejected), *pictures])]
+    intro = f"{left_out[0].upper()}{left_out[1:]}."
+    if not rejected:
+        return Section("Left out", intro, [])
+    reason = " Rejected views fit far worse than the rest: blur, a finger on the board, a moving board."
+    return Section("Left out", intro + reason, [Lines(rejected), *pictures])
 
 
 def _make_tiles(score: Score, depth: DepthSigma) -> Tiles:

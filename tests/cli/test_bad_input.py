@@ -1,68 +1,29 @@
-"""A bad input is one line on standard error with file, value and fix; a tolerable one is a warning."""
+"""A bad input is one line on standard error with file, value and fix."""
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from beltscape.cli.main import main
 from beltscape.files.rasters.images import write_image
-from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.files.rig_json import write_rig
 from beltscape.target.board import Chessboard
+from tests.cli.conftest import BOARD
 from tests.synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras
 
-BOARD = 'kind = "charuco"\nsquares = [8, 6]\nsquare_mm = 40\nmarker_mm = 29\ndictionary = "DICT_4X4_50"\n'
 CHESSBOARD = 'kind = "chessboard"\ncorners = [8, 5]\nsquare_mm = 40\n'
 NOT_SHOWN = "capture: no image shows the board (ChArUco {}, square 40 mm)"
-
-
-@pytest.fixture(autouse=True)
-def desk(tmp_path, monkeypatch, charuco_capture) -> Path:
-    """The working folder: capture/ of two cameras and five frames, board.toml and the true rig.json."""
-    monkeypatch.chdir(tmp_path)
-    for name in ("cam0", "cam1"):
-        for frame in sorted((charuco_capture.folder / name).iterdir())[:5]:
-            Path("capture", name).mkdir(parents=True, exist_ok=True)
-            shutil.copy(frame, Path("capture", name))
-    Path("board.toml").write_text(BOARD)
-    return tmp_path
+pytestmark = pytest.mark.usefixtures("desk")
 
 
 @pytest.fixture(scope="session")
 def chessboard_capture(tmp_path_factory) -> BoardCapture:
     board = Chessboard(corners=(8, 5), square_mm=40)
     rig = row_of_cameras(["left", "right"])
-    return capture(tmp_path_factory.mktemp("chessboard"), rig, board, board_poses(board, 2))
-
-
-@pytest.fixture
-def run(capfd):
-    """A function that runs the program and answers exit code and lines on standard error, progress left out."""
-
-    def run(*words: str) -> tuple[int, list[str]]:
-        try:
-            code = main(words)
-        except SystemExit as stop:
-            assert isinstance(stop.code, int)
-            code = stop.code
-        lines = capfd.readouterr().err.splitlines()
-        return code, [line for line in lines if not line.endswith(" done")]
-
-    return run
-
-
-@pytest.fixture
-def calibrate(run):
-    def calibrate(*options: str, capture: str = "capture", board: str | None = None) -> tuple[int, list[str]]:
-        if board is not None:
-            Path("board.toml").write_text(board)
-        return run("calibrate", capture, "--board", "board.toml", "--out", "out", *options)
-
-    return calibrate
+    return capture(tmp_path_factory.mktemp("chessboard"), rig, board, board_poses(board, 1))
 
 
 @pytest.fixture
@@ -75,9 +36,6 @@ def two_images(desk) -> None:
 
 def rename_camera(old: str, new: str) -> None:
     Path("capture", old).rename(Path("capture", new))
-
-
-# What stops the work
 
 
 def test_a_missing_capture_folder(calibrate):
@@ -322,98 +280,3 @@ def test_a_rig_of_another_image_size(run, charuco_capture):
 )
 def test_a_wrong_command_line(run, words, message):
     assert run(*words) == (2, [message])
-
-
-# What the work survives
-
-
-def test_a_missing_frame_is_warned_about(calibrate):
-    Path("capture/cam1/03.png").unlink()
-    assert calibrate() == (0, ["warning: capture/cam1: no image for frame 03; going on without"])
-
-
-def test_another_image_size_within_a_camera_is_warned_about(calibrate):
-    write_image(Path("capture/cam1/03.png"), np.full((40, 50), 90, np.uint8))
-    assert calibrate() == (
-        0,
-        [
-            "warning: capture/cam1/03.png: 50×40 px, but cam1's other images have 480×400; "
-            "going on without this image"
-        ],
-    )
-
-
-def test_damaged_images_are_warned_about(calibrate):
-    Path("capture/cam0/02.png").write_bytes(b"")
-    data = Path("capture/cam1/03.png").read_bytes()
-    Path("capture/cam1/03.png").write_bytes(data[: len(data) // 2])
-    assert calibrate() == (
-        0,
-        [
-            "warning: capture/cam0/02.png: the file is empty (0 bytes); copy the image again; "
-            "going on without this image",
-            "warning: capture/cam1/03.png: the file is damaged or cut short; copy the image again; "
-            "going on without this image",
-        ],
-    )
-
-
-def test_a_camera_that_shares_no_view_is_warned_about(calibrate, charuco_capture):
-    for path in sorted((charuco_capture.folder / "cam2").iterdir()):
-        Path("capture/cam2").mkdir(exist_ok=True)
-        shutil.copy(path, f"capture/cam2/later{path.name}")
-    code, lines = calibrate()
-    assert (code, lines[-1]) == (
-        0, "warning: camera cam2 shares no view of the board with cam0, cam1; going on without it",
-    )  # fmt: skip
-    assert set(read_rig(Path("out/rig.json")).cameras) == {"cam0", "cam1"}
-
-
-def test_a_camera_the_capture_lacks_is_warned_about(run, charuco_capture):
-    write_rig(Path("rig.json"), charuco_capture.rig)
-    assert run("check", "capture", "--rig=rig.json", "--board=board.toml") == (
-        0, ["warning: capture/cam2: no images of camera cam2; going on without it"],
-    )  # fmt: skip
-
-
-# What is written and printed
-
-
-def test_calibrate_writes_rig_document_and_report_and_nothing_else(calibrate):
-    assert calibrate() == (0, [])
-    assert sorted(path.name for path in Path("out").iterdir()) == [
-        ".beltscape.json",
-        "calibration.json",
-        "report.html",
-        "rig.json",
-    ]
-    document = json.loads(Path("out/calibration.json").read_text())
-    assert document["format"] == "beltscape-calibration/1"
-    assert document["cameras"]["cam0"]["board_seen"] == 5
-
-
-@pytest.mark.parametrize("command", ["calibrate", "check"])
-def test_json_is_one_document_on_standard_output_and_nothing_else(capfd, charuco_capture, command):
-    write_rig(Path("rig.json"), charuco_capture.rig)
-    Path("capture/cam1/03.png").unlink()
-    rest = ["--out=out"] if command == "calibrate" else ["--rig=rig.json"]
-    assert main([command, "capture", "--board=board.toml", *rest, "--json"]) == 0
-    out, err = capfd.readouterr()
-    document = json.loads(out)  # nothing before or behind it
-    assert out.startswith("{")
-    assert "capture/cam1: no image for frame 03; going on without" in document["warnings"]
-    assert "warning: capture/cam1: no image for frame 03; going on without" in err
-
-
-def test_an_error_with_json_is_one_document_and_one_line(capfd):
-    assert main(["calibrate", "nowhere", "--board=board.toml", "--out=out", "--json"]) == 2
-    out, err = capfd.readouterr()
-    message = "nowhere: no such folder; a capture is <capture>/<camera>/<frame>.png"
-    assert json.loads(out) == {"error": {"type": "InputError", "message": message, "exit_code": 2}}
-    assert err == f"beltscape: {message}\n"
-    assert not Path("out").exists()
-
-
-def test_an_error_without_json_leaves_standard_output_empty(capfd):
-    assert main(["calibrate", "nowhere", "--board=board.toml", "--out=out"]) == 2
-    assert capfd.readouterr().out == ""

@@ -69,19 +69,17 @@ def test_a_narrower_umask_is_kept(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"this is no database, but long enough to look at" * 30, b"\xa5" * 9000])
-def test_a_damaged_users_database_does_not_stop_measuring(plant, content):  # noqa: F811
+def test_a_damaged_users_database_does_not_stop_measuring(run, plant, content):  # noqa: F811
     data = plant.parent / "data"
     data.mkdir()
     (data / "users.db").write_bytes(content)
-    done = run_once(plant)
-    assert done.returncode == 0, done.stderr
-    assert "3 records" in done.stdout
-    assert "Traceback" not in done.stderr
-    assert "no user database" in done.stderr and "restore it from a backup" in done.stderr
+    code, out, err = run("run", plant)
+    text = "\n".join(err)
+    assert code == 0, text
+    assert "3 records" in out
+    assert "Traceback" not in text
+    assert "no user database" in text and "restore it from a backup" in text
     assert (data / "users.db").read_bytes() == content
-    checked = subprocess.run(
-        [sys.executable, "-m", "beltscape", "run", "--check", str(plant)],
-        check=False, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
-    assert checked.returncode == 2
-    assert "users.db: no user database" in checked.stderr
+    code, _, err = run("run", "--check", plant)
+    assert code == 2
+    assert "users.db: no user database" in err[-1]

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from beltscape.calibrate.assessment.jackknife import estimate_inflation
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibrate.solver.bundle import Bundle
-from beltscape.calibrate.solver.lens import PINHOLE, list_parameters, pack_intrinsics
+from beltscape.calibrate.solver.lens import list_parameters, pack_intrinsics
 from beltscape.calibrate.solver.projection import differentiate_by_pose, project_with_jacobians
+from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.rig import Rig
 
 Array = NDArray[np.float64]
@@ -53,7 +54,7 @@ def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
     names = [
         f"{name}.{parameter}"
         for name, camera in adjustment.rig.cameras.items()
-        for parameter in list_intrinsic_names(camera.model)
+        for parameter in list_intrinsics(camera.model)
     ]
     names += [
         f"{name}.{parameter}" for name in cameras if name != adjustment.rig.core for parameter in POSE_NAMES
@@ -118,14 +119,6 @@ def compute_depth_jacobian(rig: Rig, points_mm: Array) -> Array:
     jacobian = np.full((len(points_mm), count), np.nan)
     jacobian[usable] = -np.linalg.solve(normal[usable], mixed[usable])[:, 2]
     return jacobian
-
-
-def list_intrinsic_names(model: str) -> tuple[str, ...]:
-    """Return the names, with units, of the intrinsics of a camera with a lens model."""
-    return tuple(
-        f"{name}_px" if name in PINHOLE else f"{name}_rad" if name in ("tau_x", "tau_y") else name
-        for name in list_parameters(model)
-    )
 
 
 def count_parameters(rig: Rig) -> int:

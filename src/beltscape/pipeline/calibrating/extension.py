@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.assessment.covariance import POSE_NAMES, compute_rig_covariance, list_intrinsic_names
+from beltscape.calibrate.assessment.covariance import POSE_NAMES, compute_rig_covariance
 from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit
 from beltscape.calibrate.assessment.folds import list_folds
 from beltscape.calibrate.assessment.rig_findings import list_rig_findings
@@ -26,6 +26,7 @@ from beltscape.calibrate.network.pairs import calibrate_pairs
 from beltscape.calibrate.solver.deterministic import single_thread
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter, Silent
@@ -220,7 +221,7 @@ def _join_covariances(
     names = [
         f"{name}.{parameter}"
         for name, camera in joined.cameras.items()
-        for parameter in list_intrinsic_names(camera.model)
+        for parameter in list_intrinsics(camera.model)
     ]
     names += [f"{name}.{p}" for name in joined.cameras if name != joined.core for p in POSE_NAMES]
     matrix = np.zeros((len(names), len(names)))

@@ -10,7 +10,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.assessment.covariance import list_intrinsic_names
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import EXCESS_FACTOR, EXCESS_PX, HierarchyResult
 from beltscape.calibrate.intrinsics.zhang import calibrate_camera
@@ -18,6 +17,7 @@ from beltscape.calibrate.solver.deterministic import single_thread
 from beltscape.calibrate.solver.lens_prior import LensPrior
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture
@@ -157,7 +157,7 @@ def _find_covariances(rig: Rig) -> dict[str, NDArray[np.float64]]:
     )
     found: dict[str, NDArray[np.float64]] = {}
     for name, camera in rig.cameras.items():
-        names = [f"{name}.{parameter}" for parameter in list_intrinsic_names(camera.model)]
+        names = [f"{name}.{parameter}" for parameter in list_intrinsics(camera.model)]
         if matrix.ndim == 2 and all(each in parameters for each in names):
             place = [parameters.index(each) for each in names]
             block = matrix[np.ix_(place, place)]

@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.residuals import compute_disparity_residuals, compute_pair_residuals
@@ -26,7 +27,6 @@ LEAST_UNGUIDED_PX = 0.25
 """Least tolerance of unguided matching, in pixels of its small images."""
 _SIGMAS = 3.0
 """Coverage factor of the rig's own uncertainty."""
-_LENS = ("fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3")
 _POSE = ("turn_x_rad", "turn_y_rad", "turn_z_rad", "shift_x_mm", "shift_y_mm", "shift_z_mm")
 _GRID = (5, 4)
 """Columns and rows of the points over an image at which tolerances are computed."""
@@ -143,8 +143,8 @@ def _read_covariance(rig: Rig) -> tuple[list[str], Array]:
 
 
 def _list_parameters(rig: Rig) -> Iterator[str]:
-    for name in rig.cameras:
-        yield from (f"{name}.{parameter}" for parameter in _LENS + _POSE)
+    for name, camera in rig.cameras.items():
+        yield from (f"{name}.{parameter}" for parameter in list_intrinsics(camera.model) + _POSE)
 
 
 def _perturb_rig(rig: Rig, parameter: str, step: float) -> Rig:
@@ -157,7 +157,8 @@ def _perturb_rig(rig: Rig, parameter: str, step: float) -> Rig:
         rotation = Pose.of(change[:3], np.zeros(3)).rotation @ pose.rotation
         perturbed = Pose(rotation, pose.translation_mm + change[3:])
         return replace(rig, cam_from_core={**rig.cam_from_core, name: perturbed})
-    camera = _perturb_camera(rig.cameras[name], _LENS.index(quantity), step)
+    index = list_intrinsics(rig.cameras[name].model).index(quantity)
+    camera = _perturb_camera(rig.cameras[name], index, step)
     return replace(rig, cameras={**rig.cameras, name: camera})
 
 

@@ -201,6 +201,10 @@ def _border_rays(camera: Camera, *, distorted: bool) -> NDArray[np.float64]:
     return np.concatenate([ideal, np.ones((len(ideal), 1))], axis=1)
 
 
+OUTSIDE_PX = -1e4
+"""Coordinate of what no pixel of the image shows: OpenCV's remap has no other mark."""
+
+
 def _make_source_map(
     camera: Camera,
     rectified_from_cam: Pose,
@@ -209,8 +213,6 @@ def _make_source_map(
     size_px: tuple[int, int],
 ) -> NDArray[np.float32]:
     """Return the (H, W, 2) float32 distorted pixel of each rectified pixel, for a single interpolation."""
-    # far outside the image the distortion polynomial is not monotonic, and rays there would map into the image
-    limit = 1.15 * np.nanmax(np.abs(_border_rays(camera, distorted=True)[:, :2]), axis=0)
     x = (np.arange(size_px[0]) - center_px[0]) / focal_px
     source = np.empty((size_px[1], size_px[0], 2), np.float32)
     for top in range(0, size_px[1], _STRIP_ROWS):  # strips stay in the cache
@@ -220,6 +222,6 @@ def _make_source_map(
         behind = rays[..., 2] < 0.05
         ideal = rays[..., :2] / np.where(behind, 1.0, rays[..., 2])[..., None]
         pixels = camera.distort(ideal) * camera.focal_px + camera.center_px
-        pixels[behind | (np.abs(ideal) > limit).any(axis=-1)] = -1e4
+        pixels[behind | np.isnan(pixels).any(axis=-1)] = OUTSIDE_PX
         source[top : top + len(y)] = pixels
     return source

@@ -32,7 +32,8 @@ class CloudBuilder:
         self._distorted_px = np.empty((len(y), len(x), 2), np.float32)
         for rows in _split_rows(camera):
             ideal = np.stack(np.meshgrid(x, y[rows]), axis=-1)
-            self._distorted_px[rows] = camera.distort(ideal) * camera.focal_px + camera.center_px
+            distorted = camera.distort(ideal) * camera.focal_px + camera.center_px
+            self._distorted_px[rows] = np.nan_to_num(distorted, nan=-1e4)  # beyond the lens's domain: outside
 
     def undistort(self, image: Image) -> Image:
         """Return the image on the camera's pinhole grid; black outside the camera's view.

@@ -26,3 +26,9 @@ MODELS: Mapping[str, LensModel] = MappingProxyType(
     {model.name: model for model in (BROWN, RATIONAL, THIN_PRISM, TILTED, FISHEYE)}
 )
 """All lens models by name, from few to many coefficients, the fisheye last."""
+
+
+def list_intrinsics(model: str) -> tuple[str, ...]:
+    """Return the names, with units, of the intrinsics of a camera with a lens model, as in rig.json's covariance."""
+    coefficients = (f"{name}_rad" if name[0] == "t" else name for name in MODELS[model].coefficients)
+    return ("fx_px", "fy_px", "cx_px", "cy_px", *coefficients)

@@ -16,6 +16,8 @@ from tests.simulate.tiny import tiny
 
 CAMERAS = ("cam0", "cam1", "cam2")
 DARK = {"speckle": False}
+PAIR = {"rig": {"auxiliaries": 1}}
+"""For tests that look at the core's image only."""
 
 
 @cache
@@ -72,7 +74,8 @@ def test_two_frames_of_a_still_belt_differ_by_noise_only():
 def test_colour_depends_on_the_projector_unless_given():
     def shapes(**more) -> set[int]:
         return {
-            image.ndim for image in SimulatedScene(tiny("belt_empty", **more)).render_frame(0).images.values()
+            image.ndim
+            for image in SimulatedScene(tiny("belt_empty", **PAIR, **more)).render_frame(0).images.values()
         }
 
     assert {image.ndim for image in plain().values()} == {3}
@@ -85,7 +88,7 @@ def test_colour_depends_on_the_projector_unless_given():
 def test_contrast_grows_without_ambient_light():
     def contrast(ambient: float) -> float:
         quiet = {"shot_noise": False, "read_noise_e": 0.0}
-        scene = tiny("belt_empty", ambient=ambient, sensor=quiet, colour=False)
+        scene = tiny("belt_empty", ambient=ambient, sensor=quiet, colour=False, **PAIR)
         inner = SimulatedScene(scene).render_frame(0).images["cam0"].astype(float)[100:160, 120:200]
         return float(inner.std() / inner.mean())
 
@@ -95,7 +98,9 @@ def test_contrast_grows_without_ambient_light():
 @pytest.mark.parametrize("colour", ["grey", "rgb", "bayer"])
 def test_auto_exposure_makes_the_first_core_image_just_not_saturated(colour):
     scene = SimulatedScene(
-        tiny("belt_loaded", colour=False, gain_spread=0, sensor={"colour": colour, "shot_noise": False})
+        tiny(
+            "belt_loaded", colour=False, gain_spread=0, sensor={"colour": colour, "shot_noise": False}, **PAIR
+        )
     )
     image = scene.render_frame(0).images["cam0"]
     # behind a mosaic only some of the brightest spots have their own colour's filter
@@ -105,7 +110,7 @@ def test_auto_exposure_makes_the_first_core_image_just_not_saturated(colour):
 
 def test_sensor_keeps_its_exposure_without_auto_exposure():
     dim = {"electrons_at_1": 1000.0, "read_noise_e": 0.0, "shot_noise": False}
-    scene = SimulatedScene(tiny("belt_empty", auto_exposure=False, gain_spread=0, sensor=dim, **DARK))
+    scene = SimulatedScene(tiny("belt_empty", auto_exposure=False, gain_spread=0, sensor=dim, **DARK, **PAIR))
     assert scene.render_frame(0).images["cam0"].max() <= np.ceil(255 * 1000 / 14_000)
 
 
@@ -122,7 +127,7 @@ def test_gains_differ_by_their_spread():
 
 
 def moving(**motion) -> SimulatedScene:
-    return SimulatedScene(tiny("belt_moving", motion=motion, **DARK))
+    return SimulatedScene(tiny("belt_moving", motion=motion, **DARK, **PAIR))
 
 
 def test_heap_passes_once():
@@ -180,7 +185,7 @@ def test_motion_blurs_along_the_belt():
     def edges(exposure_us: float) -> float:
         motion = {"start_mm": 0.0, "exposure_us": exposure_us, "speed_mm_s": 2000}
         quiet = {"shot_noise": False, "read_noise_e": 0.0}
-        scene = SimulatedScene(tiny("belt_moving", frames=1, motion=motion, sensor=quiet, **DARK))
+        scene = SimulatedScene(tiny("belt_moving", frames=1, motion=motion, sensor=quiet, **DARK, **PAIR))
         image = scene.render_frame(0).images["cam0"].astype(float)[80:180, 100:220]
         return float(np.abs(np.diff(image, axis=0)).mean())
 

@@ -150,6 +150,16 @@ def test_first_camera_waits_for_the_others_at_the_start():
     assert given_out[0][1].shots["cam0"].payload == pytest.approx(10 + 5 + 20, abs=2)
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_first_instant_has_all_cameras_however_late_its_first_image_came(seed):
+    rules = MatchingRules(40 * MS, 8 * MS, 300 * MS, start_ns=2000 * MS)
+    late = Wire(delays_ns=dict.fromkeys(range(15, 20), 1 * MS))
+    always_late = Wire(delays_ns=dict.fromkeys(range(60), 4 * MS))
+    wires = {"cam0": late, "cam1": Wire(), "cam2": always_late}
+    _, given_out = played(wires, 40, rules, seed)
+    assert set(given_out[0][1].shots) == set(wires)
+
+
 def test_reopened_camera_has_a_new_clock_and_count():
     before = Wire(10**15, first_id=900).shots("cam1", range(10, 40), 1)
     after = Wire(5 * 10**9, first_id=1).shots("cam1", range(70, 100), 2)

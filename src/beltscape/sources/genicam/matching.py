@@ -122,7 +122,9 @@ class InstantMatcher(Generic[Payload]):
                 one.statistics.has_clock for one in self._cameras.values()
             ):
                 return False
-            self._start_ns = now_ns if self._rules.start_ns else host_ns - self._rules.window_ns
+            # between two instants: else the first one would lack the images that came before this one
+            window = self._rules.window_ns
+            self._start_ns = now_ns + window if self._rules.start_ns else host_ns - window
         return host_ns >= self._start_ns
 
     def _host_ns(self, one: _Camera, camera_ns: int) -> int | None:

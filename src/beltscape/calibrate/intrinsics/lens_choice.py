@@ -25,7 +25,12 @@ from beltscape.calibrate.intrinsics.zhang import (
 )
 from beltscape.calibrate.solver.bundle import Bundle
 from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
-from beltscape.calibrate.solver.lens import compute_lens_prior, pack_intrinsics, unpack_intrinsics
+from beltscape.calibrate.solver.lens import (
+    compute_lens_prior,
+    list_parameters,
+    pack_intrinsics,
+    unpack_intrinsics,
+)
 from beltscape.calibrate.solver.levenberg_marquardt import Damping, minimise
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
@@ -145,7 +150,7 @@ def _compare(
         raise CalibrationError(
             f"camera {name}: no lens model fits its views; take tilted views that cover the image"
         )
-    errors = {model: _hold_out(name, detections, board_mm, model, fit) for model, fit in fits.items()}
+    errors = {model: _hold_out(name, detections, board_mm, fit) for model, fit in fits.items()}
     rms = {
         model: float(np.sqrt(np.mean(list(each.values())))) if each else float("nan")
         for model, each in errors.items()
@@ -192,7 +197,6 @@ def _hold_out(
     name: str,
     detections: BoardDetections,
     board_mm: Array,
-    model: str,
     whole: MonocularCalibration,
 ) -> dict[str, float]:
     """Return mean squared errors (px²) of views under the lens fitted to the others; empty if it fits badly."""
@@ -202,13 +206,9 @@ def _hold_out(
     for train, test in _list_folds(tuple(kept.views[name])):
         rest = kept.restrict([name], train)
         try:
-            lens = (
-                calibrate_camera(name, rest, board_mm).camera
-                if model == "brown"
-                else _refit(rest.views[name], whole, board_mm)
-            )
+            lens = _refit(rest.views[name], whole, board_mm)
             scored = calibrate_camera(name, kept.restrict([name], test), board_mm, known=lens, min_views=1)
-        except CalibrationError:
+        except (CalibrationError, np.linalg.LinAlgError):
             return {}
         for frame, pose in scored.cam_from_board.items():
             view = kept.views[name][frame]
@@ -221,7 +221,8 @@ def _hold_out(
 def _refit(views: Views, whole: MonocularCalibration, board_mm: Array) -> Camera:
     """Return the lens that fits some of the views, started at the fit to all of them."""
     camera, poses = whole.camera, [whole.cam_from_board[frame] for frame in views]
-    bundle, state = _set_up(views, camera, poses, board_mm, whole.rms_px, compute_lens_prior(camera))
+    prior = compute_lens_prior(camera)
+    bundle, state = _set_up(views, camera, poses, board_mm, whole.rms_px, prior, whole.fixed)
     return unpack_intrinsics(camera, minimise(bundle, state, REFITTING).state.intrinsics[0])
 
 
@@ -232,12 +233,12 @@ def _set_up(
     board_mm: Array,
     rms_px: float,
     prior: tuple[Array, Array],
+    fixed: tuple[str, ...] = (),
 ) -> tuple[Bundle, Geometry]:
     """Return the adjustment of one camera's lens and board poses, with a lens prior (mean, information)."""
+    free = np.array([name not in fixed for name in list_parameters(camera.model)])
     row = pack_intrinsics(camera)
-    known = BundlePrior(
-        (camera.model,), prior[0][None], prior[1][None], np.ones((1, len(row)), bool), board_mm, np.zeros(3)
-    )
+    known = BundlePrior((camera.model,), prior[0][None], prior[1][None], free[None], board_mm, np.zeros(3))
     state = Geometry(
         row[None], np.eye(3)[None], np.zeros((1, 3)),
         np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -108,7 +109,7 @@ def test_exchanged_folders_are_named(run, capture, tmp_path):
     assert document["frames"][0]["auxiliaries"] == ["cam2", "cam4"]
 
 
-@pytest.mark.parametrize("other", ["cam1", "cam2", "cam3", "cam4"])
+@pytest.mark.parametrize("other", ["cam1", "cam3"])
 def test_core_exchanged_with_an_auxiliary_is_named(run, capture, tmp_path, other):
     folder = capture("belt_loaded")
     (folder / "cam0").rename(folder / "x")
@@ -141,9 +142,8 @@ def test_matcher_continues_with_the_next_consistent_frame():
     assert not matcher.is_inconsistent
 
 
-def test_narrow_box_causes_a_warning_and_a_larger_sigma(run, tmp_path):
-    reconstruct(run, TRUE_RIG, tmp_path / "empty", "belt_empty")
-    reconstruct(run, TRUE_RIG, tmp_path / "r")
+def test_narrow_box_causes_a_warning_and_a_larger_sigma(run, small_frames, tmp_path):
+    shutil.copytree(small_frames / "belt_loaded", tmp_path / "r")
     frame = read_frame(tmp_path / "r" / "000")
     depth = frame.depth.depth_mm.copy()
     depth[:, :250], depth[:, 360:] = np.nan, np.nan
@@ -155,7 +155,7 @@ def test_narrow_box_causes_a_warning_and_a_larger_sigma(run, tmp_path):
     ):
         write_float_tiff(tmp_path / "r" / "000" / f"{name}.tiff", values.astype(np.float32))
     code, out, err = run(
-        "measure", "volume", tmp_path / "r" / "000", "--empty", tmp_path / "empty" / "000", "--json"
+        "measure", "volume", tmp_path / "r" / "000", "--empty", small_frames / "belt_empty" / "000", "--json"
     )
     assert code == 0
     assert any("mm of the belt's width were measured" in line for line in err)

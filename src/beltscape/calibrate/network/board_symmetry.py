@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,6 +20,7 @@ from beltscape.calibrate.intrinsics.zhang import MonocularCalibration
 from beltscape.calibrate.network.pose_consensus import PoseConsensus, find_pose_consensus
 from beltscape.calibrate.network.quarter_turns import list_quarter_turns, make_board_turn, turn_corners
 from beltscape.calibrate.network.synchronisation import CLEAR_IMPROVEMENT, MIN_FRAMES, SHIFTS
+from beltscape.calibrate.solver.perspective import fit_view_pose
 from beltscape.core.geometry.pose import Pose
 from beltscape.files.capture import natural_key
 from beltscape.target.board import Board, corner_points_mm, outer_corners
@@ -136,11 +136,7 @@ def _make_single_group(
 
 
 def _fit_board_pose(camera: MonocularCalibration, corners: Corners, corners_mm: Array) -> Pose:
-    ideal = camera.camera.undistort(corners.pixels)
-    _, rotation, shift = cv2.solvePnP(
-        corners_mm[corners.ids], ideal, np.eye(3), None, flags=cv2.SOLVEPNP_SQPNP
-    )
-    return Pose.of(rotation, shift)
+    return fit_view_pose(camera.camera, corners_mm[corners.ids], corners.pixels)
 
 
 def _find_strongest_link(groups: Sequence[_Group], turns: tuple[int, ...], links: _Links) -> _Link | None:

@@ -8,7 +8,7 @@
 #include "simd.hpp"
 
 #ifdef __CUDACC__
-#define BELTSCAPE_OUT_OF_LINE __device__ __noinline__
+#define BELTSCAPE_OUT_OF_LINE __host__ __device__ __noinline__
 #else
 #define BELTSCAPE_OUT_OF_LINE __attribute__((noinline, cold))
 #endif

@@ -46,6 +46,6 @@ class HealthSettings(BaseModel):
     dirt_area: _Share = 0.005
     """Share of the picture from which dirt is reported."""
     projector_mm: Annotated[float, Field(gt=0, le=1000)] = 1.0
-    """Displacement of the projected pattern on the bare belt; sound: up to 0.05."""
+    """Displacement of the projected pattern on the bare belt; sound: up to 0.1."""
     skew_ms: Annotated[float, Field(gt=0, le=1000)] = 0.1
     """Difference of a camera's instant from the others', by the images; it must also exceed 3 σ."""

@@ -42,20 +42,26 @@ def make_frame(
     speed_mm_s: float = 1000.0,
     late_mm: Mapping[str, float] | None = None,
     moved_mm: tuple[float, float] = (0.0, 0.0),
+    turned_deg: float = 0.0,
     speckle: float = 0.5,
     images_of: Mapping[str, int] | None = None,
 ) -> FrameSet:
     """Return frame ``number`` of a belt that moves by `STEP_MM` per frame.
 
     ``late_mm`` is the travel by which a camera is late, ``moved_mm`` the displacement of the pattern on the belt,
-    ``speckle`` its contrast, ``images_of`` the frame that a camera shows instead of this one.
+    ``turned_deg`` its rotation, ``speckle`` its contrast, ``images_of`` the frame that a camera shows instead.
     """
     images: dict[str, Image] = {}
     for index, name in enumerate(RIG.cameras):
         shown = number if images_of is None else images_of.get(name, number)
         position = STEP_MM * shown + (late_mm or {}).get(name, 0.0)
         images[name] = _draw(
-            AUXILIARIES.get(name, (0.0, 0.0)), heap, position, moved_mm, speckle, (shown, index)
+            AUXILIARIES.get(name, (0.0, 0.0)),
+            heap,
+            position,
+            (*moved_mm, turned_deg),
+            speckle,
+            (shown, index),
         )
     return FrameSet(f"{number:03d}", images, round(number * STEP_MM / speed_mm_s * 1e9))
 
@@ -64,7 +70,7 @@ def _draw(
     center_mm: tuple[float, float],
     heap: Heap | None,
     position_mm: float,
-    moved_mm: tuple[float, float],
+    moved: tuple[float, float, float],
     speckle: float,
     seed: tuple[int, int],
 ) -> Image:
@@ -78,7 +84,9 @@ def _draw(
     x, y = center_mm[0] + rays[..., 0] * depth, -center_mm[1] - rays[..., 1] * depth
     stones = _sample(1, x, y - position_mm)
     reflectance = np.where(load > 1, 0.4 + 0.8 * stones, 0.3)
-    light = 1 - speckle + 2 * speckle * _sample(2, x - moved_mm[0], y - moved_mm[1])
+    cosine, sine = np.cos(np.deg2rad(moved[2])), np.sin(np.deg2rad(moved[2]))
+    u, v = x - moved[0], y - moved[1]
+    light = 1 - speckle + 2 * speckle * _sample(2, cosine * u + sine * v, cosine * v - sine * u)
     noise = np.random.default_rng(seed).normal(size=x.shape)
     return np.rint(90 * reflectance * light + 1.0 * noise).clip(0, 255).astype(np.uint8)
 

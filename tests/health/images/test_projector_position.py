@@ -48,6 +48,14 @@ def test_a_moved_pattern_is_named_by_the_second_frame(
     assert second[0].value == pytest.approx(np.hypot(*moved_mm), abs=1.0)
 
 
+def test_a_projector_turned_about_its_axis_is_named() -> None:
+    monitor = learn()
+    turned = {"moved_mm": (0.0, 0.0), "turned_deg": 1.0}
+    check(monitor, 40, **turned)
+
+    assert check(monitor, 41, **turned)[0].value == pytest.approx(np.deg2rad(1) * 190, abs=1.5)
+
+
 def test_a_pattern_out_of_reach_is_named() -> None:
     monitor = learn()
     check(monitor, 40, moved_mm=(300.0, 0.0))

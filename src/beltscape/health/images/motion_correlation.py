@@ -38,11 +38,9 @@ class Displacement:
     across_mm: float
     """Its displacement across the travel: 0 for cameras that agree with the rig, early or late."""
     same_mm: float
-    """Displacement of the texture at one instant; a projected pattern, which stands still, contributes to it."""
+    """Of the texture at one and at the other instant: a projected pattern, which stands still, contributes to it."""
     correlation: float
     """Least correlation of the moving texture."""
-    same_correlation: float
-    """Correlation of the texture at the same instant."""
 
 
 def measure_displacement(
@@ -89,14 +87,17 @@ def measure_displacement(
         ]
         signs = np.array([1.0, -1.0, 1.0, -1.0])
         mean = (signs[:, None] * np.array([peak[0] for peak in peaks])).mean(axis=0)
-        same, same_correlation = find_peak(now.own[core], now.own[name], last, window)
+        at_rest = (
+            find_peak(before.own[core], before.own[name], first, window)[0],
+            find_peak(now.own[core], now.own[name], last, window)[0],
+        )
+        same = 0.5 * (at_rest[0] + at_rest[1])
         scale = float(along @ along)
         result[name] = Displacement(
             float(mean @ along) / scale,
             float(mean @ (-along[1], along[0])) / scale,
             float(same @ along) / scale,
             min(peak[1] for peak in peaks),
-            same_correlation,
         )
     return result
 

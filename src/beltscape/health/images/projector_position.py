@@ -63,7 +63,9 @@ def measure_pattern_shift(
     cell_mm: float,
     core: str,
 ) -> PatternShift:
-    """Return the displacement of the pattern that most cameras show.
+    """Return the displacement of the pattern that most cameras show, on the half of the bare belt where it is larger.
+
+    A projector that turned about its axis moves the pattern to opposite sides on the two halves.
 
     Parameters
     ----------
@@ -80,29 +82,49 @@ def measure_pattern_shift(
     core
         Name of the core camera.
     """
-    if is_bare.mean() < _LEAST_SHARE or core not in now:
+    if core not in now:
         return UNMEASURED
+    allowance = _PER_HEIGHT * abs(height_mm - learned.height_mm)
+    lengths = [_measure_length(learned, now, half, core) for half in _split(is_bare)]
+    finite = [length for length in lengths if np.isfinite(length)]
+    if finite:
+        return PatternShift(cell_mm * max(finite), cell_mm * _SIGMA_CELLS, allowance)
+    if lengths and all(np.isinf(length) for length in lengths):
+        return PatternShift(float("inf"), SEARCH_CELLS * cell_mm, allowance)
+    return UNMEASURED
+
+
+def _split(is_bare: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Return the left and the right half of the bare belt (H, W), those that are large enough."""
+    if not is_bare.any():
+        return []
+    left = is_bare.copy()
+    left[:, int(np.median(np.nonzero(is_bare)[1])) :] = False
+    halves = left, is_bare & ~left
+    return [half for half in halves if half.mean() >= _LEAST_SHARE]
+
+
+def _measure_length(
+    learned: LearnedPattern, now: Mapping[str, Texture], is_bare: NDArray[np.bool_], core: str
+) -> float:
+    """Return the displacement in cells; infinite: the pattern is projected elsewhere; NaN: not measured."""
     shifts: list[NDArray[np.float64]] = []
-    lost = seen = 0
-    for name, texture in now.items():
-        if name not in learned.textures:
-            continue
-        shift, correlation = find_peak(texture, learned.textures[name], is_bare, SEARCH_CELLS, _LEAST_SHARE)
+    lost = 0
+    names = [name for name in now if name in learned.textures]
+    for name in names:
+        shift, correlation = find_peak(now[name], learned.textures[name], is_bare, SEARCH_CELLS, _LEAST_SHARE)
         if correlation >= _FOUND:
             shifts.append(-shift)
-        elif name != core and correlate_at_rest(now[core], texture, is_bare, _LEAST_SHARE) > _SAME_PATTERN:
-            lost += 1
-        seen += 1
-    allowance = _PER_HEIGHT * abs(height_mm - learned.height_mm)
+        elif name != core:
+            rest = correlate_at_rest(now[core], now[name], is_bare, _LEAST_SHARE)
+            lost += rest > _SAME_PATTERN
     if len(shifts) < 2:
-        is_lost = seen > 2 and lost >= _AGREEING * (seen - 1)
-        return PatternShift(float("inf"), SEARCH_CELLS * cell_mm, allowance) if is_lost else UNMEASURED
+        is_lost = len(names) > 2 and lost >= _AGREEING * (len(names) - 1)
+        return float("inf") if is_lost else float("nan")
     middle = np.median(shifts, axis=0)
     length = float(np.linalg.norm(middle))
     agree = [float(np.linalg.norm(shift - middle)) < max(1.0, 0.3 * length) for shift in shifts]
-    if np.mean(agree) < _AGREEING:
-        return UNMEASURED
-    return PatternShift(cell_mm * length, cell_mm * _SIGMA_CELLS, allowance)
+    return length if np.mean(agree) >= _AGREEING else float("nan")
 
 
 def check_projector_position(shift: PatternShift, is_confirmed: bool, settings: HealthSettings) -> Finding:

@@ -38,11 +38,11 @@ cameras see other sides of the stones."""
 _LEAST_CORRELATION = 0.15
 """Correlation of moving texture that is surely not chance; bare rubber has 0.03, heaps of stones 0.2 to 0.45."""
 _NOISE = 0.012
-"""σ of a displacement, mm at a distance of 700 mm, times the square of the correlation: in three sound captures."""
+"""σ of a displacement, mm, times the square of the correlation: in three sound captures of 612 × 512 px."""
 _BIAS = 1.8e-4
 """σ of the displacement that remains in the mean over frames, over the distance; up to 2.4e-4 in three rigs."""
-_NOISE_DISTANCE_MM = 700.0
-"""Distance at which `_NOISE` holds; a displacement in mm grows with the distance."""
+_NOISE_PIXEL_MM = 1.28
+"""Size of a pixel on the belt at which `_NOISE` holds; with twice the size it scatters by 0.17 mm instead of 0.07."""
 _MEMORY = 3
 """Checks whose median is taken, so that a single one accuses no camera."""
 _CONFIRMING = 2
@@ -111,7 +111,7 @@ class SynchronisationMonitor:
         self._faults = tuple(finding for finding in findings if finding.is_fault)
         self._due = self._number + _EVERY
         is_suspect = any(one and one[-1].exceeds(self._settings.skew_ms) for one in self._recent.values())
-        self._before = now if is_suspect or self._faults else None
+        self._before = now if is_suspect and not self._faults else None
         return tuple(findings)
 
     def _store(self, frames: FrameSet, depth: DepthMap, position_mm: float, time_ns: int) -> _Stored:
@@ -151,7 +151,8 @@ class SynchronisationMonitor:
         """Return a camera's delay by the last checks; None where they leave it open."""
         if moved.correlation < _LEAST_CORRELATION:
             return None
-        noise = _NOISE / moved.correlation**2 * distance_mm / _NOISE_DISTANCE_MM
+        pixel_mm = distance_mm / float(self._rig.core_camera.focal_px.mean())
+        noise = _NOISE / moved.correlation**2 * pixel_mm / _NOISE_PIXEL_MM
         newest = Delay(moved.moving_mm, float(np.hypot(noise, _BIAS * distance_mm)), speed_mm_s)
         self._history[name].append(newest)
         if newest.exceeds(self._settings.skew_ms) and abs(moved.same_mm) > _STATIC * abs(moved.moving_mm):

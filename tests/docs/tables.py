@@ -29,7 +29,7 @@ def check_table(block: Block, folder: Path) -> None:
     values = tomllib.loads(block.text)
     path = folder / "block.toml"
     path.write_text(block.text)
-    if "squares" in values or "corners" in values:
+    if {"squares", "corners", "tags", "boards"} & set(values):
         read_board(path)
     elif "rig" in values and "empty" in values:
         (folder / "project.toml").write_text(block.text)

@@ -96,7 +96,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     single = arguments.mode == INTRINSICS
     folder = locate_capture(arguments.capture, out, reporter, synchronous=not single)
     if single:
-        return _run_intrinsics(folder, board, out, reporter)
+        return _run_intrinsics(folder, board, out, reporter, arguments.lens_model)
     given = arguments.intrinsics
     use = arguments.intrinsics_as or "held"
     known = read_known_intrinsics(given, board, reporter, use=use) if given else None
@@ -130,13 +130,19 @@ def _refuse_options(arguments: argparse.Namespace, options: Sequence[str], where
             raise SettingsError(f"--{option.replace('_', '-')} has no meaning {where}; leave it out")
 
 
-def _run_intrinsics(folder: Path, board: Board, out: Path, reporter: Reporter) -> Mapping[str, Any]:
+def _run_intrinsics(
+    folder: Path, board: Board, out: Path, reporter: Reporter, lens_model: str
+) -> Mapping[str, Any]:
     from beltscape.files.intrinsics_json import intrinsics_document
     from beltscape.pipeline.calibrating.intrinsics import calibrate_intrinsics, write_intrinsics_calibration
 
-    calibration = calibrate_intrinsics(folder, board, reporter)
+    calibration = calibrate_intrinsics(folder, board, reporter, lens_model=lens_model)
     path = write_intrinsics_calibration(out, calibration)
-    return {**intrinsics_document(calibration.to_intrinsics()), "intrinsics": path}
+    return {
+        **intrinsics_document(calibration.to_intrinsics()),
+        "notes": calibration.notes,
+        "intrinsics": path,
+    }
 
 
 def _run_extension(
@@ -151,7 +157,9 @@ def _run_extension(
     from beltscape.pipeline.calibrating.extension import extend_rig, make_extension_document, write_extension
 
     rig, replaced = read_rig(arguments.add_to), tuple(arguments.replace or ())
-    extension = extend_rig(folder, rig, board, reporter, replaced=replaced, known=known)
+    extension = extend_rig(
+        folder, rig, board, reporter, replaced=replaced, known=known, lens_model=arguments.lens_model
+    )
     path = write_extension(out, extension)
     return {**make_extension_document(extension), "rig": path}
 
@@ -178,7 +186,8 @@ def _summarise_intrinsics(result: Mapping[str, Any]) -> str:
             f"{quality['images']} images; training {quality['rms_px']:.3f} px RMS, held out "
             + ("unknown" if isnan(held_out) else f"{held_out:.3f} px")
         )
-    return "\n".join([*lines, f"intrinsics  {result['intrinsics']}"])
+    notes = [f"note: {line}" for line in result["notes"]]
+    return "\n".join([*lines, *notes, f"intrinsics  {result['intrinsics']}"])
 
 
 def summary(result: Mapping[str, Any]) -> str:

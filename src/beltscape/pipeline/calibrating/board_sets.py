@@ -5,6 +5,7 @@ from __future__ import annotations
 from beltscape.calibrate.bundle_adjustment import adjust_bundle
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import solve_hierarchy
+from beltscape.calibrate.intrinsics.lens_choice import AUTO, calibrate_with_model
 from beltscape.calibrate.intrinsics.zhang import MonocularCalibration, calibrate_camera
 from beltscape.calibrate.network.face_poses import Sighting, estimate_face_poses
 from beltscape.calibrate.solver.deterministic import single_thread
@@ -26,7 +27,7 @@ determine them again, so that they must not count twice."""
 
 
 def resolve_board_set(
-    detections: BoardDetections, board: Board, known: KnownIntrinsics
+    detections: BoardDetections, board: Board, known: KnownIntrinsics, lens_model: str = AUTO
 ) -> tuple[BoardDetections, Board, KnownIntrinsics]:
     """Return detections, board and the intrinsics to start from, as the calibration of a rig needs them.
 
@@ -43,7 +44,7 @@ def resolve_board_set(
     split = split_boards(detections, board)
     if not board.rigid:
         return split, board, known
-    lenses, instants = _calibrate_boards(split, board, known)
+    lenses, instants = _calibrate_boards(split, board, known, lens_model)
     if not board.is_placed:
         with single_thread():
             board = estimate_face_poses(instants, board)
@@ -53,7 +54,7 @@ def resolve_board_set(
 
 
 def _calibrate_boards(
-    split: BoardDetections, board: BoardSet, known: KnownIntrinsics
+    split: BoardDetections, board: BoardSet, known: KnownIntrinsics, lens_model: str
 ) -> tuple[dict[str, LensPrior], list[list[Sighting]]]:
     """Return weak priors of the lenses, and what was seen at each instant, from the boards as independent ones.
 
@@ -61,7 +62,7 @@ def _calibrate_boards(
     """
     flat = board.unplace()
     number = {face.name: k for k, face in enumerate(board.faces)}
-    monocular = _calibrate_lenses(split, board, known)
+    monocular = _calibrate_lenses(split, board, known, lens_model)
     covariances = {
         name: WEAKENING * compute_lens_covariance(split, calibration, corner_points_mm(flat))
         for name, calibration in monocular.items()
@@ -69,7 +70,10 @@ def _calibrate_boards(
     lenses = {name: LensPrior(each.camera, covariances[name]) for name, each in monocular.items()}
     instants: dict[str, list[Sighting]] = {}
     try:
-        hierarchy = solve_hierarchy(split, flat, None, Silent(), known=known.cameras, priors=known.priors)
+        hierarchy = solve_hierarchy(
+            split, flat, None, Silent(), known=known.cameras, priors=known.priors,
+            lens_models={name: each.camera.model for name, each in monocular.items()},
+        )  # fmt: skip
         adjusted = adjust_bundle(hierarchy, flat)
     except CalibrationError:
         for name, calibration in monocular.items():
@@ -94,7 +98,7 @@ def _calibrate_boards(
 
 
 def _calibrate_lenses(
-    split: BoardDetections, board: BoardSet, known: KnownIntrinsics
+    split: BoardDetections, board: BoardSet, known: KnownIntrinsics, lens_model: str
 ) -> dict[str, MonocularCalibration]:
     """Calibrate each camera that has enough views of single boards."""
     board_mm = corner_points_mm(board.unplace())
@@ -102,7 +106,11 @@ def _calibrate_lenses(
     for name in split.cameras:
         try:
             with single_thread():
-                monocular[name] = calibrate_camera(name, split, board_mm, known=known.cameras.get(name))
+                monocular[name] = (
+                    calibrate_camera(name, split, board_mm, known=known.cameras[name])
+                    if name in known.cameras
+                    else calibrate_with_model(name, split, board_mm, lens_model)[0]
+                )
         except CalibrationError:
             continue  # the calibration of the rig reports the camera
     return monocular

@@ -114,7 +114,7 @@ def calibrate(
     known = known.match_capture(capture, reporter) if known else KnownIntrinsics({})
     detections, variant = detect_rig_board(capture, board, reporter, known=known.cameras)
     known.require_sizes(detections.sizes_px)
-    detections, board, start = resolve_board_set(detections, board, known)
+    detections, board, start = resolve_board_set(detections, board, known, lens_model)
     hierarchy = solve_hierarchy(
         detections, board, core, reporter, known=start.cameras, priors=start.priors,
         lens_models=dict.fromkeys(detections.cameras, lens_model),

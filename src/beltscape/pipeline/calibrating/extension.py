@@ -19,13 +19,13 @@ from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_e
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import HierarchyResult
+from beltscape.calibrate.intrinsics.lens_choice import AUTO, calibrate_with_model
 from beltscape.calibrate.intrinsics.zhang import calibrate_camera
 from beltscape.calibrate.network.association import associate_cameras, find_groups
 from beltscape.calibrate.network.board_symmetry import unify_numbering
 from beltscape.calibrate.network.pairs import calibrate_pairs
 from beltscape.calibrate.solver.deterministic import single_thread
 from beltscape.core.errors import CalibrationError, InputError
-from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
@@ -65,8 +65,11 @@ def extend_rig(
     *,
     replaced: tuple[str, ...] = (),
     known: KnownIntrinsics | None = None,
+    lens_model: str = AUTO,
 ) -> RigExtension:
     """Calibrate the cameras of a capture that a rig lacks, and the ``replaced`` ones, with all others held.
+
+    ``lens_model`` is that of the new cameras without ``known`` intrinsics, or ``auto``: their views choose it.
 
     Raises
     ------
@@ -86,12 +89,14 @@ def extend_rig(
     known.require_sizes(detections.sizes_px)
     reference = max(held, key=lambda name: len(detections.views.get(name, {})))
     kept = _refer_to(rig, held, reference)
-    adjustment = _adjust(detections, kept, new, known, board, reporter)
+    adjustment = _adjust(detections, kept, new, known, board, reporter, dict.fromkeys(new, lens_model))
     extended = _join(rig, adjustment, new, reference)
     kernels, board_mm = load(), adjustment.geometry.points_mm
     rig_errors = compute_rig_errors(extended, detections, board, kernels, corners_mm=board_mm)
     training = summarise_errors(rig_errors)
-    held_out = _score_held_out(detections, kept, new, known, board)
+    held_out = _score_held_out(
+        detections, kept, new, known, board, {name: extended.cameras[name].model for name in new}
+    )
     findings = list_rig_findings(extended, detections, board, board_mm, rig_errors)
     fit = assess_fit(held_out or training, rig_errors, list_triples(board), findings)
     others = [line for line in reporter.warnings if line not in fit.findings]
@@ -151,13 +156,16 @@ def _adjust(
     known: KnownIntrinsics,
     board: Board,
     reporter: Reporter,
+    lens_models: Mapping[str, str],
 ) -> BundleAdjustmentResult:
     """Adjust the new cameras with all others held; CalibrationError naming the camera that cannot be connected."""
     board_mm, given = corner_points_mm(board), {**kept.cameras, **known.cameras}
     with single_thread():
         monocular = {
-            name: calibrate_camera(
-                name, detections, board_mm, known=given.get(name), min_views=_least_views(given, name)
+            name: (
+                calibrate_camera(name, detections, board_mm, known=given[name], min_views=1)
+                if name in given
+                else calibrate_with_model(name, detections, board_mm, lens_models.get(name, AUTO))[0]
             )
             for name in (*kept.cameras, *new)
             if name in new or detections.views[name]
@@ -192,10 +200,6 @@ def _adjust(
         fixed_poses=frozenset(kept.cameras),
     )
     return adjust_bundle(hierarchy, board)
-
-
-def _least_views(given: Mapping[str, Camera], name: str) -> int:
-    return 1 if name in given else 3
 
 
 def _join(rig: Rig, adjustment: BundleAdjustmentResult, new: tuple[str, ...], reference: str) -> Rig:
@@ -257,7 +261,12 @@ def _skew(v: Array) -> Array:
 
 
 def _score_held_out(
-    detections: BoardDetections, kept: Rig, new: tuple[str, ...], known: KnownIntrinsics, board: Board
+    detections: BoardDetections,
+    kept: Rig,
+    new: tuple[str, ...],
+    known: KnownIntrinsics,
+    board: Board,
+    lens_models: Mapping[str, str],
 ) -> Score | None:
     """Score each fold of the frames that new and held cameras share under the rig of the other folds."""
     shared = tuple(
@@ -271,7 +280,7 @@ def _score_held_out(
             errors: list[RigErrors] = []
             for fold in folds:
                 train = detections.restrict(detections.cameras, set(detections.frames) - set(fold))
-                adjusted = _adjust(train, kept, new, known, board, Silent())
+                adjusted = _adjust(train, kept, new, known, board, Silent(), lens_models)
                 test = detections.restrict(tuple(adjusted.rig.cameras), fold)
                 errors.append(
                     compute_rig_errors(

@@ -13,11 +13,18 @@ from numpy.typing import NDArray
 from beltscape.calibrate.assessment.folds import list_folds
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.detection.detect_capture import detect_board
+from beltscape.calibrate.intrinsics.lens_choice import (
+    AUTO,
+    LensChoice,
+    calibrate_with_model,
+    describe_choices,
+)
 from beltscape.calibrate.intrinsics.sensitivity import compute_lens_sensitivity
 from beltscape.calibrate.intrinsics.zhang import MonocularCalibration, calibrate_camera
 from beltscape.calibrate.solver.deterministic import single_thread
 from beltscape.calibrate.solver.lens import list_parameters
 from beltscape.core.errors import CalibrationError
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import RecordingReporter, Reporter
 from beltscape.files.capture import Capture
 from beltscape.files.folders.paths import AnyPath, as_path
@@ -44,6 +51,8 @@ class IntrinsicsCalibration:
     covariances: Mapping[str, Array]
     """(W, W) by camera, of fx, fy, cx, cy and the coefficients."""
     warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+    """Lens models that were compared with others, one line each."""
 
     def to_intrinsics(self) -> Intrinsics:
         """Return the lenses as intrinsics.json holds them."""
@@ -64,10 +73,13 @@ class IntrinsicsCalibration:
         }
 
 
-def calibrate_intrinsics(folder: AnyPath, board: Board, reporter: Reporter) -> IntrinsicsCalibration:
+def calibrate_intrinsics(
+    folder: AnyPath, board: Board, reporter: Reporter, *, lens_model: str = AUTO
+) -> IntrinsicsCalibration:
     """Calibrate each camera of a capture by itself; the views of different cameras need not be of one instant.
 
-    ``folder`` holds a folder of images for each camera, or the images of one camera.
+    ``folder`` holds a folder of images for each camera, or the images of one camera. ``lens_model`` is that of all
+    cameras, or ``auto``: each camera's own views choose it.
 
     Raises
     ------
@@ -80,11 +92,13 @@ def calibrate_intrinsics(folder: AnyPath, board: Board, reporter: Reporter) -> I
     detections = split_boards(detections, board)
     board_mm = corner_points_mm(board.unplace() if isinstance(board, BoardSet) else board)
     monocular: dict[str, MonocularCalibration] = {}
+    choices: list[LensChoice] = []
     failures: list[str] = []
     with single_thread():
         for done, name in enumerate(detections.cameras, start=1):
             try:
-                monocular[name] = calibrate_camera(name, detections, board_mm)
+                monocular[name], choice = calibrate_with_model(name, detections, board_mm, lens_model)
+                choices.append(choice)
             except CalibrationError as error:
                 failures.append(str(error))
             reporter.step("calibrating cameras", done, len(detections.cameras))
@@ -92,7 +106,10 @@ def calibrate_intrinsics(folder: AnyPath, board: Board, reporter: Reporter) -> I
             raise CalibrationError(f"{capture.folder}: {failures[0]}")
         for line in failures:
             reporter.warn(f"{line}; going on without this camera")
-        held_out = {name: _score_held_out(name, detections, board_mm) for name in monocular}
+        held_out = {
+            name: _score_held_out(calibration.camera, detections, board_mm)
+            for name, calibration in monocular.items()
+        }
         covariances = {
             name: compute_lens_covariance(detections, calibration, board_mm)
             for name, calibration in monocular.items()
@@ -100,8 +117,9 @@ def calibrate_intrinsics(folder: AnyPath, board: Board, reporter: Reporter) -> I
     for name, calibration in monocular.items():
         _warn_of_views(name, calibration, held_out[name], reporter)
     return IntrinsicsCalibration(
-        capture, detections, monocular, held_out, covariances, tuple(reporter.warnings)
-    )
+        capture, detections, monocular, held_out, covariances, tuple(reporter.warnings),
+        tuple(describe_choices(choices)),
+    )  # fmt: skip
 
 
 def write_intrinsics_calibration(out: Path, calibration: IntrinsicsCalibration) -> Path:
@@ -111,12 +129,12 @@ def write_intrinsics_calibration(out: Path, calibration: IntrinsicsCalibration) 
     return path
 
 
-def _score_held_out(name: str, detections: BoardDetections, board_mm: Array) -> float:
+def _score_held_out(camera: Camera, detections: BoardDetections, board_mm: Array) -> float:
     """Return the RMS of the views of each fold under the lens from the other folds; NaN with too few views."""
-    own = detections.restrict((name,), detections.views[name])
-    for folds in list_folds(own, tuple(own.views[name])):
+    own = detections.restrict((camera.name,), detections.views[camera.name])
+    for folds in list_folds(own, tuple(own.views[camera.name])):
         try:
-            squares = [_sum_squares(name, own, fold, board_mm) for fold in folds]
+            squares = [_sum_squares(camera, own, fold, board_mm) for fold in folds]
         except CalibrationError:
             continue
         total, count = np.sum(squares, axis=0)
@@ -125,11 +143,12 @@ def _score_held_out(name: str, detections: BoardDetections, board_mm: Array) -> 
 
 
 def _sum_squares(
-    name: str, detections: BoardDetections, fold: tuple[str, ...], board_mm: Array
+    camera: Camera, detections: BoardDetections, fold: tuple[str, ...], board_mm: Array
 ) -> tuple[float, int]:
     """Return the sum of squared errors of a fold's corners under the lens from the other views, and their number."""
+    name = camera.name
     others = detections.restrict((name,), set(detections.views[name]) - set(fold))
-    lens = calibrate_camera(name, others, board_mm).camera
+    lens = calibrate_with_model(name, others, board_mm, camera.model)[0].camera
     test = detections.restrict((name,), fold)
     fitted = calibrate_camera(name, test, board_mm, known=lens, min_views=1)
     counts = {frame: len(corners) for frame, corners in test.views[name].items()}

@@ -90,3 +90,17 @@ def test_pixels_that_are_not_square_are_remarked_on():
     for note, name in zip(sorted(found.notes), wide.cameras, strict=True):
         assert note.startswith(f"camera {name}: its pixels are not square, fx/fy = 1.1")
     assert found.findings == ()
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_stretched_images_of_few_views_do_not_shift_the_focal_length(seed):
+    """The prior of square pixels is not for images whose pixels are far from square."""
+    rig = like_cameras(2, seed)
+    cameras = {
+        n: replace(camera, focal_px=camera.focal_px * [1.18, 1.0]) for n, camera in rig.cameras.items()
+    }
+    rig = replace(rig, cameras=cameras)
+    seen = detect(rig, boards_before(rig, 4, 0.2, seed), 0.2, seed)
+    adjusted = adjust_bundle(solve_hierarchy(seen, BOARD, None, Silent()), BOARD).rig
+    for name, camera in adjusted.cameras.items():
+        np.testing.assert_allclose(camera.focal_px, cameras[name].focal_px, rtol=0.01)

@@ -19,6 +19,8 @@ PINHOLE = ("fx", "fy", "cx", "cy")
 """The parameters before the coefficients of the lens model."""
 ASPECT_SIGMA = 0.005
 """Standard deviation of fx - fy over their mean."""
+STRETCHED = 0.05
+"""Least relative difference of fx and fy of stretched images; pixels of sensors are square within 0.001."""
 CENTER_SIGMA = 0.03
 """Standard deviation of the principal point about the image's centre, over the image's width."""
 COEFFICIENT_SIGMA = {
@@ -81,13 +83,20 @@ def compute_lens_prior(camera: Camera) -> tuple[Array, Array]:
     coefficients = camera.lens.coefficients
     center = (width - 1) / 2, (height - 1) / 2
     means, sigmas = zip(*(get_coefficient_prior(name, camera.model) for name in coefficients), strict=True)
-    mean = np.array([focal, focal, *center, *means])
+    aspect = _get_aspect(camera)
+    mean = np.array([focal * aspect, focal / aspect, *center, *means])
     information = np.zeros((len(mean), len(mean)))
-    information[:2, :2] = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (ASPECT_SIGMA * focal) ** 2
+    information[:2, :2] = np.array([[aspect**-2, -1.0], [-1.0, aspect**2]]) / (ASPECT_SIGMA * focal) ** 2
     information[[2, 3], [2, 3]] = 1 / (CENTER_SIGMA * width) ** 2
     places = range(len(PINHOLE), len(mean))
     information[places, places] = np.array(sigmas) ** -2.0
     return mean, information
+
+
+def _get_aspect(camera: Camera) -> float:
+    """Return √(fx/fy) of a camera whose pixels are far from square, as of stretched images; else 1."""
+    ratio = float(camera.focal_px[0] / camera.focal_px[1])
+    return ratio**0.5 if abs(ratio - 1) > STRETCHED else 1.0
 
 
 def get_coefficient_prior(name: str, model: str) -> tuple[float, float]:

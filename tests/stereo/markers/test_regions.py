@@ -110,7 +110,8 @@ def test_regions_divide_the_pattern_at_the_mean_between_markers(turn, slant):
     ]
 
     def find_regions(point: np.ndarray) -> list[int]:
-        return [i for i, each in enumerate(outlines) if cv2.pointPolygonTest(each, tuple(point), False) >= 0]
+        contains = cv2.pointPolygonTest  # pyright: ignore[reportAttributeAccessIssue]
+        return [i for i, each in enumerate(outlines) if contains(each, tuple(point), False) >= 0]
 
     for row in range(4):
         for column in range(3):

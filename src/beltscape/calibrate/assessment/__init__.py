@@ -1,1 +1,1 @@
-"""Assessment of a rig: scores on held-out views, covariance, jackknife, findings, the next-best view."""
+"""Assessment of a rig: held-out scores, covariance, jackknife, findings, verdict, what was left out, next-best view."""

@@ -1,4 +1,4 @@
-"""Exchange of rigs with OpenCV, Kalibr, COLMAP, ROS and VIC-3D; one module per format.
+"""Exchange of rigs with OpenCV, Kalibr, COLMAP, ROS, VIC-3D, MC-Calib and caliscope; one module per format.
 
 Every format shares OpenCV's camera axes (x right, y down, z forward) and lens models; they differ in units, in the
 direction and the reference of their transforms and in the position of pixel (0, 0). Each module's docstring defines
@@ -27,7 +27,13 @@ if TYPE_CHECKING:
 FORMATS = {"opencv": "opencv_yaml", "kalibr": "kalibr", "colmap": "colmap", "ros": "ros"}
 """Name of a format → its module here, imported only when it is needed."""
 
-READABLE = {**FORMATS, "vic3d": "vic3d"}
+READABLE = {
+    **FORMATS,
+    "vic3d": "vic3d",
+    "opencv-stereo": "opencv_stereo",
+    "mc-calib": "mc_calib",
+    "caliscope": "caliscope",
+}
 """These and the formats that are only read."""
 
 RIG_JSON = "rig.json"

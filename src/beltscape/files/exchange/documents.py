@@ -12,6 +12,7 @@ import yaml
 from beltscape.core.errors import InputError
 from beltscape.files.documents.json_text import read_json, to_plain
 from beltscape.files.documents.plain_text import named_read_errors
+from beltscape.files.documents.toml_text import read_toml
 from beltscape.files.folders.atomic import write_text
 
 OPENCV_MATRIX = "tag:yaml.org,2002:opencv-matrix"
@@ -47,12 +48,14 @@ _Dumper.add_representer(
 
 
 def read_document(path: Path) -> Any:
-    """Parse a YAML or JSON file, or an XML file to its root element; InputError with the position of an error."""
+    """Parse a YAML, JSON or TOML file, or an XML file to its root element; InputError with an error's position."""
     with named_read_errors(path, "give a rig.json or a calibration in YAML, JSON or XML"):
         data = path.read_bytes()
         if data.startswith(b"<?xml"):
             return _xml(path, data)
         text = data.decode("utf-8-sig")
+    if path.suffix.lower() == ".toml":
+        return read_toml(path)
     if path.suffix.lower() == ".json" and text.lstrip()[:1] in ("{", "["):
         return read_json(path)
     if text.startswith("%YAML:"):  # OpenCV before 5 writes a colon that is not valid YAML

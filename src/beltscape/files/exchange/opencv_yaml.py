@@ -35,9 +35,6 @@ from beltscape.files.exchange.documents import (
 )
 from beltscape.files.exchange.rig_description import RigDescription
 
-MM_PER = {"mm": 1.0, "m": values.MM_PER_M}
-"""Units of length that a file may state, in mm."""
-
 
 def is_of_format(document: Any) -> bool:
     """Return whether the document is a list of cameras, or one camera without the keys of ROS."""
@@ -101,15 +98,12 @@ def _read_camera(name: str, document: Any, place: str) -> Camera:
 
 
 def _pose(document: dict[str, Any], name: str, entry: Any, warn: Callable[[str], None]) -> Pose:
-    units = document.get("units")
-    if units not in MM_PER:
-        raise ValueError(f'units = {units!r}: must be the unit of T, "mm" or "m"')
     place = f"cameras.{name}"
     rotation = values.require_matrix(values.require_value(entry, "R", place), f"{place}.R", 3, 3)
     translation = values.require_matrix(values.require_value(entry, "T", place), f"{place}.T", -1)
     if translation.size != 3:
         raise ValueError(f"{place}.T has {translation.size} numbers: must be 3")
-    return values.make_pose(f"{place}.R", rotation, translation * MM_PER[units], warn)
+    return values.make_pose(f"{place}.R", rotation, translation * values.require_unit(document), warn)
 
 
 def _matrix(array: np.ndarray) -> Matrix:

@@ -23,6 +23,8 @@ _NOTICEABLE = 1e-6
 """A larger error gives a warning: on an image 4000 px wide it moves a pixel by 0.004."""
 _MESSAGE_LENGTH = 60
 """Longest quoted value in a message, characters."""
+MM_PER = {"mm": 1.0, "cm": 10.0, "m": MM_PER_M}
+"""Units of length that a file may state, in mm."""
 
 
 def require_value(entry: Any, key: str, place: str = "") -> Any:
@@ -146,6 +148,17 @@ def make_pose(
     if off > _NOTICEABLE:
         warn(f"{place} is rounded: it is off a rotation by {off:.1g}; the nearest one is taken")
     return Pose(rotation if off < _EXACT else nearest, translation_mm)
+
+
+def require_unit(document: Any) -> float:
+    """Return the mm of the unit that a file states under ``units``; programs that write none need it added."""
+    unit = document.get("units") if is_dict(document) else None
+    if unit not in MM_PER:
+        raise ValueError(
+            f"units = {_short(unit)}: the unit of its translations is not known; add a line such as units: mm "
+            f"({', '.join(MM_PER)})"
+        )
+    return MM_PER[unit]
 
 
 def require_known(item: Any, place: str, names: tuple[str, ...], fix: str) -> str:

@@ -20,6 +20,7 @@ from faults.capture import FRAMES_PER_S, LONG, SHORT, RoundCapture, open_capture
 from faults.case import Case
 from faults.cases import read_cases, read_not_played
 from faults.player import SOUND_ROUNDS
+from faults.results import describe_commits, keep_result, read_results
 from faults.rows import play_rows
 from faults.table import HEAD, ROOT, format_count, format_row, read_commit, write_table
 from faults.verdict import RowResult
@@ -37,16 +38,30 @@ def main() -> int:
     verdicts: list[RowResult] = []
     for verdict in play_rows(capture, chosen, jobs=arguments.jobs, minutes=arguments.minutes):
         verdicts.append(verdict)
+        keep_result(capture.folder, verdict, commit)
         print(format_row(verdict), flush=True)
-    played = {verdict.name for verdict in verdicts}
-    left = [(case.name, "not run this time") for case in read_cases() if case.name not in played]
     if arguments.write or not (arguments.short or arguments.only):
-        description = _describe(capture, chosen)
-        write_table(
-            ROOT / "benchmarks" / "FAULTS.md", verdicts, [*read_not_played(), *left], description, commit
-        )
+        _write(capture, chosen)
     print(format_count(verdicts))
     return int(any(not verdict.passes for verdict in verdicts))
+
+
+def _write(capture: RoundCapture, chosen: Sequence[Case]) -> None:
+    """Write the table of all rows whose results are kept for this capture."""
+    kept, cases = read_results(capture.folder), read_cases()
+    left = [(case.name, _explain_absence(case, capture)) for case in cases if case.name not in kept]
+    write_table(
+        ROOT / "benchmarks" / "FAULTS.md",
+        [kept[case.name].result for case in cases if case.name in kept],
+        [*read_not_played(), *left],
+        _describe(capture, chosen),
+        describe_commits(kept),
+    )
+
+
+def _explain_absence(case: Case, capture: RoundCapture) -> str:
+    is_small = case.needs_full_size and capture.sizes == SHORT
+    return "its images are too small to resolve the projected dots" if is_small else "not run"
 
 
 def _describe(capture: RoundCapture, chosen: Sequence[Case]) -> str:
@@ -60,6 +75,8 @@ def _describe(capture: RoundCapture, chosen: Sequence[Case]) -> str:
 
 def _is_chosen(case: Case, arguments: argparse.Namespace) -> bool:
     if arguments.short and not case.is_short:
+        return False
+    if case.needs_full_size and (arguments.short or arguments.small):
         return False
     return not arguments.only or any(text in case.name for text in arguments.only)
 

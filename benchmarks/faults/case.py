@@ -30,6 +30,8 @@ class Case:
     """Duration after the fault, in rounds of the capture."""
     is_short: bool = False
     """Whether it belongs to the short form."""
+    needs_full_size: bool = False
+    """Whether it shows only in images that resolve the projected dots: small ones have no recognisable pattern."""
 
     @property
     def is_sound(self) -> bool:

@@ -36,12 +36,12 @@ def write_table(
     description: str,
     commit: str,
 ) -> None:
-    """Write the table; ``commit`` is that at the beginning of the run."""
+    """Write the table; ``commit`` are those at which the rows were played."""
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
     lines = [
         "# Faults",
         "",
-        f"Written by `make faults` at commit {commit} on {today}. {description}",
+        f"Written by `make faults` on {today}; played at commit {commit}. {description}",
         "",
         "Times are seconds of the recording from the fault on, and frames. Metres and the total count from the fault",
         "on, against the exact truth of the rendered heap. A row passes if the fault is named in time, no wrong",

@@ -1,10 +1,7 @@
-"""The bench of faults: its rows can be played, its truth is that of the rendered heap, its short form passes."""
+"""The bench of faults: its rows can be played, and its truth is that of the rendered heap."""
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
@@ -87,19 +84,12 @@ def test_every_row_is_a_fault_that_the_simulator_knows():
         assert bool(started) or case.zero_faults or case.is_sound
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(
-    not (ROOT / "out" / "bench-faults").is_dir(),
-    reason="the bench's capture is not rendered: run `make faults` once; it takes minutes",
-)
-def test_short_form_plays_its_rows():
-    """Three rows of the short form pass; the last line counts them."""
-    rows = ["sound", "slips 10 %", "projector off"]
-    words = [sys.executable, "-m", "faults", "--short", "--rounds", "2", "--only", *rows]
-    done = subprocess.run(
-        words, cwd=ROOT / "benchmarks", capture_output=True, text=True, check=False, env=dict(os.environ)
-    )
-    printed = [line for line in done.stdout.splitlines() if line.startswith("| ")][1:]
-    assert len(printed) == 3, done.stderr
-    assert done.stdout.splitlines()[-1] == "3 passed, 0 failed", done.stdout
-    assert done.returncode == 0
+def test_results_of_parts_add_up_to_one_table(tmp_path):
+    results, row = import_module("faults.results"), import_module("faults.verdict").RowResult
+    results.keep_result(tmp_path, row("one", "", "", "", "", ("late",)), "a1")
+    results.keep_result(tmp_path, row("two", "", "", "", "", ()), "a1")
+    results.keep_result(tmp_path, row("one", "", "", "", "", ()), "b2")
+    kept = results.read_results(tmp_path)
+    assert {name: one.commit for name, one in kept.items()} == {"one": "b2", "two": "a1"}
+    assert all(one.result.passes for one in kept.values())
+    assert results.describe_commits(kept) == "b2 (1 rows), a1 (1 rows)"

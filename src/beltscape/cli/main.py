@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import Any, NoReturn, Protocol, cast
 
 from beltscape import __version__
+from beltscape.cli.examples import add_examples
 from beltscape.cli.failure import UsageError, report_failure
 from beltscape.core.progress import Reporter
 
@@ -83,6 +84,7 @@ def _run_command(words: Sequence[str]) -> int:
     parser = OneLineParser(prog=f"beltscape {name}", description=COMMANDS[name])
     command.add_arguments(parser)
     _add_json(parser)
+    add_examples(parser, name)
     return _run(command, parser.parse_args(words[1:]))
 
 

@@ -40,10 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seconds", type=float, metavar="S", help="end a sequence after S seconds; else Ctrl-C ends it"
     )
     parser.add_argument("--image", choices=("png", "tiff"), default="png", help="file format; default: png")
-    parser.epilog = (
-        "example: beltscape record project.toml --out calibration --board board.toml; "
-        "space or Enter takes a shot, q ends"
-    )
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

@@ -71,7 +71,12 @@ def test_an_image_of_the_frame_before_is_named() -> None:
         drawn = make_frame(number, HEAP, images_of={"cam1": number - 1})
         findings = monitor.check(drawn, depth_map(HEAP, STEP_MM * number), STEP_MM * number, ALONG)
 
-    assert find_faults(findings)["cam1"].value == pytest.approx(-STEP_MM)
+    fault = find_faults(findings)["cam1"]
+    assert fault.value == pytest.approx(-STEP_MM)
+    assert (
+        "cam1: its images are taken 70 ms before the other cameras' (70 mm of the belt's travel)"
+        in fault.text
+    )
 
 
 def test_a_standing_belt_and_slow_steps_show_no_delay() -> None:

@@ -92,12 +92,13 @@ def check_synchronisation(
     if not delay.exceeds(settings.skew_ms):
         return finding
     side = "after" if delay.delay_ms > 0 else "before"
+    shown_ms, travel_mm = round(abs(delay.delay_ms), 2), round(abs(delay.displacement_mm), 2)
     text = Message(
-        f"{camera}: its images are taken {abs(delay.delay_ms):.2g} ms {side} the other cameras' "
-        f"({abs(delay.displacement_mm):.2g} mm of the belt's travel); check its trigger cable, delay and clock",
+        f"{camera}: its images are taken {shown_ms:g} ms {side} the other cameras' "
+        f"({travel_mm:g} mm of the belt's travel); check its trigger cable, delay and clock",
         "camera_sync_late" if delay.delay_ms > 0 else "camera_sync_early",
-        delay=round(abs(delay.delay_ms), 2),
-        travel=round(abs(delay.displacement_mm), 2),
+        delay=shown_ms,
+        travel=travel_mm,
     )
     return Finding(
         SYNCHRONISATION,

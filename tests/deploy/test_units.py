@@ -6,9 +6,11 @@ import configparser
 import re
 import shutil
 import subprocess
+import tomllib
 from pathlib import Path
 
 import pytest
+import yaml
 
 from beltscape.cli.main import main
 
@@ -58,3 +60,22 @@ def test_the_backup_it_starts_is_there():
     text = (DEPLOY / "beltscape-backup.service").read_text()
     assert re.search(r"^ExecStart=\S+python \S+/deploy/backup\.py ", text, re.MULTILINE)
     assert (DEPLOY / "backup.py").is_file()
+
+
+def test_the_container_runs_the_service_without_rights():
+    text = (DEPLOY / "Containerfile").read_text()
+    assert re.search(r"^USER beltscape$", text, re.MULTILINE)
+    assert re.search(r"^HEALTHCHECK ", text, re.MULTILINE)
+    extras = re.search(r"\[([\w,]+)\]\"$", text, re.MULTILINE)
+    assert extras is not None
+    declared = tomllib.loads((DEPLOY.parent / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]
+    assert set(extras[1].split(",")) <= set(declared)
+
+
+def test_the_services_of_the_compose_file_have_a_read_only_root():
+    services = yaml.safe_load((DEPLOY / "compose.yaml").read_text())["services"]
+    assert set(services) == {"beltscape", "proxy"}
+    assert all(one["read_only"] for one in services.values())
+    assert "127.0.0.1:8460" in (DEPLOY / "Caddyfile").read_text()

@@ -9,8 +9,9 @@ import pytest
 
 from beltscape.calibrate.assessment.covariance import compute_rig_covariance
 from beltscape.calibrate.assessment.diagnosis import Diagnosis, diagnose
-from beltscape.calibrate.assessment.score import compute_rig_errors
-from beltscape.calibrate.assessment.verdict import compute_focal_sigma
+from beltscape.calibrate.assessment.fit_quality import CameraFit
+from beltscape.calibrate.assessment.score import compute_rig_errors, summarise_errors
+from beltscape.calibrate.assessment.verdict import compute_focal_sigma, require_credible
 from beltscape.calibrate.bundle_adjustment import adjust_bundle
 from beltscape.calibrate.detection.corners import BoardDetections
 from beltscape.calibrate.hierarchy import solve_hierarchy
@@ -104,3 +105,38 @@ def test_stretched_images_of_few_views_do_not_shift_the_focal_length(seed):
     adjusted = adjust_bundle(solve_hierarchy(seen, BOARD, None, Silent()), BOARD).rig
     for name, camera in adjusted.cameras.items():
         np.testing.assert_allclose(camera.focal_px, cameras[name].focal_px, rtol=0.01)
+
+
+@pytest.fixture(scope="module")
+def sound():
+    """Return the adjustment, covariance and score of a sound rig of two cameras."""
+    rig = like_cameras(2, 4)
+    found = solve_hierarchy(detect(rig, boards_before(rig, 5, 0.3, 4), 0.05, 4), BOARD, None, Silent())
+    adjusted = adjust_bundle(found, BOARD)
+    score = summarise_errors(compute_rig_errors(adjusted.rig, found.detections, BOARD, load()))
+    return adjusted, compute_rig_covariance(adjusted), score
+
+
+def test_residuals_of_many_pixels_are_no_rig(sound):
+    adjusted, covariance, score = sound
+    require_credible(adjusted, covariance, {}, score, score)
+    far_off = replace(score, rms_px=40.0, median_px=9.0)
+    with pytest.raises(CalibrationError, match="contradicts held-out views by 9 px in the median"):
+        require_credible(adjusted, covariance, {}, far_off, score)
+
+
+def test_few_positions_with_residuals_far_above_the_noise_are_no_rig(sound):
+    adjusted, covariance, score = sound
+    fits = {"c00": CameraFit(0.05, 0.05), "c01": CameraFit(1.6, 0.05)}
+    with pytest.raises(CalibrationError, match=r"camera c01 misses its corners by 1\.6 px") as error:
+        require_credible(adjusted, covariance, fits, score, score)
+    assert "5 positions of the board" in str(error.value)
+
+
+def test_an_impossible_focal_length_is_no_rig(sound):
+    adjusted, covariance, score = sound
+    name, camera = next(iter(adjusted.rig.cameras.items()))
+    collapsed = {**adjusted.rig.cameras, name: replace(camera, focal_px=np.array([2.0, 2.0]))}
+    rig = replace(adjusted.rig, cameras=collapsed)
+    with pytest.raises(CalibrationError, match="a focal length of 2 px, which no lens"):
+        require_credible(replace(adjusted, rig=rig), covariance, {}, score, score)

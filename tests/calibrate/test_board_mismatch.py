@@ -48,6 +48,12 @@ def test_another_charuco_board_is_recognised(dictionary, squares, legacy, invert
     assert describe_shown_board(views(board, Print(legacy, inverted)), EXPECTED_BOARD) == message
 
 
+def test_a_board_that_begins_with_another_marker_is_recognised():
+    board = CharucoBoard(squares=(7, 6), square_mm=45, marker_mm=34, dictionary="DICT_5X5_100", first_id=46)
+    shown = describe_shown_board(views(board), EXPECTED_BOARD)
+    assert shown == "markers DICT_5X5_100 with ids 46 to 66 (first_id = 46) on a board of 7 columns"
+
+
 @pytest.mark.parametrize("corners", [(8, 5), (5, 8), (7, 6), (6, 4)])
 def test_a_chessboard_is_recognised_longer_side_first(corners):
     board = Chessboard(corners=corners, square_mm=40)

@@ -27,10 +27,14 @@ def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> s
              for views, note in ((images, ""), (inverted, ", inverted"))]  # fmt: skip
     markers, family, note = max(candidates, key=lambda item: sum(len(ids) for ids, _ in item[0]))
     if sum(len(ids) for ids, _ in markers) >= 6:
-        top = max(int(ids.max()) for ids, _ in markers)
-        columns = _estimate_columns(markers)
+        low, top = (int(limit(limit(ids) for ids, _ in markers)) for limit in (min, max))
+        shifted = [(ids - low, centers) for ids, centers in markers]
+        columns = _estimate_columns(markers) or _estimate_columns(shifted)
+        # two rows hold as many markers as a row has squares; the first ones are rarely hidden in every image
+        begins_later = columns is not None and low >= columns
+        numbers = f"{low} to {top} (first_id = {low})" if begins_later else f"up to {top}"
         squares = f" on a board of {columns} columns" if columns else ""
-        return f"markers {_name_dictionary(family, top)} with ids up to {top}{squares}{note}"
+        return f"markers {_name_dictionary(family, top)} with ids {numbers}{squares}{note}"
     grid = _find_chessboard_grid(images)
     if grid and not (isinstance(board, Chessboard) and grid in (board.corners, board.corners[::-1])):
         return f"a chessboard of {grid[0]}×{grid[1]} inner corners"

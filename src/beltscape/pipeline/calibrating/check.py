@@ -28,7 +28,7 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_detection import detect_rig_board
 from beltscape.pipeline.calibrating.board_sets import resolve_checked_set
-from beltscape.target.board import Board, corner_points_mm, list_triples
+from beltscape.target.board import Board, corner_points_mm, list_triples, parse_board
 
 MAX_REMAINING_RMS = 0.5
 """A wrong scale is the cause if the right one leaves less than this share of the RMS."""
@@ -154,4 +154,9 @@ def _read_board_shape(rig: Rig, board: Board) -> NDArray[np.float64] | None:
 def _get_rig_board(rig: Rig) -> dict[str, Any] | None:
     """Return the board of the rig's calibration from rig.json; None if it is unknown."""
     rig_board = to_plain(rig.quality.get("board"))
-    return rig_board if is_dict(rig_board) else None
+    if not is_dict(rig_board):
+        return None
+    try:  # keys that the rig's version did not know yet get their defaults
+        return to_plain(parse_board(Path("rig.json"), rig_board).model_dump())
+    except InputError:
+        return rig_board

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.calibrate.assessment.covariance import compute_depth_jacobian, compute_rig_covariance
-from beltscape.calibrate.assessment.lens_domain import limit_domains
+from beltscape.calibrate.assessment.lens_domain import describe_domains, limit_domains
 from beltscape.calibrate.bundle_adjustment import adjust_bundle
 from beltscape.calibrate.hierarchy import solve_hierarchy
 from beltscape.calibrate.solver.lens import list_parameters, stack_intrinsics, unpack_intrinsics
@@ -106,3 +106,6 @@ def test_a_rig_of_different_lenses_is_calibrated(board):
     assert limited.cameras["b"].valid_radius_px is None
     assert limited.cameras["a"].valid_radius_px < 320
     assert find_refusal(limited) is None
+    lines = describe_domains(limited)
+    assert lines[0].startswith("camera a: its lens (fisheye) is known up to ")
+    assert not any("camera b" in line for line in lines)

@@ -250,7 +250,7 @@ def _make_camera_table(
         rows.append(
             [
                 name + (" (core)" if name == hierarchy.rig.core else ""),
-                f"{len(camera.cam_from_board)}", f"{noise:.3f}",
+                c.model, f"{len(camera.cam_from_board)}", f"{noise:.3f}",
                 f"{c.focal_px[0]:.2f} ± {s[0]:.2f}", f"{c.focal_px[1]:.2f} ± {s[1]:.2f}",
                 f"{c.center_px[0]:.2f} ± {s[2]:.2f}", f"{c.center_px[1]:.2f} ± {s[3]:.2f}",
                 f"{np.linalg.norm(adjustment.rig.cam_from_core[name].center_mm):.2f}",
@@ -259,6 +259,7 @@ def _make_camera_table(
         )  # fmt: skip
     names = [
         "camera",
+        "lens model",
         "views",
         "noise px",
         "fx px",

@@ -17,6 +17,9 @@ TURNING_SHARE = 0.98
 """Share of the turning point's distance up to which a polynomial is used: at the point itself its rays have no
 derivative, and their uncertainty is infinite."""
 
+MENTIONED_SHARE = 0.95
+"""Share of the distance of the image's farthest corner below which a limit is mentioned."""
+
 
 def limit_domains(rig: Rig, adjustment: BundleAdjustmentResult, given: Collection[str] = ()) -> Rig:
     """Return the rig whose lenses are used as far from the principal point as corners determined them.
@@ -30,6 +33,19 @@ def limit_domains(rig: Rig, adjustment: BundleAdjustmentResult, given: Collectio
         used = (observations.camera == index) & adjustment.used
         cameras[name] = camera if name in given else limit_domain(camera, observations.pixels[used])
     return replace(rig, cameras=cameras)
+
+
+def describe_domains(rig: Rig) -> list[str]:
+    """Return a line for every lens that the calibration determined in a part of its image only."""
+    lines: list[str] = []
+    for name, camera in rig.cameras.items():
+        reach_px, corner_px = camera.valid_radius_px, find_corner_radius_px(camera)
+        if reach_px is not None and reach_px < MENTIONED_SHARE * corner_px:
+            lines.append(
+                f"camera {name}: its lens ({camera.model}) is known up to {reach_px:.0f} px from the principal "
+                f"point; nothing is measured beyond, up to {corner_px:.0f} px; show the board in the image's corners"
+            )
+    return lines
 
 
 def limit_domain(camera: Camera, pixels: np.ndarray) -> Camera:

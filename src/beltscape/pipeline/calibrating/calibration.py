@@ -20,7 +20,7 @@ from beltscape.calibrate.assessment.cross_validation import CrossValidation, cro
 from beltscape.calibrate.assessment.diagnosis import diagnose
 from beltscape.calibrate.assessment.discards import Discards
 from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit
-from beltscape.calibrate.assessment.lens_domain import limit_domains
+from beltscape.calibrate.assessment.lens_domain import describe_domains, limit_domains
 from beltscape.calibrate.assessment.next_best_view import NextBestView, find_next_best_view
 from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
@@ -152,7 +152,8 @@ def calibrate(
         next_best_view=find_next_best_view(adjustment, covariance),
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
-        warnings=(*fit.findings, *others), notes=(*describe_choices(hierarchy.lens_choices), *diagnosis.notes),
+        warnings=(*fit.findings, *others),
+        notes=(*describe_choices(hierarchy.lens_choices), *describe_domains(rig), *diagnosis.notes),
         discards=diagnosis.discards,
     )  # fmt: skip
 

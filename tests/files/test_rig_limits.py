@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.files.rig_limits import find_oddities, find_refusal
+from beltscape.files.rig_limits import find_oddities, find_refusal, find_turning_radius_px
 from tests.synthetic.demo import TRUE_RIG
 
 
@@ -83,3 +84,13 @@ def test_plausible_rig_is_neither_refused_nor_odd(tmp_path):
     assert find_oddities(rig) == []
     write_rig(tmp_path / "rig.json", rig)
     assert np.array_equal(read_rig(tmp_path / "rig.json").core_camera.focal_px, rig.core_camera.focal_px)
+
+
+def test_a_lens_with_a_pole_turns_back_beyond_every_pixel():
+    coefficients = np.zeros(8)
+    coefficients[5] = -0.5  # 1 / (1 - r²/2): the image radius goes to infinity at √2
+    camera = replace(read_rig(TRUE_RIG).core_camera, model="rational", distortion=coefficients)
+    assert find_turning_radius_px(camera) > 1e6
+    limited = replace(camera, valid_radius_px=400.0)
+    radius = limited.valid_radius
+    assert radius / (1 - radius**2 / 2) * camera.focal_px.mean() == pytest.approx(400.0)

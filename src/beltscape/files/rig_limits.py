@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.geometry.lens.domain import find_valid_radius
+from beltscape.core.geometry.lens.domain import BEFORE_POLE, find_valid_radius
 from beltscape.core.geometry.rig import Rig
 
 FOCAL_OVER_DIAGONAL = (0.1, 100.0)
@@ -107,8 +107,9 @@ def find_turning_radius_px(camera: Camera) -> float:
     turning = find_valid_radius(camera.model, camera.distortion)
     if np.isinf(turning):
         return turning
-    factor = camera.lens.radial.compute(np.array(turning**2), camera.distortion)
-    return float(turning * factor * camera.focal_px.mean())
+    radius = BEFORE_POLE * turning
+    factor = camera.lens.radial.compute(np.array(radius**2), camera.distortion)
+    return float(radius * factor * camera.focal_px.mean())
 
 
 def find_corner_radius_px(camera: Camera) -> float:

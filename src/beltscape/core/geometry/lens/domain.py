@@ -19,6 +19,8 @@ _DIRECTIONS, _RADII, _BISECTIONS = 64, 200, 40
 """Directions and radii at which a fold is searched, and halvings of the interval between two radii, which leave the
 rounding of a double."""
 _INVERSE_SAMPLES = 512
+BEFORE_POLE = 1 - 1e-9
+"""Share of the domain's radius at which a rational factor is evaluated at its end, where it may have a pole."""
 """Angles off the axis, evenly spaced, at which the inverse distortion is tabulated."""
 
 
@@ -35,7 +37,7 @@ def find_valid_radius(model: str, coefficients: Array) -> float:
 def find_radius_of_image_radius(model: str, coefficients: Array, image_radius: float) -> float:
     """Return the undistorted radius whose radial image is ``image_radius`` (over the focal length); ∞ without any."""
     lens, turning = MODELS[model], find_valid_radius(model, coefficients)
-    low, high = 0.0, min(turning, 1e3)
+    low, high = 0.0, min(BEFORE_POLE * turning, 1e3)
     if _image_radius(lens, coefficients, high) < image_radius:
         return turning
     for _ in range(100):
@@ -47,7 +49,7 @@ def find_radius_of_image_radius(model: str, coefficients: Array, image_radius: f
 
 def tabulate_inverse(model: str, coefficients: Array) -> tuple[Array, Array]:
     """Return ascending distorted radii and their undistorted radii, a table to start the inversion of a lens at."""
-    radius = min(find_valid_radius(model, coefficients), _FARTHEST)
+    radius = min(BEFORE_POLE * find_valid_radius(model, coefficients), _FARTHEST)
     undistorted: Array = np.tan(np.linspace(0.0, float(np.arctan(radius)), _INVERSE_SAMPLES))
     distorted = undistorted * MODELS[model].radial.compute(undistorted**2, coefficients)
     return np.maximum.accumulate(distorted), undistorted

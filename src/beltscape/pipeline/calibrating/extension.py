@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.assessment.covariance import POSE_NAMES, compute_rig_covariance
 from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit
 from beltscape.calibrate.assessment.folds import list_folds
 from beltscape.calibrate.assessment.rig_findings import list_rig_findings
@@ -26,7 +25,6 @@ from beltscape.calibrate.network.board_symmetry import unify_numbering
 from beltscape.calibrate.network.pairs import calibrate_pairs
 from beltscape.calibrate.solver.deterministic import single_thread
 from beltscape.core.errors import CalibrationError, InputError
-from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter, Silent
@@ -35,6 +33,7 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rig_json import write_rig
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_detection import detect_rig_board
+from beltscape.pipeline.calibrating.joined_covariance import join_covariances
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
 from beltscape.target.board import Board, corner_points_mm, list_triples
 
@@ -211,53 +210,7 @@ def _join(rig: Rig, adjustment: BundleAdjustmentResult, new: tuple[str, ...], re
         **{name: adjustment.rig.cam_from_core[name] @ reference_from_core for name in new},
     }
     joined = Rig(rig.core, cameras, poses, quality=rig.quality)
-    return replace(joined, covariance=_join_covariances(rig, joined, adjustment, new, reference_from_core))
-
-
-def _join_covariances(
-    rig: Rig,
-    joined: Rig,
-    adjustment: BundleAdjustmentResult,
-    new: tuple[str, ...],
-    reference_from_core: Pose,
-) -> dict[str, object]:
-    """Return the covariance of all cameras; that of the new ones holds for the others as they are."""
-    names = [
-        f"{name}.{parameter}"
-        for name, camera in joined.cameras.items()
-        for parameter in list_intrinsics(camera.model)
-    ]
-    names += [f"{name}.{p}" for name in joined.cameras if name != joined.core for p in POSE_NAMES]
-    matrix = np.zeros((len(names), len(names)))
-    own = compute_rig_covariance(adjustment)
-    former = [each for each in rig.covariance.get("parameters", ()) if each.split(".")[0] not in new]
-    _copy_block(
-        matrix, names, list(rig.covariance.get("parameters", ())), rig.covariance.get("matrix", ()), former
-    )
-    is_new = [each for each in own.parameters if each.rsplit(".", 1)[0] in new]
-    _copy_block(matrix, names, list(own.parameters), own.matrix, is_new)
-    for name in new:
-        # a turn about the camera's own axes also moves the core's origin, which lies off the reference's
-        lever = adjustment.rig.cam_from_core[name].rotation @ reference_from_core.translation_mm
-        place = [names.index(f"{name}.{p}") for p in POSE_NAMES]
-        jacobian = np.eye(len(names))
-        jacobian[np.ix_(place[3:], place[:3])] = -_skew(lever)
-        matrix = jacobian @ matrix @ jacobian.T
-    return {"parameters": names, "matrix": matrix}
-
-
-def _copy_block(
-    matrix: Array, names: list[str], source_names: list[str], source: object, chosen: list[str]
-) -> None:
-    """Copy the rows and columns of some parameters."""
-    if not chosen:
-        return
-    to, at = [names.index(each) for each in chosen], [source_names.index(each) for each in chosen]
-    matrix[np.ix_(to, to)] = np.asarray(source, np.float64)[np.ix_(at, at)]
-
-
-def _skew(v: Array) -> Array:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return replace(joined, covariance=join_covariances(rig, joined, adjustment, new, reference_from_core))
 
 
 def _score_held_out(

@@ -11,7 +11,7 @@ from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.progress import Silent
 from beltscape.files.documents.json_text import to_json
 from beltscape.files.rasters.images import read_image
-from beltscape.target.board import Chessboard, read_board
+from beltscape.target.board import CharucoBoard, Chessboard, read_board
 from beltscape.target.speckle.pattern_json import read_pattern
 
 CHARUCO = ["--squares=5", "4", "--square=30", "--marker=22", "--dictionary=DICT_5X5_100"]
@@ -58,6 +58,17 @@ def test_board_writes_its_files_and_instructions_to_print(tmp_path):
     assert {p.name for p in tmp_path.iterdir()} == {"board.pdf", "board.svg", "board.png", "board.toml"}
     assert "print at 100 %" in target.summary(result)
     assert '"dictionary": "DICT_5X5_100"' in to_json(result)
+
+
+def test_a_board_may_begin_with_another_marker(tmp_path):
+    result = run("board", "--out", tmp_path, *CHARUCO, "--first-id", 40)
+    board = read_board(result["files"]["toml"])
+    assert isinstance(board, CharucoBoard)
+    assert board.marker_ids == range(40, 50)
+    other = run("board", "--out", tmp_path / "other", *CHARUCO)
+    assert result["files"]["svg"].read_bytes() != other["files"]["svg"].read_bytes()
+    with pytest.raises(SettingsError, match="--first-id 3: a chessboard has no markers"):
+        run("board", "--out", tmp_path, "--corners=7", "5", "--square=30", "--first-id", 3)
 
 
 def test_chessboard_is_described_by_its_inner_corners(tmp_path):

@@ -15,7 +15,7 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.files.rasters.images import write_image
-from beltscape.target.board import AprilGrid, Board, CharucoBoard
+from beltscape.target.planar_boards import AprilGrid, CharucoBoard, PlanarBoard
 
 SIZE_PX = (480, 400)
 _CELL = 48
@@ -35,7 +35,7 @@ class Print:
     seed: int = 1
 
 
-def facing(board: Board, roll: float = 0.0, tilt: float = 0.3, distance_mm: float = 600.0) -> Pose:
+def facing(board: PlanarBoard, roll: float = 0.0, tilt: float = 0.3, distance_mm: float = 600.0) -> Pose:
     """Return cam_from_board with the board's middle on the optical axis."""
     columns, rows = board.grid
     middle = np.array([columns + 1, rows + 1, 0]) / 2 * board.square_mm
@@ -71,7 +71,12 @@ def row_of_cameras(names: Sequence[str], step_mm: float = 120.0, distance_mm: fl
 
 
 def board_poses(
-    board: Board, count: int, distance_mm: float = 700.0, tilt: float = 0.5, seed: int = 4, x_mm: float = 0.0
+    board: PlanarBoard,
+    count: int,
+    distance_mm: float = 700.0,
+    tilt: float = 0.5,
+    seed: int = 4,
+    x_mm: float = 0.0,
 ) -> list[Pose]:
     """Return core_from_board of boards about the optical axis, tilted in all directions."""
     rng = np.random.default_rng(seed)
@@ -90,7 +95,7 @@ def board_poses(
 
 
 @cache
-def _texture(board: Board, legacy: bool) -> NDArray[np.float32]:
+def _texture(board: PlanarBoard, legacy: bool) -> NDArray[np.float32]:
     """Return (rows·_CELL, columns·_CELL) of the printed area, 0 black to 1 white."""
     if isinstance(board, CharucoBoard):
         columns, rows = board.squares
@@ -102,7 +107,7 @@ def _texture(board: Board, legacy: bool) -> NDArray[np.float32]:
         columns, rows = board.grid[0] + 1, board.grid[1] + 1
         dark = np.indices((rows, columns)).sum(axis=0) % 2 == 0
         image = np.kron(~dark, np.ones((_CELL, _CELL))).astype(np.float32)
-    return cv2.copyMakeBorder(image, _CELL, _CELL, _CELL, _CELL, cv2.BORDER_CONSTANT, value=1.0)
+    return np.pad(image, _CELL, constant_values=1.0).astype(np.float32)
 
 
 def _draw_aprilgrid(board: AprilGrid) -> NDArray[np.uint8]:
@@ -117,7 +122,7 @@ def _draw_aprilgrid(board: AprilGrid) -> NDArray[np.uint8]:
     for number in board.marker_ids:
         row, column = divmod(number - board.first_id, columns)
         v, u = gap + (rows - 1 - row) * pitch, gap + column * pitch
-        tag = cv2.aruco.generateImageMarker(dictionary, number, _CELL, borderBits=board.border_bits)
+        tag = dictionary.generateImageMarker(number, _CELL, borderBits=board.border_bits)
         image[v : v + _CELL, u : u + _CELL] = tag[::-1, ::-1]
     return image
 
@@ -133,7 +138,9 @@ def _rays(size_px: tuple[int, int], intrinsics: bytes) -> NDArray[np.float64]:
     return lens.undistort(np.stack(np.meshgrid(u, v), axis=-1))
 
 
-def view(lens: Camera, cam_from_board: Pose, board: Board, how: Print | None = None) -> NDArray[np.uint8]:
+def view(
+    lens: Camera, cam_from_board: Pose, board: PlanarBoard, how: Print | None = None
+) -> NDArray[np.uint8]:
     """Return (H, W) uint8, the image of the board; grey beside it."""
     how = how or Print()
     rays = _rays(lens.size_px, np.concatenate([lens.focal_px, lens.center_px, lens.distortion]).tobytes())
@@ -161,7 +168,7 @@ class BoardCapture:
 
     folder: Path
     rig: Rig
-    board: Board
+    board: PlanarBoard
     poses: Mapping[str, Pose]
     """core_from_board by frame."""
     how: Print = field(default_factory=Print)
@@ -182,7 +189,7 @@ class BoardCapture:
 
 
 def capture(
-    folder: Path, rig: Rig, board: Board, poses: Sequence[Pose], how: Print | None = None,
+    folder: Path, rig: Rig, board: PlanarBoard, poses: Sequence[Pose], how: Print | None = None,
     seen_by: Mapping[str, Iterable[str]] | None = None,
 ) -> BoardCapture:  # fmt: skip
     """Render and write a capture with the frames 00, 01, …"""

@@ -72,6 +72,13 @@ def _add_board(board: argparse.ArgumentParser) -> None:
     board.add_argument("--square", type=float, required=True, metavar="MM", help="edge of a square")
     board.add_argument("--marker", type=float, metavar="MM", help="ChArUco: edge of a marker")
     board.add_argument("--dictionary", metavar="NAME", help="ChArUco: of the markers, as DICT_5X5_100")
+    board.add_argument(
+        "--first-id",
+        type=int,
+        default=0,
+        metavar="ID",
+        help="ChArUco: of the first marker, for several boards",
+    )
     board.add_argument("--page", help="A4 … A0, or WxH in mm (default: the smallest that holds the board)")
     board.add_argument("--dpi", type=float, default=300.0, help="resolution of board.png (default: 300)")
 
@@ -124,7 +131,7 @@ def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapp
     marks = {"marker": arguments.marker, "dictionary": arguments.dictionary}
     if arguments.corners is not None:
         model, overrides = Chessboard, {"corners": arguments.corners, "square_mm": arguments.square}
-        for option, value in marks.items():
+        for option, value in {**marks, "first-id": arguments.first_id or None}.items():
             if value is not None:
                 raise SettingsError(
                     f"--{option} {value}: a chessboard has no markers; give --squares, or leave it out"
@@ -141,6 +148,7 @@ def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapp
             "square_mm": arguments.square,
             "marker_mm": arguments.marker,
             "dictionary": arguments.dictionary,
+            "first_id": arguments.first_id,
         }
     if not 20 <= arguments.dpi <= 2400:
         raise SettingsError(f"--dpi {arguments.dpi:g}: give a resolution from 20 to 2400")

@@ -213,6 +213,9 @@ def _make_source_map(
     size_px: tuple[int, int],
 ) -> NDArray[np.float32]:
     """Return the (H, W, 2) float32 distorted pixel of each rectified pixel, for a single interpolation."""
+    border = np.abs(_border_rays(camera, distorted=True)[:, :2])
+    # a lens that is valid in a part of its image only has no border; its domain limits it by itself
+    limit = 1.15 * border.max(axis=0) if np.isfinite(border).all() else np.full(2, np.inf)
     x = (np.arange(size_px[0]) - center_px[0]) / focal_px
     source = np.empty((size_px[1], size_px[0], 2), np.float32)
     for top in range(0, size_px[1], _STRIP_ROWS):  # strips stay in the cache
@@ -222,6 +225,7 @@ def _make_source_map(
         behind = rays[..., 2] < 0.05
         ideal = rays[..., :2] / np.where(behind, 1.0, rays[..., 2])[..., None]
         pixels = camera.distort(ideal) * camera.focal_px + camera.center_px
-        pixels[behind | np.isnan(pixels).any(axis=-1)] = OUTSIDE_PX
+        outside = behind | (np.abs(ideal) > limit).any(axis=-1) | np.isnan(pixels).any(axis=-1)
+        pixels[outside] = OUTSIDE_PX
         source[top : top + len(y)] = pixels
     return source

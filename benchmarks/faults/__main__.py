@@ -41,12 +41,12 @@ def main() -> int:
         keep_result(capture.folder, verdict, commit)
         print(format_row(verdict), flush=True)
     if arguments.write or not (arguments.short or arguments.only):
-        _write(capture, chosen)
+        _write(capture, chosen, arguments.note)
     print(format_count(verdicts))
     return int(any(not verdict.passes for verdict in verdicts))
 
 
-def _write(capture: RoundCapture, chosen: Sequence[Case]) -> None:
+def _write(capture: RoundCapture, chosen: Sequence[Case], note: str) -> None:
     """Write the table of all rows whose results are kept for this capture."""
     kept, cases = read_results(capture.folder), read_cases()
     left = [(case.name, _explain_absence(case, capture)) for case in cases if case.name not in kept]
@@ -54,7 +54,7 @@ def _write(capture: RoundCapture, chosen: Sequence[Case]) -> None:
         ROOT / "benchmarks" / "FAULTS.md",
         [kept[case.name].result for case in cases if case.name in kept],
         [*read_not_played(), *left],
-        _describe(capture, chosen),
+        " ".join([_describe(capture, chosen), note]).strip(),
         describe_commits(kept),
     )
 
@@ -87,6 +87,7 @@ def _parse() -> argparse.Namespace:
     parser.add_argument("--small", action="store_true", help="every row on small images")
     parser.add_argument("--only", nargs="+", metavar="TEXT", help="rows whose name contains one of these")
     parser.add_argument("--write", action="store_true", help="write FAULTS.md also with --only")
+    parser.add_argument("--note", default="", help="what the table states about the machine")
     parser.add_argument("--seed", type=int, default=31, help="of plant and heap")
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin no row after this time")
     parser.add_argument("--rounds", type=float, help="play at most this number of rounds after the fault")

@@ -92,7 +92,9 @@ def test_native_pixels_are_exact_to_single_precision(level, model):
     view = np.concatenate([[0, 0, 0, 0, 0, 0.001, 0, 0, 1, 1, 0, 0, 600, 1, 600, 3.5], row]).astype(
         np.float32
     )
-    u, _, _ = project(view, np.arange(s.size)[None], np.zeros(s.shape), s.astype(np.float64))
+    u, _, _ = project(
+        view, np.arange(s.size, dtype=np.float64)[None], np.zeros(s.shape), s.astype(np.float64)
+    )
     value, slope = kernels.warp(s, view, coefficients)
     inner = (u > 30) & (u < 1170)  # the fold of the mirrored edges dies out by 0.27 a pixel
     assert inner.sum() > 2000

@@ -109,16 +109,15 @@ def describe_choices(choices: Sequence[LensChoice]) -> list[str]:
     ]
 
 
-def turns_within_image(calibration: MonocularCalibration) -> bool:
+def turns_within_image(camera: Camera) -> bool:
     """Return whether the lens model turns back before the image's farthest corner."""
-    camera = calibration.camera
     return find_turning_radius_px(camera) < find_corner_radius_px(camera)
 
 
 def _asks_for_more(brown: MonocularCalibration, detections: BoardDetections, board_mm: Array) -> bool:
     if len(detections.views[brown.camera.name]) < MIN_CHOICE_VIEWS:
         return False
-    return turns_within_image(brown) or predict_gain(brown, detections, board_mm) > 2 * MIN_GAIN
+    return turns_within_image(brown.camera) or predict_gain(brown, detections, board_mm) > 2 * MIN_GAIN
 
 
 def predict_gain(brown: MonocularCalibration, detections: BoardDetections, board_mm: Array) -> float:
@@ -156,7 +155,7 @@ def _compare(
         for model, each in errors.items()
     }
     usable = [model for model in fits if errors[model]]
-    folded = [model for model in usable if turns_within_image(fits[model])]
+    folded = [model for model in usable if turns_within_image(fits[model].camera)]
     candidates = [model for model in usable if model not in folded] or usable or list(fits)
     taken = candidates[0]
     for model in candidates[1:]:

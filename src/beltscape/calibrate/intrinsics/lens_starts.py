@@ -103,5 +103,6 @@ def _compute_misfit(camera: Camera, views: Mapping[str, Corners], board_mm: Arra
         except CalibrationError:
             return float("inf")
         errors = camera.project(pose.apply(points)) - view.pixels
-        found.append(float(np.sqrt(np.nanmean((errors**2).sum(axis=1)))))
+        squares: Array = (errors**2).sum(axis=1)
+        found.append(float(np.sqrt(np.nanmean(squares))))
     return float(np.median(found))

@@ -19,7 +19,7 @@ _DIRECTIONS, _RADII, _BISECTIONS = 64, 200, 40
 """Directions and radii at which a fold is searched, and halvings of the interval between two radii, which leave the
 rounding of a double."""
 _INVERSE_SAMPLES = 512
-"""Radii of the table at which an inversion starts: interpolated to 1e-4, Newton's method needs three more steps."""
+"""Radii of the table at which an inversion starts: a radial factor is interpolated to 1e-5."""
 BEFORE_POLE = 1 - 1e-9
 """Share of the domain's radius at which a rational factor is evaluated at its end, where it may have a pole."""
 """Angles off the axis, evenly spaced, at which the inverse distortion is tabulated."""

@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
+Angle: TypeAlias = NDArray[np.float64] | float
+"""Radians, of all points or of each."""
 
 
 def compute_homography(tau_x: float, tau_y: float) -> Array:
@@ -30,21 +32,21 @@ def compute_homography(tau_x: float, tau_y: float) -> Array:
     return np.array([[scale, 0.0, sy * cx], [0.0, scale, -sx], [0.0, 0.0, 1.0]]) @ rotation
 
 
-def tilt(x: Array, y: Array, tau_x: Array, tau_y: Array) -> tuple[Array, Array]:
+def tilt(x: Array, y: Array, tau_x: Angle, tau_y: Angle) -> tuple[Array, Array]:
     """Return the coordinates on the tilted sensor; NaN for directions that run parallel to it or away from it."""
     q1, q2, q3 = _rotate(x, y, tau_x, tau_y)
     scale = np.cos(tau_x) * np.cos(tau_y)
     return scale * q1 / q3 + np.sin(tau_y) * np.cos(tau_x), scale * q2 / q3 - np.sin(tau_x)
 
 
-def untilt(x: Array, y: Array, tau_x: Array, tau_y: Array) -> tuple[Array, Array]:
+def untilt(x: Array, y: Array, tau_x: Angle, tau_y: Angle) -> tuple[Array, Array]:
     """Return the coordinates on the untilted sensor: the inverse of `tilt`."""
     inverse = np.linalg.inv(compute_homography(float(tau_x), float(tau_y)))
     u, v, w = (row[0] * x + row[1] * y + row[2] for row in inverse)
     return u / w, v / w
 
 
-def differentiate(x: Array, y: Array, tau_x: Array, tau_y: Array) -> tuple[Array, Array, Array, Array]:
+def differentiate(x: Array, y: Array, tau_x: Angle, tau_y: Angle) -> tuple[Array, Array, Array, Array]:
     """Return ∂x'/∂x, ∂x'/∂y, ∂y'/∂x and ∂y'/∂y of `tilt`."""
     sx, cx, sy, cy = np.sin(tau_x), np.cos(tau_x), np.sin(tau_y), np.cos(tau_y)
     q1, q2, q3 = _rotate(x, y, tau_x, tau_y)
@@ -58,7 +60,7 @@ def differentiate(x: Array, y: Array, tau_x: Array, tau_y: Array) -> tuple[Array
 
 
 def differentiate_by_angles(
-    x: Array, y: Array, tau_x: Array, tau_y: Array
+    x: Array, y: Array, tau_x: Angle, tau_y: Angle
 ) -> tuple[Array, Array, Array, Array]:
     """Return ∂x'/∂τx, ∂y'/∂τx, ∂x'/∂τy and ∂y'/∂τy of `tilt`."""
     sx, cx, sy, cy = np.sin(tau_x), np.cos(tau_x), np.sin(tau_y), np.cos(tau_y)
@@ -74,7 +76,7 @@ def differentiate_by_angles(
     )
 
 
-def _rotate(x: Array, y: Array, tau_x: Array, tau_y: Array) -> tuple[Array, Array, Array]:
+def _rotate(x: Array, y: Array, tau_x: Angle, tau_y: Angle) -> tuple[Array, Array, Array]:
     """Return q = R (x, y, 1), its third coordinate NaN where it is not positive."""
     sx, cx, sy, cy = np.sin(tau_x), np.cos(tau_x), np.sin(tau_y), np.cos(tau_y)
     q3 = sy * x - cy * sx * y + cy * cx

@@ -6,10 +6,10 @@ import json
 import time
 from pathlib import Path
 
-from beltscape.calibrate.assessment.cross_validation import cross_validate
-from beltscape.calibrate.bundle_adjustment import adjust_bundle
-from beltscape.calibrate.detection.detect_capture import detect_board
-from beltscape.calibrate.hierarchy import solve_hierarchy
+from beltscape.calibration.assessment.cross_validation import cross_validate
+from beltscape.calibration.bundle_adjustment import adjust_bundle
+from beltscape.calibration.detection.detect_capture import detect_board
+from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.rig import score_rig_against_truth

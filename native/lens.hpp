@@ -1,8 +1,9 @@
-// Lens models other than Brown's, whose five coefficients view.hpp applies itself: OpenCV's rational, thin-prism
-// and tilted models and the fisheye model of Kannala and Brandt. core/geometry/lens in Python defines them.
+// Lens models other than Brown's, whose five coefficients view.hpp applies itself: OpenCV's rational,
+// thin-prism and tilted models and the fisheye model of Kannala and Brandt. core/geometry/lens in Python
+// defines them.
 //
-// They are out of line: a view's model is the same for all its pixels, so Brown's path pays one branch that is
-// always predicted, and none of the others' registers.
+// They are out of line: a view's model is the same for all its pixels, so Brown's path pays one branch that
+// is always predicted, and none of the others' registers.
 #pragma once
 
 #include "simd.hpp"
@@ -17,8 +18,8 @@ namespace beltscape {
 
 inline constexpr float kBrown = 0.0f, kRational = 1.0f, kTilted = 2.0f, kFisheye = 3.0f;
 
-// 23 floats in this order; kernels/projection.py packs them. The fisheye has k1 ... k4, the rational model all
-// of k, p and s, the tilted one the homography as well.
+// 23 floats in this order; kernels/projection.py packs them. The fisheye has k1 ... k4, the rational model
+// all of k, p and s, the tilted one the homography as well.
 struct Lens {
     float k1, k2, p1, p2, k3;
     float radius_squared;  // of the domain of validity, in undistorted coordinates
@@ -47,8 +48,7 @@ struct Radial {
 
 template <class F>
 BELTSCAPE_INLINE Radial<F> rational_factor(const Lens& lens, F rr) {
-    const F numerator =
-        multiply_add(rr, multiply_add(rr, multiply_add(rr, lens.k3, lens.k2), lens.k1), 1.0f);
+    const F numerator = multiply_add(rr, multiply_add(rr, multiply_add(rr, lens.k3, lens.k2), lens.k1), 1.0f);
     const F denominator =
         multiply_add(rr, multiply_add(rr, multiply_add(rr, lens.k6, lens.k5), lens.k4), 1.0f);
     const F inverse = 1.0f / denominator, factor = numerator * inverse;
@@ -65,10 +65,10 @@ BELTSCAPE_INLINE Radial<F> fisheye_factor(const Lens& lens, F rr) {
     // the quotient loses its digits below r^2 = 0.1, where six terms of the series are exact to 3e-7
     const F series = multiply_add(
         rr,
-        multiply_add(rr,
-                     multiply_add(rr, multiply_add(rr, multiply_add(rr, 6.0f / 13, -5.0f / 11), 4.0f / 9),
-                                  -3.0f / 7),
-                     2.0f / 5),
+        multiply_add(
+            rr,
+            multiply_add(rr, multiply_add(rr, multiply_add(rr, 6.0f / 13, -5.0f / 11), 4.0f / 9), -3.0f / 7),
+            2.0f / 5),
         -1.0f / 3);
     const F quotient = (1.0f / (1.0f + rr) - a) / (2.0f * rr);
     const F a_slope = select(rr < 0.1f, series, quotient);
@@ -90,7 +90,8 @@ BELTSCAPE_INLINE Radial<F> radial_factor(const Lens& lens, F rr) {
 template <class F>
 BELTSCAPE_INLINE Distorted<F> untilted(const Lens& lens, F x, F y, F factor) {
     const F xx = x * x, xy = x * y, yy = y * y, rr = xx + yy;
-    const F across = multiply_add(rr, multiply_add(rr, lens.s2, lens.s1), multiply_add(xx, 2.0f, rr) * lens.p2);
+    const F across =
+        multiply_add(rr, multiply_add(rr, lens.s2, lens.s1), multiply_add(xx, 2.0f, rr) * lens.p2);
     const F down = multiply_add(rr, multiply_add(rr, lens.s4, lens.s3), multiply_add(yy, 2.0f, rr) * lens.p1);
     return {multiply_add(x, factor, multiply_add(xy, 2.0f * lens.p1, across)),
             multiply_add(y, factor, multiply_add(xy, 2.0f * lens.p2, down))};

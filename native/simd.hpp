@@ -149,8 +149,8 @@ BELTSCAPE_INLINE F broadcast(T value) {
     return value - F{};  // keeps -0; setting lanes one by one costs an instruction each
 }
 
-// The angle whose tangent is a >= 0, to 1.1e-7 (S. L. Moshier's atanf of the Cephes library, 1989, with the low
-// parts of pi/2 and pi/4).
+// The angle whose tangent is a >= 0, to 1.1e-7 (S. L. Moshier's atanf of the Cephes library, 1989, with the
+// low parts of pi/2 and pi/4).
 template <class F>
 BELTSCAPE_INLINE F arc_tangent(F a) {
     const MaskOf<F> is_steep = a > 2.41421356f, is_middle = a > 0.414213562f;

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded: its waiting threads take the other workers' time
+os.environ["OPENBLAS_NUM_THREADS"] = (
+    "1"  # before numpy is loaded: its waiting threads take the other workers' time
+)
 
 import cv2
 import pytest
@@ -23,8 +25,8 @@ REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 
 
 SLOW_FOLDERS = {
-    "calibrate", "cli", "deploy", "docs", "evaluate", "measure", "pipeline", "report", "service", "simulate", "sinks",
-    "sources", "stereo", "plan", "health", "tools", "benchmarks",
+    "calibration", "cli", "deploy", "docs", "evaluate", "measure", "pipeline", "report", "service", "simulate",
+    "sinks", "sources", "stereo", "plan", "health", "tools", "benchmarks",
 }  # fmt: skip
 """Folders of tests that work on whole captures or with other processes."""
 BROWSER_FIXTURES = {"browser", "page", "chromium"}

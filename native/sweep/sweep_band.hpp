@@ -68,7 +68,8 @@ struct SweepProblem {
           floor(in.floor),
           level(mean_level(core)) {
         for (std::size_t i = 0; i < in.images.size(); ++i)
-            images.push_back(image_of(in.images[i])), views.push_back(view_of(in.views.data + kViewFloats * i));
+            images.push_back(image_of(in.images[i])),
+                views.push_back(view_of(in.views.data + kViewFloats * i));
     }
 
     Image core;

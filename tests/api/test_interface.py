@@ -44,7 +44,9 @@ def test_a_moved_camera_is_in_the_warnings(scenes, rig):
 
 def test_volume_of_the_load(scenes, belt, rig):
     volume = bs.measure_volume(scenes["belt_loaded"].depth, belt, rig, along_mm=(-200, 200))
-    assert volume.volume_mm3 == pytest.approx(read_true_volume_mm3(-200, 200), rel=0.03)  # preset fast, 612 px
+    assert volume.volume_mm3 == pytest.approx(
+        read_true_volume_mm3(-200, 200), rel=0.03
+    )  # preset fast, 612 px
     assert volume.sigma_mm3 < 0.02 * volume.volume_mm3
     assert volume.height_map is volume.load
     assert abs(volume.along_mm[0] + 200) < 1e-9

@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from beltscape.calibrate.detection.corners import BoardDetections
-from beltscape.calibrate.detection.detector import PrintVariant
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.cli.main import main
 from beltscape.files.rasters.images import write_image
 from beltscape.pipeline.calibrating import calibration

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.calibrate.hierarchy import solve_hierarchy
+from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Silent

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.calibrate.detection.detector import DEFAULT_VARIANT, make_detector
+from beltscape.calibration.detection.detector import DEFAULT_VARIANT, make_detector
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent

@@ -361,7 +361,9 @@ def test_a_long_camera_message_stretches_no_picture_and_is_translated(site):
             "[...document.querySelectorAll('#cameras figure')].map((each) => each.clientHeight)"
         )
         assert max(heights) - min(heights) <= 1
-        assert "37\u00a0% der Pixel sind gesättigt" in read_text(page, ".camera[data-state=unusable] .message")
+        assert "37\u00a0% der Pixel sind gesättigt" in read_text(
+            page, ".camera[data-state=unusable] .message"
+        )
         page.context.close()
     finally:
         del plant.send_health
@@ -454,7 +456,8 @@ def test_engineers_set_the_zero_after_seeing_what_was_measured(site):
     page.click("#zero-next")
     page.wait_for_selector("#zero-dialog .problem:visible")
     assert (
-        read_text(page, "#zero-dialog .problem") == "Nur 40\u00a0% des Bandes sind frei: Band leeren und reinigen."
+        read_text(page, "#zero-dialog .problem")
+        == "Nur 40\u00a0% des Bandes sind frei: Band leeren und reinigen."
     )
     plant.zero_refusal = ""
     page.click("#zero-next")

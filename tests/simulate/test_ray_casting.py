@@ -212,7 +212,9 @@ def test_points_far_outside_the_view_are_not_in_the_image():
     points = np.column_stack([x, np.zeros(401), np.zeros(401)])
     seen = is_in_image(folding, DOWN, points)
     ideal = DOWN.apply(points)[:, :2] / DOWN.apply(points)[:, 2:]
-    folded = folding.lens.distort(*ideal.T, folding.distortion)[0] * 190  # beyond the lens's domain, too
+    folded = (
+        folding.lens.distort(ideal[:, 0], ideal[:, 1], folding.distortion)[0] * 190
+    )  # beyond the lens's domain, too
     assert (np.abs(folded) < 50).sum() > (seen & (np.abs(folded) < 50)).sum()
     assert np.abs(x[seen]).max() < 700
     assert seen[np.abs(x) < 250].all()

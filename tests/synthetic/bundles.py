@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.calibrate.solver.bundle_data import BundlePrior, Geometry, Observations
-from beltscape.calibrate.solver.lens import pack_intrinsics
+from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibration.solver.lens import pack_intrinsics
 from beltscape.target.board import corner_points_mm
 from tests.synthetic.detections import make_detections
 
@@ -39,6 +39,11 @@ def make_problem(rig, board, poses, noise_px=0.0, seed=0, *, points_mm=None, poi
     free = np.ones((cameras, 9), bool)
     free[:, 8] = False
     prior = BundlePrior(
-        ("brown",) * cameras, geometry.intrinsics, np.zeros((cameras, 9, 9)), free, nominal, np.full(3, points_sigma_mm)
+        ("brown",) * cameras,
+        geometry.intrinsics,
+        np.zeros((cameras, 9, 9)),
+        free,
+        nominal,
+        np.full(3, points_sigma_mm),
     )
     return Observations(camera, frame, point, pixels, sigma), geometry, prior

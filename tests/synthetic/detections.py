@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.detection.corners import BoardDetections, Corners
+from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import Board, corner_points_mm

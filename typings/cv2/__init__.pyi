@@ -115,7 +115,12 @@ class FileStorage:
 # filters --------------------------------------------------------------------------------------------------------
 def getPerspectiveTransform(src: NDArray[np.float32], dst: NDArray[np.float32]) -> NDArray[np.float64]: ...
 def warpPerspective(
-    src: NDArray[_S], M: NDArray[np.float64], dsize: Sequence[int], *, flags: int = ..., borderValue: float = ...
+    src: NDArray[_S],
+    M: NDArray[np.float64],
+    dsize: Sequence[int],
+    *,
+    flags: int = ...,
+    borderValue: float = ...,
 ) -> NDArray[_S]: ...
 
 class VideoCapture:

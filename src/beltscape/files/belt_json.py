@@ -109,6 +109,7 @@ def _belt(document: Mapping[str, Any]) -> Belt:
         raise ValueError(f"quality.yaw_from = {yaw_from!r}: must be shape, edges or camera")
     yaw = quality.get("yaw_sigma_rad")
     flat = document.get("flat_mm")
+    numbers: dict[str, Any] = {key: _number("quality", quality, key) for key in _NUMBERS}
     return Belt(
         belt_from_core=_pose(_entry(document, "belt_from_core")),
         x_mm=x,
@@ -122,7 +123,7 @@ def _belt(document: Mapping[str, Any]) -> Belt:
         deviation=None if document.get("deviation") is None else _deviation(_entry(document, "deviation")),
         edges=None if document.get("edges") is None else _edges(_entry(document, "edges")),
         frames=frames,
-        **{key: _number("quality", quality, key) for key in _NUMBERS},
+        **numbers,
     )
 
 

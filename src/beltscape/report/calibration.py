@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.assessment.covariance import DepthSigma, RigCovariance, list_parameter_columns
-from beltscape.calibrate.assessment.fit_quality import FitQuality
-from beltscape.calibrate.assessment.next_best_view import NextBestView
-from beltscape.calibrate.assessment.score import RigErrors, Score
-from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult
-from beltscape.calibrate.hierarchy import HierarchyResult
-from beltscape.calibrate.network.association import Misclosure
+from beltscape.calibration.assessment.covariance import DepthSigma, RigCovariance, list_parameter_columns
+from beltscape.calibration.assessment.fit_quality import FitQuality
+from beltscape.calibration.assessment.next_best_view import NextBestView
+from beltscape.calibration.assessment.score import RigErrors, Score
+from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
+from beltscape.calibration.hierarchy import HierarchyResult
+from beltscape.calibration.network.association import Misclosure
 from beltscape.core.frames import Image
 from beltscape.report.calibration_plots import coverage_chart, depth_sigma_chart, residual_chart
 from beltscape.report.drawing.pictures import Panel, to_rgb

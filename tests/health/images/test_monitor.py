@@ -190,6 +190,7 @@ class TestLight:
             return lit.astype(np.float32)
 
         monitor = make_monitor(projector="yes")
+        findings: tuple[Finding, ...] = ()
         for number in range(LEARNING + 2):
             findings = monitor.check_images(make_frame(number, shine)).findings
 

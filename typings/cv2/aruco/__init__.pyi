@@ -27,7 +27,11 @@ class CharucoParameters:
 
 class CharucoBoard:
     def __init__(
-        self, size: Sequence[int], squareLength: float, markerLength: float, dictionary: Dictionary,
+        self,
+        size: Sequence[int],
+        squareLength: float,
+        markerLength: float,
+        dictionary: Dictionary,
         ids: NDArray[np.int32] = ...,
     ) -> None: ...
     def generateImage(

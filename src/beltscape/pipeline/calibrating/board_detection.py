@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from beltscape.calibrate.detection.corners import BoardDetections
-from beltscape.calibrate.detection.detect_capture import detect_board
-from beltscape.calibrate.detection.detector import PrintVariant
-from beltscape.calibrate.network.back_views import Side, classify_back_views
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.detection.detect_capture import detect_board
+from beltscape.calibration.detection.detector import PrintVariant
+from beltscape.calibration.network.back_views import Side, classify_back_views
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from beltscape.calibrate.bundle_adjustment import adjust_bundle
-from beltscape.calibrate.detection.corners import BoardDetections
-from beltscape.calibrate.hierarchy import solve_hierarchy
-from beltscape.calibrate.intrinsics.lens_choice import AUTO, calibrate_with_model
-from beltscape.calibrate.intrinsics.zhang import MonocularCalibration, calibrate_camera
-from beltscape.calibrate.network.face_poses import Sighting, estimate_face_poses
-from beltscape.calibrate.solver.deterministic import single_thread
-from beltscape.calibrate.solver.lens_prior import LensPrior
+from beltscape.calibration.bundle_adjustment import adjust_bundle
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.hierarchy import solve_hierarchy
+from beltscape.calibration.intrinsics.lens_choice import AUTO, calibrate_with_model
+from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera
+from beltscape.calibration.network.face_poses import Sighting, estimate_face_poses
+from beltscape.calibration.solver.deterministic import single_thread
+from beltscape.calibration.solver.lens_prior import LensPrior
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig

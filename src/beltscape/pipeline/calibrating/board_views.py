@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from beltscape.calibrate.detection.corners import BoardDetections, Corners
+from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.files.capture import Capture, list_images, read_capture
 from beltscape.target.board import Board, BoardSet
 

@@ -10,24 +10,24 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.calibrate.assessment.covariance import (
+from beltscape.calibration.assessment.covariance import (
     DepthSigma,
     RigCovariance,
     compute_depth_sigma,
     compute_rig_covariance,
 )
-from beltscape.calibrate.assessment.cross_validation import CrossValidation, cross_validate
-from beltscape.calibrate.assessment.diagnosis import diagnose
-from beltscape.calibrate.assessment.discards import Discards
-from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit
-from beltscape.calibrate.assessment.lens_domain import describe_domains, limit_domains
-from beltscape.calibrate.assessment.next_best_view import NextBestView, find_next_best_view
-from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
-from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
-from beltscape.calibrate.detection.corners import BoardDetections
-from beltscape.calibrate.detection.detector import PrintVariant
-from beltscape.calibrate.hierarchy import HierarchyResult, solve_hierarchy
-from beltscape.calibrate.intrinsics.lens_choice import AUTO, describe_choices
+from beltscape.calibration.assessment.cross_validation import CrossValidation, cross_validate
+from beltscape.calibration.assessment.diagnosis import diagnose
+from beltscape.calibration.assessment.discards import Discards
+from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
+from beltscape.calibration.assessment.lens_domain import describe_domains, limit_domains
+from beltscape.calibration.assessment.next_best_view import NextBestView, find_next_best_view
+from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
+from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.detection.detector import PrintVariant
+from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
+from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.calibrate.assessment.next_best_view import NextBestView
-from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult
-from beltscape.calibrate.detection.detector import PrintVariant
-from beltscape.calibrate.network.association import Misclosure
+from beltscape.calibration.assessment.next_best_view import NextBestView
+from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
+from beltscape.calibration.detection.detector import PrintVariant
+from beltscape.calibration.network.association import Misclosure
 from beltscape.core.frames import Image
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.folders.atomic import write_text

@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.assessment.fit_quality import FitQuality, assess_fit
-from beltscape.calibrate.assessment.folds import list_folds
-from beltscape.calibrate.assessment.rig_findings import list_rig_findings
-from beltscape.calibrate.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
-from beltscape.calibrate.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
-from beltscape.calibrate.detection.corners import BoardDetections
-from beltscape.calibrate.hierarchy import HierarchyResult
-from beltscape.calibrate.intrinsics.lens_choice import AUTO, calibrate_with_model
-from beltscape.calibrate.intrinsics.zhang import calibrate_camera
-from beltscape.calibrate.network.association import associate_cameras, find_groups
-from beltscape.calibrate.network.board_symmetry import unify_numbering
-from beltscape.calibrate.network.pairs import calibrate_pairs
-from beltscape.calibrate.solver.deterministic import single_thread
+from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
+from beltscape.calibration.assessment.folds import list_folds
+from beltscape.calibration.assessment.rig_findings import list_rig_findings
+from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
+from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.hierarchy import HierarchyResult
+from beltscape.calibration.intrinsics.lens_choice import AUTO, calibrate_with_model
+from beltscape.calibration.intrinsics.zhang import calibrate_camera
+from beltscape.calibration.network.association import associate_cameras, find_groups
+from beltscape.calibration.network.board_symmetry import unify_numbering
+from beltscape.calibration.network.pairs import calibrate_pairs
+from beltscape.calibration.solver.deterministic import single_thread
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig

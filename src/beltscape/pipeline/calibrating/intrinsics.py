@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.assessment.folds import list_folds
-from beltscape.calibrate.detection.corners import BoardDetections
-from beltscape.calibrate.detection.detect_capture import detect_board
-from beltscape.calibrate.intrinsics.lens_choice import (
+from beltscape.calibration.assessment.folds import list_folds
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.detection.detect_capture import detect_board
+from beltscape.calibration.intrinsics.lens_choice import (
     AUTO,
     LensChoice,
     calibrate_with_model,
     describe_choices,
 )
-from beltscape.calibrate.intrinsics.sensitivity import compute_lens_sensitivity
-from beltscape.calibrate.intrinsics.zhang import MonocularCalibration, calibrate_camera
-from beltscape.calibrate.solver.deterministic import single_thread
-from beltscape.calibrate.solver.lens import list_parameters
+from beltscape.calibration.intrinsics.sensitivity import compute_lens_sensitivity
+from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera
+from beltscape.calibration.solver.deterministic import single_thread
+from beltscape.calibration.solver.lens import list_parameters
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import RecordingReporter, Reporter
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 MAX_HELD_OUT_RATIO, MAX_EXCESS_PX = 1.5, 0.1
 """Ratio of a camera's held-out RMS to that in training, and px more, above which its views do not determine its lens:
-those of `beltscape.calibrate.assessment.fit_findings`."""
+those of `beltscape.calibration.assessment.fit_findings`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,11 +10,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibrate.detection.corners import BoardDetections
-from beltscape.calibrate.hierarchy import EXCESS_FACTOR, EXCESS_PX, HierarchyResult
-from beltscape.calibrate.intrinsics.zhang import calibrate_camera
-from beltscape.calibrate.solver.deterministic import single_thread
-from beltscape.calibrate.solver.lens_prior import LensPrior
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.hierarchy import EXCESS_FACTOR, EXCESS_PX, HierarchyResult
+from beltscape.calibration.intrinsics.zhang import calibrate_camera
+from beltscape.calibration.solver.deterministic import single_thread
+from beltscape.calibration.solver.lens_prior import LensPrior
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import list_intrinsics

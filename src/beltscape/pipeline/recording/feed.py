@@ -11,6 +11,7 @@ from dataclasses import replace
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import LiveSource
+from beltscape.core.supervision import make_supervised_thread
 from beltscape.sources.encoder.protocol import Encoder
 
 QUEUE = 32
@@ -29,9 +30,14 @@ class FrameFeed:
         self._wake = threading.Condition()
         self._last_s = time.monotonic()
         self._closed = False
+        self._failure = ""
         self.dropped = 0
         """Frame sets that were not written in time."""
-        threading.Thread(target=self._collect, name="feed", daemon=True).start()
+        make_supervised_thread("feed", self._collect, self._fail, interrupted.wait).start()
+
+    def _fail(self, reason: str) -> None:
+        """Keep the reason; the source is iterated over again."""
+        self._failure = reason
 
     def _collect(self) -> None:
         for frames in self._source:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from beltscape.calibrate.detection.detector import PrintVariant, make_detector
+from beltscape.calibration.detection.detector import PrintVariant, make_detector
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.recording.feed import FrameFeed

@@ -7,6 +7,8 @@ import threading
 import time
 from typing import Protocol, TextIO
 
+from beltscape.core.supervision import make_supervised_thread
+
 
 class Trigger(Protocol):
     """Says when the next shot is due, and when there are no more."""
@@ -54,7 +56,11 @@ class KeyTrigger:
         self._stream = sys.stdin if stream is None else stream
         self._limit, self._asked, self._taken = shots, 0, 0
         self._ended = threading.Event()
-        threading.Thread(target=self._read, name="keys", daemon=True).start()
+        make_supervised_thread("keys", self._read, self._end, self._ended.wait).start()
+
+    def _end(self, reason: str) -> None:  # noqa: ARG002
+        """End with what was taken, such as where the terminal is gone."""
+        self._ended.set()
 
     def _read(self) -> None:
         is_terminal = self._stream.isatty()

@@ -81,9 +81,7 @@ def make_flow_chart(records: Sequence[FlowRecord]) -> Chart:
     """Return the cross-section over the belt, and the flow over time."""
     present = [quality for quality in QUALITIES if any(r.quality == quality for r in records)]
     caption = "Cross-section along the belt with two σ, and flow over time."
-    return Chart.draw(
-        partial(plot_flow, records), caption, Key([make_state_entry(name) for name in present])
-    )
+    return Chart.draw(partial(plot_flow, records), caption, Key([make_state_entry(name) for name in present]))
 
 
 def plot_flow(records: Sequence[FlowRecord], form: Form) -> Figure:

@@ -1,0 +1,165 @@
+"""Covariance of a calibrated rig, and its propagation to the standard deviation of triangulated depths."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibration.assessment.jackknife import estimate_inflation
+from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
+from beltscape.calibration.solver.bundle import Bundle
+from beltscape.calibration.solver.lens import list_parameters, pack_intrinsics
+from beltscape.calibration.solver.projection import differentiate_by_pose, project_with_jacobians
+from beltscape.core.geometry.lens import list_intrinsics
+from beltscape.core.geometry.rig import Rig
+
+Array = NDArray[np.float64]
+
+POSE_NAMES = ("turn_x_rad", "turn_y_rad", "turn_z_rad", "shift_x_mm", "shift_y_mm", "shift_z_mm")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RigCovariance:
+    """Covariance of a rig's parameters; a fixed parameter has variance 0."""
+
+    parameters: tuple[str, ...]
+    """``camera.parameter``: intrinsics of every camera, then the pose of every camera but the core.
+
+    A pose's rotation is about the axes of the camera's own frame: ``exp(turn) @ rotation``, ``translation + shift``.
+    """
+    matrix: Array
+    """(G, G)."""
+    inflation: float
+    """Factor included in the standard deviations because the views scatter by more than their noise; 1: none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthSigma:
+    """One standard deviation of a triangulated depth from calibration alone, over the core camera's view."""
+
+    depth_mm: float
+    x_mm: Array
+    """(Nx,) in the core frame."""
+    y_mm: Array
+    """(Ny,)."""
+    sigma_mm: Array
+    """(Ny, Nx); NaN where fewer than two cameras see the point."""
+
+
+def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
+    """Return the covariance of the cameras' parameters, all others marginalised, inflated if the views disagree."""
+    cameras = list(adjustment.rig.cameras)
+    names = [
+        f"{name}.{parameter}"
+        for name, camera in adjustment.rig.cameras.items()
+        for parameter in list_intrinsics(camera.model)
+    ]
+    names += [
+        f"{name}.{parameter}" for name in cameras if name != adjustment.rig.core for parameter in POSE_NAMES
+    ]
+    camera_parameters = _list_free_parameters(adjustment.rig, adjustment.bundle)
+    full = np.zeros((len(names), len(names)))
+    camera_covariance = adjustment.linearise().covariance()[
+        : len(camera_parameters), : len(camera_parameters)
+    ]
+    distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
+    jacobian = compute_depth_jacobian(adjustment.rig, make_view_points(adjustment.rig, distance, 13))[
+        :, camera_parameters
+    ]
+    inflation = estimate_inflation(adjustment, camera_covariance, jacobian[np.isfinite(jacobian).all(axis=1)])
+    full[np.ix_(camera_parameters, camera_parameters)] = (
+        inflation**2 * (camera_covariance + camera_covariance.T) / 2
+    )
+    return RigCovariance(tuple(names), full, inflation)
+
+
+def compute_depth_sigma(rig: Rig, covariance: Array, depth_mm: float, *, columns: int = 31) -> DepthSigma:
+    """Return σ of depths triangulated at ``depth_mm`` from the core, propagated from (G, G) to first order."""
+    x, y = make_view_grid(rig, depth_mm, columns)
+    jacobian = compute_depth_jacobian(rig, make_view_points(rig, depth_mm, columns))
+    sigma = np.sqrt(np.einsum("ni,ij,nj->n", jacobian, covariance, jacobian))
+    return DepthSigma(depth_mm, x, y, sigma.reshape(len(y), len(x)))
+
+
+def make_view_grid(rig: Rig, depth_mm: float, columns: int) -> tuple[Array, Array]:
+    """Return x (Nx,) and y (Ny,) of a grid over the core camera's view at a depth, mm."""
+    camera = rig.core_camera
+    width, height = camera.size_px
+    rows = max(3, round(columns * height / width))
+    first = -camera.center_px / camera.focal_px * depth_mm
+    last = (np.array([width, height]) - 1 - camera.center_px) / camera.focal_px * depth_mm
+    x, y = (np.linspace(float(first[i]), float(last[i]), n) for i, n in enumerate((columns, rows)))
+    return x, y
+
+
+def make_view_points(rig: Rig, depth_mm: float, columns: int) -> Array:
+    """Return the points (Ny·Nx, 3) of `make_view_grid`, row by row, in the core frame, mm."""
+    x, y = make_view_grid(rig, depth_mm, columns)
+    return np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), depth_mm)], axis=-1).reshape(-1, 3)
+
+
+def compute_depth_jacobian(rig: Rig, points_mm: Array) -> Array:
+    """Return derivatives (N, G) of triangulated depths by the rig's parameters; NaN with fewer than two views.
+
+    All cameras that see a point contribute: it moves by −(Σ JᵀJ)⁻¹ Σ Jᵀ ∂π/∂θ δθ if the parameters change by δθ.
+    """
+    count = count_parameters(rig)
+    normal, mixed = np.zeros((len(points_mm), 3, 3)), np.zeros((len(points_mm), 3, count))
+    visible_views = np.zeros(len(points_mm))
+    for i, name in enumerate(rig.cameras):
+        jacobian, by_rig, visible = differentiate_camera(rig, name, points_mm)
+        jacobian = jacobian * visible[:, None, None]
+        normal += np.einsum("nri,nrj->nij", jacobian, jacobian)
+        columns = list_parameter_columns(rig, i)
+        mixed[:, :, columns] += np.einsum("nri,nrj->nij", jacobian, by_rig[:, :, : len(columns)])
+        visible_views += visible
+    usable = visible_views >= 2
+    jacobian = np.full((len(points_mm), count), np.nan)
+    jacobian[usable] = -np.linalg.solve(normal[usable], mixed[usable])[:, 2]
+    return jacobian
+
+
+def count_parameters(rig: Rig) -> int:
+    """Return the number G of a rig's parameters: intrinsics of all cameras, poses of all but the core."""
+    return sum(_list_widths(rig)) + 6 * (len(rig.cameras) - 1)
+
+
+def list_parameter_columns(rig: Rig, index: int) -> NDArray[np.int64]:
+    """Return the columns of a camera: its lens, then 6 of its pose (none for the core, index 0)."""
+    widths = _list_widths(rig)
+    lens = sum(widths[:index]) + np.arange(widths[index])
+    pose = sum(widths) + 6 * (index - 1) + np.arange(6 if index else 0)
+    return np.concatenate([lens, pose])
+
+
+def _list_widths(rig: Rig) -> list[int]:
+    return [len(list_parameters(camera.model)) for camera in rig.cameras.values()]
+
+
+def _list_free_parameters(rig: Rig, bundle: Bundle) -> NDArray[np.int64]:
+    """Return the columns of the parameters of the cameras that a bundle adjusts, in the bundle's order."""
+    is_own: list[NDArray[np.bool_]] = [np.arange(bundle.width) < width for width in _list_widths(rig)]
+    poses = np.ones(bundle.point_start - bundle.pose_start, bool)
+    column = np.cumsum(np.concatenate([*is_own, poses])) - 1  # the bundle fills smaller models with zeros
+    return column[bundle.free[bundle.free < bundle.point_start]]
+
+
+def differentiate_camera(rig: Rig, name: str, points_mm: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Differentiate a camera's pixels of points (N, 3) in the core frame.
+
+    Return derivatives by the point (N, 2, 3), by lens and pose (N, 2, W + 6), and the visibility of the points (N,).
+    """
+    camera, pose = rig.cameras[name], rig.cam_from_core[name]
+    rotated = points_mm @ pose.rotation.T
+    in_camera = rotated + pose.translation_mm
+    ahead = in_camera[:, 2] > 0
+    in_camera[~ahead] = (0, 0, 1)
+    pixels, by_point, by_lens = project_with_jacobians(
+        in_camera, np.tile(pack_intrinsics(camera), (len(points_mm), 1)), camera.model
+    )
+    visible = ahead & (np.hypot(*in_camera.T[:2]) <= camera.valid_radius * in_camera[:, 2])
+    visible &= ((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)
+    by_rig = np.concatenate([by_lens, differentiate_by_pose(by_point, rotated)], axis=-1)
+    return np.einsum("nij,jk->nik", by_point, pose.rotation), by_rig, visible

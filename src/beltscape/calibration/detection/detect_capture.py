@@ -1,0 +1,188 @@
+"""Detection of the board in every image of a capture, in parallel."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibration.detection.board_mismatch import describe_shown_board
+from beltscape.calibration.detection.corners import BoardDetections, Corners
+from beltscape.calibration.detection.detector import Detector, PrintVariant, add_back_side, make_detector
+from beltscape.calibration.detection.grey import convert_to_8_bit
+from beltscape.calibration.solver.deterministic import single_thread
+from beltscape.core.errors import InputError
+from beltscape.core.progress import Reporter
+from beltscape.files.capture import Capture
+from beltscape.files.rasters.images import read_image
+from beltscape.target.board import AprilGrid, Board, BoardSet, CharucoBoard
+
+NO_BOARD = "they show neither ArUco markers nor a chessboard: look at exposure and focus"
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+def detect_board(
+    capture: Capture, board: Board, reporter: Reporter, *, variant: PrintVariant | None = None
+) -> tuple[BoardDetections, PrintVariant]:
+    """Detect the board's corners in every image of a capture, and the print variant of the board.
+
+    Images that cannot be read, or whose size differs from the rest of their camera's, are reported and left out. A
+    board with markers is also found from behind (`Corners.from_behind`), which a mirroring camera cannot be told from
+    by one image.
+
+    Raises
+    ------
+    InputError
+        When no image shows the board; the message says what the images show instead.
+    """
+    for line in capture.describe_missing_frames():
+        reporter.warn(line)
+    if variant is None:
+        variant = _find_variant(capture, board)
+    detect = _make_two_sided_detector(board, variant)
+    jobs = [(camera, frame, path) for camera, files in capture.files.items() for frame, path in files.items()]
+
+    def detect_in_file(job: tuple[str, str, Path]) -> tuple[tuple[int, int], Corners | None] | str:
+        try:
+            image = read_image(job[2])
+        except InputError as error:
+            return f"{error}; going on without this image"
+        return (image.shape[1], image.shape[0]), detect(image)
+
+    with single_thread():
+        results = list(
+            zip(jobs, _map_parallel(detect_in_file, jobs, reporter, "finding the board"), strict=True)
+        )
+    detections = _collect_detections(capture, results, reporter)
+    if not detections.cameras:
+        raise InputError(f"{capture.folder}: none of its {len(jobs)} images can be read; copy them again")
+    if not any(detections.views.values()):
+        raise InputError(_describe_failure(capture, board, variant))
+    return detections, variant
+
+
+def _map_parallel(
+    work: Callable[[Item], Result], items: list[Item], reporter: Reporter, stage: str
+) -> Iterator[Result]:
+    """Yield results in the order of the items, whatever the number of threads."""
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        try:
+            for done, result in enumerate(pool.map(work, items), start=1):
+                reporter.step(stage, done, len(items))
+                yield result
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _collect_detections(
+    capture: Capture,
+    results: list[tuple[tuple[str, str, Path], tuple[tuple[int, int], Corners | None] | str]],
+    reporter: Reporter,
+) -> BoardDetections:
+    sizes: dict[str, tuple[int, int]] = {}
+    views: dict[str, dict[str, Corners]] = {}
+    for camera in capture.cameras:
+        camera_results = [(frame, path, result) for (name, frame, path), result in results if name == camera]
+        for _, _, result in camera_results:
+            if isinstance(result, str):
+                reporter.warn(result)
+        read = [
+            (frame, path, result) for frame, path, result in camera_results if not isinstance(result, str)
+        ]
+        if not read:
+            reporter.warn(
+                f"{capture.folder / camera}: none of its images can be read; going on without {camera}"
+            )
+            continue
+        size = Counter(result[0] for _, _, result in read).most_common(1)[0][0]
+        sizes[camera], views[camera] = size, {}
+        for frame, path, (image_size, corners) in read:
+            if image_size != size:
+                reporter.warn(
+                    f"{path}: {image_size[0]}×{image_size[1]} px, but {camera}'s other images have "
+                    f"{size[0]}×{size[1]}; going on without this image"
+                )
+            elif corners is not None:
+                views[camera][frame] = corners
+    return BoardDetections(sizes, views, {name: len(capture.files[name]) for name in sizes})
+
+
+def _sample_images(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:
+    """Yield up to ``count`` readable images, spread over cameras and frames."""
+    frames = capture.frames
+    order = [frames[int(i)] for i in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]
+    read_count = 0
+    for frame in order:
+        for files in capture.files.values():
+            if frame in files and read_count < count:
+                try:
+                    image = convert_to_8_bit(read_image(files[frame]))
+                except InputError:
+                    continue
+                read_count += 1
+                yield image
+
+
+def _find_variant(capture: Capture, board: Board) -> PrintVariant:
+    """Return the print variant; keys that board.toml leaves open are determined from the images."""
+    charucos = list_charuco_boards(board)
+    if not charucos:
+        return PrintVariant()
+    options = [
+        PrintVariant(legacy, inverted)
+        for inverted in _list_options([charuco.inverted for charuco in charucos])
+        for legacy in _list_options([charuco.legacy for charuco in charucos])
+    ]
+    return options[0] if len(options) == 1 else _select_variant(options, board, _sample_images(capture, 24))
+
+
+def list_charuco_boards(board: Board) -> list[CharucoBoard]:
+    """Return the ChArUco boards among the described ones; those of a set have one print variant."""
+    boards = [face.board for face in board.faces] if isinstance(board, BoardSet) else [board]
+    return [each for each in boards if isinstance(each, CharucoBoard)]
+
+
+def _make_two_sided_detector(board: Board, variant: PrintVariant) -> Detector:
+    """Return a detector of one board with markers from both sides, of other boards from the front only."""
+    detect = make_detector(board, variant)
+    return add_back_side(detect) if isinstance(board, CharucoBoard | AprilGrid) else detect
+
+
+def _list_options(flags: list[bool | None]) -> tuple[bool, ...]:
+    return tuple(sorted({flag for flag in flags if flag is not None})) or (False, True)
+
+
+def _select_variant(
+    options: list[PrintVariant], board: Board, images: Iterable[NDArray[np.uint8]]
+) -> PrintVariant:
+    """Return the variant with the most corners, the first of equal ones; stop as soon as one is clearly ahead."""
+    counts = [0] * len(options)
+    for image in images:
+        for i, option in enumerate(options):
+            corners = _make_two_sided_detector(board, option)(image)
+            counts[i] += len(corners) if corners else 0
+        best, second = sorted(counts, reverse=True)[:2]
+        if best >= 60 and best > 3 * second:
+            break
+    return options[int(np.argmax(counts))]
+
+
+def _describe_failure(capture: Capture, board: Board, variant: PrintVariant) -> str:
+    message = f"{capture.folder}: no image shows the board ({board.describe()})"
+    if isinstance(board, CharucoBoard):
+        others = [PrintVariant(legacy, inverted) for inverted in (False, True) for legacy in (False, True)]
+        best = _select_variant(others, board, _sample_images(capture, 12))
+        if best != variant and any(
+            make_detector(board, best)(image) for image in _sample_images(capture, 12)
+        ):
+            return f"{message}, {variant.describe()}; the images fit {best.describe()}: correct board.toml"
+    shown = describe_shown_board(_sample_images(capture, 12), board)
+    return f"{message}; " + (f"they show {shown}: correct board.toml" if shown else NO_BOARD)

@@ -1,0 +1,108 @@
+"""Starts of the fit of a lens model: equidistant lenses of several focal lengths, or another model's lens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibration.detection.corners import Corners
+from beltscape.calibration.solver.lens import get_coefficient_prior
+from beltscape.calibration.solver.perspective import fit_view_pose
+from beltscape.core.errors import CalibrationError
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.lens import MODELS
+from beltscape.core.geometry.lens.domain import find_radius_of_image_radius
+from beltscape.files.rig_limits import find_turning_radius_px
+
+Array = NDArray[np.float64]
+
+EQUIDISTANT_FOCALS = 0.22, 0.27, 0.33, 0.4, 0.5, 0.62, 0.77, 0.95, 1.3
+"""Focal lengths over the image's longer side that are tried; 0.22 is 260° across it, 0.32 180°, 0.95 60°."""
+TRIED_VIEWS = 8
+"""Views that choose among them: their residuals differ by tens of px."""
+STEEPEST = 1.45
+"""Largest angle off the axis of a corner that is used, rad: a view beyond 83° has no pinhole coordinates."""
+FITTED_RADII = 60
+"""Number of radii at which one lens model is fitted to another; the curves are smooth between them."""
+RIDGE = 1e-3
+"""Weight of the coefficients' prior, which the radii do not determine by themselves."""
+
+
+def list_starts(
+    name: str,
+    size_px: tuple[int, int],
+    views: Mapping[str, Corners],
+    board_mm: Array,
+    model: str,
+    brown: Camera | None,
+) -> list[Camera]:
+    """Return cameras with a lens model at which a fit can start, the likelier first."""
+    equidistant = find_equidistant(name, size_px, views, board_mm)
+    if model == "fisheye":
+        return [equidistant]
+    if model == "brown":
+        return [brown] if brown is not None else []
+    is_usable = brown is not None and find_turning_radius_px(brown) > _find_reach_px(brown, views)
+    source = brown if brown is not None and is_usable else equidistant
+    return [refit_radially(source, model, _find_reach_px(source, views))]
+
+
+def find_equidistant(
+    name: str, size_px: tuple[int, int], views: Mapping[str, Corners], board_mm: Array
+) -> Camera:
+    """Return the equidistant fisheye (r = f θ) that explains the views best, of several focal lengths."""
+    center = (np.array(size_px) - 1) / 2
+    cameras = [
+        Camera(name, size_px, np.full(2, share * max(size_px)), center, np.zeros(4), "fisheye")
+        for share in EQUIDISTANT_FOCALS
+    ]
+    names = list(views)
+    tried = np.unique(np.linspace(0, len(names) - 1, TRIED_VIEWS).astype(int))
+    some = {names[int(i)]: views[names[int(i)]] for i in tried}
+    return min(cameras, key=lambda camera: _compute_misfit(camera, some, board_mm))
+
+
+def refit_radially(camera: Camera, model: str, reach_px: float) -> Camera:
+    """Return a camera of a rational model whose radial distortion is that of another one, up to a distance in px.
+
+    With f the other model's radial factor, N − f D = 0 is linear in the coefficients of numerator and denominator.
+    """
+    farthest = find_radius_of_image_radius(camera.model, camera.distortion, reach_px / camera.focal_px.mean())
+    r = np.tan(np.linspace(0.02, min(float(np.arctan(farthest)), STEEPEST), FITTED_RADII))
+    t, factor = r * r, camera.lens.radial.compute(r * r, camera.distortion)
+    columns = np.stack([t, t * t, t**3, -factor * t, -factor * t * t, -factor * t**3], axis=1)
+    weights = (1 / (1 + t**3))[:, None]
+    means, sigmas = np.array([get_coefficient_prior(f"k{i}", model) for i in range(1, 7)]).T
+    system = np.concatenate([columns * weights, RIDGE * np.diag(1 / sigmas)])
+    right = np.concatenate([(factor - 1) * weights[:, 0], RIDGE * means / sigmas])
+    k1, k2, k3, k4, k5, k6 = np.linalg.lstsq(system, right, rcond=None)[0]
+    lens = np.zeros(len(MODELS[model].coefficients))
+    lens[[0, 1, 4, 5, 6, 7]] = k1, k2, k3, k4, k5, k6
+    return replace(camera, model=model, distortion=lens)
+
+
+def _find_reach_px(camera: Camera, views: Mapping[str, Corners]) -> float:
+    """Return the largest distance of a corner from the principal point, px."""
+    return max(float(np.linalg.norm(view.pixels - camera.center_px, axis=1).max()) for view in views.values())
+
+
+def _compute_misfit(camera: Camera, views: Mapping[str, Corners], board_mm: Array) -> float:
+    """Return the median over the views of their RMS residuals, px, with the board's pose fitted in each."""
+    found: list[float] = []
+    for view in views.values():
+        points = board_mm[view.ids]
+        off_axis = view.pixels - camera.center_px
+        angles: Array = np.linalg.norm(off_axis, axis=1) / float(camera.focal_px.mean())
+        if angles.max() > STEEPEST:
+            return float("inf")
+        try:
+            pose = fit_view_pose(camera, points, view.pixels)
+        except CalibrationError:
+            return float("inf")
+        errors = camera.project(pose.apply(points)) - view.pixels
+        squares: Array = (errors**2).sum(axis=1)
+        found.append(float(np.sqrt(np.nanmean(squares))))
+    return float(np.median(found))

@@ -1,0 +1,218 @@
+"""Monocular calibration of one camera by Zhang's method (the paper's Section 2.2.1)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibration.detection.corners import BoardDetections, Corners
+from beltscape.calibration.solver.bundle import Bundle
+from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibration.solver.lens import list_parameters, pack_intrinsics
+from beltscape.calibration.solver.lens_prior import LensPrior
+from beltscape.calibration.solver.levenberg_marquardt import minimise
+from beltscape.calibration.solver.perspective import fit_view_pose
+from beltscape.core.errors import CalibrationError
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.pose import Pose
+
+MIN_VIEWS = 3
+"""Zhang's equations need three views in general position."""
+OUTLIER_FACTOR = 3.5
+"""A view whose RMS exceeds the median view's by this factor is rejected."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MonocularCalibration:
+    """Calibration of one camera from its own views."""
+
+    camera: Camera
+    sigma: Mapping[str, float]
+    """One standard deviation of fx, fy, cx, cy (px) and k1, k2, p1, p2, k3; 0 for a fixed one."""
+    rms_px: float
+    """Reprojection RMS over the views that the calibration used."""
+    cam_from_board: Mapping[str, Pose]
+    """By frame, for the views used."""
+    view_rms_px: Mapping[str, float]
+    """By frame, for the views used."""
+    rejected: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Frame → reason of the rejection."""
+    fixed: tuple[str, ...] = ()
+    """Fixed parameters: those that the images do not determine, or all of a camera with given intrinsics."""
+    prior: LensPrior | None = None
+    """Given intrinsics that the bundle adjustment takes as a prior; the poses above hold for them."""
+
+
+def calibrate_camera(
+    name: str,
+    detections: BoardDetections,
+    board_mm: NDArray[np.float64],
+    *,
+    known: Camera | None = None,
+    min_views: int = MIN_VIEWS,
+) -> MonocularCalibration:
+    """Calibrate intrinsics and distortion of one camera from board points (n, 3) in mm.
+
+    The intrinsics of a ``known`` camera are fixed; only the board's poses are estimated. Views that fit far worse
+    than the others are rejected with the reason; k3 is fixed at 0 unless it differs from 0 by more than three
+    standard deviations.
+
+    Raises
+    ------
+    CalibrationError
+        When too few views show the board.
+
+    References
+    ----------
+    Zhang, IEEE TPAMI 22(11), 2000, doi:10.1109/34.888718.
+    """
+    views, size = detections.views[name], detections.sizes_px[name]
+    if len(views) < min_views:
+        raise CalibrationError(
+            f"camera {name} sees the board in {len(views)} of {detections.images[name]} images; "
+            f"at least {min_views} tilted views are needed"
+        )
+    if known is not None:
+        return reject_outlying_views(views, lambda kept: _fit_poses(name, kept, known, board_mm), min_views)
+    return reject_outlying_views(views, lambda kept: _calibrate_views(name, kept, size, board_mm), min_views)
+
+
+def reject_outlying_views(
+    views: Mapping[str, Corners],
+    fit: Callable[[Mapping[str, Corners]], MonocularCalibration],
+    min_views: int = MIN_VIEWS,
+) -> MonocularCalibration:
+    """Return the fit to the views without those that fit far worse than the others; these are given with reasons."""
+    kept, rejected = dict(views), dict[str, str]()
+    solution = fit(kept)
+    for _ in range(3):
+        median = float(np.median(list(solution.view_rms_px.values())))
+        limit = max(OUTLIER_FACTOR * median, 0.3)
+        outliers = {frame: rms for frame, rms in solution.view_rms_px.items() if rms > limit}
+        if not outliers or len(kept) - len(outliers) < max(min_views, len(kept) // 2):
+            break
+        for frame, rms in outliers.items():
+            rejected[frame] = f"reprojection RMS {rms:.2f} px, the median view has {median:.2f} px"
+            del kept[frame]
+        solution = fit(kept)
+    return replace(solution, rejected=rejected)
+
+
+PARAMETERS = list_parameters("brown")
+
+
+def _calibrate_views(
+    name: str, views: Mapping[str, Corners], size: tuple[int, int], board_mm: NDArray[np.float64]
+) -> MonocularCalibration:
+    free = _run_opencv(name, views, size, board_mm, flags=0)
+    k3 = float(free.camera.distortion[4])
+    if abs(k3) > 3 * free.sigma["k3"]:
+        return free
+    fixed = _fit_without_k3(free, views, board_mm)
+    return fixed or _run_opencv(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
+
+
+def _fit_without_k3(
+    free: MonocularCalibration, views: Mapping[str, Corners], board_mm: NDArray[np.float64]
+) -> MonocularCalibration | None:
+    """Refit with k3 fixed at 0, starting at the fit with free k3; return None if that does not converge."""
+    lens, poses = pack_intrinsics(free.camera), list(free.cam_from_board.values())
+    lens[-1] = 0.0
+    free_mask = np.arange(len(lens)) < len(lens) - 1
+    bundle = Bundle(
+        Observations.from_views(
+            (0, i, corners.ids, corners.pixels) for i, corners in enumerate(views.values())
+        ),
+        BundlePrior(("brown",), lens[None], np.zeros((1, 9, 9)), free_mask[None], board_mm, np.zeros(3)),
+    )
+    start = Geometry(
+        lens[None], np.eye(3)[None], np.zeros((1, 3)),
+        np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
+    )  # fmt: skip
+    try:
+        minimum = minimise(bundle, start)
+        variance = np.diag(bundle.linearise(minimum.state).covariance())
+    except np.linalg.LinAlgError:
+        return None
+    if not minimum.converged:
+        return None
+    squares = (bundle.compute_errors_px(minimum.state) ** 2).sum(axis=1)
+    frame, state = bundle.observations.frame, minimum.state
+    freedom = max(2 * len(frame) - len(variance) - 6 * len(poses), 1)
+    sigma = np.sqrt(variance * squares.sum() / freedom)
+    lens, per_view = state.intrinsics[0], np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
+    boards = zip(views, state.board_rotation, state.board_translation_mm, strict=True)
+    return MonocularCalibration(
+        camera=Camera(
+            free.camera.name, free.camera.size_px, lens[:2].copy(), lens[2:4].copy(), lens[4:].copy()
+        ),
+        sigma=dict(zip(PARAMETERS, (*sigma.tolist(), 0.0), strict=True)),
+        rms_px=float(np.sqrt(squares.mean())),
+        cam_from_board={frame: Pose(rotation, translation) for frame, rotation, translation in boards},
+        view_rms_px=dict(zip(views, per_view.tolist(), strict=True)),
+        fixed=("k3",),
+    )
+
+
+def _fit_poses(
+    name: str, views: Mapping[str, Corners], known: Camera, board_mm: NDArray[np.float64]
+) -> MonocularCalibration:
+    """Fit the board's poses with given intrinsics."""
+    poses: dict[str, Pose] = {}
+    rms: dict[str, float] = {}
+    for frame, corners in views.items():
+        points = board_mm[corners.ids]
+        poses[frame] = fit_view_pose(known, points, corners.pixels, refine=True)
+        errors = known.project(poses[frame].apply(points)) - corners.pixels
+        errors = errors[np.isfinite(errors).all(axis=1)]
+        rms[frame] = float(np.sqrt((errors**2).sum(axis=1).mean()))
+    counts = np.array([len(corners) for corners in views.values()])
+    total = float(np.sqrt((counts * np.square(list(rms.values()))).sum() / counts.sum()))
+    parameters = list_parameters(known.model)
+    return MonocularCalibration(
+        replace(known, name=name), dict.fromkeys(parameters, 0.0), total, poses, rms, fixed=parameters
+    )
+
+
+def _run_opencv(
+    name: str,
+    views: Mapping[str, Corners],
+    size: tuple[int, int],
+    board_mm: NDArray[np.float64],
+    *,
+    flags: int,
+) -> MonocularCalibration:
+    objects = [board_mm[corners.ids].astype(np.float32) for corners in views.values()]
+    pixels = [corners.pixels.astype(np.float32).reshape(-1, 1, 2) for corners in views.values()]
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
+    try:
+        rms, matrix, distortion, rotations, translations, sigmas, _, per_view = cv2.calibrateCameraExtended(
+            objects, pixels, size, None, None, flags=flags, criteria=criteria
+        )
+    except cv2.error as error:
+        raise CalibrationError(
+            f"camera {name}: its {len(views)} views do not determine the intrinsics; add views at other tilts"
+        ) from error
+    if not np.isfinite(matrix).all():
+        raise CalibrationError(f"camera {name}: its views do not determine the intrinsics; add tilted views")
+    camera = Camera(
+        name,
+        size,
+        np.array([matrix[0, 0], matrix[1, 1]]),
+        matrix[:2, 2].copy(),
+        distortion.ravel()[:5].copy(),
+    )
+    return MonocularCalibration(
+        camera=camera,
+        sigma=dict(zip(PARAMETERS, (float(s) for s in sigmas.ravel()[:9]), strict=True)),
+        rms_px=float(rms),
+        cam_from_board={
+            frame: Pose.of(r, t) for frame, r, t in zip(views, rotations, translations, strict=True)
+        },
+        view_rms_px={frame: float(e) for frame, e in zip(views, per_view.ravel(), strict=True)},
+        fixed=("k3",) if flags else (),
+    )

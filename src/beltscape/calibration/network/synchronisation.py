@@ -1,0 +1,155 @@
+"""Check of synchronisation: frames of one name belong to one instant if the relative poses of the cameras agree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.calibration.intrinsics.zhang import MonocularCalibration
+from beltscape.core.geometry.pose import Pose
+
+SHIFTS = range(-3, 4)
+"""Frame shifts that are tested."""
+MIN_FRAMES = 5
+"""Least number of shared frames for a scatter."""
+CLEAR_IMPROVEMENT = 0.2
+"""A shift is accepted if it leaves less than this share of the scatter."""
+MAX_SCATTER = 0.05
+"""Relative poses are inconsistent if they scatter by more than this share of the board's distance."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameMisfit:
+    """A camera whose frames belong to other instants than those of the others."""
+
+    camera: str
+    shift: int | None
+    """The others' frame number k is its number k + shift; None: no shift makes the poses consistent."""
+    others: tuple[str, ...]
+    """The cameras that it disagrees with."""
+
+    def describe(self) -> str:
+        """Return the fault and the fix in one line."""
+        against = ", ".join(self.others)
+        if self.shift is None:
+            return (
+                f"camera {self.camera}: its frames do not belong to those of {against} of the same name; "
+                "check its trigger or the names of its images"
+            )
+        direction = "low" if self.shift < 0 else "high"
+        return (
+            f"camera {self.camera}: its frame numbers are {abs(self.shift)} too {direction} against {against}; "
+            "rename its images"
+        )
+
+
+def find_frame_misfits(
+    cameras: Mapping[str, MonocularCalibration], frames: Sequence[str]
+) -> tuple[FrameMisfit, ...]:
+    """Return the cameras whose frames are shifted against the majority's, or belong to other instants.
+
+    The relative pose of two rigidly mounted cameras is the same in every frame. If it scatters, their frames of one
+    name do not belong to one instant.
+    """
+    fits = {
+        (a, b): fit
+        for a, b in combinations(cameras, 2)
+        if (fit := _fit_shift(cameras[a], cameras[b], frames)) is not None
+    }
+    together = _find_largest_consistent(list(cameras), fits)
+    return tuple(
+        FrameMisfit(name, _find_shift(name, together, fits), tuple(together))
+        for name in cameras
+        if name not in together and _is_mostly_inconsistent(name, together, fits)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _ShiftFit:
+    shift: int
+    """Frames by which the second camera's names must be shifted to fit the first's."""
+    is_consistent: bool
+    """Whether the relative poses agree after the shift."""
+
+    @property
+    def is_synchronous(self) -> bool:
+        return self.is_consistent and self.shift == 0
+
+
+def _find_largest_consistent(names: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]) -> list[str]:
+    """Return the largest set of cameras without a disagreement, grown from each camera; the first of equal ones."""
+    groups: list[list[str]] = []
+    for first_name in names:
+        group = [first_name]
+        for name in names:
+            if name != first_name and all(_is_synchronous(name, other, fits) is not False for other in group):
+                group.append(name)
+        groups.append([name for name in names if name in group])
+    return max(groups, key=len) if groups else []
+
+
+def _is_mostly_inconsistent(
+    name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]
+) -> bool:
+    results = [result for other in others if (result := _is_synchronous(name, other, fits)) is not None]
+    return 2 * results.count(False) > len(results)
+
+
+def _is_synchronous(a: str, b: str, fits: Mapping[tuple[str, str], _ShiftFit]) -> bool | None:
+    """Return whether two cameras are synchronous; None with too few shared frames."""
+    fit = fits.get((a, b)) or fits.get((b, a))
+    return None if fit is None else fit.is_synchronous
+
+
+def _find_shift(name: str, others: Sequence[str], fits: Mapping[tuple[str, str], _ShiftFit]) -> int | None:
+    shifts = [
+        fit.shift if b == name else -fit.shift
+        for (a, b), fit in fits.items()
+        if fit.is_consistent and ((a == name and b in others) or (b == name and a in others))
+    ]
+    return shifts[0] if shifts and len(set(shifts)) == 1 and shifts[0] != 0 else None
+
+
+def _fit_shift(
+    first: MonocularCalibration, second: MonocularCalibration, frames: Sequence[str]
+) -> _ShiftFit | None:
+    """Fit the frame shift of the second camera to the first; return None with too few shared frames."""
+    scatters = {
+        shift: scatter
+        for shift in SHIFTS
+        if (scatter := _compute_scatter(first, second, frames, shift)) is not None
+    }
+    if 0 not in scatters:
+        return None
+    best = min(scatters, key=lambda shift: (scatters[shift], abs(shift)))
+    if scatters[best] > CLEAR_IMPROVEMENT * scatters[0]:
+        best = 0
+    return _ShiftFit(best, scatters[best] < MAX_SCATTER)
+
+
+def _compute_scatter(
+    first: MonocularCalibration, second: MonocularCalibration, frames: Sequence[str], shift: int
+) -> float | None:
+    """Return the median scatter of the relative pose over the board's distance; None with too few frames."""
+    poses: list[Pose] = []
+    distances: list[float] = []
+    for k, frame in enumerate(frames):
+        other = frames[k + shift] if 0 <= k + shift < len(frames) else None
+        if other is not None and frame in first.cam_from_board and other in second.cam_from_board:
+            pose = first.cam_from_board[frame]
+            poses.append(second.cam_from_board[other] @ pose.inverse())
+            distances.append(float(np.linalg.norm(pose.translation_mm)))
+    if len(poses) < MIN_FRAMES:
+        return None
+    distance = float(np.median(distances))
+    centers = np.array([pose.center_mm for pose in poses])
+    axes = np.array([pose.rotation[2] for pose in poses]) * distance
+    return float(np.hypot(_compute_spread(centers), _compute_spread(axes)) / distance)
+
+
+def _compute_spread(points: NDArray[np.float64]) -> float:
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))

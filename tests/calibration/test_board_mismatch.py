@@ -1,0 +1,73 @@
+"""Recognition of the board in images that do not show the described one."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from beltscape.calibration.detection.board_mismatch import describe_shown_board
+from beltscape.target.board import CharucoBoard, Chessboard, PlanarBoard
+from tests.synthetic.boards import Print, board_poses, camera, view
+
+EXPECTED_BOARD = CharucoBoard(squares=(5, 4), square_mm=30, marker_mm=20, dictionary="DICT_7X7_50")
+
+
+def views(board: PlanarBoard, how: Print | None = None) -> list[np.ndarray]:
+    return [view(camera("a"), pose, board, how) for pose in board_poses(board, 2)]
+
+
+@pytest.mark.parametrize(
+    ("dictionary", "squares", "legacy", "inverted", "message"),
+    [
+        (
+            "DICT_4X4_50",
+            (8, 6),
+            False,
+            False,
+            "markers DICT_4X4_50 with ids up to 23 on a board of 8 columns",
+        ),
+        (
+            "DICT_5X5_100",
+            (7, 5),
+            False,
+            False,
+            "markers DICT_5X5_50 with ids up to 16 on a board of 7 columns",
+        ),
+        (
+            "DICT_5X5_100",
+            (6, 6),
+            True,
+            True,
+            "markers DICT_5X5_50 with ids up to 17 on a board of 6 columns, inverted",
+        ),
+    ],
+)
+def test_another_charuco_board_is_recognised(dictionary, squares, legacy, inverted, message):
+    board = CharucoBoard(squares=squares, square_mm=45, marker_mm=34, dictionary=dictionary)
+    assert describe_shown_board(views(board, Print(legacy, inverted)), EXPECTED_BOARD) == message
+
+
+def test_a_board_that_begins_with_another_marker_is_recognised():
+    board = CharucoBoard(squares=(7, 6), square_mm=45, marker_mm=34, dictionary="DICT_5X5_100", first_id=46)
+    shown = describe_shown_board(views(board), EXPECTED_BOARD)
+    assert shown == "markers DICT_5X5_100 with ids 46 to 66 (first_id = 46) on a board of 7 columns"
+
+
+@pytest.mark.parametrize("corners", [(8, 5), (5, 8), (7, 6), (6, 4)])
+def test_a_chessboard_is_recognised_longer_side_first(corners):
+    board = Chessboard(corners=corners, square_mm=40)
+    message = f"a chessboard of {max(corners)}×{min(corners)} inner corners"
+    assert describe_shown_board(views(board), EXPECTED_BOARD) == message
+
+
+@pytest.mark.parametrize("blur_px", [0.5, 2, 4, 8])
+def test_texture_is_not_reported_as_a_board(blur_px):
+    rng = np.random.default_rng(7)
+    noise = [rng.integers(0, 255, (400, 480)).astype(np.uint8) for _ in range(4)]
+    assert describe_shown_board([cv2.GaussianBlur(n, (0, 0), blur_px) for n in noise], EXPECTED_BOARD) is None
+
+
+def test_the_described_board_itself_is_not_reported():
+    board = Chessboard(corners=(8, 5), square_mm=40)
+    assert describe_shown_board(views(board), board) is None

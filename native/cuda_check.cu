@@ -46,7 +46,9 @@ __global__ void check_lanes(const float* in, const unsigned char* bytes, const u
 
 __global__ void check_lens(View view, const float* s, int width, float* out) {
     const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x);
-    if (x < width) out[x] = see_moving(view, to_float(x), 0.0f, s[x]).du + arc_tangent(s[x]);
+    if (x < width)
+        out[x] = see_moving<true>(view, to_float(x), 0.0f, s[x]).du +
+                 see_moving<false>(view, to_float(x), 0.0f, s[x]).du + arc_tangent(s[x]);
 }
 
 // A thread takes a row, then a column.

@@ -87,13 +87,15 @@ BELTSCAPE_INLINE Seen<F> see(const View& view, F u, F v, F s) {
     return {seen_u, seen_v, s * inverse_depth};
 }
 
-template <class F>
+// brown: whether the view's lens is Brown's. A caller's loop is compiled for each, because a call in it would
+// cost the registers that hold the view: a sixth of a warp's time.
+template <bool brown, class F>
 BELTSCAPE_INLINE Moving<F> see_moving(const View& view, F u, F v, F s) {
     const auto [x, y, inverse_depth] = ideal(view, u, v, s);
     const F dx = (view.shift[0] - x * view.shift[2]) * inverse_depth;
     const F dy = (view.shift[1] - y * view.shift[2]) * inverse_depth;
     const Lens& lens = view.lens;
-    if (__builtin_expect(lens.model != kBrown, 0)) {
+    if constexpr (!brown) {
         const Pixel<F> pixel = pixel_of(view, distort(lens, x, y));
         const LensSlopes<F> by = lens_slopes(lens, x, y);
         return {pixel.u, pixel.v, (by.xx * dx + by.xy * dy) * view.focal_u,

@@ -9,13 +9,13 @@ namespace beltscape {
 
 // Warps columns begin ... end - 1 of a row; s, value and slope start at its first pixel. slope is the
 // derivative of the value by s. They are NaN and 0 where s is NaN or the spline's footprint leaves the image.
-template <class F>
-BELTSCAPE_INLINE void warp_row(const View& view, const Spline& spline, const float* s, int row, int begin,
-                               int end, float* value, float* slope) {
+template <bool brown, class F>
+BELTSCAPE_INLINE void warp_row_through(const View& view, const Spline& spline, const float* s, int row,
+                                       int begin, int end, float* value, float* slope) {
     const F v = broadcast<F>(to_float(row));
     for (int x = begin; x < end; x += Lane<F>::count) {
         const F u = to_float(broadcast<IntOf<F>>(x) + lane_numbers<F>());
-        const Moving<F> seen = see_moving(view, u, v, load_first<F>(s + x, end - x));
+        const Moving<F> seen = see_moving<brown>(view, u, v, load_first<F>(s + x, end - x));
         const Footprint<F> place = footprint(spline, seen.u, seen.v);
         F found = broadcast<F>(kNotANumber), change{};
         if (any(place.inside)) {
@@ -26,6 +26,15 @@ BELTSCAPE_INLINE void warp_row(const View& view, const Spline& spline, const flo
         store_first(value + x, found, end - x);
         store_first(slope + x, change, end - x);
     }
+}
+
+template <class F>
+BELTSCAPE_INLINE void warp_row(const View& view, const Spline& spline, const float* s, int row, int begin,
+                               int end, float* value, float* slope) {
+    if (view.lens.model == kBrown)
+        warp_row_through<true, F>(view, spline, s, row, begin, end, value, slope);
+    else
+        warp_row_through<false, F>(view, spline, s, row, begin, end, value, slope);
 }
 
 #ifndef __CUDACC__

@@ -35,6 +35,7 @@ _HOME = {
     "read_belt": "beltscape.api.files",
     "read_capture": "beltscape.api.files",
     "read_rig": "beltscape.api.files",
+    "scale_rig": "beltscape.core.geometry.scaling",
     "write_belt": "beltscape.api.files",
     "write_ply": "beltscape.api.files",
     "write_rig": "beltscape.api.files",

@@ -28,6 +28,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import scale_rig
 
 __version__: str
 __all__ = [
@@ -54,6 +55,7 @@ __all__ = [
     "read_belt",
     "read_capture",
     "read_rig",
+    "scale_rig",
     "write_belt",
     "write_ply",
     "write_rig",

@@ -58,3 +58,15 @@ def test_a_belt_of_another_rig_is_refused(scenes, belt, rig):
 def test_one_depth_map_instead_of_a_list(scenes, rig):
     with pytest.raises(bs.BeltscapeError, match=r"depths is one DepthMap: give a list"):
         bs.learn_belt(scenes["belt_empty"].depth, rig)
+
+
+def test_images_of_another_size_than_the_rig_are_named_with_the_factor(rig):
+    with pytest.raises(
+        bs.BeltscapeError, match=r"612×512 px, but the rig's cam0 has 306×256; .*scale_rig\(rig, 2\)"
+    ):
+        bs.read_capture(bs.demo_folder() / "module", bs.scale_rig(rig, 0.5))
+
+
+def test_a_belt_learned_from_images_of_another_size_fits(belt, rig):
+    meter = bs.FlowMeter(bs.scale_rig(rig, 0.5), belt)
+    assert meter.records == []

@@ -60,6 +60,6 @@ def test_two_common_frames_do_not_tell(behind):
     }
 
 
-def test_without_a_camera_in_front_nothing_is_told(behind):
+def test_without_a_camera_in_front_nothing_is_decided(behind):
     only = behind.restrict(("c",), behind.frames)
     assert classify_back_views(only, BOARD) == {"c": "undetermined"}

@@ -61,7 +61,7 @@ def test_a_camera_is_replaced_without_views_of_the_core(charuco_capture, tmp_pat
     wrong = part_of(true, "cam0", "cam1", "cam2")
     wrong.cameras["cam2"] = true.cameras["cam0"]  # pyright: ignore[reportIndexIssue]
     extension = extend_rig(tmp_path, wrong, charuco_capture.board, Silent(), replaced=("cam2",))
-    assert extension.held == ("cam1",)
+    assert extension.fixed == ("cam1",)
     assert list(extension.rig.cameras) == ["cam0", "cam1", "cam2"]
     assert_near_truth(extension.rig, true, "cam2")
 

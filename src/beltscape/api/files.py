@@ -11,6 +11,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
 from beltscape.files import belt_json, rig_json
+from beltscape.files.capture import Capture
 from beltscape.files.capture import read_capture as list_capture
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.meshes.ply import write_cloud
@@ -79,7 +80,7 @@ def read_capture(folder: AnyPath, rig: Rig | None = None, reporter: Reporter | N
     Raises
     ------
     InputError
-        if the folder has no images.
+        if the folder has no images, or those of the core camera have another size than the rig's.
     """
     capture = list_capture(as_path(folder, "folder"))
     if rig is None:
@@ -88,7 +89,24 @@ def read_capture(folder: AnyPath, rig: Rig | None = None, reporter: Reporter | N
     else:
         require_instance(rig, Rig, "rig", "bs.read_rig(path)")
         sizes_px = {name: camera.size_px for name, camera in rig.cameras.items()}
+        _require_size(capture, rig)
     return FolderSource(capture, sizes_px, reporter or Silent())
+
+
+def _require_size(capture: Capture, rig: Rig) -> None:
+    """Raise InputError if the core camera's first image has another size than the rig's core camera."""
+    files = capture.files.get(rig.core)
+    if not files:
+        raise InputError(
+            f"{capture.folder}: no images of the core camera {rig.core}; there are {', '.join(capture.cameras)}"
+        )
+    path = files[min(files)]
+    (width, height), own = _read_size_px(path), rig.core_camera.size_px
+    if (width, height) != own:
+        raise InputError(
+            f"{path}: {width}×{height} px, but the rig's {rig.core} has {own[0]}×{own[1]}; scale the rig to the "
+            f"images: bs.scale_rig(rig, {width / own[0]:g})"
+        )
 
 
 def _read_size_px(path: AnyPath) -> tuple[int, int]:

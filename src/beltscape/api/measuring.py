@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
-import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from beltscape.core.arguments import require_instance
@@ -14,6 +13,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.frames import Image, to_grey
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import pinhole_scale
 from beltscape.files.documents.toml_text import describe_first_error
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.measure.belt import empty_belt
@@ -152,15 +152,8 @@ def require_belt_of(belt: Belt, rig: Rig) -> None:
     """Raise InputError unless the empty belt was learned with the rig's core camera."""
     require_instance(rig, Rig, "rig", "bs.read_rig(path)")
     require_instance(belt, Belt, "belt", "bs.learn_belt(depths, rig)")
-    camera, own = rig.core_camera, belt.camera
-    if own is None:
-        return
-    if (
-        own.name != camera.name
-        or own.size_px != camera.size_px
-        or not np.allclose(own.focal_px, camera.focal_px, rtol=1e-9)
-        or not np.allclose(own.center_px, camera.center_px, atol=1e-6)
-    ):
+    own = belt.camera  # images of the belt may have had another size
+    if own is not None and (own.name != rig.core or pinhole_scale(own, rig.core_camera) is None):
         raise InputError(
             f"belt was learned with the core camera {own.name} of another rig: learn it with this rig's depth maps"
         )

@@ -75,13 +75,13 @@ def _detect_planar(board: PlanarBoard, image: Image, variant: PrintVariant) -> C
         corners = find_chessboard(light, board.corners)
     if corners is None or len(corners) < MIN_CORNERS:
         return None
-    unit_mm, gap = _measure_surroundings(board)
+    unit_mm, gap = _measure_margins(board)
     luminance = -to_grey(image) if variant.inverted else to_grey(image)
     refined = refine_corners(luminance, corners, board.corners_mm()[corners.ids] / unit_mm, gap)
     return _reject_outliers(board, refined)
 
 
-def _measure_surroundings(board: PlanarBoard) -> tuple[float, float]:
+def _measure_margins(board: PlanarBoard) -> tuple[float, float]:
     """Return the length of a corner's edges, mm, and the share of it beside the edges that is empty."""
     if isinstance(board, CharucoBoard):
         return board.square_mm, (1 - board.marker_mm / board.square_mm) / 2

@@ -68,9 +68,9 @@ class ProjectorMonitor:
             return ()
         cell = float(np.nanmedian(self._belt_points[..., 2])) / self._grid.cells_per_unit
         shift = measure_pattern_shift(self._learned, now, is_bare, height, cell, self._rig.core)
-        return self._judge(shift)
+        return self._assess(shift)
 
-    def _judge(self, shift: PatternShift) -> tuple[Finding, ...]:
+    def _assess(self, shift: PatternShift) -> tuple[Finding, ...]:
         """Return the finding about a displacement; it must be confirmed, and the pattern recognised before."""
         is_beyond = exceeds(shift, self._settings)
         if not self._has_passed:

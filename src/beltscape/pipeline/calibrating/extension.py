@@ -47,7 +47,7 @@ class RigExtension:
     rig: Rig
     """All cameras; its covariance is the former rig's, with that of the new cameras given the others."""
     new: tuple[str, ...]
-    held: tuple[str, ...]
+    fixed: tuple[str, ...]
     """Cameras of the former rig that the capture holds."""
     training: Score
     held_out: Score | None
@@ -78,17 +78,19 @@ def extend_rig(
     folder = as_path(folder, "folder")
     reporter = RecordingReporter(reporter)
     capture = read_capture(folder)
-    new, held = _select_cameras(capture, rig, replaced)
+    new, fixed = _select_cameras(capture, rig, replaced)
     known = known.match_capture(capture.select_cameras(new), reporter) if known else KnownIntrinsics({})
-    held_cameras = {name: rig.cameras[name] for name in held}
+    held_cameras = {name: rig.cameras[name] for name in fixed}
     detections, _ = detect_rig_board(
-        capture.select_cameras((*held, *new)), board, reporter, known={**held_cameras, **known.cameras}
+        capture.select_cameras((*fixed, *new)), board, reporter, known={**held_cameras, **known.cameras}
     )
     KnownIntrinsics(held_cameras, "the rig").require_sizes(detections.sizes_px)
     known.require_sizes(detections.sizes_px)
-    reference = max(held, key=lambda name: len(detections.views.get(name, {})))
-    kept = _refer_to(rig, held, reference)
-    adjustment = _adjust(detections, kept, new, known, board, reporter, dict.fromkeys(new, lens_model))
+    reference = max(fixed, key=lambda name: len(detections.views.get(name, {})))
+    kept = _refer_to(rig, fixed, reference)
+    adjustment = _adjust_new_cameras(
+        detections, kept, new, known, board, reporter, dict.fromkeys(new, lens_model)
+    )
     extended = _join(rig, adjustment, new, reference)
     kernels, board_mm = load(), adjustment.geometry.points_mm
     rig_errors = compute_rig_errors(extended, detections, board, kernels, corners_mm=board_mm)
@@ -104,7 +106,7 @@ def extend_rig(
     score = held_out or training
     quality = {**extended.quality, "extension": {"cameras": new, "score": score.document()}}
     return RigExtension(
-        replace(extended, quality=quality), new, held, training, held_out, fit, (*fit.findings, *others)
+        replace(extended, quality=quality), new, fixed, training, held_out, fit, (*fit.findings, *others)
     )
 
 
@@ -122,24 +124,24 @@ def _select_cameras(
         if name not in capture.cameras:
             raise InputError(f"{capture.folder / name}: no images of the camera to replace")
     new = tuple(name for name in capture.cameras if name not in rig.cameras or name in replaced)
-    held = tuple(name for name in capture.cameras if name not in new)
+    fixed = tuple(name for name in capture.cameras if name not in new)
     if not new:
         raise InputError(
-            f"{capture.folder}: the rig has all its cameras ({', '.join(held)}); give views of another camera, or "
+            f"{capture.folder}: the rig has all its cameras ({', '.join(fixed)}); give views of another camera, or "
             "name those to calibrate anew with --replace"
         )
-    if not held:
+    if not fixed:
         raise InputError(
             f"{capture.folder}: has the cameras {', '.join(new)}, the rig {', '.join(rig.cameras)}; at least one "
             "camera that keeps its pose must see the board as well"
         )
-    return new, held
+    return new, fixed
 
 
-def _refer_to(rig: Rig, held: tuple[str, ...], reference: str) -> Rig:
+def _refer_to(rig: Rig, fixed: tuple[str, ...], reference: str) -> Rig:
     """Return the held cameras relative to one of them, which the capture holds; the core may be absent from it."""
     from_reference = rig.cam_from_core[reference].inverse()
-    order = (reference, *(name for name in held if name != reference))
+    order = (reference, *(name for name in fixed if name != reference))
     return Rig(
         core=reference,
         cameras={name: rig.cameras[name] for name in order},
@@ -148,7 +150,7 @@ def _refer_to(rig: Rig, held: tuple[str, ...], reference: str) -> Rig:
     )
 
 
-def _adjust(
+def _adjust_new_cameras(
     detections: BoardDetections,
     kept: Rig,
     new: tuple[str, ...],
@@ -221,7 +223,7 @@ def _score_held_out(
     board: Board,
     lens_models: Mapping[str, str],
 ) -> Score | None:
-    """Score each fold of the frames that new and held cameras share under the rig of the other folds."""
+    """Score each fold of the frames that new and fixed cameras share under the rig of the other folds."""
     shared = tuple(
         frame
         for frame in detections.frames
@@ -233,7 +235,7 @@ def _score_held_out(
             errors: list[RigErrors] = []
             for fold in folds:
                 train = detections.restrict(detections.cameras, set(detections.frames) - set(fold))
-                adjusted = _adjust(train, kept, new, known, board, Silent(), lens_models)
+                adjusted = _adjust_new_cameras(train, kept, new, known, board, Silent(), lens_models)
                 test = detections.restrict(tuple(adjusted.rig.cameras), fold)
                 errors.append(
                     compute_rig_errors(
@@ -248,7 +250,7 @@ def make_extension_document(extension: RigExtension) -> Mapping[str, Any]:
     """Return the result as plain values for JSON."""
     return {
         "new": extension.new,
-        "held": extension.held,
+        "held": extension.fixed,
         "held_out": extension.held_out.document() if extension.held_out else None,
         "training": extension.training.document(),
         "fit": extension.fit.document(),

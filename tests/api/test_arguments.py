@@ -33,6 +33,10 @@ GREY = np.zeros((4, 4), np.uint8)
         (lambda rig: face.point_cloud(None, rig), "depth is None"),
         (lambda _: face.write_ply([], "cloud.ply"), "cloud is a list: must be a PointCloud"),
         (lambda _: face.calibrate("nowhere", board=3), "board = 3: must be a path"),
+        (
+            lambda _: face.calibrate("x", board="b", lens_model="fish"),
+            "lens_model = 'fish': must be auto or one of",
+        ),
         (lambda rig: face.learn_belt([], rig), "no frame given"),
     ],
 )

@@ -83,6 +83,8 @@ def test_frame_whose_cameras_all_moved_is_refused(run, tmp_path):
         DEMO / "belt_loaded",
         "--rig",
         write_knocked_rig(tmp_path, *turns),
+        "--preset",
+        "fast",
         "--out",
         tmp_path / "r",
     )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from beltscape.calibration.intrinsics.lens_choice import AUTO
+from beltscape.core.errors import InputError
+from beltscape.core.geometry.lens import MODELS
 from beltscape.core.progress import Reporter, Silent
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.pipeline.calibrating import calibration
@@ -17,6 +20,7 @@ def calibrate(
     *,
     intrinsics: AnyPath | None = None,
     intrinsics_as: IntrinsicsUse = "held",
+    lens_model: str = "auto",
     reporter: Reporter | None = None,
 ) -> Calibration:
     """Calibrate the rig of a capture of board views (the paper's Section 2.2).
@@ -33,6 +37,8 @@ def calibrate(
         An intrinsics.json, a rig.json or another file with known intrinsics, or a folder of views for them.
     intrinsics_as
         ``held``: they are fixed; ``prior``: the views improve them within their covariance.
+    lens_model
+        "brown", "rational", "thin_prism", "tilted" or "fisheye", for all cameras; "auto": each camera's views choose.
     reporter
         Receiver of progress and warnings; without one, only the result's ``warnings`` hold them.
 
@@ -45,9 +51,13 @@ def calibrate(
     InputError, CalibrationError
         with one line that names the fault and the fix.
     """
+    if lens_model not in (AUTO, *MODELS):
+        raise InputError(f"lens_model = {lens_model!r}: must be {AUTO} or one of {', '.join(MODELS)}")
     board = board if isinstance(board, Board) else read_board(as_path(board, "board"))
     reporter = reporter or Silent()
     known = None
     if intrinsics is not None:
         known = read_known_intrinsics(as_path(intrinsics, "intrinsics"), board, reporter, use=intrinsics_as)
-    return calibration.calibrate(as_path(capture, "capture"), board, core, reporter, known=known)
+    return calibration.calibrate(
+        as_path(capture, "capture"), board, core, reporter, known=known, lens_model=lens_model
+    )

@@ -76,20 +76,9 @@ def solve_hierarchy(
     """
     board_mm = corner_points_mm(board)
     with single_thread():
-        monocular: dict[str, MonocularCalibration] = {}
-        choices: dict[str, LensChoice] = {}
-        for done, name in enumerate(detections.cameras, start=1):
-            try:
-                if name in (known or {}):
-                    monocular[name] = _fit_known(name, detections, board_mm, known or {}, priors or {})
-                else:
-                    requested = (lens_models or {}).get(name, AUTO)
-                    monocular[name], choices[name] = calibrate_with_model(
-                        name, detections, board_mm, requested
-                    )
-            except CalibrationError as error:
-                _warn_or_raise(error, name, core, reporter)
-            reporter.step("calibrating cameras", done, len(detections.cameras))
+        monocular, choices = _calibrate_cameras(
+            detections, board_mm, core, reporter, known or {}, priors or {}, lens_models or {}
+        )
         monocular, restarts = restart_weak_cameras(detections, monocular, board_mm, tuple(known or ()))
         numbering = unify_numbering(detections, monocular, board)
         detections, monocular = numbering.detections, dict(numbering.monocular)
@@ -117,6 +106,31 @@ def solve_hierarchy(
         rig, detections.restrict(order, detections.frames), kept, network, restarts,
         lens_choices=tuple(choices[name] for name in order if name in choices),
     )  # fmt: skip
+
+
+def _calibrate_cameras(
+    detections: BoardDetections,
+    board_mm: NDArray[np.float64],
+    core: str | None,
+    reporter: Reporter,
+    known: Mapping[str, Camera],
+    priors: Mapping[str, LensPrior],
+    lens_models: Mapping[str, str],
+) -> tuple[dict[str, MonocularCalibration], dict[str, LensChoice]]:
+    """Calibrate each camera from its own views; return the calibrations, and the choices of lens models."""
+    monocular: dict[str, MonocularCalibration] = {}
+    choices: dict[str, LensChoice] = {}
+    for done, name in enumerate(detections.cameras, start=1):
+        try:
+            if name in known:
+                monocular[name] = _fit_known(name, detections, board_mm, known, priors)
+            else:
+                requested = lens_models.get(name, AUTO)
+                monocular[name], choices[name] = calibrate_with_model(name, detections, board_mm, requested)
+        except CalibrationError as error:
+            _warn_or_raise(error, name, core, reporter)
+        reporter.step("calibrating cameras", done, len(detections.cameras))
+    return monocular, choices
 
 
 def _fit_known(

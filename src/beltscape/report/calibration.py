@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.covariance import DepthSigma, RigCovariance, list_parameter_columns
 from beltscape.calibration.assessment.fit_quality import FitQuality
@@ -16,10 +15,10 @@ from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.network.association import Misclosure
 from beltscape.core.frames import Image
 from beltscape.report.calibration_plots import coverage_chart, depth_sigma_chart, residual_chart
+from beltscape.report.calibration_scenes import make_board_scene, make_next_view_scene
 from beltscape.report.drawing.pictures import Panel, to_rgb
-from beltscape.report.drawing.scene import Scene, make_rig_scene
 from beltscape.report.page import InteractiveScene, Item, Lines, Pictures, Section, Table, Tile, Tiles, render
-from beltscape.target.board import Board, outline_corners
+from beltscape.target.board import Board
 
 CLOSURE = ("error °", "error mm", "χ² / dof")
 
@@ -54,7 +53,7 @@ def calibration_page(
             "Cameras as calibrated, with the outline of the board in every frame.",
             [
                 InteractiveScene(
-                    _make_scene(adjustment, board), "Core camera in orange, auxiliaries in blue."
+                    make_board_scene(adjustment, board), "Core camera in orange, auxiliaries in blue."
                 ),
                 _make_camera_table(hierarchy, adjustment, covariance),
             ],
@@ -106,7 +105,7 @@ def _next_section(
 ) -> Section:
     if following is None:
         return Section("Next view", "Two cameras would see the board in no pose.", [])
-    return Section("Next view", following.describe(), [_next_view(adjustment, board, following)])
+    return Section("Next view", following.describe(), [make_next_view_scene(adjustment, board, following)])
 
 
 def _view_sections(adjustment: BundleAdjustmentResult, rig_errors: RigErrors) -> list[Section]:
@@ -209,32 +208,6 @@ def _describe_shape(adjustment: BundleAdjustmentResult) -> str:
         f"its corners deviate from the drawing by {off[2]:.3f} mm out of plane and {np.hypot(*off[:2]):.3f} mm in "
         "plane (RMS), which was measured and is corrected"
     )
-
-
-def _next_view(adjustment: BundleAdjustmentResult, board: Board, following: NextBestView) -> InteractiveScene:
-    outline = following.core_from_board.apply(_outline_board(adjustment, board))
-    middle = float(np.median(np.linalg.norm(adjustment.geometry.board_translation_mm, axis=1)))
-    return InteractiveScene(
-        make_rig_scene(adjustment.rig, length_mm=0.3 * middle, boards_mm={"next": outline}),
-        "The recommended pose of the board.",
-    )
-
-
-def _outline_board(adjustment: BundleAdjustmentResult, board: Board) -> NDArray[np.float64]:
-    """Return the closed outline (n, 3) of the board's corners in its own frame."""
-    return adjustment.geometry.points_mm[outline_corners(board)]
-
-
-def _make_scene(adjustment: BundleAdjustmentResult, board: Board) -> Scene:
-    geometry, outline = adjustment.geometry, _outline_board(adjustment, board)
-    boards = {
-        frame: outline @ rotation.T + translation
-        for frame, rotation, translation in zip(
-            adjustment.frames, geometry.board_rotation, geometry.board_translation_mm, strict=True
-        )
-    }
-    middle = float(np.median(np.linalg.norm(geometry.board_translation_mm, axis=1)))
-    return make_rig_scene(adjustment.rig, length_mm=0.3 * middle, boards_mm=boards)
 
 
 def _make_camera_table(

@@ -120,10 +120,7 @@ def calibrate(
         lens_models=dict.fromkeys(detections.cameras, lens_model),
     )  # fmt: skip
     _require_baselines(hierarchy, folder)
-    reporter.step("adjusting everything together", 0, 1)
-    adjustment = adjust_bundle(hierarchy, board)
-    covariance = compute_rig_covariance(adjustment)
-    reporter.step("adjusting everything together", 1, 1)
+    adjustment, covariance = _adjust_everything(hierarchy, board, reporter)
     rig_errors, halves = _score_rig(hierarchy, adjustment, board, start, reporter)
     _warn_of_distance(board, adjustment, reporter)
     _warn_of_split(halves, reporter)
@@ -136,9 +133,7 @@ def calibrate(
     for line in diagnosis.discards.frames.values():
         reporter.warn(line)
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
-    others = [line for line in reporter.warnings if line not in fit.findings]
-    for line in fit.findings:
-        reporter.warn(line)
+    warnings = _warn_of_findings(fit, reporter)
     rig = replace(
         limit_domains(adjustment.rig, adjustment, known.cameras),
         quality=_make_quality(board, adjustment, covariance, held_out, training, fit),
@@ -152,10 +147,29 @@ def calibrate(
         next_best_view=find_next_best_view(adjustment, covariance),
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
-        warnings=(*fit.findings, *others),
+        warnings=warnings,
         notes=(*describe_choices(hierarchy.lens_choices), *describe_domains(rig), *diagnosis.notes),
         discards=diagnosis.discards,
     )  # fmt: skip
+
+
+def _adjust_everything(
+    hierarchy: HierarchyResult, board: Board, reporter: Reporter
+) -> tuple[BundleAdjustmentResult, RigCovariance]:
+    """Return the bundle adjustment of all views, and the rig's covariance."""
+    reporter.step("adjusting everything together", 0, 1)
+    adjustment = adjust_bundle(hierarchy, board)
+    covariance = compute_rig_covariance(adjustment)
+    reporter.step("adjusting everything together", 1, 1)
+    return adjustment, covariance
+
+
+def _warn_of_findings(fit: FitQuality, reporter: RecordingReporter) -> tuple[str, ...]:
+    """Warn of the findings against the fit; return all warnings, those first."""
+    others = [line for line in reporter.warnings if line not in fit.findings]
+    for line in fit.findings:
+        reporter.warn(line)
+    return (*fit.findings, *others)
 
 
 def _read_capture(folder: Path, core: str | None) -> Capture:

@@ -66,10 +66,11 @@ def _explain_absence(case: Case, capture: RoundCapture) -> str:
 
 def _describe(capture: RoundCapture, chosen: Sequence[Case]) -> str:
     width, height = capture.rig.core_camera.size_px
+    most = max((case.rounds for case in chosen), default=0)
     return (
         f"Capture: {len(capture.rig.cameras)} cameras of {width}×{height} px, preset fast, seed {capture.seed}, "
         f"{capture.step_mm:.1f} mm a frame at {FRAMES_PER_S:g} frames/s; {SOUND_ROUNDS} rounds of "
-        f"{capture.frames} frames before the fault, at most {max((case.rounds for case in chosen), default=0):g} after it."
+        f"{capture.frames} frames before the fault, at most {most:g} after it."
     )
 
 

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import sys
 import tempfile
@@ -62,7 +63,9 @@ def compare(other: Any) -> tuple[Counter[str], Counter[str]]:
 
 def main() -> int:
     """Compare, print one line per kernel, and fail if any byte differs."""
-    calls, different = compare(load_module(Path(sys.argv[1])))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("so", type=Path, help="compiled module of another build")
+    calls, different = compare(load_module(parser.parse_args().so))
     for kernel, count in sorted(calls.items()):
         print(f"{kernel:<24} {count:4d} calls, {different[kernel]} differ")
     return 1 if different.total() or not calls else 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from beltscape.api.measuring import require_belt_of
 from beltscape.core.belt.empty_belt import Belt
@@ -117,6 +118,12 @@ class FlowMeter(Displayed):
         require_consistent_motion(self._meter, self._direction, encoder, done=done)
         self.records += records
         return records
+
+    def plot(self) -> Any:
+        """Return a Matplotlib figure of the records returned so far."""
+        from beltscape.report.notebook import plot_records  # loads Matplotlib
+
+        return plot_records(self.records)
 
     def __repr__(self) -> str:
         totals = self.totals

@@ -10,6 +10,7 @@ from importlib import import_module
 from typing import Any, NoReturn, Protocol, cast
 
 from beltscape import __version__
+from beltscape.cli import completion
 from beltscape.cli.examples import add_examples
 from beltscape.cli.failure import UsageError, report_failure
 from beltscape.core.progress import Reporter
@@ -75,31 +76,32 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run_command(words: Sequence[str]) -> int:
-    if "_ARGCOMPLETE" in os.environ:
+    if completion.ASKED in os.environ:
         _complete()
     name = words[0] if words else ""
     if name not in COMMANDS:
         return _run_top_level(words)
-    command: Command = import_module(f"beltscape.cli.{name}")  # pyright: ignore[reportAssignmentType]
     parser = OneLineParser(prog=f"beltscape {name}", description=COMMANDS[name])
-    command.add_arguments(parser)
-    _add_json(parser)
+    command = _declare(name, parser)
     add_examples(parser, name)
     return _run(command, parser.parse_args(words[1:]))
 
 
 def _complete() -> None:
     """Answer a shell's question for completions with the arguments of all commands."""
-    from beltscape.cli.completion import answer
-
     parser = OneLineParser(prog="beltscape")
     parsers = parser.add_subparsers()
     for name, description in COMMANDS.items():
-        command: Command = import_module(f"beltscape.cli.{name}")  # pyright: ignore[reportAssignmentType]
-        child = parsers.add_parser(name, help=description)
-        command.add_arguments(child)
-        _add_json(child)
-    answer(parser)
+        _declare(name, parsers.add_parser(name, help=description))
+    completion.answer(parser)
+
+
+def _declare(name: str, parser: argparse.ArgumentParser) -> Command:
+    """Declare the arguments of a command; return its module."""
+    command: Command = import_module(f"beltscape.cli.{name}")  # pyright: ignore[reportAssignmentType]
+    command.add_arguments(parser)
+    _add_json(parser)
+    return command
 
 
 def _run(command: Command, arguments: argparse.Namespace) -> int:

@@ -2,8 +2,8 @@
 
 ``images/`` compares the images of one frame set with each other, with those before, and with the reference values of
 each camera. The functions are pure: they take arrays and return findings or estimates. `reference` holds what a sound
-system looked like, `settings` the limits, and `monitor` is the only part with a state: it carries the checks from
-frame to frame. Live, `replay`, `measure flow` and `reconstruct` use the same monitor.
+system looked like and `settings` the limits. Only the monitors (`images/monitor`, `images/belt_images`) have a state:
+they carry the checks from frame to frame. Live, `replay`, `measure flow` and `reconstruct` use the same ones.
 
 Import from the modules: ``from beltscape.health.images.monitor import ImageMonitor``.
 """

@@ -11,7 +11,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
+from beltscape.core.display import Displayed
 from beltscape.core.geometry.rig import Rig
 from beltscape.measure.lumps.lumps import Lumps
 from beltscape.measure.volume.volume import Volume
@@ -30,7 +32,7 @@ _AXIS_SHARE = 0.25
 
 
 def plot(result: Any) -> Figure:
-    """Return a figure of a rig, depth map, belt, volume, lumps or flow meter.
+    """Return a figure of a rig, depth map, belt, volume or lumps.
 
     Raises
     ------
@@ -40,14 +42,17 @@ def plot(result: Any) -> Figure:
     for kind, draw in _PLOTS.items():
         if isinstance(result, kind):
             return draw(result)
-    if hasattr(result, "records"):
-        return plot_flow(result.records, WIDE)
     raise TypeError(f"no picture of a {type(result).__name__}")
 
 
-def render_html(result: Any) -> str:
+def plot_records(records: Sequence[FlowRecord]) -> Figure:
+    """Plot the flow records of a moving belt."""
+    return plot_flow(records, WIDE)
+
+
+def render_html(result: Displayed) -> str:
     """Return the line of text of a result, and its picture as an image that is part of the text."""
-    picture = b64encode(to_png(plot(result))).decode()
+    picture = b64encode(to_png(result.plot())).decode()
     return f'<p>{escape(repr(result))}</p><img style="max-width: 100%" src="data:image/png;base64,{picture}">'
 
 
@@ -116,4 +121,4 @@ _PLOTS: dict[type, Callable[[Any], Figure]] = {
     Volume: plot_volume,
     Lumps: plot_lumps,
 }
-"""By the result's type; a flow meter is known by its records, for it stands above the reports."""
+"""Function by the result's type."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +40,7 @@ def corner_points_mm(board: Board) -> NDArray[np.float64]:
 def adjacent_corners(board: Board) -> NDArray[np.int64]:
     """Return (E, 2) indices of corners one square apart; of an AprilGrid, of corners along one tag's edge."""
     if isinstance(board, BoardSet):
-        return np.concatenate(
-            [
-                adjacent_corners(face.board) + start
-                for face, start in zip(board.faces, board.offsets, strict=False)
-            ]
-        )
+        return _join_faces(board, adjacent_corners)
     columns, rows = board.grid
     index = np.arange(columns * rows).reshape(rows, columns)
     step = 2 if isinstance(board, AprilGrid) else 1  # between two tags is a gap, not a square
@@ -56,12 +52,7 @@ def adjacent_corners(board: Board) -> NDArray[np.int64]:
 def list_triples(board: Board) -> NDArray[np.int64]:
     """Return (T, 3) indices of three consecutive corners of a row or column, equally far apart."""
     if isinstance(board, BoardSet):
-        return np.concatenate(
-            [
-                list_triples(face.board) + start
-                for face, start in zip(board.faces, board.offsets, strict=False)
-            ]
-        )
+        return _join_faces(board, list_triples)
     columns, rows = board.grid
     index = np.arange(columns * rows).reshape(rows, columns)
     step = (
@@ -75,15 +66,18 @@ def list_triples(board: Board) -> NDArray[np.int64]:
 def outline_corners(board: Board) -> NDArray[np.int64]:
     """Return the indices (n,) of the corners along the board's edge, in order; of a set, board by board."""
     if isinstance(board, BoardSet):
-        return np.concatenate(
-            [
-                outline_corners(face.board) + start
-                for face, start in zip(board.faces, board.offsets, strict=False)
-            ]
-        )
+        return _join_faces(board, outline_corners)
     columns, rows = board.grid
     index = np.arange(columns * rows).reshape(rows, columns)
     return np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2::-1, 0]])
+
+
+def _join_faces(
+    boards: BoardSet, list_corners: Callable[[PlanarBoard], NDArray[np.int64]]
+) -> NDArray[np.int64]:
+    """Return the corners that a function lists of each board, numbered through the set."""
+    starts = zip(boards.faces, boards.offsets, strict=False)  # the last offset is the set's end
+    return np.concatenate([list_corners(face.board) + start for face, start in starts])
 
 
 def outer_corners(board: Board) -> NDArray[np.int64]:

@@ -125,12 +125,14 @@ class Belt(Displayed):
         """Return the height of the empty belt's cross-section at any x, constant beyond its ends."""
         return np.interp(x_mm, self.x_mm, self.z_mm)
 
+    def height_at_mm(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the height (...,) of the empty belt at points x, y (...,), with its deviation."""
+        even = self.height_mm(x_mm)
+        return even if self.deviation is None else even + self.deviation.interpolate(x_mm, y_mm)
+
     def surface_mm(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the height (Ny, Nx) of the empty belt at columns x (Nx,) and rows y (Ny,), with its deviation."""
-        even = np.broadcast_to(self.height_mm(x_mm), (len(y_mm), len(x_mm)))
-        return (
-            even if self.deviation is None else even + self.deviation.interpolate(x_mm[None], y_mm[:, None])
-        )
+        return np.broadcast_to(self.height_at_mm(x_mm[None], y_mm[:, None]), (len(y_mm), len(x_mm)))
 
     def surface_sigma_mm(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return one standard deviation (Ny, Nx) of ``surface_mm``."""

@@ -54,10 +54,7 @@ def _read_camera(name: str, entry: dict[str, Any]) -> Camera:
     focal, center = values.split_camera_matrix(matrix, f"{name}.matrix")
     where = f"{name}.distortions"
     coefficients = values.require_numbers(entry["distortions"], where, -1)
-    if entry.get("fisheye"):
-        model, lens = "fisheye", values.require_fisheye(coefficients, where)
-    else:
-        model, lens = values.require_lens(coefficients, where)
+    model, lens = values.require_lens(coefficients, where, is_fisheye=bool(entry.get("fisheye")))
     return values.make_camera(
         name, name, values.require_value(entry, "size", name), focal, center, lens, model
     )

@@ -58,10 +58,8 @@ def _read_camera(name: str, entry: Any) -> Camera:
     where = f"{name}.distortion_vector"
     vector = values.require_matrix(values.require_value(entry, "distortion_vector", name), where, -1)
     size = [values.require_value(entry, key, name) for key in ("img_width", "img_height")]
-    if _MODELS[kind] == "fisheye":
-        model, lens = "fisheye", values.require_fisheye(vector[:4], where)
-    else:
-        model, lens = values.require_lens(vector, where)
+    is_fisheye = _MODELS[kind] == "fisheye"
+    model, lens = values.require_lens(vector[:4] if is_fisheye else vector, where, is_fisheye=is_fisheye)
     return values.make_camera(name, name, size, focal, center, lens, model)
 
 

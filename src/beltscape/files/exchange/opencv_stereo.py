@@ -42,9 +42,7 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
     cameras = {name: _read_camera(document, name, number, size) for number, name in enumerate(_NAMES, 1)}
     unit = values.require_unit(document)
     rotation = values.require_matrix(values.require_value(document, "R"), "R", 3, 3)
-    translation = values.require_matrix(values.require_value(document, "T"), "T", -1)
-    if translation.size != 3:
-        raise ValueError(f"T has {translation.size} numbers: must be 3")
+    translation = values.require_translation(document, "T")
     pose = values.make_pose("R", rotation, translation * unit, warn)
     return RigDescription(cameras, {_NAMES[0]: Pose.identity(), _NAMES[1]: pose}, _NAMES[0])
 

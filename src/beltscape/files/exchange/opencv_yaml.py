@@ -100,9 +100,7 @@ def _read_camera(name: str, document: Any, place: str) -> Camera:
 def _pose(document: dict[str, Any], name: str, entry: Any, warn: Callable[[str], None]) -> Pose:
     place = f"cameras.{name}"
     rotation = values.require_matrix(values.require_value(entry, "R", place), f"{place}.R", 3, 3)
-    translation = values.require_matrix(values.require_value(entry, "T", place), f"{place}.T", -1)
-    if translation.size != 3:
-        raise ValueError(f"{place}.T has {translation.size} numbers: must be 3")
+    translation = values.require_translation(entry, "T", place)
     return values.make_pose(f"{place}.R", rotation, translation * values.require_unit(document), warn)
 
 

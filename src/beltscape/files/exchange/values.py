@@ -64,6 +64,15 @@ def require_matrix(item: Any, place: str, *shape: int) -> NDArray[np.float64]:
     return data.reshape(shape)
 
 
+def require_translation(entry: Any, key: str, place: str = "") -> NDArray[np.float64]:
+    """Return the three numbers of a translation that is stored as a matrix, in the file's unit."""
+    where = f"{place}.{key}".removeprefix(".")
+    translation = require_matrix(require_value(entry, key, place), where, -1)
+    if translation.size != 3:
+        raise ValueError(f"{where} has {translation.size} numbers: must be 3")
+    return translation
+
+
 def split_camera_matrix(
     k: NDArray[np.float64], place: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -73,8 +82,15 @@ def split_camera_matrix(
     return np.diag(k)[:2].copy(), k[:2, 2].copy()
 
 
-def require_lens(coefficients: NDArray[np.float64], place: str) -> tuple[str, NDArray[np.float64]]:
-    """Return the smallest lens model that holds OpenCV's 0, 4, 5, 8, 12 or 14 coefficients, and its coefficients."""
+def require_lens(
+    coefficients: NDArray[np.float64], place: str, *, is_fisheye: bool = False
+) -> tuple[str, NDArray[np.float64]]:
+    """Return the smallest lens model that holds OpenCV's 0, 4, 5, 8, 12 or 14 coefficients, and its coefficients.
+
+    Those of a fisheye are k1, k2, k3, k4.
+    """
+    if is_fisheye:
+        return "fisheye", require_fisheye(coefficients, place)
     if coefficients.size not in (0, 4, 5, 8, 12, 14):
         raise ValueError(
             f"{place} has {coefficients.size} coefficients: must be 4, 5, 8, 12 or 14 (k1, k2, p1, p2, k3, …)"
@@ -108,10 +124,8 @@ def require_camera(name: str, entry: Any, place: str, *, is_fisheye: bool = Fals
     coefficients = require_matrix(require_value(entry, "distortion_coefficients", place), where, -1)
     size = [require_value(entry, key, place) for key in ("image_width", "image_height")]
     focal, center = split_camera_matrix(k, f"{place}.camera_matrix")
-    model, coefficients = (
-        ("fisheye", require_fisheye(coefficients, where)) if is_fisheye else require_lens(coefficients, where)
-    )
-    return make_camera(name, place, size, focal, center, coefficients, model)
+    model, lens = require_lens(coefficients, where, is_fisheye=is_fisheye)
+    return make_camera(name, place, size, focal, center, lens, model)
 
 
 def make_camera(

@@ -64,9 +64,7 @@ def compute_belt_cells(depth: DepthMap, reference: EmptyBeltReference) -> BeltCe
     good = np.isfinite(z) & (depth.confidence[thin, thin] >= LEAST_CONFIDENCE)
     points = np.concatenate([camera.rays(thin)[good], np.ones((int(good.sum()), 1))], axis=-1)
     x, y, z = belt.belt_from_core.apply(points * z[good][:, None]).T
-    bottom = belt.height_mm(x)
-    if belt.deviation is not None:
-        bottom = bottom + belt.deviation.interpolate(x, y)
+    bottom = belt.height_at_mm(x, y)
     column, row = (np.floor((part - start) / side).astype(np.intp) for part, start in ((x, low), (y, y_low)))
     inside = (column >= 0) & (column < shape[1]) & (row >= 0) & (row < shape[0])
     cell = (row * shape[1] + column)[inside]

@@ -100,10 +100,7 @@ class ProjectorMonitor:
         belt = self._reference.belt
         points = belt.belt_from_core.apply(surface.points_mm)
         x, y = np.nan_to_num(points[..., 0]), np.nan_to_num(points[..., 1])
-        bottom = belt.height_mm(x)
-        if belt.deviation is not None:
-            bottom = bottom + belt.deviation.interpolate(x.ravel(), y.ravel()).reshape(x.shape)
-        height = points[..., 2] - bottom
+        height = points[..., 2] - belt.height_at_mm(x, y)
         low, high = belt.across_mm
         is_bare = surface.is_smooth & (np.abs(height) < _BARE_MM) & (x > low) & (x < high)
         return is_bare, float(height[is_bare].mean()) if is_bare.any() else float("nan")

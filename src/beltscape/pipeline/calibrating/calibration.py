@@ -130,10 +130,8 @@ def calibrate(
     diagnosis = diagnose(
         hierarchy, adjustment, covariance, triples, rig_errors, halves, explained=tuple(foreign)
     )
-    for line in diagnosis.discards.frames.values():
-        reporter.warn(line)
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
-    warnings = _warn_of_findings(fit, reporter)
+    warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
     rig = replace(
         limit_domains(adjustment.rig, adjustment, known.cameras),
         quality=_make_quality(board, adjustment, covariance, held_out, training, fit),
@@ -164,8 +162,10 @@ def _adjust_everything(
     return adjustment, covariance
 
 
-def _warn_of_findings(fit: FitQuality, reporter: RecordingReporter) -> tuple[str, ...]:
-    """Warn of the findings against the fit; return all warnings, those first."""
+def _warn_of_findings(discards: Discards, fit: FitQuality, reporter: RecordingReporter) -> tuple[str, ...]:
+    """Warn of frames left out and of the findings against the fit; return all warnings, those of the fit first."""
+    for line in discards.frames.values():
+        reporter.warn(line)
     others = [line for line in reporter.warnings if line not in fit.findings]
     for line in fit.findings:
         reporter.warn(line)

@@ -19,10 +19,9 @@ _DIRECTIONS, _RADII, _BISECTIONS = 64, 200, 40
 """Directions and radii at which a fold is searched, and halvings of the interval between two radii, which leave the
 rounding of a double."""
 _INVERSE_SAMPLES = 512
-"""Radii of the table at which an inversion starts: a radial factor is interpolated to 1e-5."""
+"""Radii of the table at which an inversion starts, at even angles off the axis: a factor is interpolated to 1e-5."""
 BEFORE_POLE = 1 - 1e-9
 """Share of the domain's radius at which a rational factor is evaluated at its end, where it may have a pole."""
-"""Angles off the axis, evenly spaced, at which the inverse distortion is tabulated."""
 
 
 def find_valid_radius(model: str, coefficients: Array) -> float:
@@ -37,7 +36,12 @@ def find_valid_radius(model: str, coefficients: Array) -> float:
 
 def find_radius_of_image_radius(model: str, coefficients: Array, image_radius: float) -> float:
     """Return the undistorted radius whose radial image is ``image_radius`` (over the focal length); ∞ without any."""
-    lens, turning = MODELS[model], find_valid_radius(model, coefficients)
+    return _find_radius_of_image_radius(model, tuple(map(float, coefficients)), image_radius)
+
+
+@lru_cache(maxsize=1024)
+def _find_radius_of_image_radius(model: str, values: tuple[float, ...], image_radius: float) -> float:
+    lens, turning, coefficients = MODELS[model], _find_valid_radius(model, values), np.array(values)
     low, high = 0.0, min(BEFORE_POLE * turning, 1e3)
     if _image_radius(lens, coefficients, high) < image_radius:
         return turning

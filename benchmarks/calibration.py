@@ -6,7 +6,7 @@ import json
 import time
 from pathlib import Path
 
-from beltscape.calibration.assessment.cross_validation import cross_validate
+from beltscape.calibration.assessment.validation.cross_validation import cross_validate
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.detect_capture import detect_board
 from beltscape.calibration.hierarchy import solve_hierarchy

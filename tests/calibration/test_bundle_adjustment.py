@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.covariance import compute_depth_sigma, compute_rig_covariance
+from beltscape.calibration.assessment.uncertainty.covariance import (
+    compute_depth_sigma,
+    compute_rig_covariance,
+)
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent

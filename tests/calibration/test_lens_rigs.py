@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.covariance import compute_depth_jacobian, compute_rig_covariance
-from beltscape.calibration.assessment.lens_domain import describe_domains, limit_domains
+from beltscape.calibration.assessment.domain.lens_domain import describe_domains, limit_domains
+from beltscape.calibration.assessment.uncertainty.covariance import (
+    compute_depth_jacobian,
+    compute_rig_covariance,
+)
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.solver.lens import list_parameters, stack_intrinsics, unpack_intrinsics

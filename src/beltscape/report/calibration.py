@@ -6,10 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from beltscape.calibration.assessment.covariance import DepthSigma, RigCovariance, list_parameter_columns
-from beltscape.calibration.assessment.fit_quality import FitQuality
-from beltscape.calibration.assessment.next_best_view import NextBestView
-from beltscape.calibration.assessment.score import RigErrors, Score
+from beltscape.calibration.assessment.uncertainty.covariance import (
+    DepthSigma,
+    RigCovariance,
+    list_parameter_columns,
+)
+from beltscape.calibration.assessment.uncertainty.next_best_view import NextBestView
+from beltscape.calibration.assessment.validation.fit_quality import FitQuality
+from beltscape.calibration.assessment.validation.score import RigErrors, Score
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.network.association import Misclosure

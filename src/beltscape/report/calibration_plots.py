@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.covariance import DepthSigma
-from beltscape.calibration.assessment.score import RigErrors
+from beltscape.calibration.assessment.uncertainty.covariance import DepthSigma
+from beltscape.calibration.assessment.validation.score import RigErrors
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
 from beltscape.report.drawing.charts import Chart

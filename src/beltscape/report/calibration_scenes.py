@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.next_best_view import NextBestView
+from beltscape.calibration.assessment.uncertainty.next_best_view import NextBestView
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.report.drawing.scene import Scene, make_rig_scene
 from beltscape.report.page import InteractiveScene

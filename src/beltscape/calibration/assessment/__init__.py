@@ -1,1 +1,1 @@
-"""Assessment of a rig: held-out scores, covariance, jackknife, findings, verdict, left-out views, next-best view."""
+"""Assessment of a rig: `uncertainty`, `domain`, `validation` and `findings`, in this order; `diagnosis` joins them."""

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.covariance import RigCovariance
-from beltscape.calibration.assessment.cross_validation import CrossValidation
-from beltscape.calibration.assessment.discards import Discards, find_discards
-from beltscape.calibration.assessment.fit_findings import list_calibration_findings
-from beltscape.calibration.assessment.fit_quality import compute_camera_fits
-from beltscape.calibration.assessment.retest import retest_network
-from beltscape.calibration.assessment.score import RigErrors, summarise_errors
-from beltscape.calibration.assessment.verdict import require_credible
+from beltscape.calibration.assessment.findings.discards import Discards, find_discards
+from beltscape.calibration.assessment.findings.fit_findings import list_calibration_findings
+from beltscape.calibration.assessment.findings.retest import retest_network
+from beltscape.calibration.assessment.findings.verdict import require_credible
+from beltscape.calibration.assessment.uncertainty.covariance import RigCovariance
+from beltscape.calibration.assessment.validation.cross_validation import CrossValidation
+from beltscape.calibration.assessment.validation.fit_quality import compute_camera_fits
+from beltscape.calibration.assessment.validation.score import RigErrors, summarise_errors
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.network.association import CameraNetwork

@@ -10,19 +10,24 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.calibration.assessment.covariance import (
+from beltscape.calibration.assessment.diagnosis import diagnose
+from beltscape.calibration.assessment.domain.lens_domain import describe_domains, limit_domains
+from beltscape.calibration.assessment.findings.discards import Discards
+from beltscape.calibration.assessment.uncertainty.covariance import (
     DepthSigma,
     RigCovariance,
     compute_depth_sigma,
     compute_rig_covariance,
 )
-from beltscape.calibration.assessment.cross_validation import CrossValidation, cross_validate
-from beltscape.calibration.assessment.diagnosis import diagnose
-from beltscape.calibration.assessment.discards import Discards
-from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
-from beltscape.calibration.assessment.lens_domain import describe_domains, limit_domains
-from beltscape.calibration.assessment.next_best_view import NextBestView, find_next_best_view
-from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
+from beltscape.calibration.assessment.uncertainty.next_best_view import NextBestView, find_next_best_view
+from beltscape.calibration.assessment.validation.cross_validation import CrossValidation, cross_validate
+from beltscape.calibration.assessment.validation.fit_quality import FitQuality, assess_fit
+from beltscape.calibration.assessment.validation.score import (
+    RigErrors,
+    Score,
+    compute_rig_errors,
+    summarise_errors,
+)
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.detection.detector import PrintVariant

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.calibration.assessment.next_best_view import NextBestView
+from beltscape.calibration.assessment.uncertainty.next_best_view import NextBestView
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.calibration.network.association import Misclosure

@@ -10,13 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
-from beltscape.calibration.assessment.rig_findings import (
+from beltscape.calibration.assessment.findings.rig_findings import (
     describe_scale,
     estimate_scale_factor,
     list_rig_findings,
 )
-from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
+from beltscape.calibration.assessment.validation.fit_quality import FitQuality, assess_fit
+from beltscape.calibration.assessment.validation.score import (
+    RigErrors,
+    Score,
+    compute_rig_errors,
+    summarise_errors,
+)
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig

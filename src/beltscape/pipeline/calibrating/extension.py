@@ -11,10 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
-from beltscape.calibration.assessment.folds import list_folds
-from beltscape.calibration.assessment.rig_findings import list_rig_findings
-from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
+from beltscape.calibration.assessment.findings.rig_findings import list_rig_findings
+from beltscape.calibration.assessment.validation.fit_quality import FitQuality, assess_fit
+from beltscape.calibration.assessment.validation.folds import list_folds
+from beltscape.calibration.assessment.validation.score import (
+    RigErrors,
+    Score,
+    compute_rig_errors,
+    summarise_errors,
+)
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import HierarchyResult

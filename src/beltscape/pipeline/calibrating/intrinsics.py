@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.folds import list_folds
+from beltscape.calibration.assessment.validation.folds import list_folds
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.detection.detect_capture import detect_board
 from beltscape.calibration.intrinsics.lens_choice import (
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 MAX_HELD_OUT_RATIO, MAX_EXCESS_PX = 1.5, 0.1
 """Ratio of a camera's held-out RMS to that in training, and px more, above which its views do not determine its lens:
-those of `beltscape.calibration.assessment.fit_findings`."""
+those of `beltscape.calibration.assessment.findings.fit_findings`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

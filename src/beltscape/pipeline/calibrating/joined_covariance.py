@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.covariance import POSE_NAMES, compute_rig_covariance
+from beltscape.calibration.assessment.uncertainty.covariance import POSE_NAMES, compute_rig_covariance
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.pose import Pose

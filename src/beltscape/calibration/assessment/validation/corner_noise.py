@@ -11,7 +11,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.score import ViewResiduals
+from beltscape.calibration.assessment.validation.score import ViewResiduals
 from beltscape.calibration.solver.robust import estimate_robust_sigma
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.jackknife import estimate_inflation
+from beltscape.calibration.assessment.uncertainty.jackknife import estimate_inflation
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.solver.bundle import Bundle
 from beltscape.calibration.solver.lens import list_parameters, pack_intrinsics

@@ -8,13 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltscape.calibration.assessment.covariance import (
+from beltscape.calibration.assessment.uncertainty.covariance import (
     compute_depth_jacobian,
     compute_rig_covariance,
     make_view_points,
 )
-from beltscape.calibration.assessment.folds import list_folds
-from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
+from beltscape.calibration.assessment.validation.folds import list_folds
+from beltscape.calibration.assessment.validation.score import (
+    RigErrors,
+    Score,
+    compute_rig_errors,
+    summarise_errors,
+)
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import beltscape.calibration.hierarchy as hierarchy_module
-from beltscape.calibration.assessment.fit_findings import list_network_findings
-from beltscape.calibration.assessment.retest import retest_network
+from beltscape.calibration.assessment.findings.fit_findings import list_network_findings
+from beltscape.calibration.assessment.findings.retest import retest_network
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.corner_triangulation import triangulate_corners
+from beltscape.calibration.assessment.validation.corner_triangulation import triangulate_corners
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.network.resection import fit_board_pose
 from beltscape.core.errors import CalibrationError

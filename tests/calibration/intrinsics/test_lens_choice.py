@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.lens_domain import limit_domain
+from beltscape.calibration.assessment.domain.lens_domain import limit_domain
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.intrinsics.lens_choice import (
     MIN_CHOICE_VIEWS,

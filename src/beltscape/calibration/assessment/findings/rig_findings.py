@@ -7,15 +7,15 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.corner_noise import estimate_corner_noise_px
-from beltscape.calibration.assessment.fit_findings import describe_pattern
-from beltscape.calibration.assessment.fit_quality import (
+from beltscape.calibration.assessment.findings.fit_findings import describe_pattern
+from beltscape.calibration.assessment.validation.corner_noise import estimate_corner_noise_px
+from beltscape.calibration.assessment.validation.fit_quality import (
     PATTERN_PX,
     CameraFit,
     compute_camera_fits,
     estimate_residual_sigma_px,
 )
-from beltscape.calibration.assessment.score import RigErrors, Score, ViewResiduals, project_board
+from beltscape.calibration.assessment.validation.score import RigErrors, Score, ViewResiduals, project_board
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.network.resection import fit_board_pose
 from beltscape.core.geometry.rig import Rig

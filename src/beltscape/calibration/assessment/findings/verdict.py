@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.board_positions import group_frames
-from beltscape.calibration.assessment.covariance import RigCovariance
-from beltscape.calibration.assessment.fit_quality import CameraFit
-from beltscape.calibration.assessment.score import Score
+from beltscape.calibration.assessment.uncertainty.board_positions import group_frames
+from beltscape.calibration.assessment.uncertainty.covariance import RigCovariance
+from beltscape.calibration.assessment.validation.fit_quality import CameraFit
+from beltscape.calibration.assessment.validation.score import Score
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.intrinsics.like_cameras import MAX_FOCAL, MIN_FOCAL, compute_coherence_factor
 from beltscape.core.errors import CalibrationError

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from beltscape.calibration.assessment.board_positions import group_frames
+from beltscape.calibration.assessment.uncertainty.board_positions import group_frames
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.solver.bundle import Bundle
 from beltscape.calibration.solver.deterministic import single_thread

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from beltscape.calibration.assessment.cross_validation import CrossValidation
-from beltscape.calibration.assessment.fit_quality import CameraFit
-from beltscape.calibration.assessment.score import Score
+from beltscape.calibration.assessment.validation.cross_validation import CrossValidation
+from beltscape.calibration.assessment.validation.fit_quality import CameraFit
+from beltscape.calibration.assessment.validation.score import Score
 from beltscape.calibration.hierarchy import HierarchyResult, find_unsynchronised_pairs
 from beltscape.calibration.network.association import Misclosure
 from beltscape.calibration.network.fault_isolation import describe_fault

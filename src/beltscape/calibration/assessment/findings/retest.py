@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beltscape.calibration.assessment.fit_findings import list_network_findings
+from beltscape.calibration.assessment.findings.fit_findings import list_network_findings
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.covariance import (
+from beltscape.calibration.assessment.uncertainty.covariance import (
     RigCovariance,
     compute_depth_jacobian,
     count_parameters,

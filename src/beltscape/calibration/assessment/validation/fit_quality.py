@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.corner_noise import estimate_corner_noise_px
-from beltscape.calibration.assessment.score import RigErrors, Score
+from beltscape.calibration.assessment.validation.corner_noise import estimate_corner_noise_px
+from beltscape.calibration.assessment.validation.score import RigErrors, Score
 from beltscape.calibration.solver.robust import estimate_robust_sigma
 
 MAX_TAIL, MIN_TAIL_PX = 2.5, 0.2

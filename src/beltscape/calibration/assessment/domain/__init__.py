@@ -1,0 +1,1 @@
+"""Domain of calibrated lenses: the part of each image that the board reached."""

@@ -1,1 +1,1 @@
-"""Assessment of a rig: `uncertainty`, `domain`, `validation` and `findings`, in this order; `diagnosis` joins them."""
+"""Assessment of a rig: `uncertainty`, `domain`, `validation`, `findings`, in this order; `diagnosis` joins them."""

@@ -135,7 +135,7 @@ def format_default(value: object) -> str:
 
 @pytest.mark.parametrize(("name", "model"), models(Scenario).items())
 def test_the_manual_has_every_key_with_its_default(name, model):
-    text = (ROOT / "docs/simulator.md").read_text()
+    text = (ROOT / "docs/reference/scene.md").read_text()
     title = rf"\*\*`\[+{re.escape(name)}\]+`\*\*" if name else r"\*\*Keys at the top\*\*"
     (head,) = re.finditer(title, text)
     table = text[head.end() :].split("\n\n")[1]

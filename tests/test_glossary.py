@@ -1,4 +1,4 @@
-"""Names follow docs/glossary.md: the private terms that it replaced do not return as identifiers."""
+"""Names follow docs/reference/glossary.md: the private terms that it replaced do not return as identifiers."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Halves and doubles each tuned constant of matching and measuring; writes the effects to docs/constants.md.
+"""Halves and doubles each tuned constant of matching and measuring; writes docs/reference/constants.md.
 
-    python tools/vary_constants.py docs/constants.md                  # all packages
+    python tools/vary_constants.py docs/reference/constants.md                  # all packages
     python tools/vary_constants.py table.md stereo.multiview          # one package
 
 The constants are varied one at a time on simulated captures of 612 × 512 px, against their
@@ -253,8 +253,8 @@ def make_table(package: str, chain: Chain) -> Iterator[str]:
 HEAD = """# Tuned constants
 
 What halving and doubling each constant of a package changes, one at a time: the output of `python
-tools/vary_constants.py docs/constants.md PACKAGE`. Of matching and measuring, the packages below have been varied.
-The captures are a simulated heap, an empty belt and a module (`--size quarter --seed 5`, 612 × 512 px), and six
+tools/vary_constants.py docs/reference/constants.md PACKAGE`. Of matching and measuring, the packages below have been
+varied. The captures are a simulated heap, an empty belt and a module (`--size quarter --seed 5`, 612 × 512 px), and six
 frames of a moving belt. Matching, volume and lumps are compared with their truth, features with the nominal
 dimensions. Where a table is missing, the constants' docstrings say what is known.
 

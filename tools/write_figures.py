@@ -11,8 +11,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks/RESULTS.md"
 PAGES = (
-    "README.md", "docs/matching.md", "docs/figures_matching.md", "docs/measuring.md", "docs/operations.md",
-    "docs/calibration.md",
+    "README.md", "docs/explanation/matching.md", "docs/reference/figures_matching.md",
+    "docs/explanation/measuring.md", "docs/explanation/running.md", "docs/explanation/calibration.md",
 )  # fmt: skip
 _MARKED = re.compile(r"(<!-- figures: (\w+) -->\n).*?(?= *<!-- end -->)", re.S)
 _SCENES = {"belt_empty": "empty belt", "module": "module", "belt_loaded": "loaded belt"}

@@ -61,7 +61,7 @@ def make_material(folder: Path) -> None:
     answer = call(["simulate", "moving.toml", "--out", "moving"], folder)
     assert answer.code == 0, answer.err
     project = next(
-        text for text in page_text("docs/operations.md").split("```toml\n") if text.startswith("name")
+        text for text in page_text("docs/reference/project.md").split("```toml\n") if text.startswith("name")
     )
     project = project.split("```")[0]
     (folder / "project.toml").write_text(project)

@@ -27,4 +27,4 @@ def test_figure_is_current_and_shown(name):
     assert set(module["FIGURES"]) == set(FIGURES)
     drawn = module["FIGURES"][name]()
     assert (module["OUT"] / name).read_text() == drawn, "run python tools/drawings/draw_figures.py"
-    assert any(f"images/{name}" in page.read_text() for page in (ROOT / "docs").glob("*.md"))
+    assert any(f"images/{name}" in page.read_text() for page in (ROOT / "docs").rglob("*.md"))

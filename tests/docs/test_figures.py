@@ -19,5 +19,5 @@ def test_the_figures_are_those_of_the_results(page):
 
 
 def test_another_result_changes_a_page():
-    text, results = (ROOT / "docs/matching.md").read_text(), TOOL["RESULTS"].read_text()
+    text, results = (ROOT / "docs/explanation/matching.md").read_text(), TOOL["RESULTS"].read_text()
     assert TOOL["filled"](text, results.replace("0.0023", "0.0099")) != text

@@ -9,7 +9,7 @@ from typing import Any
 
 from tests.docs.system import ROOT
 
-NOTEBOOK = ROOT / "docs" / "notebook.ipynb"
+NOTEBOOK = ROOT / "docs/tutorials/notebook.ipynb"
 
 
 def run_cell(source: str, names: dict[str, Any]) -> Any:

@@ -13,7 +13,7 @@ from tests.docs.program import parser_of
 from tests.docs.reader import RUN_ELSEWHERE, Reader
 from tests.docs.system import ROOT, RULES
 
-PAGES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("*.md"))
+PAGES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").rglob("*.md"))
 
 
 def test_the_readme_holds_step_by_step(walked):

@@ -12,6 +12,7 @@ from tests.docs.reader import Reader
 from tests.docs.system import ROOT
 
 PACKAGES = ROOT / "src/beltscape"
+PAGES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").rglob("*.md"))
 TEXTS = {".md", ".py", ".toml", ".yaml", ".yml", ".sh"}
 MATCHER = PACKAGES / "stereo/multiview"
 _ROW = re.compile(r"^\| `(\w+)` \|(.*)\|$", re.M)
@@ -61,7 +62,7 @@ def test_the_checks_of_a_change_call_targets_that_exist():
 
 def test_constants_of_the_table_exist():
     folder, missing, rows = PACKAGES, [], 0
-    for line in page_text("docs/constants.md").splitlines():
+    for line in page_text("docs/reference/constants.md").splitlines():
         if line.startswith("## "):
             folder = PACKAGES / line[3:].replace(".", "/")
         elif row := re.match(r"\| `([\w.]+)\.(\w+)` \|", line):
@@ -84,16 +85,16 @@ def test_named_files_exist(page):
     assert missing_paths(page) == []
 
 
-@pytest.mark.parametrize("page", sorted(path.name for path in (ROOT / "docs").glob("*.md")))
+@pytest.mark.parametrize("page", PAGES)
 def test_modules_named_in_the_manual_exist(page):
-    spans = [span for _, span in read_spans(page_text(f"docs/{page}"))]
+    spans = [span for _, span in read_spans(page_text(page))]
     modules = [span for span in spans if re.fullmatch(r"[\w/]+\.(py|hpp|cpp)", span)]
     folders = ("src", "native", "tools", "tests", "benchmarks", "examples", "deploy")
     present = [str(path) for folder in folders for path in (ROOT / folder).rglob("*.*")]
     assert [module for module in modules if not any(one.endswith(f"/{module}") for one in present)] == []
 
 
-@pytest.mark.parametrize("page", ["matching.md", "measuring.md", "python.md"])
+@pytest.mark.parametrize("page", ["explanation/matching.md", "explanation/measuring.md", "python.md"])
 def test_functions_called_in_the_manual_exist(page):
     spans = [span for _, span in read_spans(page_text(f"docs/{page}"))]
     names = {name for span in spans for name in re.findall(r"(\w+)\(", span)}
@@ -103,7 +104,7 @@ def test_functions_called_in_the_manual_exist(page):
 
 
 def test_weights_named_in_the_appendix_exist():
-    spans = [span for _, span in read_spans(page_text("docs/figures_matching.md"))]
+    spans = [span for _, span in read_spans(page_text("docs/reference/figures_matching.md"))]
     weights = [span for span in spans if span.startswith("data/")]
     assert len(weights) == 7
     assert [name for name in weights if not (PACKAGES / name).is_file()] == []
@@ -131,7 +132,9 @@ def test_steps_through_the_matcher_name_its_modules():
 
 def test_classes_of_the_glossary_exist():
     names = {
-        span for _, span in read_spans(page_text("docs/glossary.md")) if re.fullmatch(r"([A-Z][a-z]+)+", span)
+        span
+        for _, span in read_spans(page_text("docs/reference/glossary.md"))
+        if re.fullmatch(r"([A-Z][a-z]+)+", span)
     }
     code = "\n".join(path.read_text() for path in PACKAGES.rglob("*.py"))
     assert len(names) > 10

@@ -1,4 +1,4 @@
-"""Draw the figures of docs/matching.md and docs/measuring.md into docs/images, from the settings and the geometry.
+"""Draw the figures of the pages on matching and measuring into docs/images, from the settings and the geometry.
 
 python tools/drawings/draw_figures.py
 """

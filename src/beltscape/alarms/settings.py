@@ -1,7 +1,7 @@
 """Settings of the alarms: limits, hysteresis, delays and severity.
 
 Default delays and limits are chosen for plants in general: long enough that a single lump, a restart or a late frame
-raises no alarm, short enough for a person to act. ``docs/operations.md`` lists them.
+raises no alarm, short enough for a person to act. ``docs/reference/alarms.md`` lists them.
 """
 
 from __future__ import annotations

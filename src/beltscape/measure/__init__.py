@@ -3,6 +3,6 @@
 `belt` determines the belt frame and the empty belt; `surface` makes height maps in it; `holes` fills their occlusion
 holes; `volume` and `flow` measure loads, `lumps` their top layer, and `features` a calibration module.
 
-Constants that name no source have no recorded experiment; docs/constants.md shows what halving and doubling each of
-them changes.
+Constants that name no source have no recorded experiment; docs/reference/constants.md shows what halving and
+doubling each of them changes.
 """

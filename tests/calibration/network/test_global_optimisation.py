@@ -105,7 +105,7 @@ def test_derivatives_equal_numeric_ones_of_the_residuals(rig, scale):
 
 
 def test_with_noise_the_optimum_is_more_accurate_than_the_chain_through_the_core():
-    """Over 40 seeds, five cameras, independent pairs: half the error (docs/calibration.md states it)."""
+    """Over 40 seeds, five cameras, independent pairs: half the error (docs/explanation/calibration.md states it)."""
     rig = row_of_cameras(list("abcde"))
     networks = [network(rig, "c", combinations("abcde", 2), seed) for seed in range(40)]
     chained = np.sqrt(np.mean([errors(rig, n) ** 2 for n in networks], axis=(0, 1)))

@@ -62,7 +62,7 @@ class MultiviewSettings(CheckedSettings):
 
     @classmethod
     def preset(cls, name: str) -> MultiviewSettings:
-        """Return the preset ``fast``, ``standard`` or ``fine``; docs/matching.md gives time and accuracy of each."""
+        """Return the preset ``fast``, ``standard`` or ``fine``; docs/explanation/matching.md compares them."""
         return cls.model_validate(PRESETS[require_preset(name, PRESETS)])
 
     def offsets_px(self, scale: float) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 Propagation compares candidates by windows of 3 × 3 normalised levels. Here the features of a candidate are also the
 levels themselves, the other candidates and the pixel's neighbourhood. Small networks, trained on simulated frames
-with known truth, rank the candidates (docs/matching.md).
+with known truth, rank the candidates (docs/explanation/matching.md).
 """
 
 from __future__ import annotations

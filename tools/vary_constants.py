@@ -254,8 +254,8 @@ HEAD = """# Tuned constants
 
 What halving and doubling each constant of a package changes, one at a time: the output of `python
 tools/vary_constants.py docs/reference/constants.md PACKAGE`. Of matching and measuring, the packages below have been
-varied. The captures are a simulated heap, an empty belt and a module (`--size quarter --seed 5`, 612 × 512 px), and six
-frames of a moving belt. Matching, volume and lumps are compared with their truth, features with the nominal
+varied. The captures are a simulated heap, an empty belt and a module (`--size quarter --seed 5`, 612 × 512 px), and
+six frames of a moving belt. Matching, volume and lumps are compared with their truth, features with the nominal
 dimensions. Where a table is missing, the constants' docstrings say what is known.
 
 A dash means that no figure changes in four digits: the constant is a limit that these captures do not reach, or its

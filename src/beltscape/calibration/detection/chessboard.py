@@ -51,7 +51,8 @@ ATTEMPTS = (
     Attempt("squares", share=1.0, side_px=2000),
 )
 """Detectors in turn, by what each finds at what cost: docs/explanation/calibration.md has the table. Equalised light
-hides some large boards and shows others. The detector by squares takes seconds at full size in clutter, so it comes last."""
+hides some large boards and shows others. The detector by squares takes seconds at full size in clutter, so it comes
+last."""
 
 
 def find_chessboard(light: Grey, grid: Grid) -> Corners | None:

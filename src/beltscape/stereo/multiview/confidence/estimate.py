@@ -46,8 +46,8 @@ def estimate_depth(state: MatcherState) -> DepthEstimate:
 
     Sigma and confidence are predicted by small networks trained on simulated frames with known truth
     (docs/explanation/matching.md): the confidence is the probability of being right, sigma follows the median error.
-    Without a candidate selection the initial features are used. The training frames have white noise; the effect of correlated
-    noise is added to sigma afterwards.
+    Without a candidate selection the initial features are used. The training frames have white noise; the effect of
+    correlated noise is added to sigma afterwards.
     """
     inputs = ConfidenceInputs.from_state(state)
     prediction = _predict(inputs, state.selection)

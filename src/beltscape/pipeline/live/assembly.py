@@ -119,7 +119,7 @@ def _assemble_around(
     """Open the other parts of a run; see ``assemble``."""
     settings = project.settings
     context = build_context(project, rig, reporter, options.data)
-    learned, digest = context.empty_belt, hash_empty_belt(project.resolve(settings.empty))
+    learned, digest = context.empty_belt, context.empty_belt_sha256
     zero_file = options.data / zero.FILE
     context = replace(context, empty_belt=zero.read_zero(zero_file, learned, digest, reporter))
     check_encoder(project)
@@ -208,14 +208,15 @@ def build_context(
     empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
     near_far = compute_depth_range(empty_belt, matching.load_mm)
     matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
-    matcher = MonitoredMatcher(matcher, _make_image_monitor(project, rig, reporter, data))
+    digest = hash_empty_belt(project.resolve(settings.empty))
+    matcher = MonitoredMatcher(matcher, _make_image_monitor(project, rig, digest, reporter, data))
     density, limits = read_density(project), settings.health.belt
     images = BeltImageMonitor(rig, empty_belt, settings.health)
-    return MeasurementContext(rig, empty_belt, matcher, settings.flow, density, limits, images)
+    return MeasurementContext(rig, empty_belt, matcher, settings.flow, density, limits, images, digest)
 
 
 def _make_image_monitor(
-    project: Project[RunSettings], rig: Rig, reporter: Reporter, data: Path | None
+    project: Project[RunSettings], rig: Rig, belt_sha256: str, reporter: Reporter, data: Path | None
 ) -> ImageMonitor:
     """Return the monitor of the images with what earlier runs of the same rig and empty belt learned."""
     settings = project.settings
@@ -223,7 +224,7 @@ def _make_image_monitor(
         return ImageMonitor(rig, settings.health)
     key = {
         "rig": hash_file(project.resolve(settings.rig)),
-        "empty belt": hash_empty_belt(project.resolve(settings.empty)),
+        "empty belt": belt_sha256,
         "image width": rig.core_camera.size_px[0],
         **_describe_exposure(settings.cameras),
     }

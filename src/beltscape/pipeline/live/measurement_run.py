@@ -41,6 +41,8 @@ class MeasurementContext:
     """Limits of the comparison of the bare belt with the learned one; None: the defaults."""
     images: BeltImageMonitor | None = None
     """Checks the images against the measured surface and motion."""
+    empty_belt_sha256: str = ""
+    """Of the files that the learned empty belt was read from; empty: nothing is kept beside it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -66,6 +66,9 @@ class Face(BaseModel, frozen=True, extra="forbid"):
     board: Annotated[CharucoBoard | Chessboard | AprilGrid, Field(discriminator="kind")]
     placement: Placement | None = None
     """None: estimated from the views."""
+    from_behind: bool = False
+    """Whether it is the print on the back of the first board, with the same ids: its own frame is the front's, as if
+    the sheet were transparent."""
 
 
 class BoardSet(BaseModel, frozen=True, extra="forbid"):
@@ -96,6 +99,11 @@ class BoardSet(BaseModel, frozen=True, extra="forbid"):
             if face.placement is not None and not self.rigid:
                 raise ValueError(f"board {face.name}: has a place, but rigid = false; leave one of them out")
         return self
+
+    @property
+    def is_two_sided(self) -> bool:
+        """True if the set is one sheet with the same print on both sides."""
+        return self.faces[-1].from_behind
 
     @property
     def is_placed(self) -> bool:
@@ -134,6 +142,8 @@ class BoardSet(BaseModel, frozen=True, extra="forbid"):
 
     def describe(self) -> str:
         """Describe the boards in a few words."""
+        if self.is_two_sided:
+            return f"{self.faces[0].board.describe()}, on both sides"
         how = "fixed to each other" if self.rigid else "independent"
         return f"{len(self.faces)} boards, {how}: " + "; ".join(
             f"{face.name}, {face.board.describe()}" for face in self.faces
@@ -148,7 +158,11 @@ def _place_corners(face: Face) -> NDArray[np.float64]:
 
 def _require_separate_ids(first: Face, second: Face) -> None:
     a, b = _list_markers(first.board), _list_markers(second.board)
-    if a[0] == b[0] and max(a[1].start, b[1].start) < min(a[1].stop, b[1].stop):
+    if (
+        first.from_behind == second.from_behind
+        and a[0] == b[0]
+        and max(a[1].start, b[1].start) < min(a[1].stop, b[1].stop)
+    ):
         raise ValueError(
             f"boards {first.name} and {second.name} share marker ids ({a[1].start} to {a[1].stop - 1}, "
             f"{b[1].start} to {b[1].stop - 1}); give each its own first_id"

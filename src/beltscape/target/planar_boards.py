@@ -13,6 +13,7 @@ MIN_CORNERS = 8
 
 Count = Annotated[int, Field(ge=2, le=200)]
 Length = Annotated[float, Field(ge=0.01, le=10_000, allow_inf_nan=False)]
+Thickness = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 MarkerId = Annotated[int, Field(ge=0, le=100_000)]
 
 
@@ -47,6 +48,8 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
     """The id of the first marker; the others follow it row by row."""
     legacy: bool | None = None
     inverted: bool | None = None
+    thickness_mm: Thickness | None = None
+    """Distance of a print on the back from that on the front; None: estimated from the views."""
 
     @model_validator(mode="after")
     def _check_marker_size(self) -> CharucoBoard:
@@ -164,6 +167,8 @@ class AprilGrid(BaseModel, frozen=True, extra="forbid"):
     border_bits: Literal[1, 2] = 2
     """Width of a tag's black border, in bits of the tag: Kalibr prints two."""
     dictionary: Annotated[str, AfterValidator(_check_dictionary)] = "DICT_APRILTAG_36h11"
+    thickness_mm: Thickness | None = None
+    """Distance of a print on the back from that on the front; None: estimated from the views."""
 
     @model_validator(mode="after")
     def _check_tag_count(self) -> AprilGrid:

@@ -58,15 +58,19 @@ class BoardDetections:
             {name: self.images[name] for name in kept},
         )
 
-    def find_common_corners(self, first: str, second: str) -> dict[str, NDArray[np.int64]]:
-        """Return frame → ids of the corners that both cameras see."""
-        shared: dict[str, NDArray[np.int64]] = {}
+    def find_shared_corners(
+        self, first: str, second: str
+    ) -> dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        """Return frame → ids that relate the two cameras: of the corners that both see, else of all that each sees.
+
+        Cameras that see different faces or sides of one object have no corner in common.
+        """
+        shared: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
         for frame, corners in self.views[first].items():
             other = self.views[second].get(frame)
             if other is not None:
                 ids = np.intersect1d(corners.ids, other.ids)
-                if ids.size:
-                    shared[frame] = ids
+                shared[frame] = (ids, ids) if ids.size else (corners.ids, other.ids)
         return shared
 
 

@@ -15,6 +15,8 @@ from beltscape.calibration.solver.projection import differentiate_by_pose, proje
 from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]
+SharedCorners = Mapping[str, tuple[NDArray[np.int64], NDArray[np.int64]]]
+"""Ids of the corners that relate two cameras, by frame: those of the first camera and those of the second."""
 
 NOISE_FLOOR_PX = 0.005
 """Least noise of a detected corner that is assumed, however small the residuals are."""
@@ -78,40 +80,37 @@ def compute_pair_sensitivity(
     second_from_first: Pose,
     first_from_board: Mapping[str, Pose],
     board_mm: Array,
-    common: Mapping[str, NDArray[np.int64]],
+    common: SharedCorners,
 ) -> tuple[dict[str, Array], Array]:
-    """Return a pair's `sensitivity` and `covariance` by implicit differentiation at the minimum.
-
-    ``common`` are the ids of the corners that both cameras see, by frame.
-    """
-    counts = 2 * np.array([len(ids) for ids in common.values()])
+    """Return a pair's `sensitivity` and `covariance` by implicit differentiation at the minimum."""
     by_board, by_rest, pixels = _differentiate_pair(
         lenses, second_from_first, first_from_board, board_mm, common
     )
-    side_rows = int(counts.sum())
-    frames = [
-        np.concatenate([rows, side_rows + rows])
-        for rows in (np.arange(int(run.start), int(run.stop)) for run in _split_rows(counts))
+    ends = [0, 2 * len(pixels[0]), 2 * (len(pixels[0]) + len(pixels[1]))]
+    sides = [
+        [start + np.arange(int(run.start), int(run.stop)) for run in _split_rows(2 * np.array(counts))]
+        for start, counts in zip(ends, zip(*map(_count_corners, common.values()), strict=True), strict=False)
     ]
+    frames = [np.concatenate(rows) for rows in zip(*sides, strict=True)]
     jacobian = _eliminate_board_poses(by_board, by_rest, frames)
     direct = _compute_pseudo_inverse(jacobian[:, :6])  # (6, rows): ξ by each coordinate at fixed intrinsics
     by_lens = np.split(direct @ jacobian[:, 6:], [int(lenses[0].free.sum())], axis=1)
-    freedom = max(1 - (6 + 6 * len(common)) / (2 * side_rows), 0.1)
+    freedom = max(1 - (6 + 6 * len(common)) / ends[2], 0.1)
     sensitivity: dict[str, Array] = {}
     covariance: Array = np.zeros((6, 6))
     for side, lens in enumerate(lenses):
         views = detections.views[lens.camera]
-        at = {frame: np.searchsorted(views[frame].ids, ids) for frame, ids in common.items()}
+        at = {frame: np.searchsorted(views[frame].ids, ids[side]) for frame, ids in common.items()}
         detected = np.concatenate([views[frame].pixels[corners] for frame, corners in at.items()])
         by_corners = -lens.by_corners @ by_lens[side].T
         where = [
             (lens.rows[frame] + 2 * corners[:, None] + np.arange(2)).ravel() for frame, corners in at.items()
         ]
-        here = direct[:, side * side_rows : (side + 1) * side_rows]
+        here = direct[:, ends[side] : ends[side + 1]]
         by_corners[np.concatenate(where)] += here.T
         sensitivity[lens.camera] = lens.sigma_px * by_corners
         # noise of the pair beyond the camera's own did not enter the estimate of the lens
-        variance = float(((pixels[side] - detected) ** 2).sum()) / side_rows / freedom
+        variance = float(((pixels[side] - detected) ** 2).sum()) / detected.size / freedom
         beyond = max(variance - lens.sigma_px**2, 0.0)
         covariance += sensitivity[lens.camera].T @ sensitivity[lens.camera] + beyond * here @ here.T
     return sensitivity, covariance
@@ -122,33 +121,41 @@ def _differentiate_pair(
     pair: Pose,
     first_from_board: Mapping[str, Pose],
     board_mm: Array,
-    common: Mapping[str, NDArray[np.int64]],
+    common: SharedCorners,
 ) -> tuple[Array, Array, tuple[Array, Array]]:
     """Differentiate a pair's n corners, frame by frame, all of the first camera before all of the second.
 
     Returns
     -------
-    (4n, 6) derivatives by the board's pose; (4n, 6 + free) by ξ and both cameras' free intrinsics; both pixels.
+    (2n, 6) derivatives by the board's pose; (2n, 6 + free) by ξ and both cameras' free intrinsics; both pixels.
     """
-    poses = [first_from_board[frame] for frame in common]
-    rotated = np.concatenate(
-        [board_mm[ids] @ pose.rotation.T for ids, pose in zip(common.values(), poses, strict=True)]
-    )
-    counts = [len(ids) for ids in common.values()]
-    in_first = rotated + np.repeat([pose.translation_mm for pose in poses], counts, axis=0)
     a, b = lenses
-    pixels_a, by_first, by_lens_a = project_with_jacobians(in_first, a.intrinsics, a.model)
-    pixels_b, by_second, by_lens_b = project_with_jacobians(pair.apply(in_first), b.intrinsics, b.model)
+    (rotated_a, in_first_a), (rotated_b, in_first_b) = (
+        _place_corners(first_from_board, {frame: ids[side] for frame, ids in common.items()}, board_mm)
+        for side in (0, 1)
+    )
+    pixels_a, by_first, by_lens_a = project_with_jacobians(in_first_a, a.intrinsics, a.model)
+    pixels_b, by_second, by_lens_b = project_with_jacobians(pair.apply(in_first_b), b.intrinsics, b.model)
     through_pair = by_second @ pair.rotation
     by_board = np.concatenate(
-        [differentiate_by_pose(by_first, rotated), differentiate_by_pose(through_pair, rotated)]
+        [differentiate_by_pose(by_first, rotated_a), differentiate_by_pose(through_pair, rotated_b)]
     )
-    rows, split = 2 * len(in_first), 6 + int(a.free.sum())
-    by_rest = np.zeros((2 * rows, split + int(b.free.sum())))
-    by_rest[rows:, :6] = differentiate_by_pose(through_pair, in_first).reshape(-1, 6)
+    rows, split = 2 * len(in_first_a), 6 + int(a.free.sum())
+    by_rest = np.zeros((rows + 2 * len(in_first_b), split + int(b.free.sum())))
+    by_rest[rows:, :6] = differentiate_by_pose(through_pair, in_first_b).reshape(-1, 6)
     by_rest[:rows, 6:split] = by_lens_a.reshape(-1, len(a.intrinsics))[:, a.free]
     by_rest[rows:, split:] = by_lens_b.reshape(-1, len(b.intrinsics))[:, b.free]
     return by_board.reshape(-1, 6), by_rest, (pixels_a, pixels_b)
+
+
+def _place_corners(
+    first_from_board: Mapping[str, Pose], common: Mapping[str, NDArray[np.int64]], board_mm: Array
+) -> tuple[Array, Array]:
+    """Return corners (n, 3) rotated into the first camera's axes, and in its frame."""
+    rotated = [board_mm[ids] @ first_from_board[frame].rotation.T for frame, ids in common.items()]
+    shifts = [first_from_board[frame].translation_mm for frame in common]
+    in_first = [own + shift for own, shift in zip(rotated, shifts, strict=True)]
+    return np.concatenate(rotated), np.concatenate(in_first)
 
 
 def _eliminate_board_poses(
@@ -166,6 +173,10 @@ def _compute_pseudo_inverse(jacobian: Array) -> Array:
     """Return the pseudo-inverse (c, n): derivatives of the least-squares solution by its n right sides."""
     orthonormal, triangle = np.linalg.qr(jacobian)
     return np.linalg.solve(triangle, orthonormal.T)
+
+
+def _count_corners(shared: tuple[NDArray[np.int64], NDArray[np.int64]]) -> tuple[int, int]:
+    return len(shared[0]), len(shared[1])
 
 
 def _split_rows(counts: NDArray[np.int64]) -> list[slice]:

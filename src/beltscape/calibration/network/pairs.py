@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from beltscape.calibration.detection.corners import BoardDetections, has_planar_extent
 from beltscape.calibration.intrinsics.sensitivity import (
     LensSensitivity,
+    SharedCorners,
     compute_lens_sensitivity,
     compute_pair_sensitivity,
 )
@@ -19,7 +20,7 @@ from beltscape.calibration.intrinsics.zhang import OUTLIER_FACTOR, MonocularCali
 from beltscape.calibration.solver.bundle import Bundle
 from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
 from beltscape.calibration.solver.lens import stack_intrinsics
-from beltscape.calibration.solver.levenberg_marquardt import minimise
+from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Reporter
@@ -28,6 +29,8 @@ Array = NDArray[np.float64]
 
 MISFIT_FACTOR = 1.5
 """Factor on the cameras' own RMS above which a pair's frames are taken to be of different instants."""
+PRECISE = Damping(start=1e-6, tolerance=1e-6)
+"""Damping of a pair's adjustment: the last step is below a thousandth of the poses' σ, and follows at once."""
 MIN_COMMON = 6
 """Corners that two cameras must share in a frame for the frame to be used."""
 
@@ -43,7 +46,7 @@ class Pair:
     """Reprojection RMS in both images over the frames used, with fixed intrinsics."""
     frames: tuple[str, ...]
     corners: int
-    """Corners seen by both, over the frames used."""
+    """Corners seen by both, over the frames used; where none is, those of the camera that sees fewer."""
     covariance: Array
     """(6, 6) of the twist ξ = (rad, mm) in ``second_from_first = true @ exp(ξ)`` (Eq. 14), to first order.
 
@@ -103,9 +106,9 @@ def calibrate_pair(
     """
     names = first.camera.name, second.camera.name
     common = {
-        frame: ids
-        for frame, ids in detections.find_common_corners(*names).items()
-        if len(ids) >= MIN_COMMON and has_planar_extent(board_mm[ids])
+        frame: shared
+        for frame, shared in detections.find_shared_corners(*names).items()
+        if all(len(ids) >= MIN_COMMON and has_planar_extent(board_mm[ids]) for ids in shared)
         and frame not in first.rejected and frame not in second.rejected
     }  # fmt: skip
     rejected: dict[str, str] = {}
@@ -115,7 +118,7 @@ def calibrate_pair(
         median = float(np.median(list(per_view.values())))
         outliers = {frame: e for frame, e in per_view.items() if e > max(OUTLIER_FACTOR * median, 0.3)}
         if not outliers or len(outliers) > len(common) // 3:
-            corners = sum(len(ids) for ids in common.values())
+            corners = sum(min(len(ids) for ids in shared) for shared in common.values())
             a, b = sensitivities or [
                 compute_lens_sensitivity(detections, camera, board_mm) for camera in (first, second)
             ]
@@ -162,14 +165,15 @@ def _solve_pair(
     first: MonocularCalibration,
     second: MonocularCalibration,
     board_mm: NDArray[np.float64],
-    common: Mapping[str, NDArray[np.int64]],
+    common: SharedCorners,
 ) -> _Solution:
     """Adjust the bundle of two cameras with fixed lenses and the nominal board (Eqs. 7-8)."""
     bundle = Bundle(
         _collect_observations(detections, first, second, common), _make_prior(first, second, board_mm)
     )
     try:
-        geometry = minimise(bundle, _initialise_geometry(first, second, board_mm, tuple(common))).state
+        start = _initialise_geometry(first, second, board_mm, tuple(common))
+        geometry = minimise(bundle, start, PRECISE).state
     except np.linalg.LinAlgError as error:
         raise CalibrationError(
             f"cameras {first.camera.name} and {second.camera.name}: "
@@ -191,13 +195,13 @@ def _collect_observations(
     detections: BoardDetections,
     first: MonocularCalibration,
     second: MonocularCalibration,
-    common: Mapping[str, NDArray[np.int64]],
+    common: SharedCorners,
 ) -> Observations:
-    """Return the common corners in both images."""
+    """Return the shared corners in both images."""
     return Observations.from_views(
         (index, frame, ids, view.pixels[np.searchsorted(view.ids, ids)])
-        for frame, (name, ids) in enumerate(common.items())
-        for index, camera in enumerate((first, second))
+        for frame, (name, shared) in enumerate(common.items())
+        for index, (camera, ids) in enumerate(zip((first, second), shared, strict=True))
         for view in (detections.views[camera.camera.name][name],)
     )
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import AUTO, calibrate_with_model
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera
 from beltscape.calibration.network.face_poses import Sighting, estimate_face_poses
+from beltscape.calibration.network.two_sides import has_two_sides, number_sides, place_back
 from beltscape.calibration.solver.deterministic import single_thread
 from beltscape.calibration.solver.lens_prior import LensPrior
 from beltscape.core.errors import CalibrationError
@@ -19,7 +23,7 @@ from beltscape.files.documents.json_text import to_plain
 from beltscape.pipeline.calibrating.board_views import split_boards
 from beltscape.pipeline.calibrating.intrinsics import compute_lens_covariance
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
-from beltscape.target.board import Board, BoardSet, corner_points_mm
+from beltscape.target.board import Board, BoardSet, PlanarBoard, corner_points_mm
 
 WEAKENING = 1e4
 """Factor on the covariance of lenses from single boards, which start the adjustment of an object: the same corners
@@ -40,7 +44,9 @@ def resolve_board_set(
         When the place of a board cannot be estimated.
     """
     if not isinstance(board, BoardSet):
-        return detections, board, known
+        if not has_two_sides(detections):
+            return detections, board, known
+        return _resolve_two_sides(detections, board, known, lens_model)
     split = split_boards(detections, board)
     if not board.rigid:
         return split, board, known
@@ -48,9 +54,29 @@ def resolve_board_set(
     if not board.is_placed:
         with single_thread():
             board = estimate_face_poses(instants, board)
+    return detections, board, _start_from(lenses, known)
+
+
+def _resolve_two_sides(
+    detections: BoardDetections, board: PlanarBoard, known: KnownIntrinsics, lens_model: str
+) -> tuple[BoardDetections, Board, KnownIntrinsics]:
+    """Return the print on the back as a face of its own, placed where the views need it."""
+    monocular = _calibrate_lenses(detections, board, known, lens_model)
+    lenses = _weaken_lenses(monocular, detections, board)
+    hierarchy = solve_hierarchy(
+        detections, board, None, Silent(), known={name: each.camera for name, each in monocular.items()}
+    )
+    numbered, sides = number_sides(detections, board)
+    with single_thread():
+        placed = place_back(numbered, sides, hierarchy)
+    return numbered, placed, _start_from(lenses, known)
+
+
+def _start_from(lenses: Mapping[str, LensPrior], known: KnownIntrinsics) -> KnownIntrinsics:
+    """Return the intrinsics to start from: the known ones, and weak priors of the others."""
     priors = {name: prior for name, prior in lenses.items() if name not in known.cameras}
     cameras = {**{name: prior.camera for name, prior in priors.items()}, **known.cameras}
-    return detections, board, KnownIntrinsics(cameras, known.source, {**priors, **known.priors})
+    return KnownIntrinsics(cameras, known.source, {**priors, **known.priors})
 
 
 def _calibrate_boards(
@@ -62,12 +88,8 @@ def _calibrate_boards(
     """
     flat = board.unplace()
     number = {face.name: k for k, face in enumerate(board.faces)}
-    monocular = _calibrate_lenses(split, board, known, lens_model)
-    covariances = {
-        name: WEAKENING * compute_lens_covariance(split, calibration, corner_points_mm(flat))
-        for name, calibration in monocular.items()
-    }
-    lenses = {name: LensPrior(each.camera, covariances[name]) for name, each in monocular.items()}
+    monocular = _calibrate_lenses(split, flat, known, lens_model)
+    lenses = _weaken_lenses(monocular, split, flat)
     instants: dict[str, list[Sighting]] = {}
     try:
         hierarchy = solve_hierarchy(
@@ -93,15 +115,26 @@ def _calibrate_boards(
                 seen = Sighting(number[face], split.views[name][key], camera, rig.cam_from_core[name], pose)
                 instants.setdefault(frame, []).append(seen)
     same_model = [name for name in rig.cameras if rig.cameras[name].model == lenses[name].camera.model]
-    lenses.update({name: LensPrior(rig.cameras[name], covariances[name]) for name in same_model})
+    lenses.update({name: replace(lenses[name], camera=rig.cameras[name]) for name in same_model})
     return lenses, list(instants.values())
 
 
+def _weaken_lenses(
+    monocular: Mapping[str, MonocularCalibration], detections: BoardDetections, flat: Board
+) -> dict[str, LensPrior]:
+    """Return the lenses from single boards as priors that count almost nothing."""
+    board_mm = corner_points_mm(flat)
+    return {
+        name: LensPrior(each.camera, WEAKENING * compute_lens_covariance(detections, each, board_mm))
+        for name, each in monocular.items()
+    }
+
+
 def _calibrate_lenses(
-    split: BoardDetections, board: BoardSet, known: KnownIntrinsics, lens_model: str
+    split: BoardDetections, flat: Board, known: KnownIntrinsics, lens_model: str
 ) -> dict[str, MonocularCalibration]:
-    """Calibrate each camera that has enough views of single boards."""
-    board_mm = corner_points_mm(board.unplace())
+    """Calibrate each camera that has enough views of single boards, whose corners all have z = 0."""
+    board_mm = corner_points_mm(flat)
     monocular: dict[str, MonocularCalibration] = {}
     for name in split.cameras:
         try:
@@ -118,14 +151,18 @@ def _calibrate_lenses(
 
 def resolve_checked_set(detections: BoardDetections, board: Board, rig: Rig) -> tuple[BoardDetections, Board]:
     """Return detections and board for a check of a rig; places come from the rig's calibration with the same set."""
-    if not isinstance(board, BoardSet):
-        return detections, board
-    if not board.rigid:
-        return split_boards(detections, board), board
     document = to_plain(rig.quality.get("board"))
     former = (
         BoardSet.model_validate(document) if is_dict(document) and document.get("kind") == "boards" else None
     )
+    if not isinstance(board, BoardSet):
+        if former is not None and former.is_two_sided and former.faces[0].board == board:
+            return number_sides(detections, board)[0], former
+        if has_two_sides(detections):
+            return resolve_board_set(detections, board, KnownIntrinsics(rig.cameras, "the rig"))[:2]
+        return detections, board
+    if not board.rigid:
+        return split_boards(detections, board), board
     if not board.is_placed and former is not None and former.unplace() == board.unplace():
         return detections, former
     if board.is_placed:

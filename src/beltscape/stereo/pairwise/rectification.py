@@ -225,7 +225,8 @@ def _make_source_map(
         behind = rays[..., 2] < 0.05
         ideal = rays[..., :2] / np.where(behind, 1.0, rays[..., 2])[..., None]
         pixels = camera.distort(ideal) * camera.focal_px + camera.center_px
-        outside = behind | (np.abs(ideal) > limit).any(axis=-1) | np.isnan(pixels).any(axis=-1)
+        beyond = (np.abs(ideal) > limit) | np.isnan(pixels)
+        outside = behind | beyond[..., 0] | beyond[..., 1]
         pixels[outside] = OUTSIDE_PX
         source[top : top + len(y)] = pixels
     return source

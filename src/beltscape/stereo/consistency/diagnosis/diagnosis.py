@@ -5,6 +5,7 @@ from __future__ import annotations
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.diagnosis.exchange import find_exchange
+from beltscape.stereo.consistency.diagnosis.fitting_points import FittingPoints
 from beltscape.stereo.consistency.diagnosis.mirroring import find_mirroring
 from beltscape.stereo.consistency.fault_texts import CameraFault, MisplacedImages, list_faults
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
@@ -19,5 +20,6 @@ def find_misplaced_images(frame_set: FrameSet, rig: Rig, consistency: RigConsist
     """Return the images that fit the rig when they are exchanged, or else flipped."""
     if consistency.is_sound and consistency.find_auxiliaries("sound"):
         return MisplacedImages()
-    exchanged = find_exchange(frame_set, rig, consistency)
-    return MisplacedImages(exchanged, None if exchanged else find_mirroring(frame_set, rig, consistency))
+    fitting = FittingPoints(frame_set, rig)
+    exchanged = find_exchange(fitting, consistency)
+    return MisplacedImages(exchanged, None if exchanged else find_mirroring(fitting, consistency))

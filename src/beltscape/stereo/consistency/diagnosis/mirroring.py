@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from beltscape.core.frames import FrameSet, Image
-from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.diagnosis.exchange import (
-    POINTS,
-    count_fitting_points,
-    list_imaged_auxiliaries,
-)
+from beltscape.core.frames import Image
+from beltscape.stereo.consistency.diagnosis.fitting_points import FittingPoints
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
-from beltscape.stereo.consistency.tie_points.tie_points import detect_textured_points
 
 Flip = Literal["left to right", "upside down", "by 180°"]
 _STEPS: dict[Flip, tuple[int, int]] = {"left to right": (1, -1), "upside down": (-1, 1), "by 180°": (-1, -1)}
@@ -36,7 +30,7 @@ class Mirroring:
     flip: Flip
 
 
-def find_mirroring(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -> Mirroring | None:
+def find_mirroring(fitting: FittingPoints, consistency: RigConsistency) -> Mirroring | None:
     """Return the cameras whose flipped images fit the rig: all, the core, or one unmatched auxiliary.
 
     The result is None if a knock of one camera explains the frame, or if no image is unmatched: hardly any point of a
@@ -45,18 +39,19 @@ def find_mirroring(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -
     change = consistency.pose_change
     if change is not None and change.is_plausible:
         return None
-    names = list_imaged_auxiliaries(frame_set, rig)
+    core, names = fitting.rig.core, fitting.auxiliaries
     if len(consistency.find_auxiliaries("sound")) >= _WELL_CONFIRMED:
         suspects = [(name,) for name in consistency.find_auxiliaries("unmatched")]
     else:
-        suspects = [(rig.core, *names), (rig.core,), *((name,) for name in consistency.inconsistent)]
-    before = _count(frame_set, rig, names) if suspects else {}
+        suspects = [(core, *names), (core,), *((name,) for name in consistency.inconsistent)]
+    before = fitting.unchanged if suspects else {}
     best: Mirroring | None = None
     most = sum(before.values())
     for cameras in suspects:
-        affected = names if rig.core in cameras else cameras
+        affected = names if core in cameras else cameras
         for flip in _STEPS:
-            points = _count(_flip_images(frame_set, cameras, flip), rig, names)
+            images = fitting.frame_set.images
+            points = fitting.count_with({name: _flip_image(images[name], flip) for name in cameras})
             total = sum(points.values())
             if total > most and all(
                 points[n] > max(before[n], _SHARE * max(points.values())) for n in affected
@@ -65,17 +60,6 @@ def find_mirroring(frame_set: FrameSet, rig: Rig, consistency: RigConsistency) -
     return best
 
 
-def _flip_images(frame_set: FrameSet, cameras: tuple[str, ...], flip: Flip) -> FrameSet:
+def _flip_image(image: Image, flip: Flip) -> Image:
     rows, columns = _STEPS[flip]
-
-    def turn(image: Image) -> Image:
-        return np.ascontiguousarray(image[::rows, ::columns])
-
-    images = {name: turn(image) if name in cameras else image for name, image in frame_set.images.items()}
-    return replace(frame_set, images=images)
-
-
-def _count(frame_set: FrameSet, rig: Rig, names: tuple[str, ...]) -> dict[str, int]:
-    """Return by auxiliary the number of points that fit the rig."""
-    points_px = detect_textured_points(frame_set.images[rig.core], rig.core_camera, max_points=POINTS)
-    return count_fitting_points(frame_set, rig, names, points_px)
+    return np.ascontiguousarray(image[::rows, ::columns])

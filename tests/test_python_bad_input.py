@@ -71,7 +71,7 @@ def test_a_rig_is_written_and_read_by_either(kind, tmp_path):
 
 def test_what_is_written_has_a_path_too():
     writers: list[tuple[Callable[..., None], object]] = [
-        (rig_json.write_rig, RIG), (images.write_image, grey()), (ply.write_cloud, None),
+        (rig_json.write_rig, RIG), (images.write_image, grey()), (ply.write_ply, None),
     ]  # fmt: skip
     for write, thing in writers:
         with pytest.raises(InputError, match="must be a path"):

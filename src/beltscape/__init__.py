@@ -37,6 +37,7 @@ _HOME = {
     "read_rig": "beltscape.api.files",
     "scale_rig": "beltscape.core.geometry.scaling",
     "write_belt": "beltscape.api.files",
+    "write_cloud": "beltscape.api.files",
     "write_ply": "beltscape.api.files",
     "write_rig": "beltscape.api.files",
 }

@@ -7,6 +7,7 @@ from beltscape.api.files import (
     read_capture,
     read_rig,
     write_belt,
+    write_cloud,
     write_ply,
     write_rig,
 )
@@ -57,6 +58,7 @@ __all__ = [
     "read_rig",
     "scale_rig",
     "write_belt",
+    "write_cloud",
     "write_ply",
     "write_rig",
 ]

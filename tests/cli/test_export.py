@@ -50,7 +50,7 @@ def test_core_can_be_chosen(capsys):
     ("words", "line"),
     [
         (["export", "rig.json", "--format=ros", "--out=rig.json"],
-         "beltscape: --out rig.json: is an input (rig rig.json); choose another --out"),
+         "beltscape: --out rig.json: is an input (source rig.json); choose another --out"),
         (["export", "gone.json", "--format=ros", "--out=x"], "beltscape: gone.json: no such file"),
         (["export", "rig.json", "--format=matlab", "--out=x"],
          "beltscape export: argument --format: invalid choice: 'matlab'"),

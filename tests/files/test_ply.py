@@ -7,7 +7,7 @@ import pytest
 
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
-from beltscape.files.meshes.ply import write_cloud
+from beltscape.files.meshes.ply import write_ply
 from beltscape.files.meshes.ply_points import read_cloud
 
 TYPES = {"float": "<f4", "uchar": "u1"}
@@ -43,7 +43,7 @@ def parsed(data: bytes) -> np.ndarray:
 @pytest.mark.parametrize("count", [0, 1, 100])
 def test_header_describes_the_vertices(tmp_path, count):
     expected = cloud(count)
-    write_cloud(tmp_path / "cloud.ply", expected)
+    write_ply(tmp_path / "cloud.ply", expected)
     vertices = parsed((tmp_path / "cloud.ply").read_bytes())
     assert list(vertices.dtype.names or ()) == PROPERTIES
     np.testing.assert_array_equal(np.stack([vertices[n] for n in "xyz"], -1), expected.points_mm)
@@ -56,7 +56,7 @@ def test_header_describes_the_vertices(tmp_path, count):
 @pytest.mark.parametrize("count", [0, 1, 100])
 def test_clouds_read_back_unchanged(tmp_path, count):
     expected = cloud(count)
-    write_cloud(tmp_path / "cloud.ply", expected)
+    write_ply(tmp_path / "cloud.ply", expected)
     back = read_cloud(tmp_path / "cloud.ply")
     for key in ("points_mm", "normals", "colors", "sigma_mm"):
         value = getattr(back, key)
@@ -67,7 +67,7 @@ def test_clouds_read_back_unchanged(tmp_path, count):
 
 def test_truncated_cloud_is_refused(tmp_path):
     path = tmp_path / "cloud.ply"
-    write_cloud(path, cloud(10))
+    write_ply(path, cloud(10))
     other = "no binary little-endian PLY; give a cloud.ply of reconstruct"
     cases = [(path.read_bytes()[:-1], "ends before its 10 points do; reconstruct the frame again")]
     for data, message in [*cases, (b"ply\n", other), (b"", other), (b"\xff" * 50, other)]:

@@ -7,7 +7,7 @@ import pytest
 
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
-from beltscape.files.meshes.ply import write_cloud
+from beltscape.files.meshes.ply import write_ply
 from beltscape.files.meshes.ply_points import image_from_cloud, read_cloud
 
 
@@ -25,7 +25,7 @@ def cloud(count: int) -> PointCloud:
 @pytest.mark.parametrize("count", [0, 1, 1000])
 def test_cloud_reads_back_unchanged(tmp_path, count):
     expected = cloud(count)
-    write_cloud(tmp_path / "cloud.ply", expected)
+    write_ply(tmp_path / "cloud.ply", expected)
     back = read_cloud(tmp_path / "cloud.ply")
     for name in ("points_mm", "normals", "colors", "sigma_mm"):
         assert np.array_equal(getattr(back, name), getattr(expected, name))
@@ -34,7 +34,7 @@ def test_cloud_reads_back_unchanged(tmp_path, count):
 def test_colours_go_back_to_their_pixels(tmp_path):
     measured = np.random.default_rng(1).random((5, 7)) > 0.4
     expected = cloud(int(measured.sum()))
-    write_cloud(tmp_path / "cloud.ply", expected)
+    write_ply(tmp_path / "cloud.ply", expected)
     image = image_from_cloud(tmp_path / "cloud.ply", measured)
     assert image is not None
     assert np.array_equal(image[measured], expected.colors)
@@ -68,7 +68,7 @@ def test_other_files_are_refused_in_one_line(tmp_path, content, message):
 
 
 def test_truncated_and_missing_files_are_refused_by_name(tmp_path):
-    write_cloud(tmp_path / "cloud.ply", cloud(10))
+    write_ply(tmp_path / "cloud.ply", cloud(10))
     whole = (tmp_path / "cloud.ply").read_bytes()
     (tmp_path / "cut.ply").write_bytes(whole[:-5])
     with pytest.raises(InputError, match="ends before its 10 points"):

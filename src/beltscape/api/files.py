@@ -14,7 +14,8 @@ from beltscape.files import belt_json, rig_json
 from beltscape.files.capture import Capture
 from beltscape.files.capture import read_capture as list_capture
 from beltscape.files.folders.paths import AnyPath, as_path
-from beltscape.files.meshes.ply import write_cloud
+from beltscape.files.meshes import clouds
+from beltscape.files.meshes.ply import write_ply as write_ply_file
 from beltscape.files.rasters.images import read_image
 from beltscape.sources.folder import FolderSource
 
@@ -115,6 +116,29 @@ def _read_size_px(path: AnyPath) -> tuple[int, int]:
 
 
 def write_ply(cloud: PointCloud, path: AnyPath) -> None:
-    """Write a point cloud as a binary PLY file with normals, colours and σ."""
+    """Write a point cloud as a binary PLY file in mm, with normals, colours and σ.
+
+    Raises
+    ------
+    InputError
+        if the file's name ends as another format's does; `write_cloud` writes that.
+    """
     require_instance(cloud, PointCloud, "cloud", "bs.point_cloud(depth, rig)")
-    write_cloud(as_path(path, "path"), cloud)
+    if clouds.find_ending(as_path(path, "path").name) not in (None, ".ply"):
+        raise InputError(f"{path}: write_ply writes PLY only; use bs.write_cloud(cloud, path)")
+    write_ply_file(as_path(path, "path"), cloud)
+
+
+def write_cloud(cloud: PointCloud, path: AnyPath) -> None:
+    """Write a point cloud as PLY (mm), LAS or LAZ (m), by the file's ending.
+
+    LAS and LAZ need ``pip install 'beltscape[export]'``. They hold σ (mm), confidence and normals as extra
+    dimensions, and the frame as a local coordinate system.
+
+    Raises
+    ------
+    InputError
+        if no format has that ending, or the library is not installed.
+    """
+    require_instance(cloud, PointCloud, "cloud", "bs.point_cloud(depth, rig)")
+    clouds.write_cloud(as_path(path, "path"), cloud)

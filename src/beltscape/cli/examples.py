@@ -40,7 +40,10 @@ EXAMPLES = {
     ),
     "users": ("users add project.toml anna --role engineer",),
     "view": ("view depth_loaded --belt belt.json",),
-    "export": ("export rig/rig.json --format opencv --out rig.yaml",),
+    "export": (
+        "export rig/rig.json --format opencv --out rig.yaml",
+        "export depth_loaded/000 --belt belt.json --out load.laz",
+    ),
     "import": ("import camchain.yaml --out rig.json",),
     "doctor": ("doctor --data /var/lib/beltscape",),
     "completion": ("completion bash > ~/.local/share/bash-completion/completions/beltscape",),

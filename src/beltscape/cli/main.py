@@ -32,7 +32,7 @@ COMMANDS = {
     "record": "images from a project's cameras: views of the board by key or timer, sequences of the belt",
     "users": "who may open the operator's page: list, add, remove, passwords, roles",
     "view": "a rig, a frame or a sequence in 3-D, with belt and fitted primitives, in the browser",
-    "export": "rig.json → OpenCV YAML, Kalibr camchain, COLMAP rig, ROS camera_info",
+    "export": "rig.json → OpenCV YAML, Kalibr camchain, COLMAP rig, ROS camera_info; a cloud → LAS, LAZ, PLY",
     "import": "one of these → rig.json",
     "doctor": "what is installed, and whether this machine suits the job",
     "completion": "completion of commands and options for bash, zsh and fish",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
+from importlib import import_module
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -29,12 +30,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--depth-range", nargs=2, type=float, metavar=("NEAR", "FAR"),
         help="search between these depths, mm (default: found from the images)",
     )  # fmt: skip
+    parser.add_argument(
+        "--cloud", choices=("las", "laz"), action="append", default=[],
+        help="also write each cloud as LAS or LAZ, in m; can be given twice (pip install beltscape[export])",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Reconstruct every frame and write its folder."""
     from beltscape.files.rig_json import read_rig
     from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
+
+    if arguments.cloud:
+        import_module("laspy")  # a missing package is reported before anything is computed
 
     result = reconstruct_capture(
         arguments.capture,
@@ -45,6 +53,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         pair=arguments.pair,
         preset=arguments.preset,
         depth_range_mm=require_positive_range("--depth-range", arguments.depth_range),
+        clouds=arguments.cloud,
     )
     return {
         "method": arguments.method,

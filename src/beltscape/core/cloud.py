@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+
+from beltscape.core.geometry.pose import Pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -22,6 +24,16 @@ class PointCloud:
     """(N,) float32, one standard deviation of the depth."""
     frame: str = "core"
     """Coordinate frame of the points."""
+    confidence: NDArray[np.float32] | None = None
+    """(N,) float32, 0..1: probability that the point is not of a false surface; None if it is not known."""
+
+    def transform(self, b_from_a: Pose, frame: str) -> PointCloud:
+        """Return the cloud in the frame ``frame``, to which the pose leads from its own."""
+        normals = self.normals.astype(np.float64) @ b_from_a.rotation.T
+        points = b_from_a.apply(self.points_mm.astype(np.float64))
+        return replace(
+            self, points_mm=points.astype(np.float32), normals=normals.astype(np.float32), frame=frame
+        )
 
     def __repr__(self) -> str:
         return f"PointCloud({len(self.points_mm)} points in the frame {self.frame})"

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 EXTRAS = {
     "simulate": ("drjit", "embreex", "mitsuba"),
-    "live": ("fastapi", "pyarrow", "starlette", "uvicorn", "websockets"),
+    "live": ("fastapi", "prometheus_client", "pyarrow", "starlette", "uvicorn", "websockets"),
     "viewer": ("rerun",),
+    "export": ("laspy", "lazrs"),
     "cameras": ("gi",),
 }
 """Extra of pyproject.toml → its libraries by the names under which they are imported."""

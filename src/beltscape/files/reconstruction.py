@@ -21,7 +21,7 @@ from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.manifest import require_finished
 from beltscape.files.folders.paths import AnyPath, as_path, summarise_names
-from beltscape.files.meshes.ply import write_cloud
+from beltscape.files.meshes.ply import write_ply
 from beltscape.files.rasters.depth_tiff import read_float_tiff, write_float_tiff
 from beltscape.files.rasters.images import EXTENSIONS, read_image, write_image
 from beltscape.files.rig_json import read_rig
@@ -56,7 +56,7 @@ def write_frame(
     write_float_tiff(folder / "sigma.tiff", depth.sigma_mm)
     write_float_tiff(folder / "confidence.tiff", depth.confidence)
     write_image(folder / "views.png", depth.views)
-    write_cloud(folder / "cloud.ply", cloud)
+    write_ply(folder / "cloud.ply", cloud)
     write_image(folder / "preview.png", preview)
     if image is not None:
         write_image(folder / "image.png", image)

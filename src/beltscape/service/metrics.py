@@ -1,13 +1,17 @@
-"""The metrics endpoint: the figures of the page in Prometheus's text format 0.0.4."""
+"""The metrics endpoint: the figures of the page in Prometheus's text format 0.0.4, by its own library."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from math import inf, isnan
+from math import inf, isfinite, isnan
 from typing import Literal, get_args
 
 from fastapi import APIRouter, Depends, Request, Response
+from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
+from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
+from prometheus_client.registry import Collector
 
 from beltscape import __version__
 from beltscape.core.live import CameraState
@@ -16,87 +20,61 @@ from beltscape.service.api.common import AppContext, describe_refusals
 from beltscape.service.live_state import LiveState, Snapshot
 from beltscape.service.view_models.durations import BOUNDS_S
 
-MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
-Sample = tuple[str, Mapping[str, str], float]
-"""Suffix of the name, labels, value."""
+MEDIA_TYPE = CONTENT_TYPE_PLAIN_0_0_4
+_Labels = Mapping[str, str]
 
 
-@dataclass(frozen=True, slots=True)
-class Family:
-    """One metric."""
+@dataclass(frozen=True, slots=True, eq=False)
+class SnapshotCollector(Collector):
+    """Collector of one snapshot's figures; unknown ones (NaN) are left out."""
 
-    name: str
-    kind: Literal["gauge", "counter", "histogram"]
-    help: str
-    samples: tuple[Sample, ...]
+    live_state: LiveState
+    snapshot: Snapshot
 
-    def format(self) -> str:
-        """Return the metric in the text format; unknown samples (NaN) are left out."""
-        lines = [f"# HELP {self.name} {_escape(self.help)}", f"# TYPE {self.name} {self.kind}"]
-        for suffix, labels, value in self.samples:
-            if isnan(value):
-                continue
-            inner = ",".join(f'{key}="{_escape_label(text)}"' for key, text in labels.items())
-            lines.append(
-                f"{self.name}{suffix}{{{inner}}} {_format_number(value)}"
-                if inner
-                else _format_sample(self.name, suffix, value)
-            )
-        return "\n".join(lines) + "\n"
+    def collect(self) -> Iterator[Metric]:
+        """Yield every metric."""
+        yield from _list_flow(self.snapshot)
+        yield from _list_totals(self.snapshot)
+        yield from _list_frames(self.live_state, self.snapshot)
+        yield from _list_cameras(self.snapshot)
+        yield from _list_alarms(self.snapshot)
+        yield from _list_checks(self.live_state)
+        yield _make_gauge(
+            "maintenance", "1 during maintenance.", float(self.snapshot.maintenance is not None)
+        )
 
 
-def _format_sample(name: str, suffix: str, value: float) -> str:
-    return f"{name}{suffix} {_format_number(value)}"
+def format_metrics(live_state: LiveState, snapshot: Snapshot) -> str:
+    """Return all metrics as text."""
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(SnapshotCollector(live_state, snapshot))
+    return generate_latest(registry).decode()
 
 
-def _escape(text: str) -> str:
-    return text.replace("\\", r"\\").replace("\n", r"\n")
+def _make_gauge(name: str, help_text: str, value: float) -> Metric:
+    return _make_labelled(name, "gauge", help_text, [({}, value)])
 
 
-def _escape_label(text: str) -> str:
-    return _escape(text).replace('"', r"\"")
-
-
-def _format_number(value: float) -> str:
-    if value in (inf, -inf):
-        return "+Inf" if value > 0 else "-Inf"
-    return repr(int(value)) if value == int(value) and abs(value) < 1e15 else repr(float(value))
-
-
-def _make_gauge(name: str, help_text: str, *values: float) -> Family:
-    return Family(f"beltscape_{name}", "gauge", help_text, tuple(("", {}, value) for value in values))
-
-
-def _make_counter(name: str, help_text: str, value: float) -> Family:
-    return Family(f"beltscape_{name}", "counter", help_text, (("", {}, value),))
+def _make_counter(name: str, help_text: str, value: float) -> Metric:
+    return _make_labelled(name, "counter", help_text, [({}, value)])
 
 
 def _make_labelled(
     name: str,
     kind: Literal["gauge", "counter"],
     help_text: str,
-    samples: Iterable[tuple[Mapping[str, str], float]],
-) -> Family:
-    return Family(
-        f"beltscape_{name}", kind, help_text, tuple(("", labels, value) for labels, value in samples)
-    )
+    samples: Iterable[tuple[_Labels, float]],
+) -> Metric:
+    """Return a metric with its samples; those that are NaN are left out."""
+    make = GaugeMetricFamily if kind == "gauge" else CounterMetricFamily
+    metric = make(f"beltscape_{name}", help_text)
+    for labels, value in samples:
+        if not isnan(value):
+            metric.add_sample(f"beltscape_{name}", dict(labels), value)
+    return metric
 
 
-def format_metrics(live_state: LiveState, snapshot: Snapshot) -> str:
-    """Return all metrics as text."""
-    families = [
-        *_list_flow(snapshot),
-        *_list_totals(snapshot),
-        *_list_frames(live_state, snapshot),
-        *_list_cameras(snapshot),
-        *_list_alarms(snapshot),
-        *_list_checks(live_state),
-        _make_gauge("maintenance", "1 during maintenance.", float(snapshot.maintenance is not None)),
-    ]
-    return "".join(family.format() for family in families)
-
-
-def _list_flow(snapshot: Snapshot) -> list[Family]:
+def _list_flow(snapshot: Snapshot) -> list[Metric]:
     flow = snapshot.flow
     return [
         _make_labelled("info", "gauge", "Version of the running program.", [({"version": __version__}, 1)]),
@@ -118,7 +96,7 @@ def _list_flow(snapshot: Snapshot) -> list[Family]:
     ]
 
 
-def _list_totals(snapshot: Snapshot) -> list[Family]:
+def _list_totals(snapshot: Snapshot) -> list[Metric]:
     totals = snapshot.totals
     standings = (("valid", totals.valid_mm), ("degraded", totals.degraded_mm), ("missing", totals.missing_mm))
     belt = [({"standing": name}, length_mm * 1e-3) for name, length_mm in standings]
@@ -139,14 +117,13 @@ def _list_totals(snapshot: Snapshot) -> list[Family]:
     ]
 
 
-def _list_frames(live_state: LiveState, snapshot: Snapshot) -> list[Family]:
+def _list_frames(live_state: LiveState, snapshot: Snapshot) -> list[Metric]:
     frames = snapshot.frames
     counts, seconds = live_state.durations.compute_cumulative()
     buckets = [
-        ("_bucket", {"le": _format_number(bound)}, float(n))
+        (f"{bound:g}" if isfinite(bound) else "+Inf", float(n))
         for bound, n in zip((*BOUNDS_S, inf), counts, strict=True)
     ]
-    samples: tuple[Sample, ...] = (*buckets, ("_sum", {}, seconds), ("_count", {}, float(counts[-1])))
     help_text = "From the last image's arrival to its measurement."
     return [
         _make_counter("frame_sets_total", "Frame sets measured since the start.", frames.done),
@@ -162,11 +139,11 @@ def _list_frames(live_state: LiveState, snapshot: Snapshot) -> list[Family]:
         _make_gauge(
             "frame_age_seconds", "Since the last frame set; +Inf before the first.", snapshot.frame_age_s
         ),
-        Family("beltscape_processing_seconds", "histogram", help_text, samples),
+        HistogramMetricFamily("beltscape_processing_seconds", help_text, buckets, seconds),
     ]
 
 
-def _list_cameras(snapshot: Snapshot) -> list[Family]:
+def _list_cameras(snapshot: Snapshot) -> list[Metric]:
     cameras = snapshot.cameras
     states = [
         ({"camera": one.name, "state": state}, float(one.state == state))
@@ -200,7 +177,7 @@ def _list_cameras(snapshot: Snapshot) -> list[Family]:
     ]
 
 
-def _list_alarms(snapshot: Snapshot) -> list[Family]:
+def _list_alarms(snapshot: Snapshot) -> list[Metric]:
     on = [
         ({"alarm": one.name, "severity": one.severity}, float(one.state in ("raised", "acknowledged")))
         for one in snapshot.alarms
@@ -217,7 +194,7 @@ def _list_alarms(snapshot: Snapshot) -> list[Family]:
     ]
 
 
-def _list_checks(live_state: LiveState) -> list[Family]:
+def _list_checks(live_state: LiveState) -> list[Metric]:
     checks = live_state.list_checks()
     labels = [{"check": one.finding.check, "subject": one.finding.subject} for one in checks]
     units = [{**label, "unit": one.finding.unit} for label, one in zip(labels, checks, strict=True)]

@@ -31,7 +31,7 @@ end_header
 """
 
 
-def write_cloud(path: AnyPath, cloud: PointCloud) -> None:
+def write_ply(path: AnyPath, cloud: PointCloud) -> None:
     """Write a cloud, atomically."""
     path = as_path(path)
     count = len(cloud.points_mm)

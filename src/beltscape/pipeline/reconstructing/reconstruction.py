@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from beltscape.files.rig_limits import LEAST_DEPTH_MM, find_oddities
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth, CheckedMatcher
+from beltscape.pipeline.reconstructing.cloud_export import export_clouds
 from beltscape.pipeline.reconstructing.regions import write_regions
 from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
 from beltscape.pipeline.reconstructing.search_range import check_depth_range
@@ -77,10 +78,12 @@ def reconstruct_capture(
     pair: str | None = None,
     preset: str = "standard",
     depth_range_mm: tuple[float, float] | None = None,
+    clouds: Sequence[str] = (),
 ) -> Reconstruction:
     """Reconstruct every frame of a capture into ``out``: rig.json, reconstruction.json and a folder per frame.
 
-    The projected markers of the first frame that can be measured are drawn in regions.png.
+    The projected markers of the first frame that can be measured are drawn in regions.png. ``clouds`` names the
+    formats in which the clouds are written beside cloud.ply.
 
     Raises
     ------
@@ -116,6 +119,7 @@ def reconstruct_capture(
         {"method": method, "preset": preset if method == "multiview" else None, "depth_range_mm": near_far},
         documents,
     )
+    export_clouds([document["folder"] for document in documents], clouds)
     return Reconstruction(auxiliaries, near_far, tuple(documents), regions)
 
 

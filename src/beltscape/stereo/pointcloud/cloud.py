@@ -74,9 +74,9 @@ class CloudBuilder:
             _copy_masked(points[start:end], np.asarray(strip_points, np.float32), kept)
             strip_normals = compute_normals(depth.depth_mm, rows, self._rays, self.camera.focal_px)
             _copy_masked(normals[start:end], strip_normals, kept)
-        return PointCloud(
-            points, normals, self._sample_colors(image, measured, count), depth.sigma_mm[measured]
-        )
+        colors = self._sample_colors(image, measured, count)
+        confidence = depth.confidence[measured]
+        return PointCloud(points, normals, colors, depth.sigma_mm[measured], confidence=confidence)
 
     def _sample_colors(
         self, image: Image | None, measured: NDArray[np.bool_], count: int

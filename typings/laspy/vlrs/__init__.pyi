@@ -1,0 +1,1 @@
+from laspy.vlrs import known as known

@@ -1,0 +1,5 @@
+from laspy import VLR
+
+class WktCoordinateSystemVlr(VLR):
+    string: str
+    def __init__(self, wkt_string: str = ...) -> None: ...

@@ -13,6 +13,7 @@ from scipy import ndimage
 
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.native import levels
+from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.message_passing import (
     assign_addresses,
     gather_neighbour_addresses,
@@ -21,7 +22,6 @@ from beltscape.stereo.multiview.confidence.message_passing import (
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX
-from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.optimisation.propagation import list_propagation_offsets
 from beltscape.stereo.multiview.selection.gain import compute_difference_variance
 from beltscape.stereo.multiview.settings import MultiviewSettings
@@ -200,7 +200,7 @@ def _selection_calls(case: Case) -> dict[str, Call]:
     }
     photometry |= {"views": p.views, "buffers": buffers, "gains": [np.ones_like(s) for _ in p.images]}
     network, around_one = load_network("confidence"), np.moveaxis(np.mgrid[-2:3, -2:3], 0, -1).reshape(-1, 2)
-    features = [s] * len(network.names)
+    features = [s] * len(network.features)
     first_round, (messages, neighbours, states) = load_message_rounds()[0], _messages(~reliable)
     return {
         "candidate_surfaces": lambda k, n: k.candidate_surfaces(

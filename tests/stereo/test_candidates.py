@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
+from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.features import compute_initial_confidence_features
 from beltscape.stereo.multiview.confidence.image_features import compute_image_features
 from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps, fit_slopes
-from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.candidates import (
     PIXEL_FEATURES,
     RELIABLE,
@@ -148,7 +148,7 @@ def test_the_top_two_differ_and_have_exactly_the_networks_features():
     pairs = selector.compute_pairwise_features(
         at, candidates, {**features, "score": score}, paired, (first[paired], second[paired])
     )
-    assert set(pairs) == set(load_network("pairwise_ranking").names)
+    assert set(pairs) == set(load_network("pairwise_ranking").features)
     for name, values in pairs.items():
         assert values.shape == (1, len(paired)), name
         assert np.isfinite(values).all(), name

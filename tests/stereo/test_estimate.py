@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
+from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.estimate import DepthEstimate, estimate_depth
 from beltscape.stereo.multiview.confidence.features import (
     compute_initial_features,
@@ -18,7 +19,6 @@ from beltscape.stereo.multiview.confidence.image_features import compute_image_f
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.refiner import RefinementInputs
 from beltscape.stereo.multiview.frame.surface import fit_slopes
-from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.optimisation.least_squares import solve_least_squares
 from beltscape.stereo.multiview.optimisation.propagation import propagate
 from beltscape.stereo.multiview.selection.candidates import CandidateSelector, Selection
@@ -97,12 +97,12 @@ def test_features_of_every_network_are_computed(selected):
     inputs = ConfidenceInputs.from_state(state)
     if selected:
         found = RefinementInputs.from_selection(inputs, state.selection).planes
-        assert set(load_network("confidence").names) <= found.keys()
+        assert set(load_network("confidence").features) <= found.keys()
     else:
         found = compute_initial_features(inputs)
         assert {
-            *load_network("initial_confidence").names,
-            *load_network("fast_confidence").names,
+            *load_network("initial_confidence").features,
+            *load_network("fast_confidence").features,
         } <= found.keys()
     for name, value in found.items():
         assert np.isfinite(value).all(), name
@@ -122,8 +122,8 @@ def test_features_of_every_network_are_computed(selected):
 )
 def test_shipped_layers_have_consistent_sizes(name, outputs):
     network = load_network(name)
-    n = len(network.names)
-    assert len(set(network.names)) == n
+    n = len(network.features)
+    assert len(set(network.features)) == n
     assert (network.limits[0] <= network.limits[1]).all()
     assert network.limits.shape == (2, n)
     for layer in network.layers:

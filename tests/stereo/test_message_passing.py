@@ -8,18 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.kernels import load
+from beltscape.learned.network import Network
+from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.message_passing import (
     ACCEPTED,
     FIRST_UNCERTAIN,
     OFFSETS,
     REJECTED,
-    MessageRound,
     assign_addresses,
     gather_neighbour_addresses,
     load_message_rounds,
     pass_messages,
 )
-from beltscape.stereo.multiview.networks import load_network
 from tests.strategies import seeds
 
 MESSAGE, STATE = 3, 2
@@ -34,21 +34,24 @@ def draw_masks(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     return kind == 0, kind == 1
 
 
-def make_round(rng: np.random.Generator, outputs: int) -> MessageRound:
+def make_round(rng: np.random.Generator, outputs: int) -> Network:
     """Return a round with random weights."""
-    inputs = len(OFFSETS) * MESSAGE + STATE
+    inputs = len(OFFSETS) * (MESSAGE + 2) + STATE
     layers = rng.normal(0, 0.3, (4, inputs + 1)), rng.normal(0, 0.3, (outputs, 5))
-    others = rng.normal(size=(2, MESSAGE)).astype(np.float32)
-    return MessageRound(others, tuple(layer.astype(np.float32) for layer in layers))
+    names = tuple(map(str, range(inputs)))
+    limits = np.array([[-9.0], [9.0]], np.float32).repeat(inputs, 1)
+    return Network(
+        names, names[:outputs], limits, tuple(layer.astype(np.float32) for layer in layers)
+    )
 
 
-def make_rounds(rng: np.random.Generator) -> list[MessageRound]:
+def make_rounds(rng: np.random.Generator) -> list[Network]:
     """Return two rounds that add to the state, and one that gives outputs."""
     return [make_round(rng, MESSAGE + STATE), make_round(rng, MESSAGE + STATE), make_round(rng, 3)]
 
 
 def evaluate_by_pixel(
-    state: np.ndarray, uncertain: np.ndarray, accepted: np.ndarray, step: int, each: MessageRound
+    state: np.ndarray, uncertain: np.ndarray, accepted: np.ndarray, step: int, each: Network
 ) -> np.ndarray:
     """Return the outputs of a round, computed pixel by pixel."""
     at = {tuple(pixel): i for i, pixel in enumerate(np.argwhere(uncertain))}
@@ -59,10 +62,10 @@ def evaluate_by_pixel(
             neighbour = tuple(
                 np.clip((row + step * dv, column + step * du), 0, np.array(uncertain.shape) - 1)
             )
+            inside = neighbour in at
+            message = state[:MESSAGE, at[neighbour]] if inside else np.zeros(MESSAGE)
             messages.append(
-                state[:MESSAGE, at[neighbour]]
-                if neighbour in at
-                else each.fixed_messages[int(accepted[neighbour])]
+                [*message, not inside and not accepted[neighbour], not inside and accepted[neighbour]]
             )
         x = np.concatenate([np.stack(messages, -1).ravel(), state[MESSAGE:, own]])
         hidden, output = each.layers
@@ -76,9 +79,8 @@ def test_round_uses_the_messages_of_nine_pixels_and_the_own_state(seed, step):
     uncertain, accepted = draw_masks(rng)
     state = rng.normal(size=(MESSAGE + STATE, uncertain.sum())).astype(np.float32)
     each = make_round(rng, 3)
-    found = each.evaluate(
-        state, gather_neighbour_addresses(assign_addresses(uncertain, accepted), uncertain, step), load(), 1
-    )
+    around = gather_neighbour_addresses(assign_addresses(uncertain, accepted), uncertain, step)
+    found = pass_messages(state, around, [each], load(), 1)
     np.testing.assert_allclose(
         found, evaluate_by_pixel(state, uncertain, accepted, step, each), rtol=1e-4, atol=1e-4
     )
@@ -131,13 +133,11 @@ def test_outputs_do_not_depend_on_the_number_of_threads(threads):
 
 
 def test_shipped_rounds_have_consistent_sizes():
-    state, message = (
-        len(load_network("refinement").layers[-1]),
-        load_message_rounds()[0].fixed_messages.shape[1],
-    )
-    for each in load_message_rounds():
-        assert each.fixed_messages.shape == (2, message)
-        assert each.layers[0].shape[1] == len(OFFSETS) * message + state - message + 1
-    assert [len(each.layers[-1]) for each in load_message_rounds()] == [state] * (
-        len(load_message_rounds()) - 1
-    ) + [3]
+    state, rounds = load_network("refinement").outputs, load_message_rounds()
+    message = sum(name.startswith("message") for name in state)
+    for each in rounds:
+        own = [name for name in each.features if name.startswith("state")]
+        assert len(own) == len(state) - message
+        assert len(each.features) == len(OFFSETS) * (message + 2) + len(own)
+    assert [each.outputs for each in rounds[:-1]] == [state] * (len(rounds) - 1)
+    assert rounds[-1].outputs == ("logit", "log sigma", "shift")

@@ -15,6 +15,7 @@ from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
+from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.refiner import (
     MOST_PX,
@@ -24,7 +25,6 @@ from beltscape.stereo.multiview.confidence.refiner import (
     mask_uncertain,
     refine_uncertain_pixels,
 )
-from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.multiview.state import MatcherState
@@ -64,7 +64,7 @@ def test_computed_features_are_those_of_the_network(predicted):
     inputs, prediction, _ = predicted
     at = np.nonzero(mask_uncertain(prediction.logit))
     shown = inputs.compute_features(at, prediction.logit[at])
-    assert set(load_network("refinement").names) == set(shown)
+    assert set(load_network("refinement").features) == set(shown)
     for name, values in shown.items():
         assert np.isfinite(values).all(), name
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from beltscape.kernels.arrays import CellIndices
+from beltscape.learned.network import Network
 from beltscape.measure.holes.rims import fit_gradients
-from beltscape.measure.network import Network
 
 _REACHES = (1, 2, 4, 8, 16, 32)
 """Half sides in cells of the windows in which the lowest and the highest measured cell are found."""
@@ -44,8 +44,8 @@ class EdgeFattening:
     """Row and column, (B,) each."""
     drop_mm: NDArray[np.float64]
     """(B,) height over the lowest measured cell within the widest window in which the descent is steep."""
-    features: NDArray[np.float32]
-    """(B, 36) angles, shares, logarithms."""
+    features: dict[str, NDArray[np.floating]]
+    """(B,) by name: angles, shares, logarithms."""
 
     def predict_excess_mm(self, network: Network) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Predict by how many millimetres (B,) the cells' mean heights are too high, and σ of that."""
@@ -61,26 +61,32 @@ def find_edge_fattening(
     rows, columns = np.nonzero(np.asarray(ndimage.binary_dilation(hole, np.ones((3, 3))), bool) & ~hole)
     own = value_mm[rows, columns]
     drop = np.zeros(len(own))
-    features: list[NDArray[np.float64]] = []
+    features: dict[str, NDArray[np.floating]] = {}
     for reach in _REACHES:
         low = ndimage.minimum_filter(np.where(hole, np.inf, value_mm), 2 * reach + 1)[rows, columns]
         high = ndimage.maximum_filter(np.where(hole, -np.inf, value_mm), 2 * reach + 1)[rows, columns]
         down = (own - low) / (reach * cell_mm)
-        features += [np.arctan(down), np.arctan((high - own) / (reach * cell_mm))]
-        features += [np.arctan(low / (_BARE_CELLS * cell_mm)), np.log1p((own - low) / cell_mm)]
+        features[f"descent within {reach}"] = np.arctan(down)
+        features[f"ascent within {reach}"] = np.arctan((high - own) / (reach * cell_mm))
+        features[f"lowest within {reach}"] = np.arctan(low / (_BARE_CELLS * cell_mm))
+        features[f"log drop within {reach}"] = np.log1p((own - low) / cell_mm)
         if reach > 1:
             drop = np.where(down > _STEEP, own - low, drop)
     cells = (rows, columns)
-    features += [np.asarray(ndimage.uniform_filter(hole.astype(float), s))[cells] for s in _OPEN_CELLS]
-    features += [_project_ray_slope(value_mm, ray_slope, cells), np.hypot(ray_slope[0], ray_slope[1])[cells]]
-    features.append(np.arctan(np.hypot(*fit_gradients(value_mm, cell_mm))[cells]))
+    for side in _OPEN_CELLS:
+        open_share = np.asarray(ndimage.uniform_filter(hole.astype(float), side))
+        features[f"hole share within {side}"] = open_share[cells]
+    features["ray slope downhill"] = _project_ray_slope(value_mm, ray_slope, cells)
+    features["ray slope"] = np.hypot(ray_slope[0], ray_slope[1])[cells]
+    features["surface slope"] = np.arctan(np.hypot(*fit_gradients(value_mm, cell_mm))[cells])
     for side in _NEAR_CELLS:
         mean, spread = _compute_window_statistics(value_mm, side)
-        features.append(np.arctan(spread[cells] / (side * cell_mm)))
-        features.append(np.clip((own - mean[cells]) / (spread[cells] + 0.01 * cell_mm), -_MOST, _MOST))
+        features[f"relief within {side}"] = np.arctan(spread[cells] / (side * cell_mm))
+        above_mean = (own - mean[cells]) / (spread[cells] + 0.01 * cell_mm)
+        features[f"height over mean within {side}"] = np.clip(above_mean, -_MOST, _MOST)
     above = drop > 0
-    table = np.stack(features, axis=1).astype(np.float32)
-    return EdgeFattening((rows[above], columns[above]), drop[above], table[above])
+    chosen = {name: values[above] for name, values in features.items()}
+    return EdgeFattening((rows[above], columns[above]), drop[above], chosen)
 
 
 def _project_ray_slope(

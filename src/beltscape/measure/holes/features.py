@@ -26,6 +26,8 @@ _MOST = 4.0
 """Ratios are clipped to this."""
 _MOST_LEVERAGE = 99.0
 """Leverage where no quadric was fitted, and its largest value."""
+_LINES = ("line of sight", "shortest line", "second line", "third line", "longest line")
+"""Names of the lines of `RimProfiles`, in its order."""
 _BARE_CELLS = 3.0
 """Unit of heights over the belt: a few of these separate the bare belt from a load."""
 
@@ -87,49 +89,52 @@ def compute_features(
     pinhole: NDArray[np.bool_],
     ray_slope: NDArray[np.float64],
     cell_mm: float,
-) -> NDArray[np.float32]:
-    """Return the features (H, F) float32: ratios of heights and lengths, angles, logarithms.
+) -> dict[str, NDArray[np.float64]]:
+    """Return the features (H,) by name: ratios of heights and lengths, angles, logarithms.
 
     ``pinhole`` (H,) marks gaps between the points of neighbouring pixels; ``ray_slope`` (H,) is the rays' slope.
     """
     base, scale = surface.base_mm, surface.scale_mm
     floor, ceiling, shortest = profiles.floor_mm, profiles.ceiling_mm, profiles.shortest_mm(cell_mm)
     result = _compute_line_features(profiles, base, scale, shortest, cell_mm)
-    result += [
-        _ratio(floor - base, scale),
-        _ratio(ceiling - base, scale),
-        _angle(ceiling - floor, shortest),
-        _angle(base, scale),
-        _angle(floor, scale),
-        _angle(base, shortest),
-        _angle(floor, shortest),
-        _angle(surface.structure_mm[0], shortest),
-        _angle(surface.structure_mm[1], 4 * shortest),
-        _ratio(surface.structure_mm[0], scale),
-        np.log(np.clip(shortest / cell_mm, 1, 64)),
-        ray_slope,
-        pinhole.astype(np.float64),
-        _angle(floor, _BARE_CELLS * cell_mm),
-        _angle(ceiling, _BARE_CELLS * cell_mm),
-        _angle(scale, shortest),
-        surface.smooth,
-        _ratio(profiles.straight_mm(cell_mm) - base, scale),
-        *neighbourhood.open,
-        np.log(neighbourhood.depth_cells),
-    ]
+    result |= {
+        "floor": _ratio(floor - base, scale),
+        "ceiling": _ratio(ceiling - base, scale),
+        "range angle": _angle(ceiling - floor, shortest),
+        "base over scale": _angle(base, scale),
+        "floor over scale": _angle(floor, scale),
+        "base over gap": _angle(base, shortest),
+        "floor over gap": _angle(floor, shortest),
+        "structure of the gap": _angle(surface.structure_mm[0], shortest),
+        "structure of four gaps": _angle(surface.structure_mm[1], 4 * shortest),
+        "structure over scale": _ratio(surface.structure_mm[0], scale),
+        "log gap": np.log(np.clip(shortest / cell_mm, 1, 64)),
+        "ray slope": ray_slope,
+        "pinhole": pinhole.astype(np.float64),
+        "floor over belt": _angle(floor, _BARE_CELLS * cell_mm),
+        "ceiling over belt": _angle(ceiling, _BARE_CELLS * cell_mm),
+        "scale over gap": _angle(scale, shortest),
+        "smooth": surface.smooth,
+        "straight line": _ratio(profiles.straight_mm(cell_mm) - base, scale),
+        **{
+            f"hole share within {side}": share
+            for side, share in zip(_OPEN_CELLS, neighbourhood.open, strict=True)
+        },
+        "log depth": np.log(neighbourhood.depth_cells),
+    }
     for k, side in enumerate(WINDOWS):
         rms = np.nan_to_num(quadric_fits.rms_mm[k])
         leverage = np.nan_to_num(quadric_fits.leverage[k], nan=_MOST_LEVERAGE)
-        result += [
-            _ratio(neighbourhood.mean_mm[k] - base, scale),
-            _ratio(quadric_fits.value_mm[k] - base, scale),
-            _ratio(quadric_fits.rms_mm[k], scale),
-            _angle(6 * rms, side * cell_mm),
-            np.log(np.clip(leverage, 0.5, _MOST_LEVERAGE)),
-        ]
-    result += [rough / cell_mm for rough in neighbourhood.rough_mm]
-    result += _compute_depth_features(lowest, neighbourhood, profiles, surface, cell_mm)
-    return np.stack(result, axis=1).astype(np.float32)
+        result |= {
+            f"mean within {side}": _ratio(neighbourhood.mean_mm[k] - base, scale),
+            f"quadric within {side}": _ratio(quadric_fits.value_mm[k] - base, scale),
+            f"quadric rms within {side}": _ratio(quadric_fits.rms_mm[k], scale),
+            f"quadric rms angle within {side}": _angle(6 * rms, side * cell_mm),
+            f"log leverage within {side}": np.log(np.clip(leverage, 0.5, _MOST_LEVERAGE)),
+        }
+    for side, rough in zip(_ROUGH_CELLS, neighbourhood.rough_mm, strict=True):
+        result[f"roughness within {side}"] = rough / cell_mm
+    return result | _compute_depth_features(lowest, neighbourhood, profiles, surface, cell_mm)
 
 
 def _compute_line_features(
@@ -138,33 +143,35 @@ def _compute_line_features(
     scale: NDArray[np.float64],
     shortest: NDArray[np.float64],
     cell_mm: float,
-) -> list[NDArray[np.float64]]:
+) -> dict[str, NDArray[np.float64]]:
     """Return sixteen features of each of the five lines; neutral values where a line has only one rim."""
-    result: list[NDArray[np.float64]] = []
+    result: dict[str, NDArray[np.float64]] = {}
     for k, tangents in enumerate(profiles.tangents_mm().transpose(1, 0, 2)):
+        name = _LINES[k]
         line = {part.name: getattr(profiles, part.name)[k] for part in fields(profiles)}
         both = np.isfinite(line["gap_mm"])
         gap = np.where(both, line["gap_mm"], 1.0)
         drop = np.where(both, line["upper_mm"] - line["lower_mm"], 0.0)
         nearer = np.minimum(line["share"], 1 - line["share"])
-        result += [
-            (~both).astype(np.float64),
-            np.where(both, _ratio(line["upper_mm"] - base, scale), 0.0),
-            np.where(both, _ratio(line["lower_mm"] - base, scale), 0.0),
-            _angle(drop, gap),
-            line["share"],
-            np.arctan(line["upper_slope"]),
-            np.arctan(line["lower_slope"]),
-            _ratio(np.maximum(line["ray_slope"], 0) * drop, gap),
-            line["ray_slope"],
-            np.where(both, np.log(gap / shortest), 2.0),
-            np.where(both, nearer * gap / shortest, 1.0),
-            _ratio(tangents[0] - base, scale),
-            _ratio(tangents[1] - base, scale),
-            np.arctan(line["upper_rise"]),
-            np.arctan(line["lower_rise"]),
-            np.where(both, np.log(gap / cell_mm), 4.0),
-        ]
+        values = {
+            "one rim": (~both).astype(np.float64),
+            "upper rim": np.where(both, _ratio(line["upper_mm"] - base, scale), 0.0),
+            "lower rim": np.where(both, _ratio(line["lower_mm"] - base, scale), 0.0),
+            "drop": _angle(drop, gap),
+            "place": line["share"],
+            "upper slope": np.arctan(line["upper_slope"]),
+            "lower slope": np.arctan(line["lower_slope"]),
+            "shadow": _ratio(np.maximum(line["ray_slope"], 0) * drop, gap),
+            "ray slope": line["ray_slope"],
+            "relative gap": np.where(both, np.log(gap / shortest), 2.0),
+            "distance to the nearer rim": np.where(both, nearer * gap / shortest, 1.0),
+            "upper tangent": _ratio(tangents[0] - base, scale),
+            "lower tangent": _ratio(tangents[1] - base, scale),
+            "upper rise": np.arctan(line["upper_rise"]),
+            "lower rise": np.arctan(line["lower_rise"]),
+            "log gap": np.where(both, np.log(gap / cell_mm), 4.0),
+        }
+        result |= {f"{name}: {feature}": value for feature, value in values.items()}
     return result
 
 
@@ -174,25 +181,25 @@ def _compute_depth_features(
     profiles: RimProfiles,
     surface: SmoothSurface,
     cell_mm: float,
-) -> list[NDArray[np.float64]]:
+) -> dict[str, NDArray[np.float64]]:
     """Return features of the depth elsewhere in the hole and near it."""
     base, scale, shortest = surface.base_mm, surface.scale_mm, profiles.shortest_mm(cell_mm)
     both = np.isfinite(lowest.upper_mm)
     beneath = np.where(profiles.has_both_rims, profiles.lower_mm, np.nan)[1]  # of the shortest line
-    result = [
-        np.where(both, _ratio(lowest.upper_mm - base, scale), 0.0),
-        np.where(both, _ratio(lowest.lower_mm - base, scale), 0.0),
-        np.where(both, np.log(np.where(both, lowest.gap_mm, 1.0) / shortest), 2.0),
-        np.where(both, np.log(np.where(both, lowest.gap_mm, 1.0) / cell_mm), 4.0),
-        np.nan_to_num(lowest.nearer),
-        _angle(beneath - lowest.upper_mm, shortest),
-    ]
-    for low in neighbourhood.low_mm:
-        result += [
-            _ratio(low - base, scale),
-            _angle(low - profiles.floor_mm, shortest),
-            _angle(beneath - low, shortest),
-        ]
+    result: dict[str, NDArray[np.float64]] = {
+        "lowest line: upper rim": np.where(both, _ratio(lowest.upper_mm - base, scale), 0.0),
+        "lowest line: lower rim": np.where(both, _ratio(lowest.lower_mm - base, scale), 0.0),
+        "lowest line: relative gap": np.where(both, np.log(np.where(both, lowest.gap_mm, 1.0) / shortest), 2.0),
+        "lowest line: log gap": np.where(both, np.log(np.where(both, lowest.gap_mm, 1.0) / cell_mm), 4.0),
+        "lowest line: distance to the nearer rim": np.nan_to_num(lowest.nearer),
+        "lowest line: below the shortest": _angle(beneath - lowest.upper_mm, shortest),
+    }
+    for side, low in zip(_LOW_CELLS, neighbourhood.low_mm, strict=True):
+        result |= {
+            f"lowest within {side}": _ratio(low - base, scale),
+            f"lowest within {side} below the floor": _angle(low - profiles.floor_mm, shortest),
+            f"lowest within {side} below the shortest line": _angle(beneath - low, shortest),
+        }
     return result
 
 

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from beltscape.kernels.arrays import CellIndices
+from beltscape.learned.network import Network
+from beltscape.learned.registry import load_network
 from beltscape.measure.holes.edge_fattening import find_edge_fattening
 from beltscape.measure.holes.features import compute_features, measure_neighbourhood
 from beltscape.measure.holes.quadrics import fit_quadrics
@@ -26,7 +28,6 @@ from beltscape.measure.holes.rims import (
     fit_gradients,
     trace_lines,
 )
-from beltscape.measure.network import Network, load_network
 
 _RATIOS = (-5.0, 5.0)
 """Limits of a height's distance from the smooth surface, in units of its scale."""
@@ -52,8 +53,8 @@ class HoleInputs:
     """The rims along five lines."""
     surface: SmoothSurface
     """The smooth surface, and the range of deviation from it."""
-    features: NDArray[np.float32]
-    """(H, F) features of the network."""
+    features: dict[str, NDArray[np.float64]]
+    """(H,) features of the network by name."""
 
 
 def fill_holes(

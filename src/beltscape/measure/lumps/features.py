@@ -24,21 +24,20 @@ _CHORDS = (2, 4, 8, 16)
 """Distances at which the middle is compared with the chord."""
 _HORIZONS = (8, 24)
 """Distances within which rise and fall are searched."""
-FEATURE_COUNT = 3 * len(_SCALES) + 2 * len(_CHORDS) + 6 * len(_HORIZONS) + 3
-"""Numbers per cell."""
 
 Plane = NDArray[np.float32]
 
 
-def compute_features(height_px: Plane, measured: NDArray[np.bool_]) -> Plane:
-    """Return features (R, C, FEATURE_COUNT) float32 from heights (R, C) without holes and the measured cells."""
+def compute_features(height_px: Plane, measured: NDArray[np.bool_]) -> dict[str, Plane]:
+    """Return the features (R, C) by name, from heights (R, C) without holes and the measured cells."""
     filtered = np.asarray(cv2.medianBlur(height_px, 3), np.float32)
-    planes_of_features = [plane for scale in _SCALES for plane in _compute_curvature(filtered, scale)]
-    planes_of_features += _compute_openness(blur(filtered, 0.8))
+    features: dict[str, Plane] = {}
+    for scale in _SCALES:
+        features |= _compute_curvature(filtered, scale)
+    features |= _compute_openness(blur(filtered, 0.8))
     missing = (~measured).astype(np.float32)
-    planes_of_features += [blur(missing, 1.5), blur(missing, 5.0)]
-    planes_of_features.append(_compress(5 * blur(np.abs(filtered - blur(filtered, 1.0)), 3.0)))
-    return np.stack(planes_of_features, axis=-1)
+    features |= {f"missing within {sigma:g}": blur(missing, sigma) for sigma in (1.5, 5.0)}
+    return features | {"roughness": _compress(5 * blur(np.abs(filtered - blur(filtered, 1.0)), 3.0))}
 
 
 def _compress(values: NDArray[np.floating]) -> Plane:
@@ -46,7 +45,7 @@ def _compress(values: NDArray[np.floating]) -> Plane:
     return np.asarray(values / np.sqrt(1 + values * values), np.float32)
 
 
-def _compute_curvature(height: Plane, scale: float) -> list[Plane]:
+def _compute_curvature(height: Plane, scale: float) -> dict[str, Plane]:
     """Return the larger and the smaller principal second derivative and the slope, smoothed at a scale."""
     smooth = np.pad(blur(height, scale), 1, mode="edge")
     middle = smooth[1:-1, 1:-1]
@@ -56,10 +55,14 @@ def _compute_curvature(height: Plane, scale: float) -> list[Plane]:
     mean, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
     factor = np.float32(1.5 * scale)
     slope = np.hypot(right - left, below - above) / 2
-    return [_compress((mean + spread) * factor), _compress((mean - spread) * factor), _compress(slope)]
+    return {
+        f"larger curvature at {scale:g}": _compress((mean + spread) * factor),
+        f"smaller curvature at {scale:g}": _compress((mean - spread) * factor),
+        f"slope at {scale:g}": _compress(slope),
+    }
 
 
-def _compute_openness(height: Plane) -> list[Plane]:
+def _compute_openness(height: Plane) -> dict[str, Plane]:
     """Return, along four axes, the height of chords over the cell, and the openness in both directions of the axis.
 
     Openness is the steepest rise and fall, after Yokoyama et al. 2002 (Photogramm. Eng. Remote Sens. 68(3)), by axis.
@@ -89,18 +92,17 @@ def _compute_openness(height: Plane) -> list[Plane]:
             if step in rises:
                 rises[step].append(np.minimum(*rise))
                 falls[step].append(-np.maximum(*fall))
-    planes_of_features: list[Plane] = []
-    for planes in chords.values():
-        planes_of_features += [_compress(_compute_maximum(planes)), _compress(_compute_minimum(planes))]
+    features: dict[str, Plane] = {}
+    for step, planes in chords.items():
+        features[f"highest chord over {step}"] = _compress(_compute_maximum(planes))
+        features[f"lowest chord over {step}"] = _compress(_compute_minimum(planes))
     for step in _HORIZONS:
-        for planes in (rises[step], falls[step]):
+        for name, planes in (("rise", rises[step]), ("fall", falls[step])):
             mean = sum(planes[1:], planes[0]) / np.float32(len(planes))
-            planes_of_features += [
-                _compress(_compute_maximum(planes)),
-                _compress(mean),
-                _compress(_compute_minimum(planes)),
-            ]
-    return planes_of_features
+            features[f"greatest {name} within {step}"] = _compress(_compute_maximum(planes))
+            features[f"mean {name} within {step}"] = _compress(mean)
+            features[f"least {name} within {step}"] = _compress(_compute_minimum(planes))
+    return features
 
 
 def _compute_maximum(planes: Sequence[Plane]) -> Plane:

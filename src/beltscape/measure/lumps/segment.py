@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from beltscape.learned.network import Network
 from beltscape.measure.lumps.basins import find_basins, find_borders
 from beltscape.measure.lumps.merging import merge_regions
 from beltscape.measure.lumps.outlines import predict_outlines
 from beltscape.measure.lumps.raster import Raster, blur
 from beltscape.measure.lumps.rims import measure_rims
-from beltscape.measure.network import Network
 
 _OUTLINE_FLOOR = 0.03
 """Connected cells of a lower probability form one minimum, so that noise makes no basins."""

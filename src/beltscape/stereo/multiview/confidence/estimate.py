@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.correlated_noise import inflate_sigma
 from beltscape.stereo.multiview.confidence.features import compute_initial_features
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
@@ -17,7 +18,6 @@ from beltscape.stereo.multiview.confidence.refiner import (
     refine_uncertain_pixels,
 )
 from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.candidates import Selection
 from beltscape.stereo.multiview.state import MatcherState
 

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.surface_features import (
     Features,
@@ -24,7 +25,6 @@ from beltscape.stereo.multiview.confidence.surface_features import (
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.parallel import run_parallel
 from beltscape.stereo.multiview.frame.windows import Windows
-from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.photoconsistency import (
     PhotoConsistencyModel,
     compute_photometric_features,

@@ -8,17 +8,15 @@ messages in their order instead of their sum).
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
-from importlib.resources import files
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
+from beltscape.learned.network import Network
+from beltscape.learned.registry import load_network
 
 REJECTED, ACCEPTED, FIRST_UNCERTAIN = 0, 1, 2
 """Addresses: rejected and accepted pixels have no state of their own; uncertain ones count from the last on."""
@@ -26,33 +24,15 @@ OFFSETS = tuple((du, dv) for dv, du in product((-1, 0, 1), repeat=2))
 """Offsets of the pixels whose messages a pixel takes, itself included."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MessageRound:
-    """The network of one round, and the messages of pixels without a state."""
-
-    fixed_messages: NDArray[np.float32]
-    """(2, K) messages of rejected and of accepted pixels."""
-    layers: tuple[NDArray[np.float32], ...]
-    """Of a perceptron: (k, n + 1) each."""
-
-    def evaluate(
-        self, states: NDArray[np.float32], neighbours: NDArray[np.int32], kernels: Kernels, threads: int
-    ) -> NDArray[np.float32]:
-        """Return the network's (M, N) outputs for states (S, N) and the addresses ``neighbours`` (9, N)."""
-        length = self.fixed_messages.shape[1]
-        messages = np.hstack([self.fixed_messages.T, states[:length]])
-        outputs = kernels.pass_messages(messages, neighbours, states[length:], self.layers, threads=threads)
-        return outputs.astype(np.float32, copy=False)
+_ROUNDS = 3
+"""Number of rounds; each has a network of its own."""
+_FLAGS = np.array([[1, 0], [0, 1]], np.float32)
+"""(2, 2) last two numbers of the messages of rejected and of accepted pixels, whose other numbers are 0."""
 
 
-@cache
-def load_message_rounds() -> tuple[MessageRound, ...]:
-    """Return the shipped rounds, which tools/train_refinement.py fits to simulated frames with known truth."""
-    text = (files("beltscape") / "data" / "message_passing.json").read_text(encoding="utf-8")
-    return tuple(
-        MessageRound(_read_array(each["fixed_messages"]), tuple(map(_read_array, each["layers"])))
-        for each in json.loads(text)["rounds"]
-    )
+def load_message_rounds() -> tuple[Network, ...]:
+    """Return the shipped networks of the rounds."""
+    return tuple(load_network(f"message_round_{i + 1}") for i in range(_ROUNDS))
 
 
 def assign_addresses(uncertain: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.int32]:
@@ -78,7 +58,7 @@ def gather_neighbour_addresses(
 def pass_messages(
     states: NDArray[np.float32],
     neighbours: NDArray[np.int32],
-    rounds: Sequence[MessageRound],
+    rounds: Sequence[Network],
     kernels: Kernels,
     threads: int,
 ) -> NDArray[np.float32]:
@@ -86,10 +66,23 @@ def pass_messages(
 
     The states are overwritten.
     """
-    for each in rounds[:-1]:
-        states += each.evaluate(states, neighbours, kernels, threads)
-    return rounds[-1].evaluate(states, neighbours, kernels, threads)
+
+    def evaluate(network: Network) -> NDArray[np.float32]:
+        length = _message_length(network, len(states), len(neighbours))
+        messages = np.zeros((length + len(_FLAGS), FIRST_UNCERTAIN + states.shape[1]), np.float32)
+        messages[length:, :FIRST_UNCERTAIN] = _FLAGS
+        messages[:length, FIRST_UNCERTAIN:] = states[:length]
+        outputs = kernels.pass_messages(
+            messages, neighbours, states[length:], network.layers, threads=threads
+        )
+        return outputs.astype(np.float32, copy=False)
+
+    *changes, last = rounds
+    for network in changes:
+        states += evaluate(network)
+    return evaluate(last)
 
 
-def _read_array(rows: Sequence[Sequence[float]]) -> NDArray[np.float32]:
-    return np.array(rows, np.float32)
+def _message_length(network: Network, state: int, neighbours: int) -> int:
+    """Return how many of a state's numbers are its message, from the number of the network's features."""
+    return (len(network.features) - state - neighbours * len(_FLAGS)) // (neighbours - 1)

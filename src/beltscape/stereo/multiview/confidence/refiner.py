@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.features import compute_refined_features
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.message_passing import (
@@ -27,7 +28,6 @@ from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.parallel import run_parallel
 from beltscape.stereo.multiview.frame.planes import Pixels, split_pixels
 from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.selection.candidates import Selection
 from beltscape.stereo.multiview.selection.neighbourhood import Neighbourhood, sample_planes
 from beltscape.stereo.multiview.selection.photoconsistency import (

@@ -1,15 +1,13 @@
-"""Features and errors of the pixels of matched training frames; for train_confidence.py."""
+"""Features and errors of the pixels of matched training frames."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from augmentation import TrainingFrame, training_frames
 from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import interior_mask
 from beltscape.kernels.selection.candidates import Candidates
@@ -24,6 +22,7 @@ from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.selection.candidates import UNCERTAIN, CandidateSelector
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.multiview.state import MatcherState
+from training.samples.augmentation import TrainingFrame, training_frames
 
 ALONG_MM = 240.0
 """The projector lights little more of the belt."""
@@ -60,19 +59,17 @@ class Truth:
     occluded: np.ndarray
 
 
-def pixel_samples(folders: list[Path], network: str) -> Iterator[Sample]:
-    """Yield samples with the features of a network: initial or refined ones."""
-    for turn, folder in enumerate(folders):
-        for training in training_frames(folder, turn):
-            settings = MultiviewSettings.preset("fast" if network == "fast_confidence" else training.preset)
-            matcher = make_matcher(training, settings)
-            match = (
-                matcher.solve_pyramid(training.frame, training.names)
-                if network == "initial_confidence"
-                else matcher.match(training.frame, training.names, Silent())
-            )
-            yield _sample(match, training, settings)
-        print(folder, file=sys.stderr, flush=True)
+def draw_pixel_samples(folder: Path, turn: int, network: str) -> Iterator[Sample]:
+    """Yield samples of a capture's training frames with the features of a network: initial or refined ones."""
+    for training in training_frames(folder, turn):
+        settings = MultiviewSettings.preset("fast" if network == "fast_confidence" else training.preset)
+        matcher = make_matcher(training, settings)
+        match = (
+            matcher.solve_pyramid(training.frame, training.names)
+            if network == "initial_confidence"
+            else matcher.match(training.frame, training.names, Silent())
+        )
+        yield _sample(match, training, settings)
 
 
 def _sample(match: MatcherState, training: TrainingFrame, settings: MultiviewSettings) -> Sample:
@@ -141,22 +138,19 @@ class SelectionSamples:
             yield at, found, features, np.full_like(ds, np.inf) if self.training.is_false else ds
 
 
-def selection_samples(folders: list[Path]) -> Iterator[SelectionSamples]:
-    """Yield the candidate selections of all training frames."""
-    for turn, folder in enumerate(folders):
-        for training in training_frames(folder, turn):
-            settings = MultiviewSettings.preset(training.preset)
-            matcher = make_matcher(training, settings)
-            match = matcher.solve_pyramid(training.frame, training.names)
-            context = match.prepared.context
-            planes = compute_selection_features(ConfidenceInputs.from_state(match))
-            truth = read_truth(training, 1)
-            share = UNCERTAIN_SAMPLES / max(
-                1, int((truth.scene & (planes["initial confidence"] < UNCERTAIN)).sum())
-            )
-            selector = CandidateSelector.from_surface(match.solution.surface, planes, match.prepared)
-            yield SelectionSamples(training, selector, truth, context.inverse_depth_scale, share)
-        print(folder, file=sys.stderr, flush=True)
+def draw_selection_samples(folder: Path, turn: int) -> Iterator[SelectionSamples]:
+    """Yield the candidate selections of a capture's training frames."""
+    for training in training_frames(folder, turn):
+        settings = MultiviewSettings.preset(training.preset)
+        matcher = make_matcher(training, settings)
+        match = matcher.solve_pyramid(training.frame, training.names)
+        context = match.prepared.context
+        planes = compute_selection_features(ConfidenceInputs.from_state(match))
+        truth = read_truth(training, 1)
+        uncertain = truth.scene & (planes["initial confidence"] < UNCERTAIN)
+        share = UNCERTAIN_SAMPLES / max(1, int(uncertain.sum()))
+        selector = CandidateSelector.from_surface(match.solution.surface, planes, match.prepared)
+        yield SelectionSamples(training, selector, truth, context.inverse_depth_scale, share)
 
 
 def make_matcher(training: TrainingFrame, settings: MultiviewSettings) -> MultiviewReconstructor:

@@ -1,18 +1,7 @@
-"""Train the refinement of uncertain pixels: the refinement network and the rounds of message passing.
-
-    python tools/refinement_samples.py TILES CAPTURE…
-    python tools/train_refinement.py TILES [FOLDER]
-
-It writes refinement.json and message_passing.json to FOLDER, without it to data/, from where the program reads them.
-They depend on the networks of train_confidence.py. Only
-this tool needs PyTorch (``pip install torch``). Assess the result on captures that are not among them.
-"""
+"""Recipe of the refinement of uncertain pixels: the refinement network and the rounds of message passing."""
 
 from __future__ import annotations
 
-import sys
-import time
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,20 +9,14 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from beltscape.core.progress import Reporter
 from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.learned.network import Network
 from beltscape.stereo.multiview.confidence.message_passing import OFFSETS
-from refinement_samples import Tile, join_tiles, read_tiles
-from train_confidence import (
-    ACCEPTED,
-    DATA,
-    GROSS_MM,
-    MOST_MM,
-    ROUND,
-    TrainedNetwork,
-    compute_limits,
-    format_rows,
-    write_network,
-)
+from training.confidence import ACCEPTED, GROSS_MM, MOST_MM, ROUND
+from training.losses import huber
+from training.perceptron import compute_limits, export_layers, make_layers, unscale_first_layer
+from training.samples.refinement import Tile, join_tiles, read_tiles, write_tiles
 
 UNITS = 96, 48
 """Hidden units of the refinement network."""
@@ -42,6 +25,8 @@ MESSAGE, OWN = 16, 32
 ROUNDS, ROUND_UNITS = 3, 48
 """Number of rounds, and the hidden units of each."""
 EPOCHS, BATCH, RATE, DECAY = 20, 36_000, 3e-3, 1e-4
+FLAGS = torch.eye(2)
+"""Last two numbers of the messages of rejected and of accepted pixels, whose other numbers are 0."""
 OCCLUDED = 6.0
 """Weight of a pixel that no auxiliary sees: they are few, and right there only by chance."""
 SHIFT_WEIGHT, SIGMA_WEIGHT = 3.0, 0.2
@@ -59,26 +44,21 @@ class RefinementNetwork(nn.Module):
         self.limits = torch.from_numpy(limits)
         within = features.clamp(*self.limits)
         self.mean, self.spread = within.mean(0), within.std(0) + 1e-6
-        state, inputs = MESSAGE + OWN, len(OFFSETS) * MESSAGE + OWN
+        state, inputs = MESSAGE + OWN, len(OFFSETS) * (MESSAGE + len(FLAGS)) + OWN
         self.state_layers = make_layers(features.shape[1], *UNITS, state)
         self.rounds = nn.ModuleList(make_layers(inputs, ROUND_UNITS, k) for k in (*[state] * (ROUNDS - 1), 3))
-        self.fixed_messages = nn.ParameterList(torch.zeros(2, MESSAGE) for _ in self.rounds)
 
     def forward(self, features: Tensor, neighbours: Tensor) -> Tensor:
         """Return (N, 3) logit, log sigma and shift for features (N, n) and neighbours' addresses (9, N)."""
         state = self.state_layers((features.clamp(*self.limits) - self.mean) / self.spread)
-        for i, (fixed, layers) in enumerate(zip(self.fixed_messages, self.rounds, strict=True)):
-            messages = torch.cat([fixed, state[:, :MESSAGE]])
+        for i, layers in enumerate(self.rounds):
+            others = torch.cat([torch.zeros(len(FLAGS), MESSAGE), FLAGS], 1)
+            own = functional.pad(state[:, :MESSAGE], (0, len(FLAGS)))
+            messages = torch.cat([others, own])
             received = messages[neighbours.T].transpose(1, 2).flatten(1)
             change = layers(torch.cat([received, state[:, MESSAGE:]], 1))
             state = change if i == ROUNDS - 1 else state + change
         return state
-
-
-def make_layers(*sizes: int) -> nn.Sequential:
-    """Return linear layers, all but the last rectified."""
-    layers = [part for a, b in pairwise(sizes) for part in (nn.Linear(a, b), nn.ReLU())]
-    return nn.Sequential(*layers[:-1])
 
 
 def compute_loss(prediction: Tensor, tile: Tile) -> Tensor:
@@ -101,13 +81,6 @@ def compute_loss(prediction: Tensor, tile: Tile) -> Tensor:
     return (weight * each).sum() / weight.sum()
 
 
-def huber(deviation: Tensor, corner: float) -> Tensor:
-    """Return the absolute deviation with its corner rounded by a parabola."""
-    return (
-        functional.huber_loss(deviation, torch.zeros_like(deviation), reduction="none", delta=corner) / corner
-    )
-
-
 def draw_batches(tiles: list[Tile], rng: np.random.Generator) -> list[list[Tile]]:
     """Return the tiles in random order, several to a batch; an incomplete last one is left out, unless it is all."""
     complete: list[list[Tile]] = []
@@ -120,70 +93,66 @@ def draw_batches(tiles: list[Tile], rng: np.random.Generator) -> list[list[Tile]
     return complete or [some]
 
 
-def fit_networks(tiles: list[Tile]) -> RefinementNetwork:
+def fit_networks(tiles: list[Tile], reporter: Reporter) -> RefinementNetwork:
     """Return the networks of least loss."""
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
-    model = RefinementNetwork(
-        torch.from_numpy(np.concatenate([tile.features[::20] for tile in tiles])).float()
-    )
+    some = np.concatenate([tile.features[::20] for tile in tiles])
+    model = RefinementNetwork(torch.from_numpy(some).float())
     adam = torch.optim.AdamW(model.parameters(), lr=RATE, weight_decay=DECAY)
     pixels = sum(len(tile.off_px) for tile in tiles)
     rate = torch.optim.lr_scheduler.OneCycleLR(
         adam, RATE, total_steps=EPOCHS * (pixels // BATCH + 1), pct_start=0.1
     )
-    began = time.monotonic()
     for epoch in range(EPOCHS):
-        losses = []
-        for some in draw_batches(tiles, rng):
-            batch = join_tiles(some)
-            loss = compute_loss(
-                model(torch.from_numpy(batch.features).float(), torch.from_numpy(batch.neighbours)), batch
+        for drawn in draw_batches(tiles, rng):
+            batch = join_tiles(drawn)
+            features, neighbours = (
+                torch.from_numpy(batch.features).float(),
+                torch.from_numpy(batch.neighbours),
             )
             adam.zero_grad()
-            loss.backward()
+            compute_loss(model(features, neighbours), batch).backward()
             adam.step()
             rate.step()
-            losses.append(float(loss.detach()))
-        print(f"{epoch + 1} of {EPOCHS}: {np.mean(losses):.4f}, {time.monotonic() - began:.0f} s", flush=True)
+        reporter.step("fit of the refinement", epoch + 1, EPOCHS)
     return model
 
 
-def export_layers(layers: nn.Sequential) -> list[np.ndarray]:
-    """Return the (outputs, inputs + 1) weights and offsets of each layer, as in the files."""
-    linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
-    return [
-        torch.cat([layer.weight, layer.bias[:, None]], 1).detach().numpy().astype(float) for layer in linear
-    ]
-
-
-def main() -> None:
-    """Read the tiles, train and write."""
+def train_refinement(captures: list[Path], folder: Path, reporter: Reporter) -> dict[str, Network]:
+    """Train on tiles of the captures, which are kept in ``folder``; return the networks by name."""
     names: tuple[str, ...] = ()
     tiles: list[Tile] = []
-    for path in sorted(Path(sys.argv[1]).glob("*.npz")):
-        names, found = read_tiles(path)
-        tiles += found
-    print(len(tiles), "tiles,", sum(len(tile.off_px) for tile in tiles), "pixels", flush=True)
-    model = fit_networks(tiles)
+    folder.mkdir(parents=True, exist_ok=True)
+    for turn, capture in enumerate(captures):
+        path = folder / f"{capture.name}.npz"
+        if not path.is_file():
+            part = path.with_suffix(".part.npz")
+            write_tiles(part, capture, turn)
+            part.replace(path)
+        found, more = read_tiles(path)
+        names, tiles = found or names, [*tiles, *more]
+        reporter.step("samples for the refinement", turn + 1, len(captures))
+    return export_networks(names, fit_networks(tiles, reporter))
+
+
+def export_networks(names: tuple[str, ...], model: RefinementNetwork) -> dict[str, Network]:
+    """Return the fitted networks by name, in the units of their features."""
+    state = (*(f"message {i}" for i in range(MESSAGE)), *(f"state {i}" for i in range(OWN)))
+    messages = (*state[:MESSAGE], "rejected", "accepted")
+    received = (*(f"{name} at {du:+d}{dv:+d}" for name in messages for du, dv in OFFSETS), *state[MESSAGE:])
     first, *others = export_layers(model.state_layers)
     mean, spread = (part.numpy().astype(float) for part in (model.mean, model.spread))
-    own = np.hstack([first[:, :-1] / spread, first[:, -1:] - first[:, :-1] @ (mean / spread)[:, None]])
-    folder = Path(sys.argv[2]) if len(sys.argv) > 2 else DATA
-    write_network(TrainedNetwork("refinement", names, model.limits.numpy(), [own, *others]), folder)
-    write_rounds(model, folder)
+    layers = [unscale_first_layer(first, mean, spread), *others]
+    networks = {"refinement": Network(names, state, model.limits.numpy(), _as_single(layers))}
+    most = np.finfo(np.float32).max
+    unlimited = np.array([[-most], [most]], np.float32).repeat(len(received), 1)
+    for i, layers_of_round in enumerate(model.rounds):
+        outputs = ("logit", "log sigma", "shift") if i == ROUNDS - 1 else state
+        weights = _as_single(export_layers(layers_of_round))
+        networks[f"message_round_{i + 1}"] = Network(received, outputs, unlimited, weights)
+    return networks
 
 
-def write_rounds(model: RefinementNetwork, folder: Path) -> None:
-    """Write message_passing.json."""
-    rounds = [
-        f'{{"fixed_messages": {format_rows(fixed.detach().numpy())},\n'
-        f'"layers": [{", ".join(map(format_rows, export_layers(layers)))}]}}'
-        for fixed, layers in zip(model.fixed_messages, model.rounds, strict=True)
-    ]
-    text = '{"rounds": [\n' + ",\n".join(rounds) + "\n]}\n"
-    (folder / "message_passing.json").write_text(text, "utf-8")
-
-
-if __name__ == "__main__":
-    main()
+def _as_single(layers: list[np.ndarray]) -> tuple[np.ndarray, ...]:
+    return tuple(layer.astype(np.float32) for layer in layers)

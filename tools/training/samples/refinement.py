@@ -1,13 +1,7 @@
-"""Training samples of the refinement network: tiles of uncertain pixels of simulated captures, with their truth.
-
-    python tools/refinement_samples.py OUT CAPTURE…
-
-CAPTURE is as for train_confidence.py; a file of each is written to OUT.
-"""
+"""Samples of the refinement network: tiles of uncertain pixels of simulated captures, with their truth."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from augmentation import TrainingFrame, training_frames
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
+from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.message_passing import (
     FIRST_UNCERTAIN,
@@ -25,9 +19,9 @@ from beltscape.stereo.multiview.confidence.message_passing import (
     gather_neighbour_addresses,
 )
 from beltscape.stereo.multiview.confidence.refiner import RefinementInputs, mask_accepted, mask_uncertain
-from beltscape.stereo.multiview.networks import load_network
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from pixel_samples import Truth, make_matcher, read_truth
+from training.samples.augmentation import TrainingFrame, training_frames
+from training.samples.pixels import Truth, make_matcher, read_truth
 
 TILE_PX, MARGIN_PX = 128, 3
 """Side of a tile, and of the margin whose pixels pass messages into it, at scale 1."""
@@ -56,7 +50,7 @@ class Tile(NamedTuple):
 FIELDS = Tile._fields
 
 
-def tiles(folder: Path, turn: int) -> Iterator[tuple[tuple[str, ...], Tile]]:
+def draw_tiles(folder: Path, turn: int) -> Iterator[tuple[tuple[str, ...], Tile]]:
     """Yield the features' names and tiles of a capture's training frames."""
     for training in training_frames(folder, turn):
         settings = MultiviewSettings.preset(training.preset)
@@ -142,7 +136,7 @@ def join_tiles(some: list[Tile]) -> Tile:
 
 def write_tiles(path: Path, folder: Path, turn: int) -> int:
     """Write a capture's tiles to a file; return their number."""
-    found = list(tiles(folder, turn))
+    found = list(draw_tiles(folder, turn))
     parts: dict[str, Any] = {
         f"{i} {name}": part
         for i, (_, tile) in enumerate(found)
@@ -157,16 +151,3 @@ def read_tiles(path: Path) -> tuple[tuple[str, ...], list[Tile]]:
     kept = np.load(path)
     number = (len(kept.files) - 1) // len(FIELDS)
     return tuple(kept["names"]), [Tile(*(kept[f"{i} {name}"] for name in FIELDS)) for i in range(number)]
-
-
-def main() -> None:
-    """Match the captures and write their tiles."""
-    out = Path(sys.argv[1])
-    out.mkdir(exist_ok=True)
-    for turn, folder in enumerate(map(Path, sys.argv[2:])):
-        number = write_tiles(out / f"{turn:03d}.npz", folder, turn)
-        print(folder, number, "tiles", file=sys.stderr, flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,81 @@
+"""Scenes of the ablation: own captures that nothing was fitted to, and those rendered by another program."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.depth import DepthMap
+from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
+from beltscape.files.documents.json_text import read_json
+from beltscape.files.rasters.images import read_image
+from beltscape.measure.belt.empty_belt import find_belt
+from beltscape.pipeline.simulation import simulate
+from beltscape.simulate.scenario import Scenario
+from beltscape.simulate.scene_assembly import SimulatedScene
+from beltscape.simulate.truth.core_truth import trace_core_view
+from captures import LABELS, REGION_MM, Scene, read_rendered
+
+_SCENES = Path(__file__).with_name("ablation_scenes.toml")
+_TRUE_SIGMA_MM = 0.02
+"""σ of the empty belt's true depth: that of a measured empty belt, so that it adds nothing of its own."""
+
+
+@dataclass(frozen=True)
+class AblationScene:
+    """A scene with the empty belt of its plant."""
+
+    scene: Scene
+    belt: Belt | None
+    """None where there is no load whose volume is known."""
+
+
+def read_scenes(cache: Path, rendered: Path | None) -> list[AblationScene]:
+    """Return all scenes; own ones are rendered into the cache once (a minute each)."""
+    tables = tomllib.loads(_SCENES.read_text("utf-8"))
+    scenes = [_read_own(name, Scenario.model_validate(table), cache / name) for name, table in tables.items()]
+    if rendered is not None and rendered.is_dir():
+        for name in ("belt_loaded", "module"):
+            scene = read_rendered(rendered, name, 0)
+            scenes.append(AblationScene(replace(scene, name=f"{name}, other renderer"), None))
+    return scenes
+
+
+def _read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:
+    truth = folder / "truth"
+    if not (folder / "preview.png").is_file():
+        simulate(scenario, folder, Silent())
+    plant = SimulatedScene(scenario.model_copy(update={"kind": "belt_empty"}))
+    rig, world_from_core = plant.station.rig, plant.station.core_from_world.inverse()
+    kind = scenario.kind
+    with np.load(truth / f"{kind}_depth.npz") as arrays:
+        depth, label, views = arrays["depth_mm"].astype(np.float64), arrays["label"], arrays["views"]
+    points = world_from_core.apply(
+        np.concatenate([rig.core_camera.rays() * depth[..., None], depth[..., None]], axis=-1)
+    )
+    lit = np.abs(points[..., 1]) <= REGION_MM
+    images = {camera: read_image(folder / camera / "000.png") for camera in rig.cameras}
+    region, unseen = np.isin(label, LABELS[kind]) & lit, lit & (views == 0) & np.isfinite(depth)
+    scene = Scene(name, rig, FrameSet("000", images), depth, region, unseen)
+    if kind != "belt_loaded":
+        return AblationScene(scene, None)
+    belt = _find_true_belt(plant)
+    volume = read_json(truth / f"{kind}_scene.json")["volume"]
+    offset = float((belt.belt_from_core @ world_from_core.inverse()).translation_mm[1])
+    first, last = (float(end) + offset for end in volume["along_mm"])
+    return AblationScene(replace(scene, true_volume_mm3=volume["volume_mm3"], along_mm=(first, last)), belt)
+
+
+def _find_true_belt(plant: SimulatedScene) -> Belt:
+    """Return the empty belt found in its true depth."""
+    depth = trace_core_view(plant.world_at(0), plant.station).depth_mm
+    seen = np.isfinite(depth)
+    sigma = np.where(seen, _TRUE_SIGMA_MM, np.nan).astype(np.float32)
+    views = seen.astype(np.uint8)
+    empty = DepthMap(depth.astype(np.float32), sigma, views, seen.astype(np.float32))
+    return find_belt(empty, plant.station.rig.core_camera)

@@ -1,0 +1,115 @@
+"""Train every network from nothing but the simulator's seeds; what is there already is not done again.
+
+    cd tools && python -m training [--work FOLDER] [--captures N] [--only NETWORK …] [--out FOLDER]
+
+Captures, samples and networks are kept in the work folder (default: out/train); a run that was stopped goes on where
+it was. When all networks are trained they are written to the package's data with their manifest. The whole takes some hours on two cores. It needs PyTorch: pip install 'beltscape[train]'.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import beltscape
+from beltscape.core.progress import Reporter
+from beltscape.learned.network import Network
+from beltscape.learned.registry import PURPOSES, use_networks
+from beltscape.learned.weights_file import write_network
+from training.cache import SampleCache
+from training.confidence import train_candidates, train_pairwise_ranking, train_pixels
+from training.holes import train_measuring
+from training.lumps import train_lumps
+from training.manifest import write_manifest
+from training.perceptron import set_deterministic
+from training.progress import PrintedProgress
+from training.refinement import train_refinement
+from training.scenarios import render_scenario
+
+ROOT = Path(__file__).parents[2]
+DATA = Path(beltscape.__file__).parent / "data" / "networks"
+CAPTURES = 64
+"""Number of scenarios that the shipped networks are trained on."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """The folders of a training, and its captures."""
+
+    work: Path
+    captures: list[Path]
+    reporter: Reporter
+
+    @property
+    def networks(self) -> Path:
+        """Return the folder of the networks trained so far."""
+        return self.work / "networks"
+
+    @property
+    def samples(self) -> SampleCache:
+        """Return the cache of samples."""
+        return SampleCache(self.work / "samples", self.reporter)
+
+    def is_done(self, *names: str) -> bool:
+        """Return whether the networks of these names are trained."""
+        return all((self.networks / f"{name}.npz").is_file() for name in names)
+
+    def keep(self, networks: dict[str, Network]) -> None:
+        """Write trained networks, from where those that follow read them."""
+        self.networks.mkdir(parents=True, exist_ok=True)
+        for name, network in networks.items():
+            write_network(self.networks / f"{name}.npz", network)
+        use_networks(self.networks)
+
+
+def list_recipes(training: Training) -> list[tuple[tuple[str, ...], Callable[[], dict[str, Network]]]]:
+    """Return the names and the recipe of each fit, in the order in which they depend on each other."""
+    captures, samples = training.captures, training.samples
+    refined = ("refinement", *(name for name in PURPOSES if name.startswith("message_round")))
+    tiles = training.work / "samples" / "refinement"
+    return [
+        *(
+            ((name,), lambda name=name: {name: train_pixels(name, captures, samples)})
+            for name in ("initial_confidence", "fast_confidence")
+        ),
+        (("candidates",), lambda: {"candidates": train_candidates(captures, samples)}),
+        (("pairwise_ranking",), lambda: {"pairwise_ranking": train_pairwise_ranking(captures, samples)}),
+        (("confidence",), lambda: {"confidence": train_pixels("confidence", captures, samples)}),
+        (refined, lambda: train_refinement(captures, tiles, training.reporter)),
+        *(
+            ((name,), lambda name=name: {name: train_measuring(name, captures, samples)})
+            for name in ("holes", "edge_fattening")
+        ),
+        (("lumps",), lambda: {"lumps": train_lumps(captures, samples)}),
+    ]
+
+
+def main() -> None:
+    """Train what is missing; write all networks and their manifest when none is."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--work", type=Path, default=ROOT / "out" / "train")
+    parser.add_argument("--captures", type=int, default=CAPTURES)
+    parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--out", type=Path, default=DATA)
+    arguments = parser.parse_args()
+    set_deterministic()
+    reporter = PrintedProgress()
+    captures: list[Path] = []
+    for number in range(arguments.captures):
+        captures.append(render_scenario(number, arguments.work / "captures"))
+        reporter.step("captures", number + 1, arguments.captures)
+    training = Training(arguments.work, captures, reporter)
+    training.keep({})
+    for names, train in list_recipes(training):
+        if not training.is_done(*names) and (not arguments.only or set(names) & set(arguments.only)):
+            training.keep(train())
+    if training.is_done(*PURPOSES):
+        write_manifest(training.networks, arguments.out, arguments.captures)
+
+
+if __name__ == "__main__":
+    main()

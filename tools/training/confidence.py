@@ -1,0 +1,161 @@
+"""Recipes of the networks of confidence, sigma and candidate selection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from beltscape.core.statistics import MAD_TO_SIGMA
+from beltscape.learned.network import Network
+from training.cache import SampleCache
+from training.losses import make_absolute_deviation, make_cross_entropy
+from training.perceptron import Schedule, fit_perceptron, join_outputs
+from training.samples.pixels import Sample, SelectionSamples, draw_pixel_samples, draw_selection_samples
+
+GROSS_MM = 4.0
+"""Error from which on a surface is false."""
+RIGHT_PX = 1.25
+"""Error up to which a candidate is right, at scale 1."""
+NEAR = 0.1
+"""Weight of a pixel near a true step in the fit of sigma."""
+ACCEPTED = 0.75
+"""Sigma is fitted to pixels of at least this confidence ..."""
+MOST_MM = 5.0
+"""... and at most this error; false surfaces are left to the confidence."""
+ROUND = 0.1
+"""Half width of the parabola that rounds the corner of the absolute deviation."""
+OCCLUDED = 4.0
+"""Weight of a pixel that no auxiliary sees: they are few, and right there only by chance."""
+SCHEDULES = {
+    "initial_confidence": Schedule((32,), 16, 8192, 4e-3),
+    "candidates": Schedule((32,), 16, 8192, 4e-3),
+    "pairwise_ranking": Schedule((64, 32), 32, 4096, 4e-3),
+    "confidence": Schedule((32,), 16, 8192, 4e-3),
+    "fast_confidence": Schedule((64,), 16, 8192, 4e-3),
+    "sigma": Schedule((32,), 16, 8192, 4e-3),
+}
+SIGMA_BLIND = "log grid scale"
+"""Feature that sigma does not use: with it, sigma would fit single captures of that size."""
+
+
+def train_pixels(name: str, captures: list[Path], cache: SampleCache) -> Network:
+    """Train the logit of a pixel's confidence and, except for the initial one, the logarithm of its sigma."""
+
+    def draw(folder: Path, turn: int) -> dict[str, np.ndarray]:
+        return _stack(list(draw_pixel_samples(folder, turn, name)))
+
+    samples = cache.collect(name, captures, draw)
+    features = tuple(map(str, samples.pop("names")))
+    x, dz = samples["features"], np.abs(samples["dz_mm"])
+    right = ((dz <= GROSS_MM) & ~samples["occluded"])[:, None]
+    weight = np.where(samples["occluded"], OCCLUDED, 1)[:, None]
+    confidence = fit_perceptron(features, ("logit",), x, make_cross_entropy(right, weight), SCHEDULES[name])
+    if name == "initial_confidence":
+        return confidence
+    return join_outputs(confidence, _train_sigma(samples, confidence))
+
+
+def _train_sigma(samples: dict[str, np.ndarray], confidence: Network) -> Network:
+    """Train the logarithm of sigma, px, on accepted pixels that are not false."""
+    x, features = samples["features"], confidence.features
+    logit = confidence.evaluate_values(dict(zip(features, x.T, strict=True)))[0]
+    used = (np.abs(samples["dz_mm"]) <= MOST_MM) & (logit > np.log(ACCEPTED / (1 - ACCEPTED)))
+    sizes = np.log(MAD_TO_SIGMA * np.maximum(np.abs(samples["centred_px"][used]), 1e-6))
+    weight = np.where(samples["interior"][used], 1, NEAR)
+    seen = [name for name in features if name != SIGMA_BLIND]
+    columns = [features.index(name) for name in seen]
+    loss = make_absolute_deviation(sizes, weight, ROUND)
+    fitted = fit_perceptron(
+        tuple(seen), ("log sigma",), x[np.ix_(np.flatnonzero(used), columns)], loss, SCHEDULES["sigma"],
+        limits=confidence.limits[:, columns], start=float(np.median(sizes)),
+    )  # fmt: skip
+    blind = np.insert(fitted.layers[0], features.index(SIGMA_BLIND), 0, axis=1)
+    return replace(fitted, features=features, limits=confidence.limits, layers=(blind, *fitted.layers[1:]))
+
+
+def train_candidates(captures: list[Path], cache: SampleCache) -> Network:
+    """Train the logit of the probability that a candidate is right."""
+
+    def draw(folder: Path, turn: int) -> dict[str, np.ndarray]:
+        return _draw_selection(folder, turn, _draw_candidates)
+
+    samples = cache.collect("candidates", captures, draw)
+    loss = make_cross_entropy(samples["right"])
+    names = tuple(map(str, samples["names"]))
+    return fit_perceptron(names, ("logit",), samples["features"], loss, SCHEDULES["candidates"])
+
+
+def train_pairwise_ranking(captures: list[Path], cache: SampleCache) -> Network:
+    """Train the logits of the probabilities that the top two candidates are right."""
+
+    def draw(folder: Path, turn: int) -> dict[str, np.ndarray]:
+        return _draw_selection(folder, turn, _draw_pairs)
+
+    samples = cache.collect("pairwise_ranking", captures, draw)
+    outputs, loss = ("logit of the first", "logit of the second"), make_cross_entropy(samples["right"])
+    names = tuple(map(str, samples["names"]))
+    return fit_perceptron(names, outputs, samples["features"], loss, SCHEDULES["pairwise_ranking"])
+
+
+Drawn = tuple[tuple[str, ...], np.ndarray, np.ndarray]
+"""Names, features (N, n) and what is right (N, m)."""
+
+
+def _draw_selection(
+    folder: Path, turn: int, draw: Callable[[SelectionSamples], list[Drawn]]
+) -> dict[str, np.ndarray]:
+    drawn = [part for frame in draw_selection_samples(folder, turn) for part in draw(frame)]
+    if not drawn:
+        return {}
+    return {
+        "names": np.array(drawn[0][0]),
+        "features": np.concatenate([features for _, features, _ in drawn]),
+        "right": np.concatenate([right for _, _, right in drawn]),
+    }
+
+
+def _draw_candidates(frame: SelectionSamples) -> list[Drawn]:
+    drawn: list[Drawn] = []
+    for _, candidates, values, ds in frame.draw():
+        finite = np.isfinite(candidates.s)
+        features = np.stack([plane[finite] for plane in values.values()], -1).astype(np.float32)
+        drawn.append((tuple(values), features, (np.abs(ds[finite]) <= RIGHT_PX)[:, None]))
+    return drawn
+
+
+def _draw_pairs(frame: SelectionSamples) -> list[Drawn]:
+    drawn: list[Drawn] = []
+    for at, candidates, values, ds in frame.draw():
+        first, second, score = frame.selector.rank_top_two(candidates, values)
+        paired = np.flatnonzero(second >= 0)
+        pair = first[paired], second[paired]
+        pairs = frame.selector.compute_pairwise_features(
+            at, candidates, {**values, "score": score}, paired, pair
+        )
+        features = np.concatenate(list(pairs.values())).T.astype(np.float32)
+        right = np.stack([np.abs(ds[index, paired]) <= RIGHT_PX for index in pair], -1)
+        drawn.append((tuple(pairs), features, right))
+    return drawn
+
+
+def _stack(samples: list[Sample]) -> dict[str, np.ndarray]:
+    """Return the samples of a capture's training frames as arrays over their pixels."""
+    if not samples:
+        return {}
+    return {
+        "names": np.array(samples[0].names),
+        "features": np.concatenate([s.features for s in samples]),
+        "dz_mm": np.concatenate([s.dz_mm for s in samples]),
+        "centred_px": np.concatenate([_centre_errors(s) for s in samples]),
+        "interior": np.concatenate([s.interior for s in samples]),
+        "occluded": np.concatenate([s.occluded for s in samples]),
+    }
+
+
+def _centre_errors(sample: Sample) -> np.ndarray:
+    """Return the (n,) errors in px around their median; sigma is their spread."""
+    counted = sample.interior & (np.abs(sample.dz_mm) <= MOST_MM)
+    return sample.ds_px - np.median(sample.ds_px[counted]) if counted.any() else sample.ds_px

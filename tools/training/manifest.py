@@ -1,0 +1,50 @@
+"""The manifest of the shipped networks: their training scenarios, the commit of the code, and their metrics."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+from beltscape.learned.registry import PURPOSES
+from beltscape.learned.weights_file import read_network
+from training.scenarios import HELD_OUT
+
+
+def write_manifest(
+    networks: Path, out: Path, captures: int, metrics: dict[str, dict[str, float]] | None = None
+) -> None:
+    """Copy the networks of a training to a folder, with manifest.json."""
+    out.mkdir(parents=True, exist_ok=True)
+    entries: dict[str, Any] = {}
+    for name in PURPOSES:
+        path = networks / f"{name}.npz"
+        with path.open("rb") as stream:
+            network = read_network(stream, path.name)
+        entries[name] = {
+            "features": len(network.features),
+            "units": [len(layer) for layer in network.layers],
+            "parameters": network.parameters,
+            "metrics": (metrics or {}).get(name, {}),
+        }
+        shutil.copyfile(path, out / path.name)
+    document = {
+        "made_by": "make train",
+        "commit": _read_commit(),
+        "scenarios": {"training": [0, captures - 1], "held_out_from": HELD_OUT},
+        "networks": entries,
+    }
+    (out / "manifest.json").write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", "utf-8")
+
+
+def _read_commit() -> str:
+    """Return the commit of the working tree, with a + if files are changed."""
+
+    def run(*arguments: str) -> str:
+        command = ["git", *arguments]
+        folder = Path(__file__).parent
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout.strip()
+
+    return run("rev-parse", "HEAD") + ("+" if run("status", "--porcelain", "--untracked-files=no") else "")

@@ -1,0 +1,152 @@
+"""Fit of a multilayer perceptron by PyTorch, deterministic on the processor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from beltscape.learned.network import Network
+
+Loss = Callable[[Tensor, Tensor], Tensor]
+"""Mean loss of outputs (B, m) of the samples with indices (B,)."""
+LIMIT = 4.0
+"""Features are clipped to this many standard deviations around their mean."""
+_SPREAD = 1e-6
+"""Added to every standard deviation, for features that are constant."""
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """Hidden units, duration and learning rate of a fit."""
+
+    hidden: tuple[int, ...]
+    epochs: int
+    batch: int
+    rate: float = 3e-3
+    decay: float = 1e-6
+    """Weight decay of AdamW (Loshchilov & Hutter 2019, arXiv:1711.05101)."""
+
+
+def set_deterministic(threads: int = 1) -> None:
+    """Make every following fit depend on nothing but its input and its seed."""
+    torch.use_deterministic_algorithms(True)
+    torch.set_num_threads(threads)
+
+
+def compute_limits(x: np.ndarray) -> np.ndarray:
+    """Return the (2, n) limits to which features (N, n) are clipped; NaN is no value."""
+    mean, spread = np.nanmean(x, axis=0, dtype=float), np.nanstd(x, axis=0, dtype=float)
+    low, high = mean - LIMIT * spread, mean + LIMIT * spread
+    limits = np.stack([np.maximum(low, np.nanmin(x, axis=0)), np.minimum(high, np.nanmax(x, axis=0))])
+    return limits.astype(np.float32)
+
+
+def make_layers(*sizes: int) -> nn.Sequential:
+    """Return linear layers of these numbers of units, all but the last rectified."""
+    layers = [part for a, b in pairwise(sizes) for part in (nn.Linear(a, b), nn.ReLU())]
+    return nn.Sequential(*layers[:-1])
+
+
+def export_layers(layers: nn.Sequential) -> list[np.ndarray]:
+    """Return the (units, inputs + 1) weights and offsets of each layer."""
+    linear = [layer for layer in layers if isinstance(layer, nn.Linear)]
+    return [
+        torch.cat([layer.weight, layer.bias[:, None]], 1).detach().numpy().astype(np.float64)
+        for layer in linear
+    ]
+
+
+def unscale_first_layer(layer: np.ndarray, mean: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Return a first layer for features in their own units from one for (features − mean) / spread."""
+    weights = layer[:, :-1] / spread
+    return np.hstack([weights, layer[:, -1:] - weights @ mean[:, None]])
+
+
+def fit_perceptron(
+    features: tuple[str, ...],
+    outputs: tuple[str, ...],
+    x: np.ndarray,
+    loss: Loss,
+    schedule: Schedule,
+    *,
+    limits: np.ndarray | None = None,
+    start: float = 0.0,
+    seed: int = 0,
+) -> Network:
+    """Return the network of least mean loss over samples x (N, n), by AdamW with a cosine schedule.
+
+    ``limits`` (2, n) are those of `compute_limits` by default; ``start`` is added to the outputs before the fit.
+    """
+    torch.manual_seed(seed)
+    limits = compute_limits(x) if limits is None else limits
+    within = np.clip(np.where(np.isnan(x), limits[0], x), *limits).astype(np.float32)
+    mean, spread = within.mean(axis=0, dtype=float), within.std(axis=0, dtype=float) + _SPREAD
+    scaled = torch.from_numpy(((within - mean) / spread).astype(np.float32))
+    model = make_layers(len(features), *schedule.hidden, len(outputs))
+    with torch.no_grad():
+        for part in (model[-1].weight, model[-1].bias):
+            part.mul_(0.3)  # the first outputs are near their start
+    _descend(model, scaled, lambda found, at: loss(found + start, at), schedule)
+    first, *others = export_layers(model)
+    layers = [unscale_first_layer(first, mean, spread), *others]
+    layers[-1][:, -1] += start
+    return Network(features, outputs, limits, tuple(layer.astype(np.float32) for layer in layers))
+
+
+def _descend(model: nn.Sequential, x: Tensor, loss: Loss, schedule: Schedule) -> None:
+    batch = min(schedule.batch, len(x))
+    steps = schedule.epochs * (len(x) // batch)
+    optimiser = torch.optim.AdamW(model.parameters(), lr=schedule.rate, weight_decay=schedule.decay)
+    decay = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps, eta_min=1e-5)
+    for _ in range(schedule.epochs):
+        for at in torch.randperm(len(x))[: len(x) // batch * batch].split(batch):
+            optimiser.zero_grad()
+            loss(model(x[at]), at).backward()
+            optimiser.step()
+            decay.step()
+
+
+def average_networks(members: list[Network]) -> Network:
+    """Return networks of the same features as one network whose outputs are their mean."""
+    first, last = members[0], len(members[0].layers) - 1
+    merged: list[np.ndarray] = []
+    for depth, layers in enumerate(zip(*(member.layers for member in members), strict=True)):
+        weights, offsets = [layer[:, :-1] for layer in layers], [layer[:, -1:] for layer in layers]
+        if depth == last:
+            merged.append(np.hstack([*weights, sum(offsets)]) / len(members))
+        else:
+            joined = np.concatenate(weights) if depth == 0 else _join_blocks(weights)
+            merged.append(np.hstack([joined, np.concatenate(offsets)]))
+    return Network(
+        first.features, first.outputs, first.limits, tuple(layer.astype(np.float32) for layer in merged)
+    )
+
+
+def join_outputs(*networks: Network) -> Network:
+    """Return networks of the same features, with one hidden layer each, as one network with all their outputs."""
+    hidden, outputs = zip(*(network.layers for network in networks), strict=True)
+    output = np.hstack(
+        [
+            _join_blocks([layer[:, :-1] for layer in outputs]),
+            np.concatenate([layer[:, -1:] for layer in outputs]),
+        ]
+    )
+    names = tuple(name for network in networks for name in network.outputs)
+    first = networks[0]
+    return Network(first.features, names, first.limits, (np.concatenate(hidden), output.astype(np.float32)))
+
+
+def _join_blocks(blocks: list[np.ndarray]) -> np.ndarray:
+    joined = np.zeros(
+        (sum(len(block) for block in blocks), sum(block.shape[1] for block in blocks)), np.float32
+    )
+    row = column = 0
+    for block in blocks:
+        joined[row : row + len(block), column : column + block.shape[1]] = block
+        row, column = row + len(block), column + block.shape[1]
+    return joined

@@ -1,0 +1,1 @@
+"""Samples: features of matched or reconstructed training captures, with their truth."""

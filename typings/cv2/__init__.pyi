@@ -447,7 +447,7 @@ def StereoSGBM_create(
 
 # geometry -------------------------------------------------------------------------------------------------------
 def Rodrigues(src: NDArray[_S]) -> tuple[NDArray[_S], NDArray[_S]]: ...
-def calibrateCameraExtended(
+def calibrateCamera(
     objectPoints: Sequence[NDArray[np.float32]],
     imagePoints: Sequence[NDArray[np.float32]],
     imageSize: _Size,
@@ -462,9 +462,6 @@ def calibrateCameraExtended(
     NDArray[np.float64],
     Sequence[NDArray[np.float64]],
     Sequence[NDArray[np.float64]],
-    NDArray[np.float64],
-    NDArray[np.float64],
-    NDArray[np.float64],
 ]: ...
 def findHomography(
     srcPoints: _Array, dstPoints: _Array, method: int = ..., ransacReprojThreshold: float = ...

@@ -8,17 +8,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.calibration.bundle_start import (
+    collect_observations,
+    get_monocular_sigma,
+    initialise_geometry,
+    make_prior,
+)
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import HierarchyResult
-from beltscape.calibration.intrinsics.zhang import MonocularCalibration
-from beltscape.calibration.network.resection import fit_board_pose
 from beltscape.calibration.solver.bundle import Bundle
-from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Indices, Observations
+from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
 from beltscape.calibration.solver.deterministic import single_thread
 from beltscape.calibration.solver.lens import (
-    compute_lens_prior,
     list_parameters,
-    pad_rows,
     stack_intrinsics,
     unpack_intrinsics,
 )
@@ -29,7 +31,6 @@ from beltscape.calibration.solver.robust import (
     select_corners,
 )
 from beltscape.calibration.solver.schur import LinearisedBundle
-from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import Board, corner_points_mm
@@ -38,12 +39,17 @@ Array = NDArray[np.float64]
 
 ROBUST_ROUNDS = 4
 """Rounds of reweighting with Student's t."""
+NEAR = Damping(start=1e-9)
+"""Damping from a start near the minimum: the usual start value of 1e-4 takes two steps more."""
+REWEIGHTED = Damping(start=1e-7, tolerance=1e-5)
+"""Damping of a round of reweighting, whose minimum the next round moves by more than this tolerance."""
 MAX_NOISE_RATIO = 1.5
 """Largest ratio of a camera's noise to the rig's, and of the rig's to a camera's."""
 MISFIT_FACTOR, MISFIT_PX = 1.6, 0.15
 """A camera is not synchronous if its residuals in the rig exceed its own by this factor, and exceed this many px."""
-SHAPE_SIGMA_SHARE = 0.002
-"""Prior standard deviation of a corner about its nominal position, over the board's diagonal."""
+SIGNIFICANT, SUSPECT = 2.0, 1.0
+"""Least variance of the board's shape over that of its noise for the shape to be adjusted, and to be looked into:
+before it is adjusted, the noise is estimated too high by what the shape adds to the residuals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,25 +78,26 @@ class BundleAdjustmentResult:
 def adjust_bundle(hierarchy: HierarchyResult, board: Board) -> BundleAdjustmentResult:
     """Adjust intrinsics, camera poses, board poses and, where it deviates from the drawing, the board's shape.
 
-    The shape is estimated first, with Student weights on all corners, so that a warped board is not mistaken for
-    outliers. Then corners beyond 4.5 standard deviations are removed, and the others have full weight. If the
-    cameras fit far worse together than each does alone (they are not synchronous), the lens estimate from a camera's
-    own views enters as a prior, so that the inconsistency does not distort the lens.
+    Student weights on all corners come first, with the shape if the boards deviate from the drawing, so that a warped
+    board is not mistaken for outliers. Then corners beyond 4.5 standard deviations are removed, and the others have
+    full weight. If the cameras fit far worse together than each does alone (they are not synchronous), the lens
+    estimate from a camera's own views enters as a prior, so that the inconsistency does not distort the lens.
     """
     board_mm, detections = corner_points_mm(board), hierarchy.detections
     with single_thread():
-        frames, observations = _collect_observations(hierarchy, detections, tuple(hierarchy.rig.cameras))
-        geometry = _initialise_geometry(hierarchy, detections, frames, board_mm)
-        prior = _make_prior(hierarchy, board_mm)
-        bundle, geometry, sigma = _fit_robust(observations, prior, geometry, _get_monocular_sigma(hierarchy))
+        frames, observations = collect_observations(hierarchy, detections, tuple(hierarchy.rig.cameras))
+        geometry = initialise_geometry(hierarchy, observations, frames, board_mm)
+        prior = make_prior(hierarchy, board_mm)
+        bundle, geometry, sigma = _fit_shape(observations, prior, geometry, get_monocular_sigma(hierarchy))
         own_view_cameras = _find_misfitting(hierarchy, sigma)
         # the disagreement of asynchronous cameras concerns all of them equally, so all get the same noise
         spread = 1.0 if own_view_cameras else MAX_NOISE_RATIO
         if own_view_cameras:
             prior = _add_monocular_priors(prior, hierarchy, detections, own_view_cameras, board_mm)
-            bundle, geometry, sigma = _fit_robust(observations, prior, geometry, sigma, spread)
-        prior = replace(prior, points_sigma_mm=_estimate_shape_sigma(bundle, geometry))
-        flat = np.where(prior.points_sigma_mm > 0, geometry.points_mm, board_mm)
+            bundle, geometry, sigma = _fit_shape(observations, prior, geometry, sigma, spread)
+        shape_sigma = _estimate_shape_sigma(bundle, geometry) if bundle.adjusts_shape else np.zeros(3)
+        prior = replace(prior, points_sigma_mm=shape_sigma)
+        flat = np.where(shape_sigma > 0, geometry.points_mm, board_mm)
         bundle, geometry, kept = _fit_final(
             observations, prior, replace(geometry, points_mm=flat), sigma, spread
         )
@@ -101,6 +108,24 @@ def adjust_bundle(hierarchy: HierarchyResult, board: Board) -> BundleAdjustmentR
     return BundleAdjustmentResult(
         rig, bundle, geometry, frames, kept, sigma, geometry.points_mm - board_mm, own_view_cameras
     )
+
+
+def _fit_shape(
+    observations: Observations,
+    prior: BundlePrior,
+    geometry: Geometry,
+    sigma: Array,
+    spread: float = MAX_NOISE_RATIO,
+) -> tuple[Bundle, Geometry, Array]:
+    """Adjust with Student's weights, with the board's shape only if one more step shows that it deviates."""
+    plain = replace(prior, points_sigma_mm=np.zeros(3))
+    start = replace(geometry, points_mm=prior.points_mm)
+    bundle, geometry, sigma = _fit_robust(observations, plain, start, sigma, spread)
+    shaped = Bundle(bundle.observations, prior, bundle.weights)
+    step = shaped.linearise(geometry).solve_step(0.0)
+    if not _estimate_shape_sigma(shaped, shaped.apply_step(geometry, step), SUSPECT).any():
+        return bundle, geometry, sigma
+    return _fit_robust(observations, prior, geometry, sigma, spread)
 
 
 def _fit_robust(
@@ -115,7 +140,7 @@ def _fit_robust(
     for _ in range(ROBUST_ROUNDS):
         squared = (bundle.compute_errors_px(geometry) ** 2).sum(axis=1) / sigma[observations.camera] ** 2
         bundle = Bundle(_set_sigma(observations, sigma), prior, compute_student_weights(squared))
-        geometry = minimise(bundle, geometry, Damping(tolerance=1e-6)).state
+        geometry = minimise(bundle, geometry, REWEIGHTED).state
         sigma = estimate_student_sigma(bundle, geometry, sigma, spread)
     return bundle, geometry, sigma
 
@@ -129,12 +154,12 @@ def _fit_final(
     for _ in range(3):
         kept, sigma = select_corners(bundle, geometry, spread)
         bundle = Bundle(_set_sigma(observations, sigma), prior, kept.astype(np.float64))
-        geometry = minimise(bundle, geometry).state
+        geometry = minimise(bundle, geometry, NEAR).state
     return bundle, geometry, kept
 
 
 def _find_misfitting(hierarchy: HierarchyResult, sigma: Array) -> tuple[str, ...]:
-    monocular_sigma = _get_monocular_sigma(hierarchy)
+    monocular_sigma = get_monocular_sigma(hierarchy)
     return tuple(
         name
         for i, name in enumerate(hierarchy.rig.cameras)
@@ -156,18 +181,18 @@ def _add_monocular_priors(
     for i, name in enumerate(hierarchy.rig.cameras):
         if name not in names:
             continue
-        frames, observations = _collect_observations(hierarchy, detections, (name,))
+        frames, observations = collect_observations(hierarchy, detections, (name,))
         poses = [hierarchy.monocular[name].cam_from_board[frame] for frame in frames]
         lens = prior.intrinsics[i : i + 1], prior.intrinsics_information[i : i + 1]
         lens_prior = BundlePrior(
             prior.models[i : i + 1], *lens, prior.intrinsics_free[i : i + 1], board_mm, np.zeros(3)
         )
         start = Geometry(
-            _stack_lenses(hierarchy.rig)[i : i + 1], np.eye(3)[None], np.zeros((1, 3)),
+            stack_intrinsics(hierarchy.rig.cameras.values())[i : i + 1], np.eye(3)[None], np.zeros((1, 3)),
             np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
         )  # fmt: skip
         bundle, geometry, _ = _fit_robust(
-            observations, lens_prior, start, _get_monocular_sigma(hierarchy)[i : i + 1]
+            observations, lens_prior, start, get_monocular_sigma(hierarchy)[i : i + 1]
         )
         free = np.flatnonzero(prior.intrinsics_free[i])
         means[i] = geometry.intrinsics[0]
@@ -176,85 +201,14 @@ def _add_monocular_priors(
     return replace(prior, intrinsics=means, intrinsics_information=informations)
 
 
-def _collect_observations(
-    hierarchy: HierarchyResult, detections: BoardDetections, names: tuple[str, ...]
-) -> tuple[tuple[str, ...], Observations]:
-    """Return the frames and corners of some cameras, which are numbered in the given order."""
-    frames: list[str] = []
-    views: list[tuple[int, int, Indices, Array]] = []
-    for frame in detections.frames:
-        seeing = [
-            name for name in names if frame in detections.views[name] and _is_used(hierarchy, name, frame)
-        ]
-        for name in seeing:
-            corners = detections.views[name][frame]
-            views.append((names.index(name), len(frames), corners.ids, corners.pixels))
-        if seeing:
-            frames.append(frame)
-    return tuple(frames), Observations.from_views(views)
-
-
-def _is_used(hierarchy: HierarchyResult, name: str, frame: str) -> bool:
-    return frame not in hierarchy.monocular[name].rejected
-
-
-def _initialise_geometry(
-    hierarchy: HierarchyResult, detections: BoardDetections, frames: Sequence[str], board_mm: Array
-) -> Geometry:
-    rig = hierarchy.rig
-    boards: list[Pose] = []
-    for frame in frames:
-        views = {
-            name: detections.views[name][frame]
-            for name in rig.cameras
-            if frame in detections.views[name] and _is_used(hierarchy, name, frame)
-        }
-        boards.append(fit_board_pose(rig, views, board_mm))
-    return Geometry(
-        intrinsics=_stack_lenses(rig),
-        cam_rotation=np.stack([rig.cam_from_core[name].rotation for name in rig.cameras]),
-        cam_translation_mm=np.stack([rig.cam_from_core[name].translation_mm for name in rig.cameras]),
-        board_rotation=np.stack([pose.rotation for pose in boards]),
-        board_translation_mm=np.stack([pose.translation_mm for pose in boards]),
-        points_mm=board_mm,
-    )
-
-
-def _stack_lenses(rig: Rig) -> Array:
-    return stack_intrinsics(rig.cameras.values())
-
-
-def _get_monocular_sigma(hierarchy: HierarchyResult) -> Array:
-    return np.array([hierarchy.monocular[name].rms_px / np.sqrt(2) for name in hierarchy.rig.cameras])
-
-
-def _make_prior(hierarchy: HierarchyResult, board_mm: Array) -> BundlePrior:
-    cameras = hierarchy.rig.cameras
-    priors = [_find_lens_prior(hierarchy.monocular[name], camera) for name, camera in cameras.items()]
-    free = [
-        np.array([each not in hierarchy.monocular[name].fixed for each in list_parameters(camera.model)])
-        for name, camera in cameras.items()
-    ]
-    diagonal = float(np.linalg.norm(np.ptp(board_mm, axis=0)))
-    return BundlePrior(
-        tuple(camera.model for camera in cameras.values()), pad_rows(mean for mean, _ in priors),
-        pad_rows(information for _, information in priors), pad_rows(free),
-        board_mm, np.full(3, SHAPE_SIGMA_SHARE * diagonal),
-        tuple(i for i, name in enumerate(cameras) if name in hierarchy.fixed_poses),
-    )  # fmt: skip
-
-
-def _find_lens_prior(monocular: MonocularCalibration, camera: Camera) -> tuple[Array, Array]:
-    """Return mean and information of a camera's intrinsics: of an earlier calibration, or of lenses in general."""
-    return monocular.prior.compute_information() if monocular.prior else compute_lens_prior(camera)
-
-
 def _set_sigma(observations: Observations, sigma: Array) -> Observations:
     return replace(observations, sigma_px=sigma[observations.camera])
 
 
-def _estimate_shape_sigma(bundle: Bundle, geometry: Geometry) -> Array:
+def _estimate_shape_sigma(bundle: Bundle, geometry: Geometry, least: float = SIGNIFICANT) -> Array:
     """Return the standard deviation (3,) of the board's shape in x, y, z beyond noise; 0 if it is not significant.
+
+    It is significant if its variance exceeds that of the noise ``least`` times.
 
     It is estimated from the corners that the images determine far better than the prior does.
     """
@@ -265,7 +219,7 @@ def _estimate_shape_sigma(bundle: Bundle, geometry: Geometry) -> Array:
     total = np.maximum(weights.sum(axis=0), 1e-300)
     excess = (weights * (deviation**2 - variance)).sum(axis=0) / total
     noise = (weights * variance).sum(axis=0) / total
-    return np.where(excess > 2 * noise, np.sqrt(np.maximum(excess, 0)), 0.0)
+    return np.where(excess > least * noise, np.sqrt(np.maximum(excess, 0)), 0.0)
 
 
 def _make_rig(rig: Rig, geometry: Geometry) -> Rig:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.solver.bundle import Bundle
 from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
-from beltscape.calibration.solver.lens import list_parameters, pack_intrinsics
+from beltscape.calibration.solver.lens import list_parameters, pack_intrinsics, unpack_intrinsics
 from beltscape.calibration.solver.lens_prior import LensPrior
-from beltscape.calibration.solver.levenberg_marquardt import minimise
+from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
 from beltscape.calibration.solver.perspective import fit_view_pose
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
@@ -24,6 +24,8 @@ MIN_VIEWS = 3
 """Zhang's equations need three views in general position."""
 OUTLIER_FACTOR = 3.5
 """A view whose RMS exceeds the median view's by this factor is rejected."""
+SINGULAR = 1e-12
+"""Damping of normal equations that views leave singular: σ become a million times a good set's, not infinite."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,54 +110,82 @@ PARAMETERS = list_parameters("brown")
 def _calibrate_views(
     name: str, views: Mapping[str, Corners], size: tuple[int, int], board_mm: NDArray[np.float64]
 ) -> MonocularCalibration:
-    free = _run_opencv(name, views, size, board_mm, flags=0)
-    k3 = float(free.camera.distortion[4])
-    if abs(k3) > 3 * free.sigma["k3"]:
+    camera, poses = _run_opencv(name, views, size, board_mm, flags=0)
+    free = _evaluate(*_set_up(camera, poses, views, board_mm, ()), camera, views, ())
+    if abs(float(camera.distortion[4])) > 3 * free.sigma["k3"]:
         return free
-    fixed = _fit_without_k3(free, views, board_mm)
-    return fixed or _run_opencv(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
+    fixed = _fit_without_k3(camera, poses, views, board_mm)
+    if fixed is not None:
+        return fixed
+    camera, poses = _run_opencv(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
+    return _evaluate(*_set_up(camera, poses, views, board_mm, ("k3",)), camera, views, ("k3",))
 
 
 def _fit_without_k3(
-    free: MonocularCalibration, views: Mapping[str, Corners], board_mm: NDArray[np.float64]
+    camera: Camera, poses: Sequence[Pose], views: Mapping[str, Corners], board_mm: NDArray[np.float64]
 ) -> MonocularCalibration | None:
     """Refit with k3 fixed at 0, starting at the fit with free k3; return None if that does not converge."""
-    lens, poses = pack_intrinsics(free.camera), list(free.cam_from_board.values())
-    lens[-1] = 0.0
-    free_mask = np.arange(len(lens)) < len(lens) - 1
-    bundle = Bundle(
-        Observations.from_views(
-            (0, i, corners.ids, corners.pixels) for i, corners in enumerate(views.values())
-        ),
-        BundlePrior(("brown",), lens[None], np.zeros((1, 9, 9)), free_mask[None], board_mm, np.zeros(3)),
-    )
-    start = Geometry(
-        lens[None], np.eye(3)[None], np.zeros((1, 3)),
-        np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
-    )  # fmt: skip
+    start = replace(camera, distortion=np.append(camera.distortion[:4], 0.0))
+    bundle, geometry = _set_up(start, poses, views, board_mm, ("k3",))
     try:
-        minimum = minimise(bundle, start)
-        variance = np.diag(bundle.linearise(minimum.state).covariance())
+        minimum = minimise(bundle, geometry, Damping(start=1e-9))  # k3 is within its σ of 0: nearly there
     except np.linalg.LinAlgError:
         return None
     if not minimum.converged:
         return None
-    squares = (bundle.compute_errors_px(minimum.state) ** 2).sum(axis=1)
-    frame, state = bundle.observations.frame, minimum.state
-    freedom = max(2 * len(frame) - len(variance) - 6 * len(poses), 1)
-    sigma = np.sqrt(variance * squares.sum() / freedom)
-    lens, per_view = state.intrinsics[0], np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
+    return _evaluate(
+        bundle, minimum.state, unpack_intrinsics(camera, minimum.state.intrinsics[0]), views, ("k3",)
+    )
+
+
+def _set_up(
+    camera: Camera,
+    poses: Sequence[Pose],
+    views: Mapping[str, Corners],
+    board_mm: NDArray[np.float64],
+    fixed: tuple[str, ...],
+) -> tuple[Bundle, Geometry]:
+    """Return the adjustment of one camera's lens and board poses without prior knowledge, and its start."""
+    lens = pack_intrinsics(camera)[None]
+    free = np.array([[name not in fixed for name in PARAMETERS]])
+    bundle = Bundle(
+        Observations.from_views((0, i, view.ids, view.pixels) for i, view in enumerate(views.values())),
+        BundlePrior((camera.model,), lens, np.zeros((1, 9, 9)), free, board_mm, np.zeros(3)),
+    )
+    rotations, shifts = [pose.rotation for pose in poses], [pose.translation_mm for pose in poses]
+    cam = np.eye(3)[None], np.zeros((1, 3))
+    return bundle, Geometry(lens, *cam, np.stack(rotations), np.stack(shifts), board_mm)
+
+
+def _evaluate(
+    bundle: Bundle, state: Geometry, camera: Camera, views: Mapping[str, Corners], fixed: tuple[str, ...]
+) -> MonocularCalibration:
+    """Return the calibration at a minimum, with its residuals and the σ that follow from them."""
+    squares = (bundle.compute_errors_px(state) ** 2).sum(axis=1)
+    frame = bundle.observations.frame
+    per_view = np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
+    variance = _compute_variance(bundle, state)
+    freedom = max(2 * len(frame) - len(variance) - 6 * len(views), 1)
+    sigma = np.zeros(len(PARAMETERS))
+    sigma[bundle.free] = np.sqrt(variance * squares.sum() / freedom)
     boards = zip(views, state.board_rotation, state.board_translation_mm, strict=True)
     return MonocularCalibration(
-        camera=Camera(
-            free.camera.name, free.camera.size_px, lens[:2].copy(), lens[2:4].copy(), lens[4:].copy()
-        ),
-        sigma=dict(zip(PARAMETERS, (*sigma.tolist(), 0.0), strict=True)),
+        camera=camera,
+        sigma=dict(zip(PARAMETERS, sigma.tolist(), strict=True)),
         rms_px=float(np.sqrt(squares.mean())),
         cam_from_board={frame: Pose(rotation, translation) for frame, rotation, translation in boards},
         view_rms_px=dict(zip(views, per_view.tolist(), strict=True)),
-        fixed=("k3",),
+        fixed=fixed,
     )
+
+
+def _compute_variance(bundle: Bundle, state: Geometry) -> NDArray[np.float64]:
+    """Return the variances of the free parameters for corners with σ = 1 px; huge if the views leave them free."""
+    linear = bundle.linearise(state)
+    try:
+        return np.diag(linear.covariance())
+    except np.linalg.LinAlgError:
+        return np.diag(linear.covariance(SINGULAR))
 
 
 def _fit_poses(
@@ -185,12 +215,13 @@ def _run_opencv(
     board_mm: NDArray[np.float64],
     *,
     flags: int,
-) -> MonocularCalibration:
+) -> tuple[Camera, list[Pose]]:
+    """Return the lens and the board's poses that OpenCV finds from its own start."""
     objects = [board_mm[corners.ids].astype(np.float32) for corners in views.values()]
     pixels = [corners.pixels.astype(np.float32).reshape(-1, 1, 2) for corners in views.values()]
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)
     try:
-        rms, matrix, distortion, rotations, translations, sigmas, _, per_view = cv2.calibrateCameraExtended(
+        _, matrix, distortion, rotations, translations = cv2.calibrateCamera(
             objects, pixels, size, None, None, flags=flags, criteria=criteria
         )
     except cv2.error as error:
@@ -199,20 +230,6 @@ def _run_opencv(
         ) from error
     if not np.isfinite(matrix).all():
         raise CalibrationError(f"camera {name}: its views do not determine the intrinsics; add tilted views")
-    camera = Camera(
-        name,
-        size,
-        np.array([matrix[0, 0], matrix[1, 1]]),
-        matrix[:2, 2].copy(),
-        distortion.ravel()[:5].copy(),
-    )
-    return MonocularCalibration(
-        camera=camera,
-        sigma=dict(zip(PARAMETERS, (float(s) for s in sigmas.ravel()[:9]), strict=True)),
-        rms_px=float(rms),
-        cam_from_board={
-            frame: Pose.of(r, t) for frame, r, t in zip(views, rotations, translations, strict=True)
-        },
-        view_rms_px={frame: float(e) for frame, e in zip(views, per_view.ravel(), strict=True)},
-        fixed=("k3",) if flags else (),
-    )
+    focal = np.array([matrix[0, 0], matrix[1, 1]])
+    camera = Camera(name, size, focal, matrix[:2, 2].copy(), distortion.ravel()[:5].copy())
+    return camera, [Pose.of(r, t) for r, t in zip(rotations, translations, strict=True)]

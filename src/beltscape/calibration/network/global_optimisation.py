@@ -47,15 +47,15 @@ class Constraint:
         transmitted = cam_from_core[self.second] @ cam_from_core[self.first].inverse()
         return self.root @ log(transmitted.inverse() @ self.chain.pose)
 
-    def compute_jacobians(self, cam_from_core: Poses) -> tuple[Array, Array]:
-        """Return the derivatives (6, 6) by δ of the first and of the second camera in ``exp(δ) @ cam_from_core``.
+    def linearise(self, cam_from_core: Poses) -> tuple[Array, Array, Array]:
+        """Return the residual (6,), and its derivatives (6, 6) by δ of either camera in ``exp(δ) @ cam_from_core``.
 
         T* becomes exp(δ_j) T* exp(−δ_i), hence T*⁻¹ T becomes exp(δ_i) exp(−Ad(T*⁻¹) δ_j) T*⁻¹ T.
         """
-        transmitted = cam_from_core[self.second] @ cam_from_core[self.first].inverse()
-        inverse = transmitted.inverse()
-        by_first = self.root @ left_jacobian_inverse(log(inverse @ self.chain.pose))
-        return by_first, -by_first @ adjoint(inverse)
+        inverse = cam_from_core[self.first] @ cam_from_core[self.second].inverse()
+        twist = log(inverse @ self.chain.pose)
+        by_first = self.root @ left_jacobian_inverse(twist)
+        return self.root @ twist, by_first, -by_first @ adjoint(inverse)
 
 
 class NetworkProblem:
@@ -74,13 +74,14 @@ class NetworkProblem:
 
     def linearise(self, state: Poses) -> LinearisedNetwork:
         """Return the residuals and their analytic derivatives at a state."""
-        residual = np.concatenate([constraint.compute_residual(state) for constraint in self.constraints])
+        residual = np.empty(6 * len(self.constraints))
         jacobian = np.zeros((len(residual), 6 * len(self.columns)))
         for i, constraint in enumerate(self.constraints):
-            ends = (constraint.first, constraint.second)
-            for name, differentiate_by_pose in zip(ends, constraint.compute_jacobians(state), strict=True):
+            rows = slice(6 * i, 6 * i + 6)
+            residual[rows], *by_poses = constraint.linearise(state)
+            for name, by_pose in zip((constraint.first, constraint.second), by_poses, strict=True):
                 if name in self.columns:  # the core is fixed
-                    jacobian[6 * i : 6 * i + 6, self.columns[name]] = differentiate_by_pose
+                    jacobian[rows, self.columns[name]] = by_pose
         return LinearisedNetwork(residual, jacobian)
 
     def apply_step(self, state: Poses, step: Array) -> Poses:

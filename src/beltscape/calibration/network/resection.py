@@ -30,7 +30,7 @@ def fit_board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> P
 
     ``board_mm`` (P, 3) are the board's corners in its own frame.
     """
-    name = max(views, key=lambda n: count_usable_points(rig.cameras[n], views[n].pixels))
+    name = _select_reference(rig, views)
     corners = views[name]
     seen = fit_view_pose(rig.cameras[name], board_mm[corners.ids], corners.pixels)
     start = rig.cam_from_core[name].inverse() @ seen
@@ -44,6 +44,19 @@ def fit_board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> P
         np.concatenate([c.pixels for c in views.values()]),
     )
     return minimise(problem, start, Damping(tolerance=1e-12)).state
+
+
+def _select_reference(rig: Rig, views: Mapping[str, Corners]) -> str:
+    """Return the camera with the most corners within its lens's domain, the first of equal ones."""
+    ordered = sorted(views, key=lambda name: -len(views[name]))
+    best, most = ordered[0], -1
+    for name in ordered:
+        if len(views[name]) <= most:
+            break
+        count = count_usable_points(rig.cameras[name], views[name].pixels)
+        if count > most:
+            best, most = name, count
+    return best
 
 
 class ResectionProblem:

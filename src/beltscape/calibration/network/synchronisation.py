@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
-from beltscape.core.geometry.pose import Pose
+
+Array = NDArray[np.float64]
 
 SHIFTS = range(-3, 4)
 """Frame shifts that are tested."""
@@ -55,10 +56,11 @@ def find_frame_misfits(
     The relative pose of two rigidly mounted cameras is the same in every frame. If it scatters, their frames of one
     name do not belong to one instant.
     """
+    tracks = {name: _Track.of(camera, frames) for name, camera in cameras.items()}
     fits = {
         (a, b): fit
         for a, b in combinations(cameras, 2)
-        if (fit := _fit_shift(cameras[a], cameras[b], frames)) is not None
+        if (fit := _fit_shift(tracks[a], tracks[b])) is not None
     }
     together = _find_largest_consistent(list(cameras), fits)
     return tuple(
@@ -114,14 +116,41 @@ def _find_shift(name: str, others: Sequence[str], fits: Mapping[tuple[str, str],
     return shifts[0] if shifts and len(set(shifts)) == 1 and shifts[0] != 0 else None
 
 
-def _fit_shift(
-    first: MonocularCalibration, second: MonocularCalibration, frames: Sequence[str]
-) -> _ShiftFit | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Track:
+    """Poses of the board against one camera over all frames, in order; NaN where the camera did not see it."""
+
+    rotation: Array
+    """(F, 3, 3) cam_from_board."""
+    translation_mm: Array
+    """(F, 3)."""
+
+    @classmethod
+    def of(cls, camera: MonocularCalibration, frames: Sequence[str]) -> _Track:
+        rotation, translation = np.full((len(frames), 3, 3), np.nan), np.full((len(frames), 3), np.nan)
+        for k, frame in enumerate(frames):
+            if frame in camera.cam_from_board:
+                pose = camera.cam_from_board[frame]
+                rotation[k], translation[k] = pose.rotation, pose.translation_mm
+        return cls(rotation, translation)
+
+    def shift(self, frames: int) -> _Track:
+        """Return the track whose frame k is this one's k + ``frames``."""
+        rotation, translation = np.full_like(self.rotation, np.nan), np.full_like(self.translation_mm, np.nan)
+        count = len(rotation)
+        source = slice(max(frames, 0), count + min(frames, 0))
+        target = slice(max(-frames, 0), count - max(frames, 0))
+        rotation[target], translation[target] = self.rotation[source], self.translation_mm[source]
+        return _Track(rotation, translation)
+
+
+def _fit_shift(first: _Track, second: _Track) -> _ShiftFit | None:
     """Fit the frame shift of the second camera to the first; return None with too few shared frames."""
     scatters = {
         shift: scatter
         for shift in SHIFTS
-        if (scatter := _compute_scatter(first, second, frames, shift)) is not None
+        if abs(shift) < len(first.rotation)
+        and (scatter := _compute_scatter(first, second.shift(shift))) is not None
     }
     if 0 not in scatters:
         return None
@@ -131,25 +160,21 @@ def _fit_shift(
     return _ShiftFit(best, scatters[best] < MAX_SCATTER)
 
 
-def _compute_scatter(
-    first: MonocularCalibration, second: MonocularCalibration, frames: Sequence[str], shift: int
-) -> float | None:
+def _compute_scatter(first: _Track, second: _Track) -> float | None:
     """Return the median scatter of the relative pose over the board's distance; None with too few frames."""
-    poses: list[Pose] = []
-    distances: list[float] = []
-    for k, frame in enumerate(frames):
-        other = frames[k + shift] if 0 <= k + shift < len(frames) else None
-        if other is not None and frame in first.cam_from_board and other in second.cam_from_board:
-            pose = first.cam_from_board[frame]
-            poses.append(second.cam_from_board[other] @ pose.inverse())
-            distances.append(float(np.linalg.norm(pose.translation_mm)))
-    if len(poses) < MIN_FRAMES:
+    shared = np.isfinite(first.translation_mm[:, 0]) & np.isfinite(second.translation_mm[:, 0])
+    if shared.sum() < MIN_FRAMES:
         return None
-    distance = float(np.median(distances))
-    centers = np.array([pose.center_mm for pose in poses])
-    axes = np.array([pose.rotation[2] for pose in poses]) * distance
-    return float(np.hypot(_compute_spread(centers), _compute_spread(axes)) / distance)
+    a, b = first.rotation[shared], second.rotation[shared]
+    rotation = b @ a.swapaxes(1, 2)
+    translation = second.translation_mm[shared] - np.einsum(
+        "nij,nj->ni", rotation, first.translation_mm[shared]
+    )
+    # centres of the second camera in the first one's frame
+    centers = -np.einsum("nji,nj->ni", rotation, translation)
+    distance = float(np.median(np.linalg.norm(first.translation_mm[shared], axis=1)))
+    return float(np.hypot(_compute_spread(centers), _compute_spread(rotation[:, 2] * distance)) / distance)
 
 
-def _compute_spread(points: NDArray[np.float64]) -> float:
+def _compute_spread(points: Array) -> float:
     return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))

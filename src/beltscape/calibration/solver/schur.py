@@ -39,7 +39,7 @@ class LinearisedBundle:
         unobserved = diagonal == 0  # the pose of a frame without weighted corners stays unchanged
         scaled = self._blocks + (damping * diagonal + unobserved)[:, :, None] * np.eye(6)
         inverse = np.asarray(np.linalg.inv(scaled), np.float64)
-        by_board = self._coupling.reshape(len(self._gradient), -1, 6).swapaxes(0, 1)
+        by_board = self._coupling.reshape(len(self._gradient), len(self._blocks), 6).swapaxes(0, 1)
         eliminated = np.matmul(by_board, inverse).swapaxes(0, 1).reshape(self._coupling.shape)
         reduced = self._hessian - eliminated @ self._coupling.T
         reduced[np.diag_indices_from(reduced)] += damping * np.diag(self._hessian)
@@ -54,7 +54,7 @@ class LinearisedBundle:
         change += self._block_gradient @ boards + 0.5 * float((by_board * (self._blocks @ by_board)).sum())
         return -float(change + shared @ self._coupling @ boards)
 
-    def covariance(self) -> Array:
-        """Return the covariance of the free shared parameters, the inverse of the undamped Schur complement."""
-        reduced, _, _ = self._reduce(0.0)
+    def covariance(self, damping: float = 0.0) -> Array:
+        """Return the covariance of the free shared parameters, the inverse of the Schur complement."""
+        reduced, _, _ = self._reduce(damping)
         return cho_solve(cho_factor(reduced), np.eye(len(reduced)))

@@ -22,6 +22,8 @@ SERIES_BELOW = 1.0
 """Angle, rad, below which the Jacobian's series is summed: the closed form loses digits by cancellation."""
 SERIES_TERMS = 18
 """At 1 rad the next term, 1/19!, is below rounding."""
+NEGLIGIBLE = 1e-18
+"""Share of the sum below which a term, and all after it, are lost in rounding."""
 
 
 def exp(twist: Array) -> Pose:
@@ -75,6 +77,8 @@ def left_jacobian(twist: Array) -> Array:
         for n in range(1, SERIES_TERMS):
             term = term @ ad / (n + 1)
             total = total + term
+            if np.abs(term).max() < NEGLIGIBLE * np.abs(total).max():
+                break
         return total
     sine, cosine = np.sin(a), np.cos(a)
     square = ad @ ad

@@ -26,5 +26,5 @@ class _RevalidatedFiles(StaticFiles):
 
 
 def make_static_files() -> StaticFiles:
-    """Return the application that serves the folder."""
-    return _RevalidatedFiles(directory=FOLDER)
+    """Return the application that serves the folder, and the libraries that other pages use too."""
+    return _RevalidatedFiles(directory=FOLDER, packages=[("beltscape", "data/web")])

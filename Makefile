@@ -1,6 +1,6 @@
 # Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
 .DEFAULT_GOAL := help
-.PHONY: help install dev system demo test quick sanitize check format bench faults wheel docs lock clean
+.PHONY: help install dev system demo test quick sanitize check format bench train faults wheel docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
 SOURCES := $(wildcard native/*.* native/*/*)
@@ -70,6 +70,10 @@ format: dev ## put Python and C++ into shape
 bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md, and the manual's tables of it
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python tools/write_figures.py
+
+train: dev ## fit every network that ships to simulated captures, from their seeds (hours; goes on where it was)
+	$(BIN)/python -m pip install --quiet 'torch>=2.5'
+	cd tools && ../$(BIN)/python -m training
 
 faults: dev ## play every fault to the running system, against exact truth; writes benchmarks/FAULTS.md (an hour)
 	cd benchmarks && ../$(BIN)/python -m faults

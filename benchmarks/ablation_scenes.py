@@ -40,7 +40,7 @@ def read_scenes(cache: Path, rendered: Path | None) -> list[AblationScene]:
     tables = tomllib.loads(_SCENES.read_text("utf-8"))
     scenes = [_read_own(name, Scenario.model_validate(table), cache / name) for name, table in tables.items()]
     if rendered is not None and rendered.is_dir():
-        for name in ("belt_loaded", "module"):
+        for name in ("belt_loaded", "module", "belt_empty"):
             scene = read_rendered(rendered, name, 0)
             scenes.append(AblationScene(replace(scene, name=f"{name}, other renderer"), None))
     return scenes

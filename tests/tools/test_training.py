@@ -1,12 +1,10 @@
-"""The training tools run on a tiny capture, and write what the program reads."""
+"""Training in small: the same code draws samples of a tiny capture and fits networks like those that ship."""
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
-import json
-import sys
-from collections.abc import Iterator
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -14,18 +12,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-import beltscape
 from beltscape.core.progress import Silent
+from beltscape.learned.registry import PURPOSES, load_network
 from beltscape.pipeline.simulation import simulate
 from tests.simulate.tiny import tiny
 
 pytestmark = pytest.mark.slow
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
-DATA = Path(beltscape.__file__).parent / "data"
+WITHOUT_TORCH = "PyTorch is not installed; pip install 'beltscape[train]' brings it"
 
 
 @pytest.fixture(scope="module")
-def capture(tmp_path_factory) -> Path:
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Simulate a loaded belt of 320 × 264 px."""
     folder = tmp_path_factory.mktemp("training") / "capture"
     simulate(tiny("belt_loaded", heap={"rocks": 12}), folder, Silent())
@@ -33,103 +31,125 @@ def capture(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def tool(monkeypatch):
-    """Return a function that imports a tool; training frames are the unchanged ones only."""
+def load(monkeypatch: pytest.MonkeyPatch):
+    """Return a function that imports a module of the training."""
     monkeypatch.syspath_prepend(str(TOOLS))
-
-    def load(name: str) -> ModuleType:
-        module = importlib.import_module(name)
-        for user in ("pixel_samples", "refinement_samples"):
-            if user in sys.modules:
-                monkeypatch.setattr(sys.modules[user], "training_frames", first_training_frame)
-        return module
-
-    return load
+    return lambda name: importlib.import_module(f"training.{name}")
 
 
-def first_training_frame(folder: Path, turn: int) -> Iterator[Any]:
-    """Yield only a capture's unchanged frame."""
-    return islice(importlib.import_module("augmentation").training_frames(folder, turn), 1)
+def limit_frames(monkeypatch: pytest.MonkeyPatch, module: ModuleType) -> None:
+    """Make a module of samples take a capture's unchanged frame only."""
+    frames = module.training_frames
+    monkeypatch.setattr(module, "training_frames", lambda folder, turn: islice(frames(folder, turn), 1))
 
 
-def shapes(document: Any) -> list[tuple[int, ...]]:
-    """Return the shapes of a network's layers."""
-    return [np.shape(layer["weights"] if isinstance(layer, dict) else layer) for layer in document["layers"]]
+def test_scenarios_are_the_same_on_every_draw_and_hold_every_kind(load) -> None:
+    scenarios = load("scenarios")
+    drawn = [scenarios.draw_scenario(number) for number in range(16)]
+    assert drawn == [scenarios.draw_scenario(number) for number in range(16)]
+    assert {one.kind for one in drawn} == {"belt_loaded", "module", "belt_empty"}
+    assert len({one.rig.seed for one in drawn}) == len(drawn)
+    held_out = scenarios.draw_scenario(scenarios.HELD_OUT)
+    assert held_out.rig.seed not in {one.rig.seed for one in drawn}
 
 
-def read(path: Path) -> Any:
-    return json.loads(path.read_text("utf-8"))
+@pytest.mark.parametrize("name", ["initial_confidence", "confidence"])
+def test_samples_of_pixels_have_the_features_of_the_network(load, capture, monkeypatch, name: str) -> None:
+    pixels = load("samples.pixels")
+    limit_frames(monkeypatch, pixels)
+    (sample,) = pixels.draw_pixel_samples(capture, 0, name)
+    assert sorted(sample.names) == sorted(load_network(name).features)
+    assert sample.features.shape == (len(sample.dz_mm), len(sample.names))
 
 
-def test_adam_fits_a_line(tool):
-    adam = tool("adam")
-    x = np.linspace(-1, 1, 500, dtype=np.float32)[:, None]
-    layers = adam.fit_layers(
-        x,
-        1,
-        lambda out, at: 2 * (out - 3 * x[at]) / len(at),
-        adam.Schedule((8,), 1500, 2000, rate=0.03),
-        np.random.default_rng(0),
-    )
-    (first, offset), (last, end) = layers
-    np.testing.assert_allclose(np.maximum(x @ first + offset, 0) @ last + end, 3 * x, atol=0.1)
+def test_samples_of_candidates_hold_right_and_wrong_ones(load, capture, monkeypatch) -> None:
+    pixels = load("samples.pixels")
+    limit_frames(monkeypatch, pixels)
+    (frame,) = pixels.draw_selection_samples(capture, 0)
+    errors = np.concatenate([ds[np.isfinite(found.s)] for _, found, _, ds in frame.draw()])
+    assert (np.abs(errors) <= 1.25).any()
+    assert (np.abs(errors) > 1.25).any()
 
 
-@pytest.mark.parametrize("network", ["initial_confidence", "candidates", "pairwise_ranking", "confidence"])
-def test_train_confidence_writes_a_network_like_the_shipped_one(
-    tool, capture, tmp_path, monkeypatch, network
-):
-    train_confidence = tool("train_confidence")
-    for name, plan in train_confidence.PLANS.items():
-        monkeypatch.setitem(train_confidence.PLANS, name, plan._replace(epochs=1))
-    monkeypatch.setattr(sys, "argv", ["", network, str(capture), "--out", str(tmp_path)])
-    train_confidence.main()
-    written, shipped = read(tmp_path / f"{network}.json"), read(DATA / f"{network}.json")
-    assert sorted(written["names"]) == sorted(shipped["names"])  # features are found by name
-    assert shapes(written) == shapes(shipped)
-    assert np.isfinite(np.concatenate([np.ravel(layer) for layer in written["layers"]])).all()
-
-
-def test_train_lumps_writes_a_network_like_the_shipped_one(tool, capture, tmp_path, monkeypatch):
-    train_lumps = tool("train_lumps")
-    monkeypatch.setattr(train_lumps, "EPOCHS", 1)
-    monkeypatch.setattr(train_lumps, "CELLS", {60_000: 3000})
-    train_lumps.main(str(tmp_path / "lumps.json"), str(capture))
-    assert shapes(read(tmp_path / "lumps.json")) == shapes(read(DATA / "lumps.json"))
-
-
-@pytest.mark.parametrize("network", ["holes", "edge_fattening"])
-def test_train_holes_fits_a_network_like_the_shipped_one(tool, monkeypatch, network):
-    train_holes = tool("train_holes")
-    monkeypatch.setattr(train_holes, "SMOOTH_SURFACES", 1)
-    monkeypatch.setattr(train_holes, "CELLS", {"holes": 500, "edge_fattening": 500})
-    train_holes.draw_smooth_samples.cache_clear()
-    document = train_holes.fit_network([], network).to_document()
-    train_holes.draw_smooth_samples.cache_clear()
-    assert shapes(document) == shapes(read(DATA / f"{network}.json"))
-
-
-def test_refinement_tiles_are_written_and_read(tool, capture, tmp_path):
-    refinement_samples = tool("refinement_samples")
-    number = refinement_samples.write_tiles(tmp_path / "000.npz", capture, 1)
-    names, tiles = refinement_samples.read_tiles(tmp_path / "000.npz")
+def test_tiles_of_the_refinement_survive_their_file(load, capture, tmp_path, monkeypatch) -> None:
+    refinement = load("samples.refinement")
+    limit_frames(monkeypatch, refinement)
+    number = refinement.write_tiles(tmp_path / "0.npz", capture, 1)
+    names, tiles = refinement.read_tiles(tmp_path / "0.npz")
     assert len(tiles) == number > 0
-    assert list(names) == read(DATA / "refinement.json")["names"]
-    assert all(
-        tile.features.shape[1] == np.shape(read(DATA / "refinement.json")["limits"])[1] for tile in tiles
+    assert names == load_network("refinement").features
+    assert {tile.features.shape[1] for tile in tiles} == {len(names)}
+
+
+@pytest.mark.parametrize("name", ["holes", "edge_fattening"])
+def test_samples_of_holes_have_the_features_of_the_network(load, capture, name: str) -> None:
+    depth = load("reconstructions").reconstruct_capture(capture)
+    samples = load("samples.holes").draw_hole_samples(capture, depth)[name]
+    assert samples.names == load_network(name).features
+    assert np.isfinite(samples.x).all()
+    assert len(samples.x) == len(samples.y) > 0
+
+
+def test_a_perceptron_learns_a_curve_and_the_same_bytes_twice(load) -> None:
+    pytest.importorskip("torch", reason=WITHOUT_TORCH)
+    perceptron, losses = load("perceptron"), load("losses")
+    perceptron.set_deterministic()
+    x = np.random.default_rng(0).uniform(-2, 2, (4000, 2)).astype(np.float32)
+    y = np.abs(x[:, 0]) + 0.5 * x[:, 1]
+    loss = losses.make_mean_and_variance(y, np.ones(len(y)), 0.1, (-12.0, 3.0))
+    schedule = perceptron.Schedule((16,), 15, 128, 1e-2)
+    one, two = (
+        perceptron.fit_perceptron(("a", "b"), ("mean", "log variance"), x, loss, schedule) for _ in range(2)
     )
+    mean, _ = one.predict_mean_and_sigma({"a": x[:, 0], "b": x[:, 1]})
+    assert np.sqrt(np.mean((mean - y) ** 2)) < 0.15
+    for first, second in zip(one.layers, two.layers, strict=True):
+        assert first.tobytes() == second.tobytes()
 
 
-def test_train_refinement_writes_networks_like_the_shipped_ones(tool, capture, tmp_path, monkeypatch):
-    torch = pytest.importorskip("torch", reason="PyTorch is needed by this tool only")
-    torch.set_num_threads(1)  # the tests run beside each other
-    train_refinement = tool("train_refinement")
-    samples = tool("refinement_samples")
-    monkeypatch.setattr(samples, "ENOUGH", 2000)
-    samples.write_tiles(tmp_path / "000.npz", capture, 1)
-    monkeypatch.setattr(train_refinement, "EPOCHS", 1)
-    monkeypatch.setattr(sys, "argv", ["", str(tmp_path), str(tmp_path)])
-    train_refinement.main()
-    assert shapes(read(tmp_path / "refinement.json")) == shapes(read(DATA / "refinement.json"))
-    rounds, shipped = (read(folder / "message_passing.json")["rounds"] for folder in (tmp_path, DATA))
-    assert [shapes(one) for one in rounds] == [shapes(one) for one in shipped]
+def test_averaged_and_joined_networks_have_the_outputs_of_their_members(load) -> None:
+    pytest.importorskip("torch", reason=WITHOUT_TORCH)
+    perceptron = load("perceptron")
+    rng = np.random.default_rng(1)
+
+    def make(hidden: tuple[int, ...], output: str) -> Any:
+        sizes = (3, *hidden, 1)
+        layers = tuple(rng.normal(size=(b, a + 1)).astype(np.float32) for a, b in pairwise(sizes))
+        limits = np.array([[-5.0], [5.0]], np.float32).repeat(3, 1)
+        return perceptron.Network(("a", "b", "c"), (output,), limits, layers)
+
+    features = dict(zip("abc", rng.normal(size=(3, 20)), strict=True))
+    members = [make((4, 5), "y") for _ in range(3)]
+    mean = np.mean([member.evaluate_values(features) for member in members], axis=0)
+    np.testing.assert_allclose(
+        perceptron.average_networks(members).evaluate_values(features), mean, rtol=1e-4, atol=1e-4
+    )
+    pair = make((4,), "y"), make((6,), "z")
+    joined = perceptron.join_outputs(*pair)
+    assert joined.outputs == ("y", "z")
+    separate = np.concatenate([one.evaluate_values(features) for one in pair])
+    np.testing.assert_allclose(joined.evaluate_values(features), separate, rtol=1e-4, atol=1e-4)
+
+
+def test_every_recipe_gives_a_network_like_the_shipped_one(load, capture, tmp_path, monkeypatch) -> None:
+    pytest.importorskip("torch", reason=WITHOUT_TORCH)
+    main = load("__main__")
+    load("perceptron").set_deterministic()
+    for name in ("samples.pixels", "samples.refinement"):
+        limit_frames(monkeypatch, load(name))
+    monkeypatch.setattr(load("samples.refinement"), "ENOUGH", 2000)
+    monkeypatch.setattr(load("refinement"), "EPOCHS", 1)
+    monkeypatch.setattr(load("holes"), "SMOOTH_SURFACES", 1)
+    monkeypatch.setattr(load("lumps"), "CELLS", {60_000: 3000})
+    for recipe in ("confidence", "holes"):
+        schedules = load(recipe).SCHEDULES
+        for name, schedule in schedules.items():
+            monkeypatch.setitem(schedules, name, dataclasses.replace(schedule, epochs=3, batch=256))
+    training = main.Training(tmp_path, [capture], Silent())
+    trained = {name: network for _, train in main.list_recipes(training) for name, network in train().items()}
+    assert trained.keys() == PURPOSES.keys()
+    for name, network in trained.items():
+        shipped = load_network(name)
+        assert sorted(network.features) == sorted(shipped.features)
+        assert network.outputs == shipped.outputs
+        assert all(np.isfinite(layer).all() for layer in network.layers)

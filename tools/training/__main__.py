@@ -3,7 +3,8 @@
     cd tools && python -m training [--work FOLDER] [--captures N] [--only NETWORK …] [--out FOLDER]
 
 Captures, samples and networks are kept in the work folder (default: out/train); a run that was stopped goes on where
-it was. When all networks are trained they are written to the package's data with their manifest. The whole takes some hours on two cores. It needs PyTorch: pip install 'beltscape[train]'.
+it was. When all networks are trained they are written to the package's data with their manifest. The whole takes
+some hours on two cores. It needs PyTorch: pip install 'beltscape[train]'.
 """
 
 from __future__ import annotations

@@ -69,7 +69,7 @@ def _train_sigma(samples: dict[str, np.ndarray], confidence: Network) -> Network
     columns = [features.index(name) for name in seen]
     loss = make_absolute_deviation(sizes, weight, ROUND)
     fitted = fit_perceptron(
-        tuple(seen), ("log sigma",), x[np.ix_(np.flatnonzero(used), columns)], loss, SCHEDULES["sigma"],
+        tuple(seen), ("log sigma",), x[used][:, columns], loss, SCHEDULES["sigma"],
         limits=confidence.limits[:, columns], start=float(np.median(sizes)),
     )  # fmt: skip
     blind = np.insert(fitted.layers[0], features.index(SIGMA_BLIND), 0, axis=1)

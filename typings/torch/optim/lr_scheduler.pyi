@@ -1,5 +1,9 @@
 from torch.optim import Optimizer
 
+class CosineAnnealingLR:
+    def __init__(self, optimizer: Optimizer, T_max: int, eta_min: float = ...) -> None: ...
+    def step(self) -> None: ...
+
 class OneCycleLR:
     def __init__(
         self, optimizer: Optimizer, max_lr: float, *, total_steps: int, pct_start: float = ...

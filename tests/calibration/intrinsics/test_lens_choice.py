@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beltscape.calibration.assessment.domain.lens_domain import limit_domain
-from beltscape.calibration.detection.corners import BoardDetections, Corners
+from beltscape.calibration.detection.corners import BoardDetections, Corners, has_planar_extent
 from beltscape.calibration.intrinsics.lens_choice import (
     MIN_CHOICE_VIEWS,
     calibrate_with_model,
@@ -54,6 +54,29 @@ def views_of(lens, count=14, seed=1, distance_mm=300.0):
     return BoardDetections({"c": SIZE}, {"c": views}, {"c": count})
 
 
+def views_facing(lens, count, seed):
+    """Corners of boards that are turned towards a wide lens, their middles all over the image."""
+    rng = np.random.default_rng(seed)
+    size, middle, views = lens.size_px, BOARD_MM.mean(axis=0), {}
+    while len(views) < count:
+        ray = np.append(lens.undistort(rng.uniform(0, size, (1, 2)))[0], 1.0)
+        if not np.isfinite(ray).all():
+            continue
+        ray /= np.linalg.norm(ray)
+        across = np.cross([0, 1, 0], ray) / np.linalg.norm(np.cross([0, 1, 0], ray))
+        facing = np.column_stack([across, np.cross(ray, across), ray])
+        turn = Pose.of(rng.uniform(-0.7, 0.7, 3) * [1, 1, 0.5], np.zeros(3)).rotation
+        distance = 240.0 * lens.focal_px[0] / (0.3 * size[0] * rng.uniform(0.6, 1.4))
+        in_camera = (BOARD_MM - middle) @ (facing @ turn).T + distance * ray
+        with np.errstate(invalid="ignore"):
+            pixels = lens.project(in_camera)
+            inside = (in_camera[:, 2] > 0) & ((pixels >= 0) & (pixels <= np.array(size) - 1)).all(axis=1)
+        ids = np.flatnonzero(inside)
+        if len(ids) >= 20 and has_planar_extent(BOARD_MM[ids]):
+            views[f"{len(views):02d}"] = Corners(ids, pixels[ids] + rng.normal(0, NOISE_PX, (len(ids), 2)))
+    return BoardDetections({"c": size}, {"c": views}, {"c": count})
+
+
 def error_px(found, true, radius_px=300.0):
     """Largest distance of a direction's pixels under two lenses, within a radius of the image, px."""
     angle = np.linspace(0, 2 * np.pi, 24, endpoint=False)
@@ -96,6 +119,31 @@ def test_a_requested_model_is_taken():
     brown, _ = calibrate_with_model("c", views_of(WIDE), BOARD_MM, "brown")
     assert brown.camera.model == "brown"
     assert brown.rms_px > 3 * NOISE_PX
+
+
+def test_a_polynomial_that_turns_back_beyond_the_views_stays():
+    """Barrel distortion of a webcam, seen in the middle of the image: others fit no better, so nothing changes."""
+    webcam = camera(480.0, [-0.42, 0.0, 1e-3, -5e-4, 0.0])
+    seen = views_of(webcam, 20, distance_mm=450.0)
+    inner = {
+        frame: view.select(np.linalg.norm(view.pixels - webcam.center_px, axis=1) < 200)
+        for frame, view in seen.views["c"].items()
+    }
+    inner = {frame: view for frame, view in inner.items() if len(view) >= 20}
+    assert len(inner) >= MIN_CHOICE_VIEWS
+    found, choice = calibrate_with_model("c", BoardDetections({"c": SIZE}, {"c": inner}, {"c": 20}), BOARD_MM)
+    assert turns_within_image(found.camera)
+    assert choice.model == found.camera.model == "brown"
+    assert choice.reason.startswith("no model with more coefficients is clearly better (")
+
+
+def test_a_very_wide_lens_is_found_from_a_bad_first_focal_length():
+    """Boards at the rim hide the focal length from the equidistant starts: the best of them leads to 107 px."""
+    wide = Camera("c", (1280, 1024), np.full(2, 410.0), np.array([645.0, 508.0]), WIDE.distortion, "rational")
+    seen = views_facing(wide, 12, seed=5)
+    found, choice = calibrate_with_model("c", seen, BOARD_MM)
+    assert choice.model == "rational"
+    assert found.rms_px < 1.6 * NOISE_PX
 
 
 def test_few_views_compare_nothing_and_none_are_refused():

@@ -7,38 +7,22 @@ taken if they fit views that they were not fitted to clearly better.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.detection.corners import BoardDetections, Corners
-from beltscape.calibration.intrinsics.lens_starts import list_starts
-from beltscape.calibration.intrinsics.prior_fit import LEAST_NOISE_PX, LensGuess, fit_with_guess
-from beltscape.calibration.intrinsics.zhang import (
-    MIN_VIEWS,
-    MonocularCalibration,
-    calibrate_camera,
-    reject_outlying_views,
-)
-from beltscape.calibration.solver.bundle import Bundle
-from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
-from beltscape.calibration.solver.lens import (
-    compute_lens_prior,
-    list_parameters,
-    pack_intrinsics,
-    unpack_intrinsics,
-)
-from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.intrinsics.lens_fits import HeldOutErrors, fit_model, hold_out, predict_gain
+from beltscape.calibration.intrinsics.lens_starts import find_reach_px
+from beltscape.calibration.intrinsics.zhang import MIN_VIEWS, MonocularCalibration, calibrate_camera
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.geometry.pose import Pose
 from beltscape.files.rig_limits import find_corner_radius_px, find_turning_radius_px
 
 Array = NDArray[np.float64]
-Views = Mapping[str, Corners]
 
 AUTO = "auto"
 """The request that the model be chosen among Brown's, the rational and the fisheye model."""
@@ -47,16 +31,15 @@ RICHER = ("fisheye", "rational")
 MIN_GAIN = 0.15
 """Least relative decrease of the held-out RMS for another model than Brown's; a board that is bent by 0.1 mm makes
 5 % through a normal lens, a lens of 100° that is described by the polynomial 50 %."""
+MIN_GAIN_PX = 0.01
+"""Least decrease of the held-out RMS, px: smaller ones come from the corners of a few views."""
 SIGNIFICANCE = 2.0
-"""Standard errors over the views by which the decrease must exceed 0."""
-FOLDS = 4
-"""Number of parts of the views, each held out once."""
-REFITTING = Damping(tolerance=1e-5, iterations=15)
-"""Number of parts of the views, each held out once."""
+"""Standard errors by which the decrease must exceed 0: those over the views or over the folds, the greater ones."""
 MIN_CHOICE_VIEWS = 8
-"""Least number of views for a comparison: two in every fold."""
-MAX_OUTSIDE = 0.005
-"""Largest share of held-out corners beyond a model's domain; more make the model unfit for the lens."""
+"""Least number of views for a comparison: two in every one of four folds."""
+TURNING_MARGIN = 1.05
+"""Reach of the views over the radius at which a polynomial turns back, from which on it cannot be the lens: near that
+radius it hardly rises, and a board seen there is squeezed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +52,27 @@ class LensChoice:
     """One line; empty for Brown's model by default."""
     held_out_px: Mapping[str, float]
     """RMS on views that each model was not fitted to, by model; NaN for a model that does not fit them."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Gain:
+    """Decrease of the held-out error from one model to another, over their common views."""
+
+    px: float
+    """Difference of the RMS."""
+    factor_log: float
+    """Mean over the views of the logarithm of the ratio of their RMS."""
+    error: float
+    """Standard error of ``factor_log``."""
+
+    @property
+    def is_clear(self) -> bool:
+        """True if the second model is clearly better, by size and by significance."""
+        least = max(SIGNIFICANCE * self.error, -float(np.log1p(-MIN_GAIN)))
+        return self.px > MIN_GAIN_PX and self.factor_log > least
+
+    def describe(self) -> str:
+        return f"{self.px:.3f} px, {100 * self.factor_log:.1f} ± {100 * self.error:.1f} % by view"
 
 
 def calibrate_with_model(
@@ -86,15 +90,16 @@ def calibrate_with_model(
     CalibrationError
         When too few views show the board, or no model fits them.
     """
-    if requested not in ("brown", AUTO):
-        fitted = _fit(detections.views[name], name, detections, board_mm, requested, None, min_views)
-        return fitted, LensChoice(name, requested, "as asked for", {})
     brown: MonocularCalibration | None = None
-    try:
-        brown = calibrate_camera(name, detections, board_mm, min_views=min_views)
-    except CalibrationError:
-        if requested == "brown" or len(detections.views[name]) < MIN_CHOICE_VIEWS:
-            raise
+    if requested in ("brown", "tilted", AUTO):
+        try:
+            brown = calibrate_camera(name, detections, board_mm, min_views=min_views)
+        except CalibrationError:
+            if requested == "brown" or len(detections.views[name]) < MIN_CHOICE_VIEWS:
+                raise
+    if requested not in ("brown", AUTO):
+        fitted = fit_model(name, detections, board_mm, requested, brown, min_views)
+        return fitted, LensChoice(name, requested, "as asked for", {})
     if brown is not None and (requested == "brown" or not _asks_for_more(brown, detections, board_mm)):
         return brown, LensChoice(name, "brown", "", {})
     return _compare(name, detections, board_mm, brown)
@@ -120,23 +125,6 @@ def _asks_for_more(brown: MonocularCalibration, detections: BoardDetections, boa
     return turns_within_image(brown.camera) or predict_gain(brown, detections, board_mm) > 2 * MIN_GAIN
 
 
-def predict_gain(brown: MonocularCalibration, detections: BoardDetections, board_mm: Array) -> float:
-    """Return the share of the squared residuals that the rational model removes, to first order (a score test)."""
-    views = detections.views[brown.camera.name]
-    used = {frame: views[frame] for frame in brown.cam_from_board}
-    camera = replace(
-        brown.camera, model="rational", distortion=np.concatenate([brown.camera.distortion, np.zeros(3)])
-    )
-    prior = pack_intrinsics(camera), compute_lens_prior(camera)[1]
-    poses = list(brown.cam_from_board.values())
-    bundle, state = _set_up(used, camera, poses, board_mm, brown.rms_px, prior)
-    try:
-        linear = bundle.linearise(state)
-        return linear.predict_decrease(linear.solve_step(0.0)) / linear.cost
-    except np.linalg.LinAlgError:
-        return 0.0
-
-
 def _compare(
     name: str, detections: BoardDetections, board_mm: Array, brown: MonocularCalibration | None
 ) -> tuple[MonocularCalibration, LensChoice]:
@@ -144,137 +132,64 @@ def _compare(
     fits: dict[str, MonocularCalibration] = {} if brown is None else {"brown": brown}
     for model in RICHER:
         with suppress(CalibrationError):
-            fits[model] = _fit(detections.views[name], name, detections, board_mm, model, brown, MIN_VIEWS)
+            fits[model] = fit_model(name, detections, board_mm, model, brown)
     if not fits:
         raise CalibrationError(
             f"camera {name}: no lens model fits its views; take tilted views that cover the image"
         )
-    errors = {model: _hold_out(name, detections, board_mm, fit) for model, fit in fits.items()}
-    rms = {
-        model: float(np.sqrt(np.mean(list(each.values())))) if each else float("nan")
-        for model, each in errors.items()
-    }
-    usable = [model for model in fits if errors[model]]
-    folded = [model for model in usable if turns_within_image(fits[model].camera)]
+    errors = {model: hold_out(name, detections, board_mm, fit) for model, fit in fits.items()}
+    usable = [model for model in fits if errors[model].squares]
+    folded = [model for model in usable if _turns_within_views(fits[model].camera, detections)]
     candidates = [model for model in usable if model not in folded] or usable or list(fits)
     taken = candidates[0]
     for model in candidates[1:]:
-        if _is_better(errors[taken], errors[model]):
+        if _compute_gain(errors[taken], errors[model]).is_clear:
             taken = model
-    return fits[taken], LensChoice(name, taken, _describe(taken, fits, rms, folded), rms)
+    rms = {model: each.rms_px for model, each in errors.items()}
+    return fits[taken], LensChoice(name, taken, _describe(taken, fits, errors, folded), rms)
 
 
-def _fit(
-    views: Views,
-    name: str,
-    detections: BoardDetections,
-    board_mm: Array,
-    model: str,
-    brown: MonocularCalibration | None,
-    min_views: int,
-) -> MonocularCalibration:
-    """Return the best fit of a model over its starts, without outlying views."""
-    if len(views) < min_views:
-        raise CalibrationError(
-            f"camera {name} sees the board in {len(views)} of {detections.images[name]} images; "
-            f"at least {min_views} tilted views are needed"
-        )
-    size = detections.sizes_px[name]
-    fits: list[MonocularCalibration] = []
-    for start in list_starts(name, size, views, board_mm, model, brown.camera if brown else None):
-        guess = LensGuess(start, 1.0, fixed=())
-        with suppress(CalibrationError):
-            fits.append(
-                reject_outlying_views(views, lambda kept, guess=guess: fit_with_guess(kept, board_mm, guess))
-            )
-    if not fits:
-        raise CalibrationError(f"camera {name}: the lens model {model} does not fit its views")
-    return min(fits, key=lambda fit: (-len(fit.cam_from_board), fit.rms_px))
+def _turns_within_views(camera: Camera, detections: BoardDetections) -> bool:
+    """Return whether the lens model turns back where corners were seen; beyond them it is not known anyway."""
+    reach = find_reach_px(camera, detections.views[camera.name])
+    return find_turning_radius_px(camera) < TURNING_MARGIN * reach
 
 
-def _hold_out(
-    name: str,
-    detections: BoardDetections,
-    board_mm: Array,
-    whole: MonocularCalibration,
-) -> dict[str, float]:
-    """Return mean squared errors (px²) of views under the lens fitted to the others; empty if it fits badly."""
-    kept = detections.restrict([name], whole.cam_from_board)
-    found: dict[str, float] = {}
-    outside = corners = 0
-    for train, test in _list_folds(tuple(kept.views[name])):
-        rest = kept.restrict([name], train)
-        try:
-            lens = _refit(rest.views[name], whole, board_mm)
-            scored = calibrate_camera(name, kept.restrict([name], test), board_mm, known=lens, min_views=1)
-        except (CalibrationError, np.linalg.LinAlgError):
-            return {}
-        for frame, pose in scored.cam_from_board.items():
-            view = kept.views[name][frame]
-            seen = np.isfinite(lens.project(pose.apply(board_mm[view.ids]))).all(axis=1)
-            outside, corners = outside + int((~seen).sum()), corners + len(view)
-            found[frame] = scored.view_rms_px[frame] ** 2
-    return found if outside <= MAX_OUTSIDE * corners else {}
-
-
-def _refit(views: Views, whole: MonocularCalibration, board_mm: Array) -> Camera:
-    """Return the lens that fits some of the views, started at the fit to all of them."""
-    camera, poses = whole.camera, [whole.cam_from_board[frame] for frame in views]
-    prior = compute_lens_prior(camera)
-    bundle, state = _set_up(views, camera, poses, board_mm, whole.rms_px, prior, whole.fixed)
-    return unpack_intrinsics(camera, minimise(bundle, state, REFITTING).state.intrinsics[0])
-
-
-def _set_up(
-    views: Views,
-    camera: Camera,
-    poses: Sequence[Pose],
-    board_mm: Array,
-    rms_px: float,
-    prior: tuple[Array, Array],
-    fixed: tuple[str, ...] = (),
-) -> tuple[Bundle, Geometry]:
-    """Return the adjustment of one camera's lens and board poses, with a lens prior (mean, information)."""
-    free = np.array([name not in fixed for name in list_parameters(camera.model)])
-    row = pack_intrinsics(camera)
-    known = BundlePrior((camera.model,), prior[0][None], prior[1][None], free[None], board_mm, np.zeros(3))
-    state = Geometry(
-        row[None], np.eye(3)[None], np.zeros((1, 3)),
-        np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
-    )  # fmt: skip
-    observed = Observations.from_views((0, i, c.ids, c.pixels) for i, c in enumerate(views.values()))
-    noise = np.full(len(observed.pixels), max(rms_px / np.sqrt(2), LEAST_NOISE_PX))
-    return Bundle(replace(observed, sigma_px=noise), known), state
-
-
-def _list_folds(frames: tuple[str, ...]) -> Iterator[tuple[list[str], list[str]]]:
-    """Yield training and test frames; a fold is a run of frames, so that near-identical ones are in one."""
-    for test in np.array_split(np.arange(len(frames)), FOLDS):
-        inside = set(test.tolist())
-        yield (
-            [frame for i, frame in enumerate(frames) if i not in inside],
-            [frame for i, frame in enumerate(frames) if i in inside],
-        )
-
-
-def _is_better(first: Mapping[str, float], second: Mapping[str, float]) -> bool:
-    """Return whether the second model's errors are clearly smaller, in the mean over the views' logarithms."""
-    common = [frame for frame in first if frame in second]
+def _compute_gain(first: HeldOutErrors, second: HeldOutErrors) -> _Gain:
+    """Return the decrease of the errors from the first model to the second, the mean over the logarithms by view."""
+    common = [frame for frame in first.squares if frame in second.squares]
     if len(common) < MIN_CHOICE_VIEWS:
-        return False
-    gains = np.array([0.5 * np.log(max(first[f], 1e-12) / max(second[f], 1e-12)) for f in common])
-    error = float(gains.std(ddof=1) / np.sqrt(len(gains)))
-    return float(gains.mean()) > max(SIGNIFICANCE * error, -np.log1p(-MIN_GAIN))
+        return _Gain(0.0, 0.0, float("inf"))
+    a, b = (np.array([max(each.squares[f], 1e-12) for f in common]) for each in (first, second))
+    gains = 0.5 * np.log(a / b)
+    fold = np.array([first.fold[frame] for frame in common])
+    means = np.array([gains[fold == number].mean() for number in np.unique(fold)])
+    error = max(float(each.std(ddof=1) / np.sqrt(len(each))) for each in (gains, means) if len(each) > 1)
+    px = float(np.sqrt(a.mean()) - np.sqrt(b.mean()))
+    return _Gain(px, float(gains.mean()), error)
 
 
 def _describe(
-    taken: str, fits: Mapping[str, MonocularCalibration], rms: Mapping[str, float], folded: list[str]
+    taken: str,
+    fits: Mapping[str, MonocularCalibration],
+    errors: Mapping[str, HeldOutErrors],
+    folded: Sequence[str],
 ) -> str:
-    others = ", ".join(f"{model} {value:.3f}" for model, value in rms.items() if model != taken)
-    figures = f"held-out RMS {rms[taken]:.3f} px" + (f" ({others})" if others else "")
-    if "brown" in folded and taken != "brown":
-        turning = find_turning_radius_px(fits["brown"].camera)
-        return f"the polynomial turns back {turning:.0f} px from the principal point, within the image; {figures}"
+    """Return why a model was taken, with the figures."""
+    others = ", ".join(f"{model} {each.rms_px:.3f}" for model, each in errors.items() if model != taken)
+    figures = f"held-out RMS {errors[taken].rms_px:.3f} px" + (f" ({others})" if others else "")
     if "brown" not in fits:
         return f"the polynomial does not fit the views; {figures}"
-    return f"{'the smallest error' if taken != 'brown' else 'others are not clearly better'}: {figures}"
+    if "brown" in folded and taken != "brown":
+        turning = find_turning_radius_px(fits["brown"].camera)
+        return f"the polynomial turns back {turning:.0f} px from the principal point, among the corners; {figures}"
+    if not errors["brown"].squares:
+        return f"the polynomial does not fit views that it was not fitted to; {figures}"
+    if taken != "brown":
+        gain = _compute_gain(errors["brown"], errors[taken]).describe()
+        return f"its errors on held-out views are clearly smaller than those of brown ({gain}); {figures}"
+    best = min(
+        (model for model in fits if model != "brown"), key=lambda model: errors[model].rms_px, default=""
+    )
+    gain = f" ({best}: {_compute_gain(errors['brown'], errors[best]).describe()})" if best else ""
+    return f"no model with more coefficients is clearly better{gain}; {figures}"

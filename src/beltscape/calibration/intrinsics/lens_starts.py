@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.detection.corners import Corners
+from beltscape.calibration.detection.corners import Corners, has_planar_extent
 from beltscape.calibration.solver.lens import get_coefficient_prior
 from beltscape.calibration.solver.perspective import fit_view_pose
 from beltscape.core.errors import CalibrationError
@@ -16,6 +16,7 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.lens.domain import find_radius_of_image_radius
 from beltscape.files.rig_limits import find_turning_radius_px
+from beltscape.target.planar_boards import MIN_CORNERS
 
 Array = NDArray[np.float64]
 
@@ -23,10 +24,16 @@ EQUIDISTANT_FOCALS = 0.22, 0.27, 0.33, 0.4, 0.5, 0.62, 0.77, 0.95, 1.3
 """Focal lengths over the image's longer side that are tried; 0.22 is 260° across it, 0.32 180°, 0.95 60°."""
 TRIED_VIEWS = 8
 """Views that choose among them: their residuals differ by tens of px."""
+TRIED_FOCALS = 4
+"""Of them that are tried in a fit: through a wide lens the pose of a board at the image's edge takes up most of a
+wrong focal length, so that the residuals alone do not choose."""
 STEEPEST = 1.45
 """Largest angle off the axis of a corner that is used, rad: a view beyond 83° has no pinhole coordinates."""
 FITTED_RADII = 60
 """Number of radii at which one lens model is fitted to another; the curves are smooth between them."""
+TILTED_FIXED = ("p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
+"""Coefficients of the tilted model that are held at 0. Decentring and prisms look like a tilt (their terms are those
+of its homography to second order), so that with them no view determines it."""
 RIDGE = 1e-3
 """Weight of the coefficients' prior, which the radii do not determine by themselves."""
 
@@ -40,29 +47,45 @@ def list_starts(
     brown: Camera | None,
 ) -> list[Camera]:
     """Return cameras with a lens model at which a fit can start, the likelier first."""
-    equidistant = find_equidistant(name, size_px, views, board_mm)
-    if model == "fisheye":
-        return [equidistant]
     if model == "brown":
         return [brown] if brown is not None else []
-    is_usable = brown is not None and find_turning_radius_px(brown) > _find_reach_px(brown, views)
-    source = brown if brown is not None and is_usable else equidistant
-    return [refit_radially(source, model, _find_reach_px(source, views))]
+    if (
+        model != "fisheye"
+        and brown is not None
+        and find_turning_radius_px(brown) > find_reach_px(brown, views)
+    ):
+        return [refit_radially(brown, model, find_reach_px(brown, views))]
+    equidistant = list_equidistant(name, size_px, views, board_mm)
+    if model == "fisheye":
+        return equidistant
+    return [refit_radially(start, model, find_reach_px(start, views)) for start in equidistant]
 
 
-def find_equidistant(
+def list_fixed(model: str) -> tuple[str, ...]:
+    """Return the coefficients that a fit holds at 0, because others of the model take their part."""
+    return TILTED_FIXED if model == "tilted" else ()
+
+
+def list_equidistant(
     name: str, size_px: tuple[int, int], views: Mapping[str, Corners], board_mm: Array
-) -> Camera:
-    """Return the equidistant fisheye (r = f θ) that explains the views best, of several focal lengths."""
+) -> list[Camera]:
+    """Return equidistant fisheyes (r = f θ) of several focal lengths that explain the views best, the best first."""
     center = (np.array(size_px) - 1) / 2
     cameras = [
         Camera(name, size_px, np.full(2, share * max(size_px)), center, np.zeros(4), "fisheye")
         for share in EQUIDISTANT_FOCALS
     ]
+    some = select_views(views, TRIED_VIEWS)
+    return sorted(cameras, key=lambda camera: _compute_misfit(camera, some, board_mm))[:TRIED_FOCALS]
+
+
+def select_views(views: Mapping[str, Corners], count: int) -> dict[str, Corners]:
+    """Return some of the views, evenly spread."""
     names = list(views)
-    tried = np.unique(np.linspace(0, len(names) - 1, TRIED_VIEWS).astype(int))
-    some = {names[int(i)]: views[names[int(i)]] for i in tried}
-    return min(cameras, key=lambda camera: _compute_misfit(camera, some, board_mm))
+    return {
+        names[int(i)]: views[names[int(i)]]
+        for i in np.unique(np.linspace(0, len(names) - 1, count).astype(int))
+    }
 
 
 def refit_radially(camera: Camera, model: str, reach_px: float) -> Camera:
@@ -84,25 +107,28 @@ def refit_radially(camera: Camera, model: str, reach_px: float) -> Camera:
     return replace(camera, model=model, distortion=lens)
 
 
-def _find_reach_px(camera: Camera, views: Mapping[str, Corners]) -> float:
+def find_reach_px(camera: Camera, views: Mapping[str, Corners]) -> float:
     """Return the largest distance of a corner from the principal point, px."""
     return max(float(np.linalg.norm(view.pixels - camera.center_px, axis=1).max()) for view in views.values())
 
 
 def _compute_misfit(camera: Camera, views: Mapping[str, Corners], board_mm: Array) -> float:
-    """Return the median over the views of their RMS residuals, px, with the board's pose fitted in each."""
-    found: list[float] = []
-    for view in views.values():
-        points = board_mm[view.ids]
-        off_axis = view.pixels - camera.center_px
-        angles: Array = np.linalg.norm(off_axis, axis=1) / float(camera.focal_px.mean())
-        if angles.max() > STEEPEST:
-            return float("inf")
-        try:
-            pose = fit_view_pose(camera, points, view.pixels)
-        except CalibrationError:
-            return float("inf")
-        errors = camera.project(pose.apply(points)) - view.pixels
-        squares: Array = (errors**2).sum(axis=1)
-        found.append(float(np.sqrt(np.nanmean(squares))))
-    return float(np.median(found))
+    """Return the median over the views of their RMS residuals, px, with the board's pose fitted in each.
+
+    Corners beyond `STEEPEST` under this lens are left out; a view that consists of them counts as infinitely bad.
+    """
+    return float(np.median([_compute_view_misfit(camera, view, board_mm) for view in views.values()]))
+
+
+def _compute_view_misfit(camera: Camera, view: Corners, board_mm: Array) -> float:
+    angles: Array = np.linalg.norm(view.pixels - camera.center_px, axis=1) / float(camera.focal_px.mean())
+    seen = view.select(angles <= STEEPEST)
+    points = board_mm[seen.ids]
+    if len(seen) < MIN_CORNERS or not has_planar_extent(points):
+        return float("inf")
+    try:
+        pose = fit_view_pose(camera, points, seen.pixels)
+    except CalibrationError:
+        return float("inf")
+    squares: Array = ((camera.project(pose.apply(points)) - seen.pixels) ** 2).sum(axis=1)
+    return float(np.sqrt(np.nanmean(squares)))

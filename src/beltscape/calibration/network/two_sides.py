@@ -6,16 +6,18 @@ beside the front and 3 mm behind it. Taken for one print, the corners miss each 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
-from beltscape.calibration.hierarchy import HierarchyResult
+from beltscape.calibration.intrinsics.zhang import MonocularCalibration
 from beltscape.calibration.network.face_adjustment import FacePoses, adjust_face_poses
 from beltscape.calibration.network.face_poses import Sighting, list_face_views
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import Chessboard, PlanarBoard
 from beltscape.target.board_set import BoardSet, Face
 
@@ -47,10 +49,12 @@ def number_sides(detections: BoardDetections, board: PlanarBoard) -> tuple[Board
     return replace(detections, views=views), BoardSet(faces=faces)
 
 
-def place_back(detections: BoardDetections, sides: BoardSet, hierarchy: HierarchyResult) -> BoardSet:
+def place_back(
+    detections: BoardDetections, sides: BoardSet, rig: Rig, monocular: Mapping[str, MonocularCalibration]
+) -> BoardSet:
     """Return the set with the back placed, from instants at which cameras see different sides.
 
-    ``hierarchy`` took both sides for one print; the cameras' poses are adjusted with the back's place, since a camera
+    ``rig`` took both sides for one print; the cameras' poses are adjusted with the back's place, since a camera
     that only sees the back has taken over the error.
 
     Raises
@@ -58,8 +62,7 @@ def place_back(detections: BoardDetections, sides: BoardSet, hierarchy: Hierarch
     CalibrationError
         When no instant shows both sides, or the views do not determine the place.
     """
-    rig = hierarchy.rig
-    instants = [_list_sightings(frame, detections, hierarchy) for frame in detections.frames]
+    instants = [_list_sightings(frame, detections, rig, monocular) for frame in detections.frames]
     views = list_face_views(instants, sides)
     board = sides.faces[0].board
     thickness = None if isinstance(board, Chessboard) else board.thickness_mm
@@ -90,12 +93,14 @@ def _number(corners: Corners, count: int) -> Corners:
     return replace(corners, ids=corners.ids + count) if corners.from_behind else corners
 
 
-def _list_sightings(frame: str, detections: BoardDetections, hierarchy: HierarchyResult) -> list[Sighting]:
+def _list_sightings(
+    frame: str, detections: BoardDetections, rig: Rig, monocular: Mapping[str, MonocularCalibration]
+) -> list[Sighting]:
     found: list[Sighting] = []
-    for name, camera in hierarchy.rig.cameras.items():
-        corners, pose = detections.views[name].get(frame), hierarchy.monocular[name].cam_from_board.get(frame)
+    for name, camera in rig.cameras.items():
+        corners, pose = detections.views[name].get(frame), monocular[name].cam_from_board.get(frame)
         if corners is not None and pose is not None:
-            cam_from_core = hierarchy.rig.cam_from_core[name]
+            cam_from_core = rig.cam_from_core[name]
             core_from_board = cam_from_core.inverse() @ pose
             found.append(Sighting(int(corners.from_behind), corners, camera, cam_from_core, core_from_board))
     return found

@@ -68,7 +68,7 @@ def _resolve_two_sides(
     )
     numbered, sides = number_sides(detections, board)
     with single_thread():
-        placed = place_back(numbered, sides, hierarchy)
+        placed = place_back(numbered, sides, hierarchy.rig, hierarchy.monocular)
     return numbered, placed, _start_from(lenses, known)
 
 

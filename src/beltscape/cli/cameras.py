@@ -25,8 +25,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from dataclasses import asdict
 
     from beltscape.pipeline.recording.project import read_recording_project
-    from beltscape.sources.genicam import inspection
-    from beltscape.sources.genicam.aravis import find_cameras
+    from beltscape.sources.genicam.access import inspection
+    from beltscape.sources.genicam.access.aravis import find_cameras
 
     settings = None if arguments.check is None else read_recording_project(arguments.check).cameras
     cameras = [{**asdict(one), **asdict(inspection.inspect_camera(one.device))} for one in find_cameras()]

@@ -13,7 +13,7 @@ from beltscape.sources.genicam.fake.simulated_cameras import FIRST_ADDRESS
 def fake_network():
     """Everything started within has five loopback addresses for cameras, and no other network."""
     try:
-        from beltscape.sources.genicam.aravis import load_aravis
+        from beltscape.sources.genicam.access.aravis import load_aravis
 
         load_aravis()
         network = own_network(f"127.0.0.{FIRST_ADDRESS + i}" for i in range(5))

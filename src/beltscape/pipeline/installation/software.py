@@ -77,7 +77,7 @@ def check_extras() -> Iterator[InstallationCheck]:
 
 def check_camera_library() -> InstallationCheck:
     """Return whether Aravis, the library of GenICam cameras, can be used."""
-    from beltscape.sources.genicam.aravis import load_aravis
+    from beltscape.sources.genicam.access.aravis import load_aravis
 
     try:
         load_aravis()

@@ -10,7 +10,7 @@ import numpy as np
 from beltscape.core.frames import OVEREXPOSED_SHARE, Image, saturated_fraction
 from beltscape.core.live import CameraHealth, CameraState
 from beltscape.core.translatable_message import Message
-from beltscape.sources.genicam.matching_types import CameraStatistics
+from beltscape.sources.genicam.matching.types import CameraStatistics
 from beltscape.sources.genicam.settings import CamerasSettings
 
 DARK = 0.03

@@ -10,7 +10,7 @@ import numpy as np
 
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
-from beltscape.sources.genicam.aravis import load_aravis
+from beltscape.sources.genicam.access.aravis import load_aravis
 
 COUNTER = "TestRegister"
 """The feature in which a simulated camera gives the belt's count: its spare register."""

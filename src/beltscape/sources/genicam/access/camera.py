@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from beltscape.core.supervision import make_supervised_thread
-from beltscape.sources.genicam.device import RawImage
+from beltscape.sources.genicam.access.device import RawImage
 
 REOPEN_AFTER_S = 1.5
 """A camera without an image for this time, when one was due, is reopened; chosen, above any exposure."""

@@ -9,8 +9,8 @@ from typing import Generic
 
 import numpy as np
 
-from beltscape.sources.genicam.clock import CameraClock
-from beltscape.sources.genicam.matching_types import (
+from beltscape.sources.genicam.matching.clock import CameraClock
+from beltscape.sources.genicam.matching.types import (
     CameraImage,
     CameraStatistics,
     MatchedInstant,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from beltscape.core.errors import InputError
-from beltscape.sources.genicam.aravis import glib_error_type, load_aravis
-from beltscape.sources.genicam.device import Device
+from beltscape.sources.genicam.access.aravis import glib_error_type, load_aravis
+from beltscape.sources.genicam.access.device import Device
 from beltscape.sources.genicam.settings import CamerasSettings
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from beltscape.core.errors import InputError
-from beltscape.sources.genicam.aravis import glib_error_type, load_aravis, resolve_device
-from beltscape.sources.genicam.features import Features
+from beltscape.sources.genicam.access.aravis import glib_error_type, load_aravis, resolve_device
+from beltscape.sources.genicam.access.features import Features
 from beltscape.sources.genicam.settings import CamerasSettings
 
 if TYPE_CHECKING:

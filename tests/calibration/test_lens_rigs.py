@@ -111,6 +111,6 @@ def test_a_rig_of_different_lenses_is_calibrated(board):
     assert reach_px is not None
     assert reach_px < 320
     assert find_refusal(limited) is None
-    lines = describe_domains(limited)
+    lines = describe_domains(limited.cameras)
     assert lines[0].startswith("camera a: its lens (fisheye) is known up to ")
     assert not any("camera b" in line for line in lines)

@@ -11,6 +11,7 @@ from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.files.rig_limits import find_corner_radius_px
 from beltscape.pipeline.calibrating.extension import extend_rig
 from tests.synthetic.demo import parse_json
 
@@ -64,6 +65,18 @@ def test_a_camera_is_replaced_without_views_of_the_core(charuco_capture, tmp_pat
     assert extension.fixed == ("cam1",)
     assert list(extension.rig.cameras) == ["cam0", "cam1", "cam2"]
     assert_near_truth(extension.rig, true, "cam2")
+    assert extension.rig.cameras["cam2"].valid_radius_px is None  # a polynomial extrapolates a long lens well
+
+
+def test_a_rational_lens_of_an_added_camera_is_limited_to_its_corners(charuco_capture):
+    rig = part_of(charuco_capture.rig, "cam0", "cam1")
+    board, folder = charuco_capture.board, charuco_capture.folder
+    extension = extend_rig(folder, rig, board, Silent(), lens_model="rational")
+    camera = extension.rig.cameras["cam2"]
+    reach_px = camera.valid_radius_px
+    assert reach_px is not None
+    assert 0.3 * camera.size_px[0] < reach_px < find_corner_radius_px(camera)
+    assert extension.rig.cameras["cam1"].valid_radius_px is None
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.files.intrinsics_json import read_intrinsics_file
 from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.files.rig_limits import find_corner_radius_px
 from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.known_intrinsics import read_known_intrinsics
 from tests.synthetic.demo import parse_json
@@ -50,6 +51,18 @@ def test_one_camera_may_be_a_folder_of_images(separate, run, tmp_path):
     code, out, _ = run("calibrate", "intrinsics", *words)
     assert code == 0
     assert list(parse_json(out)["cameras"]) == ["cam1"]
+
+
+def test_a_rational_lens_is_known_as_far_as_its_corners_reached(separate, run, tmp_path):
+    words = separate / "views" / "cam1", "--board", separate / "board.toml", "--out", tmp_path
+    assert run("calibrate", "intrinsics", *words, "--lens-model", "rational")[0] == 0
+    camera = read_intrinsics_file(tmp_path / "intrinsics.json").cameras["cam1"]
+    reach_px = camera.valid_radius_px
+    assert reach_px is not None
+    assert reach_px < find_corner_radius_px(camera)
+    within, beyond = (camera.center_px + [share * reach_px, 0.0] for share in (0.99, 1.01))
+    assert np.isfinite(camera.undistort(within)).all()
+    assert np.isnan(camera.undistort(beyond)).all()
 
 
 def test_a_capture_called_intrinsics_is_still_a_capture(

@@ -171,6 +171,7 @@ def _summarise_extension(result: Mapping[str, Any]) -> str:
             *format_findings(result["fit"]),
             f"calibrated {', '.join(result['new'])} with {', '.join(result['held'])} held; {kind}: "
             f"{score['rms_px']:.3f} px RMS, {score['median_px']:.3f} px median",
+            *(f"note: {note}" for note in result["notes"]),
             f"rig     {result['rig']}",
         ]
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -11,25 +11,22 @@ from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.intrinsics.lens_starts import list_fixed, list_starts, select_views
-from beltscape.calibration.intrinsics.prior_fit import LEAST_NOISE_PX, LensGuess, fit_with_guess
+from beltscape.calibration.intrinsics.one_camera import set_up_adjustment
+from beltscape.calibration.intrinsics.prior_fit import LensGuess, fit_with_guess, to_noise_px
 from beltscape.calibration.intrinsics.zhang import (
     MIN_VIEWS,
     MonocularCalibration,
     calibrate_camera,
     reject_outlying_views,
 )
-from beltscape.calibration.solver.bundle import Bundle
-from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
 from beltscape.calibration.solver.lens import (
     compute_lens_prior,
-    list_parameters,
     pack_intrinsics,
     unpack_intrinsics,
 )
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]
 Views = Mapping[str, Corners]
@@ -111,7 +108,9 @@ def predict_gain(brown: MonocularCalibration, detections: BoardDetections, board
     )
     prior = pack_intrinsics(camera), compute_lens_prior(camera)[1]
     poses = list(brown.cam_from_board.values())
-    bundle, state = _set_up(used, camera, poses, board_mm, brown.rms_px, prior)
+    bundle, state = set_up_adjustment(
+        used, camera, poses, board_mm, prior=prior, sigma_px=to_noise_px(brown.rms_px)
+    )
     try:
         linear = bundle.linearise(state)
         return linear.predict_decrease(linear.solve_step(0.0)) / linear.cost
@@ -146,30 +145,10 @@ def _refit(views: Views, whole: MonocularCalibration, board_mm: Array) -> Camera
     """Return the lens that fits some of the views, started at the fit to all of them."""
     camera, poses = whole.camera, [whole.cam_from_board[frame] for frame in views]
     prior = compute_lens_prior(camera)
-    bundle, state = _set_up(views, camera, poses, board_mm, whole.rms_px, prior, whole.fixed)
+    bundle, state = set_up_adjustment(
+        views, camera, poses, board_mm, prior=prior, fixed=whole.fixed, sigma_px=to_noise_px(whole.rms_px)
+    )
     return unpack_intrinsics(camera, minimise(bundle, state, REFITTING).state.intrinsics[0])
-
-
-def _set_up(
-    views: Views,
-    camera: Camera,
-    poses: Sequence[Pose],
-    board_mm: Array,
-    rms_px: float,
-    prior: tuple[Array, Array],
-    fixed: tuple[str, ...] = (),
-) -> tuple[Bundle, Geometry]:
-    """Return the adjustment of one camera's lens and board poses, with a lens prior (mean, information)."""
-    free = np.array([name not in fixed for name in list_parameters(camera.model)])
-    row = pack_intrinsics(camera)
-    known = BundlePrior((camera.model,), prior[0][None], prior[1][None], free[None], board_mm, np.zeros(3))
-    state = Geometry(
-        row[None], np.eye(3)[None], np.zeros((1, 3)),
-        np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
-    )  # fmt: skip
-    observed = Observations.from_views((0, i, c.ids, c.pixels) for i, c in enumerate(views.values()))
-    noise = np.full(len(observed.pixels), max(rms_px / np.sqrt(2), LEAST_NOISE_PX))
-    return Bundle(replace(observed, sigma_px=noise), known), state
 
 
 def _list_folds(frames: tuple[str, ...]) -> Iterator[tuple[list[str], list[str]]]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import Corners
+from beltscape.calibration.intrinsics.one_camera import set_up_adjustment
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
-from beltscape.calibration.solver.bundle import Bundle
-from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibration.solver.bundle_data import Geometry
 from beltscape.calibration.solver.lens import (
     compute_lens_prior,
     list_parameters,
@@ -61,22 +61,15 @@ def fit_with_guess(views: Mapping[str, Corners], board_mm: Array, guess: LensGue
         When the corners cannot be seen through the guessed lens, or the iteration does not converge.
     """
     poses = [fit_view_pose(guess.camera, board_mm[c.ids], c.pixels) for c in views.values()]
-    names, camera = list_parameters(guess.camera.model), guess.camera
-    mean, information = guess.compute_prior()
+    names, camera, prior = list_parameters(guess.camera.model), guess.camera, guess.compute_prior()
     free = np.array([name not in guess.fixed for name in names])
-    prior = BundlePrior(
-        (camera.model,), mean[None], information[None], free[None], board_mm, np.zeros(3)
-    )  # fmt: skip
-    state = Geometry(
-        pack_intrinsics(camera)[None], np.eye(3)[None], np.zeros((1, 3)),
-        np.stack([pose.rotation for pose in poses]), np.stack([pose.translation_mm for pose in poses]), board_mm,
-    )  # fmt: skip
-    observed = Observations.from_views((0, i, c.ids, c.pixels) for i, c in enumerate(views.values()))
-    noise_px = START_NOISE_PX
+    noise_px, state = START_NOISE_PX, None
     try:
         for tolerance in (1e-5, 1e-9):
-            bundle = Bundle(replace(observed, sigma_px=np.full(len(observed.pixels), noise_px)), prior)
-            minimum = minimise(bundle, state, Damping(tolerance=tolerance))
+            bundle, start = set_up_adjustment(
+                views, camera, poses, board_mm, prior=prior, fixed=guess.fixed, sigma_px=noise_px
+            )
+            minimum = minimise(bundle, state or start, Damping(tolerance=tolerance))
             state, errors = minimum.state, bundle.compute_errors_px(minimum.state)
             noise_px = max(estimate_robust_sigma(errors), LEAST_NOISE_PX)
         variance = np.diag(bundle.linearise(state).covariance())
@@ -89,6 +82,11 @@ def fit_with_guess(views: Mapping[str, Corners], board_mm: Array, guess: LensGue
     return _summarise(
         views, camera, state, errors, dict(zip(np.array(names)[free], variance, strict=True)), guess
     )
+
+
+def to_noise_px(rms_px: float) -> float:
+    """Return the noise of a corner's coordinate that is assumed for residuals of an RMS length."""
+    return max(rms_px / np.sqrt(2), LEAST_NOISE_PX)
 
 
 def _summarise(

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
+from beltscape.calibration.intrinsics.one_camera import set_up_adjustment
 from beltscape.calibration.solver.bundle import Bundle
-from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
-from beltscape.calibration.solver.lens import list_parameters, pack_intrinsics, unpack_intrinsics
+from beltscape.calibration.solver.bundle_data import Geometry
+from beltscape.calibration.solver.lens import list_parameters, unpack_intrinsics
 from beltscape.calibration.solver.lens_prior import LensPrior
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
 from beltscape.calibration.solver.perspective import fit_view_pose
@@ -111,14 +112,16 @@ def _calibrate_views(
     name: str, views: Mapping[str, Corners], size: tuple[int, int], board_mm: NDArray[np.float64]
 ) -> MonocularCalibration:
     camera, poses = _run_opencv(name, views, size, board_mm, flags=0)
-    free = _evaluate(*_set_up(camera, poses, views, board_mm, ()), camera, views, ())
+    free = _evaluate(*set_up_adjustment(views, camera, poses, board_mm), camera, views, ())
     if abs(float(camera.distortion[4])) > 3 * free.sigma["k3"]:
         return free
     fixed = _fit_without_k3(camera, poses, views, board_mm)
     if fixed is not None:
         return fixed
     camera, poses = _run_opencv(name, views, size, board_mm, flags=cv2.CALIB_FIX_K3)
-    return _evaluate(*_set_up(camera, poses, views, board_mm, ("k3",)), camera, views, ("k3",))
+    return _evaluate(
+        *set_up_adjustment(views, camera, poses, board_mm, fixed=("k3",)), camera, views, ("k3",)
+    )
 
 
 def _fit_without_k3(
@@ -126,7 +129,7 @@ def _fit_without_k3(
 ) -> MonocularCalibration | None:
     """Refit with k3 fixed at 0, starting at the fit with free k3; return None if that does not converge."""
     start = replace(camera, distortion=np.append(camera.distortion[:4], 0.0))
-    bundle, geometry = _set_up(start, poses, views, board_mm, ("k3",))
+    bundle, geometry = set_up_adjustment(views, start, poses, board_mm, fixed=("k3",))
     try:
         minimum = minimise(bundle, geometry, Damping(start=1e-9))  # k3 is within its σ of 0: nearly there
     except np.linalg.LinAlgError:
@@ -136,25 +139,6 @@ def _fit_without_k3(
     return _evaluate(
         bundle, minimum.state, unpack_intrinsics(camera, minimum.state.intrinsics[0]), views, ("k3",)
     )
-
-
-def _set_up(
-    camera: Camera,
-    poses: Sequence[Pose],
-    views: Mapping[str, Corners],
-    board_mm: NDArray[np.float64],
-    fixed: tuple[str, ...],
-) -> tuple[Bundle, Geometry]:
-    """Return the adjustment of one camera's lens and board poses without prior knowledge, and its start."""
-    lens = pack_intrinsics(camera)[None]
-    free = np.array([[name not in fixed for name in PARAMETERS]])
-    bundle = Bundle(
-        Observations.from_views((0, i, view.ids, view.pixels) for i, view in enumerate(views.values())),
-        BundlePrior((camera.model,), lens, np.zeros((1, 9, 9)), free, board_mm, np.zeros(3)),
-    )
-    rotations, shifts = [pose.rotation for pose in poses], [pose.translation_mm for pose in poses]
-    cam = np.eye(3)[None], np.zeros((1, 3))
-    return bundle, Geometry(lens, *cam, np.stack(rotations), np.stack(shifts), board_mm)
 
 
 def _evaluate(

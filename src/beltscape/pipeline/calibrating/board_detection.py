@@ -8,6 +8,7 @@ from dataclasses import replace
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.detection.detect_capture import detect_board
 from beltscape.calibration.detection.detector import PrintVariant
+from beltscape.calibration.detection.domain import drop_beyond_domains
 from beltscape.calibration.network.back_views import Side, classify_back_views
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
@@ -21,12 +22,15 @@ def detect_rig_board(
 ) -> tuple[BoardDetections, PrintVariant]:
     """Detect the board in the images of a rig's cameras; the views of mirroring cameras are left out with a warning.
 
+    Corners beyond the lens's domain of a ``known`` camera are left out.
+
     Raises
     ------
     InputError
         When no image shows the board, or all images are mirrored.
     """
     detections, variant = detect_board(capture, board, reporter)
+    detections = drop_beyond_domains(detections, known or {})
     if isinstance(board, BoardSet):
         return detections, variant
     sides = classify_back_views(detections, board, known)

@@ -159,7 +159,7 @@ def calibrate(
 
 def _describe_lenses(hierarchy: HierarchyResult, rig: Rig) -> list[str]:
     """Return notes on the lens models that were compared, and on how far each lens is known."""
-    return [*describe_choices(hierarchy.lens_choices), *describe_domains(rig)]
+    return [*describe_choices(hierarchy.lens_choices), *describe_domains(rig.cameras)]
 
 
 def _describe_sides(board: Board) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.calibration.assessment.domain.lens_domain import describe_domains, limit_domains
 from beltscape.calibration.assessment.findings.rig_findings import list_rig_findings
 from beltscape.calibration.assessment.validation.fit_quality import FitQuality, assess_fit
 from beltscape.calibration.assessment.validation.folds import list_folds
@@ -59,6 +60,8 @@ class RigExtension:
     """Score of folds of the frames under the new cameras from the other folds; None with too few frames."""
     fit: FitQuality
     warnings: tuple[str, ...]
+    notes: tuple[str, ...]
+    """New cameras whose lens is known in a part of the image only, one line each."""
 
 
 def extend_rig(
@@ -96,7 +99,8 @@ def extend_rig(
     adjustment = _adjust_new_cameras(
         detections, kept, new, known, board, reporter, dict.fromkeys(new, lens_model)
     )
-    extended = _join(rig, adjustment, new, reference)
+    limited = limit_domains(adjustment.rig, adjustment, (*fixed, *known.cameras))
+    extended = _join(rig, replace(adjustment, rig=limited), new, reference)
     kernels, board_mm = load(), adjustment.geometry.points_mm
     rig_errors = compute_rig_errors(extended, detections, board, kernels, corners_mm=board_mm)
     training = summarise_errors(rig_errors)
@@ -111,7 +115,14 @@ def extend_rig(
     score = held_out or training
     quality = {**extended.quality, "extension": {"cameras": new, "score": score.document()}}
     return RigExtension(
-        replace(extended, quality=quality), new, fixed, training, held_out, fit, (*fit.findings, *others)
+        replace(extended, quality=quality),
+        new,
+        fixed,
+        training,
+        held_out,
+        fit,
+        (*fit.findings, *others),
+        tuple(describe_domains({name: extended.cameras[name] for name in new})),
     )
 
 
@@ -259,6 +270,7 @@ def make_extension_document(extension: RigExtension) -> Mapping[str, Any]:
         "held_out": extension.held_out.document() if extension.held_out else None,
         "training": extension.training.document(),
         "fit": extension.fit.document(),
+        "notes": extension.notes,
     }
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.calibration.assessment.domain.lens_domain import describe_domains, limit_domain
 from beltscape.calibration.assessment.validation.folds import list_folds
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.detection.detect_capture import detect_board
@@ -19,10 +20,11 @@ from beltscape.calibration.intrinsics.lens_choice import (
     calibrate_with_model,
     describe_choices,
 )
-from beltscape.calibration.intrinsics.sensitivity import compute_lens_sensitivity
+from beltscape.calibration.intrinsics.one_camera import set_up_adjustment
+from beltscape.calibration.intrinsics.sensitivity import NOISE_FLOOR_PX
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera
 from beltscape.calibration.solver.deterministic import single_thread
-from beltscape.calibration.solver.lens import list_parameters
+from beltscape.calibration.solver.lens import compute_lens_prior, list_parameters
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import RecordingReporter, Reporter
@@ -52,7 +54,7 @@ class IntrinsicsCalibration:
     """(W, W) by camera, of fx, fy, cx, cy and the coefficients."""
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
-    """Lens models that were compared with others, one line each."""
+    """Lens models that were compared with others, and lenses that are known in a part of the image only."""
 
     def to_intrinsics(self) -> Intrinsics:
         """Return the lenses as intrinsics.json holds them."""
@@ -116,10 +118,19 @@ def calibrate_intrinsics(
         }
     for name, calibration in monocular.items():
         _warn_of_views(name, calibration, held_out[name], reporter)
+    monocular = {name: _limit_domain(each, detections) for name, each in monocular.items()}
+    lenses = {name: each.camera for name, each in monocular.items()}
     return IntrinsicsCalibration(
         capture, detections, monocular, held_out, covariances, tuple(reporter.warnings),
-        tuple(describe_choices(choices)),
+        (*describe_choices(choices), *describe_domains(lenses)),
     )  # fmt: skip
+
+
+def _limit_domain(calibration: MonocularCalibration, detections: BoardDetections) -> MonocularCalibration:
+    """Return the calibration with its lens limited to the part of the image that corners of its views reached."""
+    views = detections.views[calibration.camera.name]
+    reached = np.concatenate([views[frame].pixels for frame in calibration.cam_from_board])
+    return replace(calibration, camera=limit_domain(calibration.camera, reached))
 
 
 def write_intrinsics_calibration(out: Path, calibration: IntrinsicsCalibration) -> Path:
@@ -159,15 +170,29 @@ def _sum_squares(
 def compute_lens_covariance(
     detections: BoardDetections, calibration: MonocularCalibration, board_mm: Array
 ) -> Array:
-    """Return the covariance (W, W) of a camera's intrinsics from the noise of its corners; 0 for fixed ones."""
-    sensitivity = compute_lens_sensitivity(detections, calibration, board_mm)
-    width = len(list_parameters(calibration.camera.model))
-    free = np.flatnonzero(sensitivity.free[:width])
-    covariance = np.zeros((width, width))
-    covariance[np.ix_(free, free)] = (
-        sensitivity.sigma_px**2 * sensitivity.by_corners.T @ sensitivity.by_corners
-    )
+    """Return the covariance (W, W) of a camera's intrinsics from the noise of its corners; 0 for fixed ones.
+
+    With few corners far off the axis the coefficients of a rational lens are free but for the prior of lenses.
+    """
+    camera, views = calibration.camera, detections.views[calibration.camera.name]
+    used = {frame: views[frame] for frame in calibration.cam_from_board}
+    corners = sum(len(view) for view in used.values())
+    bundle, state = set_up_adjustment(
+        used, camera, list(calibration.cam_from_board.values()), board_mm,
+        prior=compute_lens_prior(camera), fixed=calibration.fixed,
+        sigma_px=_estimate_noise_px(calibration, corners),
+    )  # fmt: skip
+    own = bundle.linearise(state).covariance()
+    covariance = np.zeros((bundle.width, bundle.width))
+    covariance[np.ix_(bundle.free, bundle.free)] = (own + own.T) / 2
     return covariance
+
+
+def _estimate_noise_px(calibration: MonocularCalibration, corners: int) -> float:
+    """Return the noise of a corner's coordinate from the residuals, with the degrees of freedom of lens and poses."""
+    fitted = len(list_parameters(calibration.camera.model)) + 6 * len(calibration.cam_from_board)
+    freedom = max(2 * corners - fitted, 1)
+    return max(calibration.rms_px * float(np.sqrt(corners / freedom)), NOISE_FLOOR_PX)
 
 
 def _warn_of_views(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -35,10 +35,10 @@ def limit_domains(rig: Rig, adjustment: BundleAdjustmentResult, given: Collectio
     return replace(rig, cameras=cameras)
 
 
-def describe_domains(rig: Rig) -> list[str]:
+def describe_domains(cameras: Mapping[str, Camera]) -> list[str]:
     """Return a line for every lens that the calibration determined in a part of its image only."""
     lines: list[str] = []
-    for name, camera in rig.cameras.items():
+    for name, camera in cameras.items():
         reach_px, corner_px = camera.valid_radius_px, find_corner_radius_px(camera)
         if reach_px is not None and reach_px < MENTIONED_SHARE * corner_px:
             lines.append(

@@ -1,0 +1,80 @@
+"""Write docs/reference/models.md: a card of every network that ships, from the registry, its file and the manifest.
+
+python tools/write_model_cards.py
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from beltscape.learned.network import Network
+from beltscape.learned.registry import PURPOSES, Purpose, load_network
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs/reference/models.md"
+MANIFEST = ROOT / "src/beltscape/data/networks/manifest.json"
+_FEW = 12
+"""Up to so many features are all named; of more, only the first are."""
+HEAD = """# Models
+
+Fitted networks decide which pixels are believed, how accurate they are, and what lies in holes. All are small multilayer perceptrons
+with rectifiers (package `learned`), fitted to captures of the simulator with exact truth, never to photographs and never to the captures
+that figures are reported for. `make train` fits all of them again from the simulator's seeds. This page is written by
+`tools/write_model_cards.py`.
+"""
+
+
+def read_manifest() -> dict[str, Any] | None:
+    """Return the manifest of the shipped networks; None where they were fitted before there was one."""
+    return json.loads(MANIFEST.read_text("utf-8")) if MANIFEST.is_file() else None
+
+
+def describe_origin(manifest: dict[str, Any] | None) -> str:
+    """Return the paragraph on what all networks were trained on."""
+    if manifest is None:
+        return (
+            "The weights of this release were fitted before `make train` existed. The scenarios of their training "
+            "captures were not recorded, so they cannot be reproduced to the byte.\n"
+        )
+    first, last = manifest["scenarios"]["training"]
+    return (
+        f"Trained on the scenarios {first} to {last} of `tools/training/scenarios.py`, each drawn from the seed of its "
+        f"number, at commit {manifest['commit'][:9]}. Scenarios from {manifest['scenarios']['held_out_from']} on were "
+        "held out.\n"
+    )
+
+
+def write_card(name: str, purpose: Purpose, network: Network, manifest: dict[str, Any] | None) -> str:
+    """Return the card of a network as Markdown."""
+    units = " → ".join(
+        str(size) for size in (len(network.features), *(len(layer) for layer in network.layers))
+    )
+    named = ", ".join(network.features[:_FEW])
+    more = f", … ({len(network.features)} in all)" if len(network.features) > _FEW else ""
+    outputs = (
+        ", ".join(network.outputs) if len(network.outputs) <= _FEW else f"{len(network.outputs)} numbers"
+    )
+    rows = [
+        ("predicts", purpose.predicts),
+        ("outputs", outputs),
+        ("inputs", named + more),
+        ("units", f"{units}, {network.parameters:,} parameters"),
+        ("used by", f"`{purpose.used_by}`"),
+        ("not for", purpose.unsuitable),
+    ]
+    metrics = {} if manifest is None else manifest["networks"][name]["metrics"]
+    rows += [(f"held out: {what}", f"{value:.4g}") for what, value in metrics.items()]
+    return f"## {name}\n\n| | |\n|---|---|\n" + "".join(f"| {what} | {text} |\n" for what, text in rows)
+
+
+def write_page() -> str:
+    """Return the page."""
+    manifest = read_manifest()
+    cards = [write_card(name, purpose, load_network(name), manifest) for name, purpose in PURPOSES.items()]
+    return "\n".join([HEAD, describe_origin(manifest), *cards])
+
+
+if __name__ == "__main__":
+    PAGE.write_text(write_page(), "utf-8")

@@ -19,10 +19,10 @@ _FEW = 12
 """Up to so many features are all named; of more, only the first are."""
 HEAD = """# Models
 
-Fitted networks decide which pixels are believed, how accurate they are, and what lies in holes. All are small multilayer perceptrons
-with rectifiers (package `learned`), fitted to captures of the simulator with exact truth, never to photographs and never to the captures
-that figures are reported for. `make train` fits all of them again from the simulator's seeds. This page is written by
-`tools/write_model_cards.py`.
+Fitted networks decide which pixels are believed, how accurate they are, and what lies in holes. All are small
+multilayer perceptrons with rectifiers (package `learned`), fitted to captures of the simulator with exact truth,
+never to photographs and never to the captures that figures are reported for. `make train` fits all of them again
+from the simulator's seeds. This page is written by `tools/write_model_cards.py`.
 """
 
 
@@ -35,14 +35,14 @@ def describe_origin(manifest: dict[str, Any] | None) -> str:
     """Return the paragraph on what all networks were trained on."""
     if manifest is None:
         return (
-            "The weights of this release were fitted before `make train` existed. The scenarios of their training "
-            "captures were not recorded, so they cannot be reproduced to the byte.\n"
+            "The weights of this release were fitted before `make train` existed. The scenarios of their\n"
+            "training captures were not recorded, so they cannot be reproduced to the byte.\n"
         )
     first, last = manifest["scenarios"]["training"]
+    held_out = manifest["scenarios"]["held_out_from"]
     return (
-        f"Trained on the scenarios {first} to {last} of `tools/training/scenarios.py`, each drawn from the seed of its "
-        f"number, at commit {manifest['commit'][:9]}. Scenarios from {manifest['scenarios']['held_out_from']} on were "
-        "held out.\n"
+        f"Trained on the scenarios {first} to {last} of `tools/training/scenarios.py`, each drawn from the\n"
+        f"seed of its number, at commit {manifest['commit'][:9]}. Scenarios from {held_out} on were held out.\n"
     )
 
 

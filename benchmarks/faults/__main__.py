@@ -33,7 +33,7 @@ def main() -> int:
     capture = open_capture(arguments.cache, sizes, arguments.seed, Silent())
     chosen = [case for case in read_cases() if _is_chosen(case, arguments)]
     if arguments.rounds is not None:
-        chosen = [replace(case, rounds=min(case.rounds, arguments.rounds)) for case in chosen]
+        chosen = [_shorten(case, arguments.rounds) for case in chosen]
     print("\n".join(HEAD), flush=True)
     verdicts: list[RowResult] = []
     for verdict in play_rows(capture, chosen, jobs=arguments.jobs, minutes=arguments.minutes):
@@ -44,6 +44,11 @@ def main() -> int:
         _write(capture, chosen, arguments.note)
     print(format_count(verdicts))
     return int(any(not verdict.passes for verdict in verdicts))
+
+
+def _shorten(case: Case, rounds: float) -> Case:
+    """Return the row with at most this number of rounds after the fault, unless it needs more."""
+    return replace(case, rounds=max(min(case.rounds, rounds), case.least_rounds))
 
 
 def _write(capture: RoundCapture, chosen: Sequence[Case], note: str) -> None:

@@ -28,6 +28,12 @@ class Case:
     """Whether valid records may go on, because the fault harms nothing or is covered by σ."""
     rounds: float = 5.0
     """Duration after the fault, in rounds of the capture."""
+    least_rounds: float = 0.0
+    """Rounds after the fault that the row needs, also where fewer are asked for."""
+    begins_after: float = 0.0
+    """Share of a round after which the fault begins: where nothing is in view, or a heap."""
+    trends: Mapping[str, float] = field(default_factory=dict)
+    """True values of checks at the end: their findings must agree within 2.5 σ."""
     is_short: bool = False
     """Whether it belongs to the short form."""
     needs_full_size: bool = False

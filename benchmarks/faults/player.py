@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -60,6 +61,8 @@ class Played:
     """Time at which an alarm was first raised."""
     findings: dict[str, tuple[float, str]] = field(default_factory=dict)
     """Time and text of a check's first fault."""
+    values: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """The last value of a check that was made, and its σ."""
     flow_m3_h: list[tuple[float, float]] = field(default_factory=list)
     """The shown flow; NaN: unknown."""
     totals: Totals = field(default_factory=Totals)
@@ -96,6 +99,8 @@ class RecordingEngine(Engine):
     def _publish(self, outcome: Outcome) -> None:
         self._played.records += [(self._clock.now_s, entry) for entry in outcome.entries]
         for finding in outcome.findings:
+            if math.isfinite(finding.value):
+                self._played.values[_name(finding)] = finding.value, finding.sigma
             if finding.is_fault:
                 self._played.findings.setdefault(_name(finding), (self._clock.now_s, finding.text))
         super()._publish(outcome)
@@ -103,8 +108,9 @@ class RecordingEngine(Engine):
 
 def play(capture: RoundCapture, case: Case, cache: Cache, *, sound_rounds: float = SOUND_ROUNDS) -> Played:
     """Play a row and return what happened."""
-    onset = 0 if case.zero_faults else round(sound_rounds * capture.frames)
-    count = round((sound_rounds + case.rounds) * capture.frames)
+    begin = sound_rounds + case.begins_after
+    onset = 0 if case.zero_faults else round(begin * capture.frames)
+    count = round((begin + case.rounds) * capture.frames)
     played, clock = Played(case, onset, count), Clock()
     with tempfile.TemporaryDirectory() as folder, use_clock(clock), use_cache(cache):
         observer: Any = Silence()

@@ -13,6 +13,8 @@ from faults.truth import Comparison, Selection, compare
 
 _LENGTH_ERROR = 0.01
 """Largest error of the counted metres that is called right."""
+_SIGMAS = 2.5
+"""Number of σ within which a trend must agree with the truth, as the totals."""
 _ALL = ("valid", "degraded", "missing")
 
 
@@ -52,6 +54,7 @@ def assess(capture: RoundCapture, played: Played) -> RowResult:
     total = comparison.select(("valid", "degraded"), since.tolist())
     failures = [] if is_in_time else ["not named in time"]
     failures += _check_records(played, comparison, since, late)
+    failures += _check_trends(played)
     if not total.covers_truth():
         failures.append("total beyond 2.5 σ")
     return RowResult(
@@ -77,6 +80,26 @@ def _check_records(played: Played, comparison: Comparison, since: np.ndarray, la
     return failures
 
 
+def _check_trends(played: Played) -> list[str]:
+    """Return the checks whose last value is not the true one within 2.5 σ."""
+    failures: list[str] = []
+    for name, truth in played.case.trends.items():
+        value, sigma = played.values.get(name, (math.nan, math.nan))
+        if not abs(value - truth) <= _SIGMAS * sigma:
+            failures.append(f"{name} is {value:.4g} ± {sigma:.2g}, in truth {truth:.4g}")
+    return failures
+
+
+def _describe_trends(played: Played) -> str:
+    """Return the last values of the checks whose truth is known."""
+    parts = [
+        f"; {name} {played.values[name][0]:.4f} ± {played.values[name][1]:.4f}"
+        for name in played.case.trends
+        if name in played.values
+    ]
+    return "".join(parts)
+
+
 def _describe_notice(played: Played) -> tuple[str, bool]:
     """Return when the fault was noticed and by what, and whether a name of it came in time."""
     case = played.case
@@ -94,7 +117,7 @@ def _describe_notice(played: Played) -> tuple[str, bool]:
             after = first[0] - played.onset_s
             parts.append(f"{after:.1f} s ({round(after * FRAMES_PER_S)} frames): {kind} {first[1]}")
     others = sorted({name.split(":")[0] for _, name, _ in found if not case.is_named_by(name)})
-    text = "; ".join(parts) or "not named"
+    text = ("; ".join(parts) or "not named") + _describe_trends(played)
     if others:
         text += f" (also {', '.join(others)})"
     is_in_time = bool(named) and named[0][0] - played.onset_s <= case.within_s

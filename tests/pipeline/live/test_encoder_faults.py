@@ -155,14 +155,15 @@ def test_slip_adds_up_until_it_exceeds_its_uncertainty(slip: float, frames: int)
     assert list_not_valid(entries)[-1] == COUNT - 1
 
 
-def test_a_small_slip_is_a_trend_with_sigma_and_no_fault() -> None:
-    track = list_positions()
-    entries, findings = measure(track, [0.997 * float(place) for place in track], SHARP_MATCHER)
+@pytest.mark.parametrize(("step_mm", "slip"), [(75.0, 0.004), (150.0, 0.003)])
+def test_a_small_slip_is_a_trend_with_sigma_that_degrades_nothing(step_mm: float, slip: float) -> None:
+    track = list_positions(step_mm)
+    entries, findings = measure(track, [(1 - slip) * float(place) for place in track], SHARP_MATCHER)
     assert list_not_valid(entries) == []
     (last,) = findings[-1]
-    assert not last.is_fault
-    assert last.value == pytest.approx(-0.003, abs=0.0015)
-    assert 0 < last.sigma < 0.001
+    assert (last.is_fault, last.effect, last.cause) == (True, "none", "encoder_slip")
+    assert abs(last.value + slip) < 2 * last.sigma
+    assert 0 < last.sigma < 0.0015
 
 
 @pytest.mark.parametrize("step_mm", [330.0, 460.0])
@@ -212,9 +213,20 @@ def test_a_silent_encoder_that_returns_with_another_count() -> None:
         None if silent else float(place) - 2000 * (number >= END)
         for number, (place, silent) in enumerate(zip(track, FAULT, strict=True))
     ]
-    entries, _ = measure(track, readings)
+    entries, findings = measure(track, readings)
     check_ledger(entries, track[-1])
-    assert list_not_valid(entries) == list(range(END, END + 4))
+    assert list_not_valid(entries) == list(range(FIRST, END + 4))
+    causes = {one.cause for made in findings[FIRST:END] for one in made if one.is_fault}
+    assert causes == {"encoder_silent"}
+
+
+def test_one_lost_reading_accuses_nobody() -> None:
+    track = list_positions()
+    readings = [None if number % 7 == 5 else float(place) for number, place in enumerate(track)]
+    entries, findings = measure(track, readings)
+    check_ledger(entries, track[-1])
+    assert list_not_valid(entries) == []
+    assert not any(one.is_fault for made in findings for one in made)
 
 
 def test_an_encoder_that_counts_in_reverse_from_the_start() -> None:

@@ -32,6 +32,8 @@ FAULTS = {
     "reset": EncoderFault(kind="reset", first=FIRST),
     "wild": EncoderFault(kind="wild", first=FIRST, size=100.0),
     "10 % slow": EncoderFault(kind="slip", first=FIRST, size=0.1),
+    "silent": EncoderFault(kind="silent", first=FIRST),
+    "silent, then true again": EncoderFault(kind="silent", first=FIRST, last=36),
 }
 
 
@@ -61,16 +63,19 @@ def make_track(count: int = COUNT) -> Array:
     return STEP_MM * np.arange(count, dtype=np.float64)
 
 
-def measure(readings_mm: Array, *, start_mm: float = 0.0) -> tuple[list[BeltRecord], list[int]]:
-    """Return the entries, and the frames with a fault of the encoder."""
-    context = replace(make_context(), matcher=RoundMatcher())
+def measure(
+    readings_mm: Array, *, start_mm: float = 0.0, matcher: RoundMatcher | None = None
+) -> tuple[list[BeltRecord], list[int]]:
+    """Return the entries, and the frames with a fault of the encoder; NaN is no reading."""
+    context = replace(make_context(), matcher=matcher or RoundMatcher())
     run = MeasurementRun(context, LedgerState(1, 0, None), CAMERAS, lambda: 17, Silent())
     entries: list[BeltRecord] = []
     faulty: list[int] = []
     for number, reading in enumerate(readings_mm):
         frame = f"{number}|{start_mm + number * STEP_MM}"
         time_ns = round(number / RATE_HZ * 1e9)
-        frames = FrameSet(frame, dict.fromkeys(CAMERAS, IMAGE), time_ns, float(reading))
+        position = None if np.isnan(reading) else float(reading)
+        frames = FrameSet(frame, dict.fromkeys(CAMERAS, IMAGE), time_ns, position)
         outcome = run.push(frames)
         entries += outcome.entries
         faulty += [number for one in outcome.findings if one.check == "encoder_motion" and one.is_fault]
@@ -116,3 +121,58 @@ def test_a_scale_that_is_wrong_from_the_start_gives_no_wrong_metres() -> None:
     travel = entries[-1].belt_mm[1] - entries[0].belt_mm[0]
     assert travel == pytest.approx(right[-1].belt_mm[1] - right[0].belt_mm[0], rel=0.01)
     assert sum_volume_mm3(entries) == pytest.approx(sum_volume_mm3(right), rel=0.005)
+
+
+class EmptyAfter(RoundMatcher):
+    """Returns the depth map of an empty belt from a place on, up to another."""
+
+    def __init__(self, start_mm: float, end_mm: float = np.inf) -> None:
+        self._start_mm, self._end_mm = start_mm, end_mm
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
+        if not self._start_mm <= float(frame_set.frame.split("|")[1]) < self._end_mm:
+            return super().reconstruct(frame_set, reporter, prior=prior)
+        return moving_belt.depth_map(None, 0.0, seed=7, camera=CAMERA)
+
+
+@pytest.mark.parametrize("count", [60, 120])
+def test_an_encoder_that_is_ahead_after_a_standstill_on_an_empty_belt(count: int) -> None:
+    """Nothing shows whether the belt stood, until the reading returns where a belt that went on would be."""
+    last = count - 15
+    track = make_track(count)
+    readings = EncoderFault(kind="frozen", first=FIRST, last=last).apply(track)
+    entries, faulty = measure(readings, matcher=EmptyAfter(track[FIRST]))
+    assert faulty
+    assert min(faulty) in (last + 1, last + 2)
+    travel = entries[-1].belt_mm[1] - entries[0].belt_mm[1]
+    assert travel == pytest.approx(track[-1], rel=0.01)
+    uncertain = [
+        entry for entry in entries if track[FIRST] < entry.belt_mm[1] - entries[0].belt_mm[1] < track[last]
+    ]
+    assert all(entry.standing != "valid" for entry in uncertain)
+    assert entries[-1].standing == "valid"
+
+
+def test_material_proves_that_the_encoder_stood_still_on_a_long_empty_belt() -> None:
+    """The belt ran as fast before as after it; its metres were seen by nobody as such, and are missing."""
+    track = make_track(140)
+    readings = EncoderFault(kind="frozen", first=FIRST).apply(track)
+    entries, faulty = measure(readings, matcher=EmptyAfter(track[FIRST], track[120]))
+    assert 120 <= min(faulty) <= 128
+    travel = entries[-1].belt_mm[1] - entries[0].belt_mm[1]
+    assert travel == pytest.approx(track[-1], rel=0.01)
+    first_mm = entries[0].belt_mm[1]
+    late = [entry for entry in entries if track[FIRST] < entry.belt_mm[1] - first_mm]
+    assert all(entry.standing != "valid" for entry in late)
+    missing_mm = sum(entry.length_mm for entry in entries if entry.standing == "missing")
+    assert missing_mm > 0.8 * (track[120] - track[FIRST])
+
+
+def test_a_jump_after_a_stop_is_no_belt() -> None:
+    track = make_track(60)
+    stopped = np.minimum(track, track[FIRST]) + np.maximum(track - track[45], 0.0)
+    readings = stopped + 800.0 * (np.arange(60) >= 45)
+    entries, faulty = measure(readings, matcher=EmptyAfter(track[FIRST] - 1))
+    assert faulty
+    travel = entries[-1].belt_mm[1] - entries[0].belt_mm[1]
+    assert stopped[-1] - 5 * STEP_MM <= travel <= stopped[-1]  # until the encoder is trusted again

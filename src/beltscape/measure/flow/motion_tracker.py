@@ -27,9 +27,9 @@ from beltscape.measure.flow.motion.plausibility import (
     is_belt_surface,
     is_certain,
     is_certain_apart,
-    is_jump,
 )
 from beltscape.measure.flow.motion.prediction import MotionPrediction
+from beltscape.measure.flow.motion.readings import ReadingCheck
 from beltscape.measure.flow.motion.recount import LocatedFrame, ProvenMotion, UnconfirmedTravel
 from beltscape.measure.flow.motion.registration import Shift
 from beltscape.measure.flow.pushed_frame import PushedFrame
@@ -61,8 +61,7 @@ class MotionTracker:
         """Speed by the last registration, mm per unit of the clock."""
         self._first = FirstMotion(settings.least_overlap)
         self._travel = UnconfirmedTravel()
-        self._last_reading: BeltPosition | None = None
-        """The last position with an encoder reading."""
+        self._readings = ReadingCheck()
 
     @property
     def prediction(self) -> MotionPrediction | None:
@@ -101,18 +100,21 @@ class MotionTracker:
         """Return the frame's position from the best observation, and compare the encoder with the material."""
         was_assumed, direction = self.is_assumed, self.direction
         self._open = None
-        jump = self._find_jump(frame) if self.check.is_trusted else None
-        observed = self._observe(frame, trusted=self.check.is_trusted and jump is None)
+        by_reading = self._readings.find_contradiction(frame, self.motion, self._travel.confirmed)
+        by_reading = by_reading if self.check.is_trusted else None
+        observed = self._observe(frame, trusted=self.check.is_trusted and by_reading is None)
         shift = observed.shift
         agrees = self._open is not None and self._open[1]
-        contradiction = observed.contradiction or (None if agrees else jump)
+        contradiction = observed.contradiction or (None if agrees else by_reading)
         relocated: list[LocatedFrame] = []
-        if shift is not None and (contradiction is not None or not self.check.is_trusted):
+        if contradiction is not None and contradiction.kind == "resumed":
+            relocated = self._resume(frame)
+        elif shift is not None and (contradiction is not None or not self.check.is_trusted):
             relocated = self._relocate(frame, shift, contradiction)
         if contradiction is not None:
             self.check.distrust(contradiction)
         elif shift is None:
-            self._count_jump_over(frame)
+            self._compare_with_speed(frame)
         before, place = self.motion.last, self._place(frame, observed)
         if place is not None:
             is_confirmed = shift is not None and (agrees or not self.check.is_trusted)
@@ -143,8 +145,7 @@ class MotionTracker:
                 encoder_ratio=_NAN if trusted else self.check.constant_ratio,
             )
         )
-        if place is not None and frame.encoder_mm is not None:
-            self._last_reading = place
+        self._readings.add(frame, place, motion.speed)
         return place
 
     def _relocate(
@@ -166,6 +167,23 @@ class MotionTracker:
         if at_key is None:
             return []
         self.motion.move(at_key.position_mm, relocated[-1].place.position_mm)
+        return relocated
+
+    def _compare_with_speed(self, frame: PushedFrame) -> None:
+        """Count the agreement of the encoder with a constant speed, where the material does not show the motion."""
+        step = self._readings.find_steady_step(frame, self.motion, self.check.contradiction)
+        if step is not None and frame.encoder_mm is not None and self.check.count_agreement():
+            self.motion.restart_scale(frame.encoder_mm - step)
+
+    def _resume(self, frame: PushedFrame) -> list[LocatedFrame]:
+        """Distribute the travel of an encoder that stood still and is now ahead over the frames since then."""
+        found, key, last = self._readings.find_resumption(frame), self.motion.key, self.motion.last
+        if found is None or key is None or last is None:
+            return []
+        start, self.motion.speed = found.start, found.speed
+        relocated = self._travel.distribute(found.number, start, found.speed)
+        key = next((one.place for one in relocated if one.number == self._key.number), key)
+        self.motion.move(key.position_mm, start.position_mm + found.speed * (last.clock - start.clock))
         return relocated
 
     def _compute_elapsed(self, frame: PushedFrame) -> float:
@@ -275,25 +293,8 @@ class MotionTracker:
         if step is None or self.is_assumed or shift.support < LEAST_SUPPORT:
             return None
         self._key.add_match(shift.score)
-        interval = Interval(step, self.direction * shift.along_mm, shift.sigma_mm**2, self._key.number)
+        moved_mm, variance = self.direction * shift.along_mm, shift.sigma_mm**2
+        interval = Interval(step, moved_mm, variance, self._key.number, shift.common_mm)
         found = self.check.find_contradiction(interval, frame.number, self.motion.speed or 0.0)
         self._open = interval, found is None
         return found
-
-    def _find_jump(self, frame: PushedFrame) -> Contradiction | None:
-        """Return the contradiction of a reading to which no belt can have moved since the last reading."""
-        motion = self.motion
-        jumps = is_jump(self._last_reading, motion.last, motion.speed, frame.clock, frame.encoder_mm)
-        return Contradiction("jump", frame.number, _NAN, _NAN) if jumps else None
-
-    def _count_jump_over(self, frame: PushedFrame) -> None:
-        """Count the agreement of the encoder with the last speed, where the material does not show the motion."""
-        last, speed, found = self.motion.last, self.motion.speed, self.check.contradiction
-        if found is None or found.kind not in ("jump", "unmatched") or last is None or speed is None:
-            return
-        if frame.encoder_mm is None or last.encoder_mm is None:
-            return
-        step, by_speed = frame.encoder_mm - last.encoder_mm, speed * (frame.clock - last.clock)
-        agrees = abs(step - by_speed) <= MAX_DISAGREEMENT * abs(by_speed)
-        if abs(by_speed) > LEAST_MM and agrees and self.check.count_agreement():
-            self.motion.restart_scale(frame.encoder_mm - by_speed)

@@ -17,7 +17,13 @@ _TEXTS: dict[Kind, str] = {
     "scale": "encoder and material move by different lengths: check the wheel for slip and jumps, and mm_per_count",
     "jump": "the encoder's reading jumps: check its supply and its cable",
     "unmatched": "the material is not where the encoder predicts it: check the wheel and its cable",
+    "silent": "the encoder gives no more readings: check its supply and its cable",
+    "resumed": "the encoder stood still while the empty belt went on: check its wheel and its cable",
 }
+_SLIP = 0.002
+"""Slow slip that is named although it is within the tolerance: calibrated rigs measure lengths within 0.0005."""
+_SIGMAS = 3.0
+"""Number of σ by which slip must differ from 0 to be named; most of σ is a bias, not noise with its tails."""
 _NAN = float("nan")
 
 
@@ -29,7 +35,7 @@ def make_encoder_finding(check: EncoderCheck, before: BeltPosition | None, place
     contradiction = check.contradiction
     if contradiction is None:
         value, sigma = check.deviation if is_measured else (_NAN, _NAN)
-        return Finding(CHECK, value, sigma, check.tolerance, "")
+        return Finding(CHECK, value, sigma, check.tolerance, "", text=_describe_slip(value, sigma))
     value, sigma = check.deviation
     if math.isnan(value):  # too few intervals since the contradiction
         value, sigma = contradiction.value, contradiction.sigma
@@ -46,4 +52,18 @@ def make_encoder_finding(check: EncoderCheck, before: BeltPosition | None, place
         ),
         effect="degraded",
         relative_sigma=0.0 if is_measured else relative_sigma,
+    )
+
+
+def _describe_slip(value: float, sigma: float) -> str:
+    """Return the text of slow slip, which harms no record as long as it is within the tolerance."""
+    if not abs(value) > max(_SLIP, _SIGMAS * sigma):
+        return ""
+    share, spread = round(100 * value, 2), round(100 * sigma, 2)
+    return Message(
+        f"over the last metres the encoder counts {share:+.2f} ± {spread:.2f} % against the material: the belt slips "
+        "on the wheel, the wheel wears, or mm_per_count is wrong",
+        "encoder_slip",
+        slip=share,
+        sigma=spread,
     )

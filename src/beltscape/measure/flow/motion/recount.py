@@ -17,6 +17,8 @@ _STEADY = 0.03
 """A belt whose speeds before and after differ by less kept its speed: its drive's slip changes it by as much."""
 _LONGEST_S = 10.0
 """Longest time over which a belt is taken to have kept its speed; a belt stops and starts within it."""
+_LONGEST_STILL_S = 60.0
+"""The same beside an encoder that is proven to stand still: it shows no stop. Chosen: stops last longer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +68,24 @@ class UnconfirmedTravel:
         """Return the motion in a time by the last confirmed speed; None if unknown."""
         return None if self._speed is None else self._speed * elapsed
 
+    @property
+    def confirmed(self) -> int:
+        """Return the number of the last frame whose position the material showed; -1 before."""
+        return -1 if self._confirmed is None else self._confirmed.number
+
+    def distribute(self, number: int, start: BeltPosition, speed: float) -> list[LocatedFrame]:
+        """Return the frames after frame ``number`` at ``start`` with the positions that a constant speed gives."""
+        return [
+            replace(
+                one,
+                place=replace(one.place, position_mm=position),
+                moved_mm=position - one.place.position_mm,
+            )
+            for one in self._since
+            if one.number > number
+            for position in (start.position_mm + speed * (one.place.clock - start.clock),)
+        ]
+
     def relocate(self, proven: ProvenMotion) -> list[LocatedFrame]:
         """Return the frames since the last agreement with the positions that the proven motion gives them."""
         confirmed, key = self._confirmed, proven.key
@@ -87,14 +107,13 @@ class UnconfirmedTravel:
         by_encoder = _divide_steps(start, key, proven.ratio)
         if by_encoder is not None and elapsed > _LONGEST_S and proven.ratio > 0:
             by_encoder = None  # the scale may have been right for most of this time
-        if self._speed is not None and elapsed <= _LONGEST_S:
+        longest = _LONGEST_STILL_S if abs(proven.ratio) <= LEAST_RATIO else _LONGEST_S
+        if self._speed is not None and elapsed <= longest:
             by_speed, change = 0.5 * (proven.speed + self._speed) * elapsed, abs(proven.speed - self._speed)
             if change <= _STEADY * abs(self._speed):
                 return by_speed, False
-            is_plausible = by_encoder is not None and abs(by_encoder - by_speed) <= MAX_DISAGREEMENT * abs(
-                by_speed
-            )
-            if not is_plausible and change <= MAX_DISAGREEMENT * abs(self._speed):
+            is_steady = elapsed <= _LONGEST_S and change <= MAX_DISAGREEMENT * abs(self._speed)
+            if is_steady and not _agree(by_encoder, by_speed):
                 return by_speed, False
         if by_encoder is not None:
             return by_encoder, True
@@ -129,3 +148,8 @@ def _divide_steps(start: BeltPosition, end: BeltPosition, ratio: float) -> float
         return None
     travel = (end.encoder_mm - start.encoder_mm) / ratio
     return travel if travel >= 0 else None
+
+
+def _agree(by_encoder: float | None, by_speed: float) -> bool:
+    """Return whether a travel by the encoder is known and plausible beside that of a constant speed."""
+    return by_encoder is not None and abs(by_encoder - by_speed) <= MAX_DISAGREEMENT * abs(by_speed)

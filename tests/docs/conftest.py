@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import shutil
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -12,60 +12,49 @@ import pytest
 
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from tests.docs.program import call
+from tests.docs.blocks import read_blocks
 from tests.docs.reader import SCENES, Reader
+from tests.docs.results import Results
 from tests.docs.system import ROOT
-from tests.docs.tables import recorded_project
+from tests.docs.tables import check_table
+from tests.once import make_once
 from tests.sinks.ledgers import ledger
-from tests.synthetic.demo import DEMO, TRUE_RIG
+from tests.synthetic.demo import DEMO
 
-SMALL = "[render]\npasses = 1\nambient_samples = 1\n[heap]\nrocks = 60\n"
+SMALL = "[render]\noversample = 1\npasses = 1\nambient_samples = 1\n[heap]\nrocks = 60\n"
 FRAMES = {"calibration": 1, "belt_moving": 2}
-MOVING = f"""kind = "belt_moving"
-frames = 3
-[rig]
-file = "{TRUE_RIG}"
-height_mm = 744
-scale = 0.5
-[motion]
-speed_mm_s = 1000
-frames_per_s = 8
-start_mm = -150
-[heap]
-rocks = 120
-[render]
-passes = 1
-ambient_samples = 1
-"""
-"""The demo's rig, whose lenses distort, over the laboratory's belt while a heap passes."""
+LATER = ("018", "019", "021", "022")
+"""Views of the demo's board that the tutorial of calibration sets aside to check the rig with."""
+TUTORIAL_OF_RUNNING = "docs/tutorials/control_engineer.md"
+"""Its scene of a moving belt is what the other pages measure: the demo's rig, whose lenses distort."""
 
 
 def page_text(page: str) -> str:
     return (ROOT / page).read_text()
 
 
-def make_material(folder: Path) -> None:
+def make_material(folder: Path, results: Results) -> None:
     """Lay out the reader's own captures: board views, empty and loaded belt, module; the moving belt is rendered."""
-    for scene, name in (("calibration", "calibration"), ("belt_empty", "empty"), ("belt_loaded", "loaded")):
+    for scene, name in (("belt_empty", "empty"), ("belt_loaded", "loaded"), ("module", "module")):
         shutil.copytree(DEMO / scene, folder / name)
-    shutil.copytree(DEMO / "module", folder / "module")
+    later = shutil.ignore_patterns(*(f"{frame}.*" for frame in LATER))
+    shutil.copytree(DEMO / "calibration", folder / "calibration", ignore=later)
+    shutil.copytree(DEMO / "truth", folder / "truth")
     for name in ("board.toml", "module.toml"):
         shutil.copy(DEMO / name, folder / name)
     shutil.copytree(ROOT / "deploy", folder / "deploy", ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "scenes").mkdir()
     for scene in SCENES:
         frames = f"frames = {FRAMES.get(scene, 1)}\n"
-        rig = "[rig]\nauxiliaries = 1\n"
+        rig = "[rig]\nauxiliaries = 1\nscale = 0.125\n"
         (folder / "scenes" / f"{scene}.toml").write_text(f'kind = "{scene}"\n{frames}{rig}{SMALL}')
-    (folder / "moving.toml").write_text(MOVING)
-    answer = call(["simulate", "moving.toml", "--out", "moving"], folder)
-    assert answer.code == 0, answer.err
-    project = next(
-        text for text in page_text("docs/reference/project.md").split("```toml\n") if text.startswith("name")
-    )
-    project = project.split("```")[0]
-    (folder / "project.toml").write_text(project)
-    (folder / "recorded.toml").write_text(recorded_project(project))
+    reader = Reader(folder, results)
+    for page, key in ((TUTORIAL_OF_RUNNING, "belt_moving"), ("docs/reference/project.md", 'rig = "rig')):
+        blocks = read_blocks(page, page_text(page))
+        check_table(next(one for one in blocks if one.kind == "toml" and key in one.text), folder)
+    words = ["beltscape", "simulate", "moving.toml", "--out", "moving"]
+    reader.attempt("moving", lambda: reader.command(words))
+    assert reader.wrong == []
 
 
 def make_day(folder: Path) -> None:
@@ -82,34 +71,35 @@ def make_day(folder: Path) -> None:
 
 
 @pytest.fixture(scope="session")
-def walked(tmp_path_factory) -> tuple[Path, list[str], list[str]]:
+def results(tmp_path_factory) -> Results:
+    return Results(make_once(tmp_path_factory, "results", lambda _: None))
+
+
+@pytest.fixture(scope="session")
+def walked(tmp_path_factory, results) -> tuple[Path, list[str], list[str]]:
     """The folder after the README, what did not hold, and what was run; made once, by the first worker."""
-    shared = tmp_path_factory.getbasetemp()
-    shared = shared.parent if shared.name.startswith("popen") else shared
-    folder, record = shared / "reader", shared / "reader.json"
-    with (shared / "reader.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not record.is_file():
-            folder.mkdir()
-            make_material(folder)
-            reader = Reader(folder)
-            reader.follow("README.md", page_text("README.md"))
-            record.write_text(json.dumps([reader.wrong, reader.done]))
-    wrong, done = json.loads(record.read_text())
+
+    def walk(folder: Path) -> None:
+        make_material(folder, results)
+        reader = Reader(folder, results)
+        reader.follow("README.md", page_text("README.md"))
+        (folder / "reader.json").write_text(json.dumps([reader.wrong, reader.done]))
+
+    folder = make_once(tmp_path_factory, "reader", walk)
+    wrong, done = json.loads((folder / "reader.json").read_text())
     return folder, wrong, done
 
 
 @pytest.fixture
-def reader(walked, tmp_path) -> Reader:
-    """A reader with a copy of what the README's steps left."""
-    for entry in walked[0].iterdir():
-        if entry.name == "data":  # the plant's; each page has its own
-            continue
-        if entry.is_dir():
-            shutil.copytree(
-                entry, tmp_path / entry.name, ignore=shutil.ignore_patterns("report.html", "*.db*")
-            )
-        else:
-            shutil.copy(entry, tmp_path / entry.name)
-    make_day(tmp_path)
-    return Reader(tmp_path)
+def make_reader(request, results, tmp_path) -> Callable[[str], Reader]:
+    """A function page → a reader: of a tutorial in an empty folder, else with what the README's steps left."""
+
+    def make(page: str) -> Reader:
+        if "/tutorials/" not in page:
+            folder, _, _ = request.getfixturevalue("walked")
+            without = shutil.ignore_patterns("report.html", "*.db*", "data", "reader.json")
+            shutil.copytree(folder, tmp_path, ignore=without, dirs_exist_ok=True)
+            make_day(tmp_path)
+        return Reader(tmp_path, results)
+
+    return make

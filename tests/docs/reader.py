@@ -19,6 +19,8 @@ from beltscape.cli.main import COMMANDS
 from beltscape.files.tables.encoder_csv import read_encoder
 from tests.docs.blocks import Block, read_blocks, read_spans, split_commands
 from tests.docs.program import call, narrowed, parser_of, unknown_options
+from tests.docs.results import Results
+from tests.docs.service import curl, run_service
 from tests.docs.system import ROOT, RULES, Wrong, demand, run_system
 from tests.docs.tables import check_table
 
@@ -39,17 +41,24 @@ class Reader:
     """Follows pages in a folder; what does not hold is collected."""
 
     folder: Path
+    results: Results
+    """What commands gave before, on this page or another."""
     wrong: list[str] = field(default_factory=list)
     """One line per command or block that does not hold, with its place."""
     done: list[str] = field(default_factory=list)
     """Commands of the program that were run."""
     names: dict[str, object] = field(default_factory=dict)
     """What the page's Python blocks have defined."""
+    processes: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
+    """The running system, where the page asks it, until the page ends."""
+    address: str = ""
+    """Of the running system."""
 
     def follow(self, page: str, text: str) -> None:
         """Do what the page says."""
-        for block in read_blocks(page, text):
-            self.do(block)
+        with self.processes:
+            for block in read_blocks(page, text):
+                self.do(block)
         for line, span in read_spans(text):
             self.attempt(f"{page}:{line}", lambda span=span: self._mention(span))
 
@@ -81,40 +90,60 @@ class Reader:
             self.attempt(f"{block.place}: {' '.join(words)}", lambda words=words: self.command(words))
 
     def command(self, words: Sequence[str]) -> None:
+        words, target = split_redirection(words)
+        out = ""
         if Path(words[0]).name == "beltscape":
-            self._beltscape(list(words[1:]))
+            out = self._beltscape(list(words[1:]))
+        elif words[0] == "curl":
+            out = self._ask(words)
         else:
             run_system(words, self.folder)
+        if target:
+            path = self.folder / target.replace("~", "home")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(out)
 
-    def _beltscape(self, words: list[str]) -> None:
-        """Run the program as it is told to, but for what has a rule: see the constants of this module."""
+    def _ask(self, words: Sequence[str]) -> str:
+        """Ask the running system, which is started by the first question."""
+        if not self.address:
+            self.address = self.processes.enter_context(run_service(self.folder / "live.toml"))
+        out = curl(words, self.address)
+        demand(out, "no answer")
+        return out
+
+    def _beltscape(self, words: list[str]) -> str:
+        """Return what the program prints when it is run as the page has it, but for the rules of this module."""
         if words == ["--version"]:
             demand(call(words, self.folder).code == 0, "fails")
-            return
+            return ""
         unknown = unknown_options(words)
         demand(not unknown, f"no option {unknown}")
         asked = " ".join(words)
         if any(asked.startswith(name) for name in RUN_ELSEWHERE) or "--rerun" in words:
             parser_of(words[0]).parse_args(words[1:])
-            return
+            return ""
         words = self._on_small_material(words)
         keyboard = (
             patch("getpass.getpass", lambda *_: "long enough, of 5 kinds"),
             patch("sys.stdin", _Keyboard()),
         )
         with patch("webbrowser.open", lambda *_: True), keyboard[0], keyboard[1]:
-            answer = call(words, self.folder)
+            answer = self.results.obtain(words, self.folder, call)
         if words[0] == "cameras" and answer.code == 2:  # without the library or without the network's cameras
             demand("ravis" in answer.err or "camera" in answer.err, answer.err)
-            return
+            return ""
         demand(answer.code == 0, f"exit code {answer.code}: {answer.err.strip().splitlines()[-1:]}")
         self.done.append(asked)
+        return answer.out
 
     def _on_small_material(self, words: list[str]) -> list[str]:
         """The same command, on scenes that render in seconds and with the page's project of a recorded capture."""
         small = list(words)
         if words[0] == "simulate" and words[1] in SCENES:
+            small = [word for word in words if word not in ("--size", "quarter")]
             small[1] = f"scenes/{words[1]}.toml"
+        elif words[0] == "simulate" and 'kind = "belt_moving"' in (self.folder / words[1]).read_text():
+            small += ["--frames", "3"]  # of eight
         if words[0] == "run" and "--check" not in words:
             return [word.replace("project.toml", "recorded.toml") for word in small]
         if words[0] in ("run", "users"):
@@ -185,6 +214,14 @@ class Reader:
                 _check_mention([word for word in words[1:] if word])
         elif len(words) > 1:
             run_system(words, self.folder)
+
+
+def split_redirection(words: Sequence[str]) -> tuple[list[str], str]:
+    """Return a command without its redirection, and the file that its output goes to."""
+    if ">" not in words:
+        return list(words), ""
+    at = words.index(">")
+    return list(words[:at]), words[at + 1]
 
 
 def _check_mention(words: list[str]) -> None:

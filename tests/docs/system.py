@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from beltscape.files.documents.toml_text import read_toml
@@ -60,13 +61,16 @@ def apt(words: Sequence[str], folder: Path) -> None:
 
 
 def pip(words: Sequence[str], folder: Path) -> None:
-    """It installs the program, with an extra that pyproject.toml has."""
+    """It installs the program, with extras that pyproject.toml has."""
     demand(words[1] == "install", f"pip {words[1]}: only install is known")
     extras = read_toml(ROOT / "pyproject.toml")["project"]["optional-dependencies"]
-    for word in words[2:]:
-        found = re.fullmatch(r"beltscape(?:\[(\w+)\])?", word)
+    for before, word in pairwise(words[1:]):
+        if "--find-links" in (before, word):
+            continue
+        found = re.fullmatch(r"beltscape(?:\[([\w,]+)\])?", word)
         demand(found or word == "--upgrade", f"pip install {word}")
-        demand(not found or found[1] is None or found[1] in extras, f"no extra in {word}")
+        named = set((found[1] or "").split(",")) - {""} if found else set()
+        demand(named <= set(extras), f"no such extra in {word}")
 
 
 def unshare(words: Sequence[str], folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,11 +30,12 @@ def check_table(block: Block, folder: Path) -> None:
     values = tomllib.loads(block.text)
     path = folder / "block.toml"
     path.write_text(block.text)
+    if named := re.match(r"# (\w+\.toml)\b", block.text):
+        (folder / named[1]).write_text(block.text)
     if {"squares", "corners", "tags", "boards"} & set(values):
         read_board(path)
     elif "rig" in values and "empty" in values:
-        (folder / "project.toml").write_text(block.text)
-        (folder / "recorded.toml").write_text(recorded_project(block.text))
+        write_project(block.text, folder)
         validate(path, ProjectSettings, values)
     elif set(values) <= set(ProjectSettings.model_fields):
         check_project_tables(path, values, defaults="# defaults" in block.text)
@@ -41,11 +43,9 @@ def check_table(block: Block, folder: Path) -> None:
         read_plan_settings(path, {})
     elif "kind" in values:
         read_scenario(str(path), {})
-        (folder / "my_plant.toml").write_text(block.text)
     elif "base" in values:
         read_module(path)
     elif "coal" in values:
-        (folder / "products.toml").write_text(block.text)
         read_product_density(folder / "products.toml", "coal")
     else:
         raise Wrong(f"no rule of tests/docs/tables.py knows a table with {[*values]}: write one")
@@ -66,14 +66,23 @@ def check_project_tables(path: Path, values: Mapping[str, Any], *, defaults: boo
                 )
 
 
+def write_project(text: str, folder: Path) -> None:
+    """Write a project of the manual, and the same with a recorded capture, once and without end."""
+    live = recorded_project(text)
+    (folder / "project.toml").write_text(text)
+    (folder / "live.toml").write_text(live)
+    once = "\n".join(line for line in live.splitlines() if not line.startswith("loop = "))
+    (folder / "recorded.toml").write_text(once)
+
+
 def recorded_project(text: str) -> str:
-    """The manual's project with its recorded capture in place of cameras, as its comment says, on any free port."""
+    """Return a project with a recorded capture in place of cameras, as its comment has it, on any free port."""
     lines = text.splitlines()
-    start = next(i for i, line in enumerate(lines) if line.startswith("[cameras"))
-    while not lines[start].startswith("# [capture]"):
-        del lines[start]
-    while lines[start].startswith("# "):
-        lines[start] = lines[start].removeprefix("# ")
-        start += 1
-    defaults = [line for line in lines if not line.startswith("loop = ")]
-    return "\n".join(defaults).replace("[web]", "[web]\nport = 0")
+    if not any(line.startswith("[capture]") for line in lines):
+        start = next(i for i, line in enumerate(lines) if line.startswith("[cameras"))
+        while not lines[start].startswith("# [capture]"):
+            del lines[start]
+        while lines[start].startswith("# "):
+            lines[start] = lines[start].removeprefix("# ")
+            start += 1
+    return "\n".join(lines).replace("[web]", "[web]\nport = 0")

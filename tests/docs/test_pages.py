@@ -11,6 +11,7 @@ from tests.docs.blocks import read_blocks, split_commands
 from tests.docs.conftest import page_text
 from tests.docs.program import parser_of
 from tests.docs.reader import RUN_ELSEWHERE, Reader
+from tests.docs.results import Results
 from tests.docs.system import ROOT, RULES
 
 PAGES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").rglob("*.md"))
@@ -34,7 +35,8 @@ def test_the_readme_holds_step_by_step(walked):
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_holds(reader, page):
+def test_a_page_holds(make_reader, page):
+    reader = make_reader(page)
     reader.follow(page, page_text(page))
     assert reader.wrong == []
 
@@ -57,7 +59,7 @@ def blocks_with_options() -> list[tuple[str, str]]:
 def test_a_renamed_option_is_found(tmp_path, option, block, renamed):
     text = page_text("README.md").replace(f"{option} ", f"{renamed(option)} ")
     line = next(b for b in read_blocks("README.md", text) if b.line == block.line)
-    reader = Reader(tmp_path)
+    reader = Reader(tmp_path, Results(tmp_path / "results"))
     for words in split_commands(line.text):
         if renamed(option) in words:
             reader.attempt("here", lambda words=words: reader.command(words))
@@ -83,7 +85,7 @@ def test_a_renamed_option_is_found(tmp_path, option, block, renamed):
     ],
 )  # fmt: skip
 def test_what_does_not_hold_is_found(tmp_path, text, says):
-    reader = Reader(tmp_path)
+    reader = Reader(tmp_path, Results(tmp_path / "results"))
     reader.follow("page.md", text)
     assert len(reader.wrong) == 1
     assert says in reader.wrong[0]

@@ -9,6 +9,7 @@ import pytest
 from tests.docs.blocks import read_spans
 from tests.docs.conftest import page_text
 from tests.docs.reader import Reader
+from tests.docs.results import Results
 from tests.docs.system import ROOT
 
 PACKAGES = ROOT / "src/beltscape"
@@ -75,7 +76,7 @@ def test_constants_of_the_table_exist():
 
 
 def test_commands_of_the_contributing_page_hold(tmp_path):
-    reader = Reader(tmp_path)
+    reader = Reader(tmp_path, Results(tmp_path / "results"))
     reader.follow("CONTRIBUTING.md", page_text("CONTRIBUTING.md"))
     assert reader.wrong == []
 

@@ -6,17 +6,15 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
+from beltscape.core.system_calls import sync_folder
+
 
 def commit_file(temporary: Path, path: Path) -> None:
     """Rename a finished file to ``path``; content and name are on the disk when this returns. OSError otherwise."""
-    with temporary.open("rb") as file:
+    with temporary.open("r+b") as file:
         os.fsync(file.fileno())
     temporary.replace(path)
-    folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    sync_folder(path.parent)
 
 
 def write_durably(path: Path, data: bytes) -> None:

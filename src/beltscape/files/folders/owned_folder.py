@@ -7,7 +7,6 @@ incomplete, so that a reader never takes a mixture of two runs for a result.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import shutil
 from collections.abc import Generator
@@ -16,6 +15,7 @@ from pathlib import Path
 
 from beltscape import __version__
 from beltscape.core.errors import OutputError
+from beltscape.core.system_calls import lock_folder
 from beltscape.files.folders.atomic import output_error
 from beltscape.files.folders.manifest import (
     MANIFEST,
@@ -145,15 +145,10 @@ def _remove_empty(folders: list[Path]) -> None:
 
 def _lock(out: Path) -> int:
     """Return the open folder, locked until it is closed or the process ends; OutputError if it is locked already."""
-    handle = os.open(out, os.O_RDONLY | os.O_DIRECTORY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        return lock_folder(out)
     except BlockingIOError as error:
-        os.close(handle)
         raise OutputError(f"{out}: another beltscape command is writing there; wait for it") from error
-    except OSError:
-        pass  # a file system without locks
-    return handle
 
 
 def _swap(staging: Path, out: Path, command: str) -> None:

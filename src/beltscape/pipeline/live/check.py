@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import sqlite3
 import tempfile
 from collections.abc import Callable, Iterator
@@ -11,6 +10,7 @@ from pathlib import Path
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
+from beltscape.core.system_calls import lock_file
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.live.assembly import build_context, check_encoder, open_source
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
@@ -41,7 +41,7 @@ def is_running(data: Path) -> bool:
         return False
     with lock.open("rb") as guard:
         try:
-            fcntl.flock(guard, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            lock_file(guard.fileno())
         except OSError:
             return True
     return False

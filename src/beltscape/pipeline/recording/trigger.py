@@ -8,6 +8,7 @@ import time
 from typing import Protocol, TextIO
 
 from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.system_calls import read_key
 
 
 class Trigger(Protocol):
@@ -64,7 +65,7 @@ class KeyTrigger:
 
     def _read(self) -> None:
         is_terminal = self._stream.isatty()
-        while key := _read_key(self._stream) if is_terminal else self._stream.readline():
+        while key := read_key(self._stream) if is_terminal else self._stream.readline():
             if key.strip().lower() in ("q", "\x04", "\x03"):
                 break
             self._asked += 1
@@ -82,17 +83,3 @@ class KeyTrigger:
         """See `Trigger`."""
         has_all = self._limit > 0 and self._taken >= self._limit
         return has_all or (self._ended.is_set() and self._taken >= self._asked)
-
-
-def _read_key(stream: TextIO) -> str:
-    """Return one key of a terminal without waiting for Enter."""
-    import termios
-    import tty
-
-    file = stream.fileno()
-    before = termios.tcgetattr(file)
-    try:
-        tty.setcbreak(file)
-        return stream.read(1)
-    finally:
-        termios.tcsetattr(file, termios.TCSADRAIN, before)

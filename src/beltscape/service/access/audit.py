@@ -72,15 +72,14 @@ class Audit:
         return entries
 
     def _append(self, line: bytes) -> None:
-        file = os.open(self.path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o600)
-        try:
-            size = os.fstat(file).st_size
+        with open(self.path, "a+b", opener=_open_private) as file:
             # a line cut by a power failure must not join the next one
-            is_torn = size > 0 and os.pread(file, 1, size - 1) != b"\n"
-            os.write(file, b"\n" * is_torn + line)
-            os.fsync(file)
-        finally:
-            os.close(file)
+            end = file.seek(0, os.SEEK_END)
+            file.seek(max(0, end - 1))
+            is_torn = end > 0 and file.read(1) != b"\n"
+            file.write(b"\n" * is_torn + line)
+            file.flush()
+            os.fsync(file.fileno())
 
     def _rotate(self) -> None:
         if not self.path.exists() or self.path.stat().st_size < self._file_bytes:
@@ -90,3 +89,8 @@ class Audit:
         old = sorted(self.path.parent.glob("audit-*.jsonl"))
         for path in old[: max(0, len(old) - self._files)]:
             path.unlink()
+
+
+def _open_private(path: str, flags: int) -> int:
+    """Open a file that only its owner may read."""
+    return os.open(path, flags, 0o600)

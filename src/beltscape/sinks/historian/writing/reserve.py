@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from pathlib import Path
+
+from beltscape.core.system_calls import reserve_space
 
 
 class Reserve:
@@ -37,7 +38,7 @@ class Reserve:
             return False
         try:
             with self.path.open("wb") as file:
-                os.posix_fallocate(file.fileno(), 0, self.size_bytes)
+                reserve_space(file, self.size_bytes)
         except OSError:
             self.release()
         return self.is_held

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import sqlite3
 import threading
 import time
@@ -13,6 +12,7 @@ from typing import IO, TypeVar
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError, SettingsError
+from beltscape.core.system_calls import lock_file
 from beltscape.sinks.days import compute_shift_ns
 from beltscape.sinks.historian.storage.connections import ReaderPool
 from beltscape.sinks.historian.storage.failures import is_damage, is_full, is_temporary
@@ -254,7 +254,7 @@ def _lock_folder(folder: Path) -> IO[bytes]:
             f"{folder}: cannot be written ({error.strerror or error}); correct its permissions"
         ) from error
     try:
-        fcntl.flock(guard, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock_file(guard.fileno())
     except OSError as error:
         guard.close()
         raise InputError(f"{folder}: another beltscape keeps its history here; stop it first") from error

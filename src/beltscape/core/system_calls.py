@@ -1,0 +1,91 @@
+"""System calls that differ between Linux or macOS and Windows: locks, durable folders, reserved space, single keys.
+
+No other module asks which system it runs on. On Windows a lock is one byte of a file (`msvcrt.locking`), folders
+cannot be opened, and a name in a folder needs no call to be durable.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from hashlib import sha256
+from pathlib import Path
+from typing import IO, TextIO
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def lock_file(file: int) -> None:
+        """Lock an open file until it is closed; BlockingIOError while another process or handle has it locked."""
+        os.lseek(file, 0, os.SEEK_SET)
+        try:
+            msvcrt.locking(file, msvcrt.LK_NBLCK, 1)
+        except PermissionError as error:
+            raise BlockingIOError(error.errno, error.strerror) from error
+
+    def lock_folder(folder: Path) -> int:
+        """Lock a folder, by a file of the temporary folder; return what to close. Errors as `lock_file`."""
+        name = sha256(str(folder.resolve()).encode()).hexdigest()[:16]
+        handle = os.open(Path(tempfile.gettempdir()) / f"beltscape-{name}.lock", os.O_RDWR | os.O_CREAT)
+        return _lock_or_close(handle)
+
+    def sync_folder(folder: Path) -> None:
+        """Do nothing: NTFS keeps the names of its journal."""
+
+    def read_key(stream: TextIO) -> str:
+        """Return one key of the console without waiting for Enter."""
+        del stream  # the console is the only one
+        return msvcrt.getwch()
+
+else:
+    import fcntl
+
+    def lock_file(file: int) -> None:
+        """Lock an open file until it is closed; BlockingIOError while another process or handle has it locked."""
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+    def lock_folder(folder: Path) -> int:
+        """Lock a folder; return what to close. Errors as `lock_file`."""
+        return _lock_or_close(os.open(folder, os.O_RDONLY | os.O_DIRECTORY))
+
+    def sync_folder(folder: Path) -> None:
+        """Wait until the names in a folder are on the disk."""
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+    def read_key(stream: TextIO) -> str:
+        """Return one key of a terminal without waiting for Enter."""
+        import termios
+        import tty
+
+        file = stream.fileno()
+        before = termios.tcgetattr(file)
+        try:
+            tty.setcbreak(file)
+            return stream.read(1)
+        finally:
+            termios.tcsetattr(file, termios.TCSADRAIN, before)
+
+
+def reserve_space(file: IO[bytes], size_bytes: int) -> None:
+    """Allocate the space of an empty file; OSError if the disk has too little."""
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(file.fileno(), 0, size_bytes)
+    else:  # Windows allocates what a file is extended by; macOS has no such call, and the file may be sparse
+        file.truncate(size_bytes)
+
+
+def _lock_or_close(handle: int) -> int:
+    """Lock an open handle and return it; a file system without locks counts as locked."""
+    try:
+        lock_file(handle)
+    except BlockingIOError:
+        os.close(handle)
+        raise
+    except OSError:
+        pass
+    return handle

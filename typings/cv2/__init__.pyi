@@ -44,7 +44,9 @@ CALIB_CB_EXHAUSTIVE: int
 CALIB_CB_FAST_CHECK: int
 CALIB_CB_LARGER: int
 CALIB_CB_NORMALIZE_IMAGE: int
+CALIB_FIX_INTRINSIC: int
 CALIB_FIX_K3: int
+CALIB_RATIONAL_MODEL: int
 CC_STAT_AREA: int
 CHAIN_APPROX_NONE: int
 COLORMAP_VIRIDIS: int
@@ -462,6 +464,29 @@ def calibrateCamera(
     NDArray[np.float64],
     Sequence[NDArray[np.float64]],
     Sequence[NDArray[np.float64]],
+]: ...
+def stereoCalibrate(
+    objectPoints: Sequence[NDArray[np.float32]],
+    imagePoints1: Sequence[NDArray[np.float32]],
+    imagePoints2: Sequence[NDArray[np.float32]],
+    cameraMatrix1: NDArray[np.float64],
+    distCoeffs1: NDArray[np.float64],
+    cameraMatrix2: NDArray[np.float64],
+    distCoeffs2: NDArray[np.float64],
+    imageSize: _Size,
+    *,
+    flags: int = ...,
+    criteria: _Criteria = ...,
+) -> tuple[
+    float,
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
+    NDArray[np.float64],
 ]: ...
 def findHomography(
     srcPoints: _Array, dstPoints: _Array, method: int = ..., ransacReprojThreshold: float = ...

@@ -12,7 +12,11 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.residuals import compute_disparity_residuals, compute_pair_residuals
+from beltscape.stereo.consistency.residuals import (
+    PairResiduals,
+    compute_disparity_residuals,
+    compute_pair_residuals,
+)
 from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints
 
 _LEAST_RAD, _LEAST_PX = 2e-4, (0.1, 0.25)
@@ -73,21 +77,19 @@ def compute_tolerance(rig: Rig, depth_mm: float, *, pooled: bool = False) -> Tol
     pairs = list(combinations(names, 2))
     tie_points = _make_ideal_points(rig, depth_mm)
     parameters, covariance = _read_covariance(rig)
-    base = _compute_residuals(tie_points, rig, names, pairs)
+    unperturbed = {name: compute_pair_residuals(tie_points, rig, name) for name in names}
+    base = _stack_residuals(unperturbed, pairs)
     variance = np.zeros(base.shape)
     if parameters:
         sigma = np.sqrt(np.diag(covariance))
         free = np.flatnonzero(sigma > 0)
-        slopes = np.stack(
-            [
-                (
-                    _compute_residuals(tie_points, _perturb_rig(rig, parameters[i], sigma[i]), names, pairs)
-                    - base
-                )
-                / sigma[i]
-                for i in free
-            ]
-        )
+        slopes = np.empty((len(free), *base.shape))
+        for row, i in enumerate(free):
+            perturbed = _perturb_rig(rig, parameters[i], sigma[i])
+            camera = parameters[i].rpartition(".")[0]
+            affected = names if camera == rig.core else (camera,)
+            changed = {name: compute_pair_residuals(tie_points, perturbed, name) for name in affected}
+            slopes[row] = (_stack_residuals({**unperturbed, **changed}, pairs) - base) / sigma[i]
         variance = np.einsum("irn,ij,jrn->rn", slopes, covariance[np.ix_(free, free)], slopes)
     own = (
         np.sqrt(np.nanmean(np.where(np.isfinite(variance), variance, np.nan), axis=1))
@@ -102,12 +104,9 @@ def compute_tolerance(rig: Rig, depth_mm: float, *, pooled: bool = False) -> Tol
     )
 
 
-def _compute_residuals(
-    tie_points: TiePoints, rig: Rig, names: tuple[str, ...], pairs: list[tuple[str, str]]
-) -> Array:
+def _stack_residuals(residuals: Mapping[str, PairResiduals], pairs: list[tuple[str, str]]) -> Array:
     """Return (R, N) px: a row of epipolar residuals per auxiliary, then of disparity residuals per pair."""
-    residuals = {name: compute_pair_residuals(tie_points, rig, name) for name in names}
-    epipolar = [residuals[name].epipolar_px for name in names]
+    epipolar = [each.epipolar_px for each in residuals.values()]
     disparity = [compute_disparity_residuals(residuals[one], residuals[other]) for one, other in pairs]
     return np.array(epipolar + disparity)
 

@@ -165,11 +165,7 @@ def _grow_cells(markers: MarkerDetections, cells: Cells, size: tuple[int, int]) 
         added = False
         for gap in range(1, span):  # near neighbours predict a position best
             for _, index, cell in sorted(_predict_cells(markers, cells, size, gap)):
-                if (
-                    index not in cells
-                    and cell not in cells.values()
-                    and _fits_into({*cells.values(), cell}, size)
-                ):
+                if index not in cells and cell not in cells.values() and _select_fitting(cells, [cell], size):
                     cells[index] = cell
                     added = True
             if added:
@@ -209,14 +205,23 @@ def _list_free_cells(cells: Cells, size: tuple[int, int], gap: int) -> list[tupl
     occupied = np.array(list(cells.values()))
     low, high = occupied.min(axis=0) - gap, occupied.max(axis=0) + gap
     around = [(c, r) for c in range(low[0], high[0] + 1) for r in range(low[1], high[1] + 1)]
-    near = [cell for cell in around if np.abs(occupied - cell).max(axis=1).min() == gap]
-    return [cell for cell in near if _fits_into({*cells.values(), cell}, size)]
+    distance = np.abs(occupied - np.array(around)[:, None]).max(axis=2).min(axis=1)
+    return _select_fitting(cells, [around[i] for i in np.flatnonzero(distance == gap)], size)
 
 
-def _fits_into(cells: set[tuple[int, int]], size: tuple[int, int]) -> bool:
-    """Return whether the cells span at most ``size`` columns and rows, or turned."""
-    columns, rows = (max(c[k] for c in cells) - min(c[k] for c in cells) + 1 for k in (0, 1))
-    return (columns <= size[0] and rows <= size[1]) or (columns <= size[1] and rows <= size[0])
+def _select_fitting(
+    cells: Cells, others: list[tuple[int, int]], size: tuple[int, int]
+) -> list[tuple[int, int]]:
+    """Return those of other cells with which the cells span at most ``size`` columns and rows, or turned."""
+    columns, rows = zip(*cells.values(), strict=True)
+    left, right, top, bottom = min(columns), max(columns), min(rows), max(rows)
+    fitting: list[tuple[int, int]] = []
+    for column, row in others:
+        wide = max(right, column) - min(left, column) + 1
+        high = max(bottom, row) - min(top, row) + 1
+        if (wide <= size[0] and high <= size[1]) or (wide <= size[1] and high <= size[0]):
+            fitting.append((column, row))
+    return fitting
 
 
 def _spans_plane(cells: Cells) -> bool:

@@ -102,14 +102,15 @@ def _score_dots(
     reach = int(np.ceil(_RING[1] * radius))
     y0, x0 = max(int(v) - reach, 0), max(int(u) - reach, 0)
     near = (slice(y0, int(v) + reach + 1), slice(x0, int(u) + reach + 1))
-    rows, columns = np.indices(peak[near].shape)
-    distance = np.hypot(columns + x0 - u, rows + y0 - v)
+    rows, columns = (np.arange(n, dtype=np.float64) for n in peak[near].shape)
+    distance = np.hypot(columns + x0 - u, (rows + y0 - v)[:, None])
     ring = (distance > _RING[0] * radius) & (distance < _RING[1] * radius)
     inside = distance < 0.6 * radius
     if not ring.any() or not inside.any():
         return 0.0
     level = float(np.median(strength[near][inside]))
-    around, within = (float((peak[near][part] > 0.5 * level).mean()) for part in (ring, inside))
+    is_dot = peak[near] > 0.5 * level
+    around, within = (np.count_nonzero(is_dot & part) / np.count_nonzero(part) for part in (ring, inside))
     share = around * radius**2 / _DOT_DENSITY
     return 2 * share if share > _MIN_DOT_SHARE and within < _MAX_INSIDE_SHARE * around else 0.0
 

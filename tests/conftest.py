@@ -32,6 +32,11 @@ SLOW_FOLDERS = {
 BROWSER_FIXTURES = {"browser", "page", "chromium"}
 
 
+def pytest_xdist_auto_num_workers() -> int:
+    """Return one worker more than there are cores, because tests of cameras, servers and pages often wait."""
+    return (os.cpu_count() or 1) + 1
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark tests by their folder and by the fixtures that they use."""
     root = Path(__file__).parent

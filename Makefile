@@ -1,6 +1,6 @@
 # Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
 .DEFAULT_GOAL := help
-.PHONY: help install dev system demo test quick sanitize check format bench train faults wheel docs lock clean
+.PHONY: help install dev system demo test quick sanitize scalar check format bench train faults wheel docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
 SOURCES := $(wildcard native/*.* native/*/*)
@@ -55,6 +55,12 @@ sanitize: dev ## the tests of the kernels under the address and undefined-behavi
 	  ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 PYTHONPATH=$(SANITIZED)/site:$$site \
 	  $(BIN)/python -S -m pytest -n0 --capture=sys tests/kernels --ignore tests/kernels/test_cuda_compile.py
 
+scalar: dev ## the tests of the kernels without vectors, one number at a time
+	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps --upgrade --target build/scalar/site \
+	  -C build-dir=build/scalar/cmake -C cmake.define.BELTSCAPE_LEVELS=scalar .
+	site=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
+	PYTHONPATH=build/scalar/site:$$site $(BIN)/python -S -m pytest -n0 tests/kernels --ignore tests/kernels/test_cuda_compile.py
+
 check: dev ## format, lint, types, import floors
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -78,7 +84,8 @@ train: dev ## fit every network that ships to simulated captures, from their see
 faults: dev ## play every fault to the running system, against exact truth; writes benchmarks/FAULTS.md (an hour)
 	cd benchmarks && ../$(BIN)/python -m faults
 
-# In an environment of its own: the compiler alone takes 400 MB.
+# In an environment of its own: the compiler alone takes 400 MB. The wheel of the stable ABI, for 3.12 and newer:
+#   PYTHON=python3.12 make wheel VENV=.venv312
 $(VENV)-wheel/.made: requirements/wheel.lock
 	sh tools/venv.sh $(VENV)-wheel
 	$(VENV)-wheel/bin/python -m pip install --quiet --require-hashes -r requirements/wheel.lock

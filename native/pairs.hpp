@@ -10,12 +10,14 @@ struct Pair {
     F first, second;
 };
 
-#ifdef __CUDACC__
+#if defined(__CUDACC__) || defined(BELTSCAPE_SCALAR)
 template <class F>
 BELTSCAPE_INLINE Pair<F> gather_pair(const float* base, const int* index) {
     return {base[*index], base[*index + 1]};
 }
-#else
+#endif
+
+#ifndef __CUDACC__
 // Lists of lane numbers at compile time, for shuffles.
 template <int... lane>
 struct Lanes {
@@ -41,6 +43,7 @@ struct MakeLanes<0, lane...> {
 template <int count>
 using LanesTo = typename MakeLanes<count>::Type;
 
+#ifndef BELTSCAPE_SCALAR
 // Loads `pairs` pairs of floats, each as a double; GCC optimises halves that are joined best.
 template <int pairs>
 inline auto load_pairs(const float* base, const std::int32_t* index) {
@@ -65,6 +68,7 @@ inline Pair<F> gather_pair(const float* base, const std::int32_t* index) {
             second = reinterpret_cast<F>(load_pairs<kDoubleLanes>(base, index + kDoubleLanes));
     return {LanesTo<kFloatLanes>::even(first, second), LanesTo<kFloatLanes>::odd(first, second)};
 }
+#endif
 #endif
 
 }  // namespace beltscape

@@ -1,5 +1,6 @@
 // Lanes: the number type F over which a kernel is written, and the operations that kernels need. F is a GCC
-// vector (Floats, Doubles) on the CPU and a plain float or double in CUDA; one template text serves both:
+// vector (Floats, Doubles) on the CPU and a plain float or double in CUDA and at the level `scalar`; one
+// template text serves all:
 //
 //   template <class F>
 //   BELTSCAPE_INLINE void lengths(const float* x, const float* y, float* out, int count) {
@@ -11,8 +12,8 @@
 //
 // MaskOf<F> is the result of comparing two F; masks join with & and |, and `negate` reverses one.
 // Everything is IEEE and nothing is reordered; `multiply_add` alone rounds once for a product and a sum where
-// the level can (v3, v4, CUDA), so that these give the same bits as each other, and v2 the same but for
-// rounding.
+// the level can (v3, v4, base on ARM, CUDA), so that these give the same bits as each other, and v2 and
+// scalar the same but for rounding.
 #pragma once
 
 #ifdef __CUDACC__
@@ -90,7 +91,7 @@ BELTSCAPE_INLINE float square_root(float a) { return __builtin_sqrtf(a); }
 // a b + c.
 #if defined(__CUDACC__)
 BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return fmaf(a, b, c); }
-#elif defined(__FMA__)
+#elif defined(__FMA__) || defined(__ARM_FEATURE_FMA)
 BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
 #else
 BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return a * b + c; }

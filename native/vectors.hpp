@@ -6,6 +6,8 @@
 
 #if defined(__FMA__)
 #include <immintrin.h>
+#elif defined(__ARM_FEATURE_FMA)
+#include <arm_neon.h>
 #endif
 
 #include <cstdint>
@@ -23,6 +25,15 @@ inline constexpr int kVectorBytes = 32;
 inline constexpr int kVectorBytes = 16;
 #endif
 
+#if defined(BELTSCAPE_SCALAR)  // a level of plain numbers, for processors without vectors and as a check of
+                               // the others
+inline constexpr int kDoubleLanes = 1, kFloatLanes = 1;
+using Doubles = double;
+using Floats = float;
+using Ints = std::int32_t;
+
+}  // namespace beltscape
+#else
 inline constexpr int kDoubleLanes = kVectorBytes / 8;
 inline constexpr int kFloatLanes = kVectorBytes / 4;
 
@@ -82,6 +93,10 @@ inline Floats multiply_add(Floats a, Floats b, Floats c) {
     return _mm512_fmadd_ps(a, b, c);
 #elif defined(__FMA__)
     return _mm256_fmadd_ps(a, b, c);
+#elif defined(__ARM_FEATURE_FMA)
+    return reinterpret_cast<Floats>(vfmaq_f32(reinterpret_cast<float32x4_t>(c),
+                                              reinterpret_cast<float32x4_t>(a),
+                                              reinterpret_cast<float32x4_t>(b)));
 #else
     return a * b + c;
 #endif
@@ -175,3 +190,4 @@ inline V load_vector(const T* from) {
 }
 
 }  // namespace beltscape
+#endif  // BELTSCAPE_SCALAR

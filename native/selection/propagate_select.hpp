@@ -208,7 +208,8 @@ private:
             const int block = way > 0 ? i : blocks_ - 1 - i,
                       last = std::min(width_, (block + 1) * kBlock) - 1;
             Floats chosen{};  // the rows with an active pixel
-            for (int lane = 0; lane < count; ++lane) chosen[lane] = active(row + lane, block) ? 1.0f : 0.0f;
+            for (int lane = 0; lane < count; ++lane)
+                Lane<Floats>::set(chosen, lane, active(row + lane, block) ? 1.0f : 0.0f);
             if (any(chosen > 0.5f)) {
                 for (int x = way > 0 ? block * kBlock : last; x >= block * kBlock && x <= last; x += way) {
                     step(columns[~x & 1], columns[x & 1], row, count, x, way, chosen > 0.5f, starts);
@@ -245,7 +246,7 @@ private:
                 toll = least_path_cost(
                     PreviousCandidates{before.s, before.rise, before.toll, in_.candidates, kFloatLanes}, s,
                     rise, jumps);
-            for (int lane = 0; lane < count; ++lane) score(row + lane, k)[x] += toll[lane];
+            for (int lane = 0; lane < count; ++lane) score(row + lane, k)[x] += Lane<Floats>::get(toll, lane);
             store(column.s + k * kFloatLanes, s), store(column.rise + k * kFloatLanes, rise);
             store(column.toll + k * kFloatLanes, cost + toll);
         }

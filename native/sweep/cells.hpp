@@ -7,7 +7,6 @@
 #endif
 
 #include <cstdint>
-#include <cstdlib>
 #include <memory>
 #include <new>
 
@@ -76,19 +75,19 @@ public:
     explicit CellBuffer(std::size_t count) {
         const std::size_t page = count * sizeof(Cell) < kLargePage ? 64 : kLargePage;
         const std::size_t bytes = (count * sizeof(Cell) + page) / page * page;
-        void* const memory = std::aligned_alloc(page, bytes);
-        if (!memory) throw std::bad_alloc();
+        void* const memory = ::operator new(bytes, std::align_val_t{page});
 #ifdef MADV_HUGEPAGE
         if (page == kLargePage) madvise(memory, bytes, MADV_HUGEPAGE);  // a wish: refusing it is no fault
 #endif
-        cells_.reset(static_cast<Cell*>(memory));
+        cells_ = {static_cast<Cell*>(memory), Free{page}};
     }
     Cell* data() const { return cells_.get(); }
 
 private:
     static constexpr std::size_t kLargePage = 1 << 21;
     struct Free {
-        void operator()(Cell* cells) const { std::free(cells); }
+        std::size_t page = 64;
+        void operator()(Cell* cells) const { ::operator delete(cells, std::align_val_t{page}); }
     };
     std::unique_ptr<Cell, Free> cells_;
 };

@@ -215,8 +215,7 @@ private:
         for (int x = 0; x < width_; x += kFloatLanes) {
             Floats sum = load<Floats>(best_[0] + x);
             for (int i = 1; i < in_.best; ++i) sum += load<Floats>(best_[i] + x);
-            const Bytes bytes = __builtin_convertvector(to_int(sum * scale + 0.5f), Bytes);
-            __builtin_memcpy(costs + x, &bytes, sizeof bytes);
+            store(costs + x, to_int(sum * scale + 0.5f));
         }
     }
 

@@ -1,4 +1,4 @@
-"""Instruction-set levels with the same rounding: all but v2, which has no fused multiply-add."""
+"""Instruction-set levels with the same rounding: all but those without a fused multiply-add."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from beltscape.kernels.native import levels
 
 def fusing_levels() -> tuple[str, ...]:
     """The levels that must give each other's bytes."""
-    return tuple(level for level in levels() if level != "v2")
+    return tuple(level for level in levels() if level not in ("scalar", "v2"))
 
 
 def first_alike(level: str) -> str:

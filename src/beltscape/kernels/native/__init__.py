@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
 
-_ORDER = ("base", "v2", "v3", "v4")
+_ORDER = ("scalar", "base", "v2", "v3", "v4")
 
 
 def _module(level: str) -> ModuleType:

@@ -1,0 +1,87 @@
+"""Readings of a plant that is in order, what raises each alarm, and a board that they are given to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from beltscape.alarms.board import AlarmBoard
+from beltscape.alarms.readings import Readings
+from beltscape.alarms.settings import AlarmSettings, OversizeLump
+from beltscape.core.live import CameraHealth, CameraState
+
+NAN = float("nan")
+SECOND = 1_000_000_000
+SETTINGS = AlarmSettings(oversize_lump=OversizeLump(size_mm=200))
+
+
+def camera(name="cam2", state: CameraState = "ok", skew_ms=0.1, message=""):
+    return CameraHealth(name, state, 10, 0, 25.0, skew_ms, message)
+
+
+GOOD = Readings(
+    area_mm2=5e4,
+    area_sigma_mm2=1e3,
+    full_area_mm2=1e5,
+    volume_flow_m3_h=300,
+    volume_flow_sigma_m3_h=3,
+    mass_flow_t_h=500,
+    mass_flow_sigma_t_h=5,
+    belt_mm=0,
+    speed_mm_s=1500,
+    coverage=0.9,
+    largest_lump_mm=90,
+    largest_lump_sigma_mm=9,
+    belt_offset_mm=3,
+    belt_offset_sigma_mm=2,
+    cameras={"cam2": camera()},
+    dropped_per_minute=0,
+    history_trouble="",
+    history_repair="",
+    users_trouble="",
+    recording_trouble="",
+    encoder_silent_s=0.01,
+    encoder_trouble="",
+    certificate_days=200,
+)
+BAD = {
+    "overload": {"area_mm2": 1.2e5},
+    "empty": {"area_mm2": 500.0},
+    "belt_stopped": {"speed_mm_s": 0.0},
+    "oversize_lump": {"largest_lump_mm": 230.0},
+    "misaligned_belt": {"belt_offset_mm": -70.0},
+    "low_coverage": {"coverage": 0.4},
+    "camera_lost:cam2": {"cameras": {"cam2": camera(state="lost", message="silent for 1.0 s; check its cable")}},
+    "camera_skew": {"cameras": {"cam2": camera(skew_ms=-5.0)}},
+    "frames_dropped": {"dropped_per_minute": 30.0},
+    "disk_full": {"history_trouble": "no space left; free some"},
+    "history_repaired": {"history_repair": "it was deleted; written again"},
+    "users_unreadable": {"users_trouble": "file is not a database; restore it"},
+    "recording_paused": {"recording_trouble": "no space left; free some"},
+    "encoder_silent": {"encoder_silent_s": 9.0},
+    "encoder_wrong": {"encoder_trouble": "runs backwards"},
+    "no_measurement:load": {"area_mm2": NAN, "volume_flow_m3_h": NAN, "mass_flow_t_h": NAN},
+    "no_measurement:speed": {"speed_mm_s": NAN},
+    "no_measurement:lump": {"largest_lump_mm": NAN},
+    "no_measurement:offset": {"belt_offset_mm": NAN},
+    "certificate_expiring": {"certificate_days": 12.0},
+}  # fmt: skip
+
+
+class Plant:
+    """A board, and the clocks that go with it."""
+
+    def __init__(self, settings=SETTINGS):
+        self.board = AlarmBoard(settings)
+        self.second = 0
+
+    def run(self, readings, seconds):
+        """Update once a second; return every alarm that changed."""
+        changed = []
+        for _ in range(seconds):
+            self.second += 1
+            now = replace(readings, belt_mm=1500.0 * self.second)
+            changed += self.board.update(now, 10**18 + self.second * SECOND, self.second * SECOND)
+        return changed
+
+    def states(self):
+        return {alarm.name: alarm.state for alarm in self.board.alarms}

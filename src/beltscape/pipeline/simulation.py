@@ -15,6 +15,7 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.core.type_guards import is_dict
+from beltscape.files.arrays import write_arrays
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.documents.plain_text import read_text
 from beltscape.files.documents.toml_text import read_toml, validate
@@ -36,7 +37,6 @@ from beltscape.simulate.truth.core_truth import trace_core_view
 from beltscape.simulate.truth.load_truth import compute_true_load
 from beltscape.simulate.truth.truth_files import (
     SceneDetails,
-    write_arrays,
     write_belt,
     write_boards,
     write_station,

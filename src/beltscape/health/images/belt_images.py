@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.health.images.projector_monitor import ProjectorMonitor
+from beltscape.health.images.projector_position import LearnedPattern
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
@@ -20,9 +21,17 @@ from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReferenc
 class BeltImageMonitor:
     """Compares the images of successive frames with the surface and the motion that were measured in them."""
 
-    def __init__(self, rig: Rig, reference: EmptyBeltReference, settings: HealthSettings) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        reference: EmptyBeltReference,
+        settings: HealthSettings,
+        pattern: LearnedPattern | None = None,
+        keep_pattern: Callable[[LearnedPattern], None] | None = None,
+    ) -> None:
+        """``pattern`` is that of the projector by an earlier run; ``keep_pattern`` receives a learned one."""
         self._settings = settings
-        self._projector = ProjectorMonitor(rig, reference, settings)
+        self._projector = ProjectorMonitor(rig, reference, settings, pattern, keep_pattern)
         self._synchronisation = SynchronisationMonitor(rig, settings)
 
     def check_projector(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,15 +35,24 @@ _LEAST_SAMPLES = 3
 class ProjectorMonitor:
     """Learns the pattern on the bare belt from the first sound frames, and compares it with later ones."""
 
-    def __init__(self, rig: Rig, reference: EmptyBeltReference, settings: HealthSettings) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        reference: EmptyBeltReference,
+        settings: HealthSettings,
+        learned: LearnedPattern | None = None,
+        keep: Callable[[LearnedPattern], None] | None = None,
+    ) -> None:
+        """``learned`` is the pattern that an earlier run recognised; ``keep`` receives it once it was recognised."""
         self._rig, self._reference, self._settings = rig, reference, settings
         self._grid = SurfaceGrid(rig)
         self._belt_points = _intersect_belt(self._grid, reference)
         self._sums: dict[str, NDArray[np.float64]] = {}
         self._counts: dict[str, NDArray[np.float64]] = {}
         self._heights: list[float] = []
-        self._learned: LearnedPattern | None = None
-        self._has_passed = self._is_suspect = False
+        self._keep = keep
+        self._learned = learned if _fits(learned, self._belt_points, rig) else None
+        self._has_passed, self._is_suspect = self._learned is not None, False
         self._number, self._last_ns = 0, 0
         self._fault: tuple[Finding, ...] = ()
 
@@ -78,6 +87,8 @@ class ProjectorMonitor:
             is_beyond = False
             if not self._has_passed:
                 return ()
+            if self._keep is not None and self._learned is not None:
+                self._keep(self._learned)
         finding = check_projector_position(shift, self._is_suspect or bool(self._fault), self._settings)
         if np.isnan(shift.shift_mm) and self._fault:
             return self._fault
@@ -123,6 +134,14 @@ class ProjectorMonitor:
         }
         self._learned = LearnedPattern(means, float(np.median(self._heights)))
         self._sums, self._counts, self._heights = {}, {}, []
+
+
+def _fits(learned: LearnedPattern | None, belt_points: NDArray[np.float64], rig: Rig) -> bool:
+    """Return whether a kept pattern has the grid of this rig's images, and all its cameras."""
+    if learned is None:
+        return False
+    sizes = {texture.shape for texture in learned.textures.values()}
+    return sizes == {belt_points.shape[:2]} and set(rig.cameras) <= set(learned.textures)
 
 
 def _intersect_belt(grid: SurfaceGrid, reference: EmptyBeltReference) -> NDArray[np.float64]:

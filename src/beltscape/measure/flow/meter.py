@@ -147,7 +147,6 @@ class FlowMeter:
             depth = None
         if depth is not None:
             require_depth_of(self.reference.camera, depth, f"frame {name}")
-            self._sums.add_systematic(depth.systematic_mm)
         pushed = PushedFrame(
             name,
             depth,

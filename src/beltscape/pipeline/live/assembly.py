@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import time_ns
-from typing import Any
 
 import numpy as np
 
@@ -16,18 +15,16 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import scale_rig
 from beltscape.core.live import LiveSource, Observer, Observers, RecordSink
 from beltscape.core.progress import Reporter
-from beltscape.files.documents.digest import hash_file
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.rig_json import read_rig
-from beltscape.health.images.belt_images import BeltImageMonitor
-from beltscape.health.images.monitor import ImageMonitor
 from beltscape.measure.volume.capacity import compute_capacity_mm2
-from beltscape.pipeline.live import image_references, zero
+from beltscape.pipeline.live import zero
 from beltscape.pipeline.live.engine import Engine, notify_records
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.exposure_control import ExposureControl
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
+from beltscape.pipeline.live.image_monitors import make_image_monitors
 from beltscape.pipeline.live.inspector import PeriodicInspector
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.maintenance import MaintenanceMode
@@ -209,39 +206,10 @@ def build_context(
     near_far = compute_depth_range(empty_belt, matching.load_mm)
     matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
     digest = hash_empty_belt(project.resolve(settings.empty))
-    matcher = MonitoredMatcher(matcher, _make_image_monitor(project, rig, digest, reporter, data))
+    monitor, images = make_image_monitors(project, rig, empty_belt, digest, reporter, data)
+    matcher = MonitoredMatcher(matcher, monitor)
     density, limits = read_density(project), settings.health.belt
-    images = BeltImageMonitor(rig, empty_belt, settings.health)
     return MeasurementContext(rig, empty_belt, matcher, settings.flow, density, limits, images, digest)
-
-
-def _make_image_monitor(
-    project: Project[RunSettings], rig: Rig, belt_sha256: str, reporter: Reporter, data: Path | None
-) -> ImageMonitor:
-    """Return the monitor of the images with what earlier runs of the same rig and empty belt learned."""
-    settings = project.settings
-    if data is None or not settings.health.learning:
-        return ImageMonitor(rig, settings.health)
-    key = {
-        "rig": hash_file(project.resolve(settings.rig)),
-        "empty belt": belt_sha256,
-        "image width": rig.core_camera.size_px[0],
-        **_describe_exposure(settings.cameras),
-    }
-    path = data / image_references.FILE
-    learned = image_references.read_references(path, key, reporter)
-    if learned is not None and not set(rig.cameras) <= set(learned.reference.cameras):
-        learned = None  # a camera was missing when they were learned
-    keep = image_references.make_keeper(path, key, reporter)
-    return ImageMonitor(rig, settings.health, learned, keep)
-
-
-def _describe_exposure(cameras: CamerasSettings | None) -> dict[str, Any]:
-    """Return what makes the levels of images comparable beside their stated exposure times."""
-    if cameras is None:
-        return {"stated exposure": False}
-    gains = {name: cameras.gain_of(name) for name in cameras.devices}
-    return {"stated exposure": bool(cameras.exposures_us), "gain": gains}
 
 
 def check_encoder(project: Project[RunSettings]) -> None:

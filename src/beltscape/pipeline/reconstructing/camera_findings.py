@@ -43,13 +43,19 @@ class CameraFindings:
         used: tuple[str, ...],
         systematic_mm: float,
         *,
+        used_before: tuple[str, ...],
         is_suspect: bool,
     ) -> None:
         """Set the findings of a checked frame, measured with the ``used`` auxiliaries.
 
-        ``systematic_mm`` is the error of its depth; before a camera was excluded, its share of the error entered.
+        ``systematic_mm`` is the error of its depth. The frames since the last check were measured with
+        ``used_before``: in them an auxiliary that is now excluded had its share of the error.
         """
-        share = {each.camera: each.depth_error_mm / len(self._auxiliaries) for each in consistency.cameras}
+        share = {
+            each.camera: each.depth_error_mm / len(self._auxiliaries)
+            for each in consistency.cameras
+            if each.camera in used_before
+        }
         pose_faults = [
             PoseFault(
                 fault,

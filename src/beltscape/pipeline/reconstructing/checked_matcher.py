@@ -113,8 +113,9 @@ class CheckedMatcher:
         if not self._schedule.is_due(frame_set, depth):
             self._findings.set_unchecked(names)
             return CheckedDepth(self._add_systematic(depth), None, names, ())
+        before = names
         names, depth, consistency = self._check_cameras(names, frame_set, depth, reporter)
-        return self._assess(frame_set, depth, consistency, names)
+        return self._assess(frame_set, depth, consistency, names, before)
 
     def _check_cameras(
         self, names: tuple[str, ...], frame_set: FrameSet, depth: DepthMap, reporter: Reporter
@@ -139,9 +140,17 @@ class CheckedMatcher:
         return names, depth, consistency
 
     def _assess(
-        self, frame_set: FrameSet, depth: DepthMap, consistency: RigConsistency, names: tuple[str, ...]
+        self,
+        frame_set: FrameSet,
+        depth: DepthMap,
+        consistency: RigConsistency,
+        names: tuple[str, ...],
+        before: tuple[str, ...],
     ) -> CheckedDepth:
-        """Return the depth, with raised σ if it was measured with inconsistent cameras."""
+        """Return the depth, with raised σ if it was measured with inconsistent cameras.
+
+        ``names`` are the auxiliaries it was measured with, ``before`` those of the frames since the last check.
+        """
         self.is_inconsistent = not consistency.is_sound
         faults = self._cameras.diagnose(frame_set, consistency)
         uses_inconsistent = consistency.core_moved or not set(names).isdisjoint(consistency.inconsistent)
@@ -157,7 +166,10 @@ class CheckedMatcher:
         )
         depth = self._add_systematic(depth)
         is_suspect = self._cameras.is_suspect(consistency)
-        self._findings.set_checked(consistency, faults, names, depth.systematic_mm, is_suspect=is_suspect)
+        systematic_mm = depth.systematic_mm
+        self._findings.set_checked(
+            consistency, faults, names, systematic_mm, used_before=before, is_suspect=is_suspect
+        )
         if uses_inconsistent and faults:
             end = f"σ of the depth includes an error of {depth.systematic_mm:.2f} mm common to all pixels"
         else:

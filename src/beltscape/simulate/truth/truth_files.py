@@ -23,14 +23,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.core.geometry.pose import Pose
+from beltscape.files.arrays import write_arrays
 from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import atomic_replacement
 from beltscape.files.rig_json import write_rig
 from beltscape.simulate.geometry.ray_casting import RayScene
 from beltscape.simulate.geometry.world import Label, Projector, Station, World
@@ -156,12 +155,6 @@ def write_depth(path: Path, world: World, truth: CoreTruth, image: CoreView, hea
         label_distorted=image.label,
         **rocks,
     )
-
-
-def write_arrays(path: Path, **arrays: NDArray[Any]) -> None:
-    """Write named arrays as a compressed npz, atomically."""
-    with atomic_replacement(path) as temporary:
-        np.savez_compressed(temporary, **cast("dict[str, Any]", arrays))
 
 
 def pose_document(pose: Pose) -> dict[str, Any]:

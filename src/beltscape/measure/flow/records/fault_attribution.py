@@ -58,6 +58,10 @@ class FaultAttribution:
         ``view_start_mm`` is the beginning of the belt that the frame measured; infinite where it measured none.
         """
         strip.view_start_mm = view_start_mm
+        if frame.depth is not None and np.isfinite(view_start_mm):
+            for one in (*self._strips, strip):
+                if one is strip or one.end_mm > view_start_mm:
+                    one.systematic_mm = max(one.systematic_mm, frame.depth.systematic_mm)
         for finding in frame.findings:
             if finding.effect == "missing":
                 strip.add_loss(finding)

@@ -52,6 +52,8 @@ class Strip:
     """Beginning of the belt that its frame measured, in belt coordinates; infinite: the frame measured nothing."""
     is_void: bool = False
     """Whether it counts as not measured, because what was measured of it cannot be separated from a fault."""
+    systematic_mm: float = 0.0
+    """Largest error common to all pixels of a depth map that measured it; a finding may state the same error."""
     findings: dict[tuple[str, str], Finding] = field(default_factory=dict)
     """By check and camera, the findings that concern its measurement."""
     lost_to: dict[tuple[str, str], Finding] = field(default_factory=dict)
@@ -116,7 +118,7 @@ class Strips:
         moved = strip.step_sigma_mm * float(np.nan_to_num(area))
         fault = self._sums.compute_fault_sigma(
             stretch,
-            combine_systematic_mm(strip.findings.values()),
+            max(strip.systematic_mm, combine_systematic_mm(strip.findings.values())),
             combine_relative_sigma(strip.findings.values()),
         )
         density = self._density.at(strip.time_ns)

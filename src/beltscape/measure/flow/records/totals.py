@@ -43,22 +43,14 @@ class Sums:
 
     def __init__(self, drift_mm: float, width_mm: float) -> None:
         """``drift_mm`` are slow errors of depth, common to the whole belt of this width."""
-        self._own_mm, self._systematic_mm, self._width_mm = drift_mm, 0.0, width_mm
+        self._drift_mm2 = drift_mm * width_mm  # cross-section of slow depth errors over the belt's width
+        self._width_mm = width_mm
         self._volume = self._apart = self._edges = self._holes = self._faults = 0.0
         self._mass = self._mass_common = 0.0
         self._length = self._seen = self._bridged = self._unseen = 0.0
         self._measured = self._single = 0.0
         self._first: Strip | None = None
         self._last: Strip | None = None
-
-    def add_systematic(self, systematic_mm: float) -> None:
-        """Account for a systematic error of a depth map; the largest so far applies to the whole belt."""
-        self._systematic_mm = max(self._systematic_mm, systematic_mm)
-
-    @property
-    def _drift_mm2(self) -> float:
-        """Return the cross-section of slow depth errors over the belt's width."""
-        return float(np.hypot(self._own_mm, self._systematic_mm)) * self._width_mm
 
     def compute_fault_sigma(self, stretch: Stretch, systematic_mm: float, relative_sigma: float) -> float:
         """Return σ of the volume due to faults: a height error over the whole belt, and a relative error."""

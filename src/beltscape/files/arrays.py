@@ -1,0 +1,29 @@
+"""Named arrays in one file, a compressed NumPy archive (.npz); damaged bytes are recognised by its checksums."""
+
+from __future__ import annotations
+
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import InputError
+from beltscape.files.folders.atomic import atomic_replacement
+
+
+def write_arrays(path: Path, /, **arrays: NDArray[Any]) -> None:
+    """Write named arrays, atomically; OutputError where the disk does not take them."""
+    with atomic_replacement(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(file, **cast("dict[str, Any]", arrays))
+
+
+def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """Return the arrays of a file by name; InputError if it is missing, damaged or no such file."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"{path}: is no readable file of arrays ({error})") from None

@@ -1,0 +1,59 @@
+"""The monitors of a run's images, with what earlier runs of the same system learned."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.progress import Reporter
+from beltscape.files.documents.digest import hash_file
+from beltscape.health.images.belt_images import BeltImageMonitor
+from beltscape.health.images.monitor import ImageMonitor
+from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
+from beltscape.pipeline.live import image_references, pattern_reference
+from beltscape.pipeline.live.project import Project, RunSettings
+from beltscape.sources.genicam.settings import CamerasSettings
+
+Monitors = tuple[ImageMonitor, BeltImageMonitor]
+"""The monitor of the images by themselves, and that of the images against the measured belt."""
+
+
+def make_image_monitors(
+    project: Project[RunSettings],
+    rig: Rig,
+    empty_belt: EmptyBeltReference,
+    belt_sha256: str,
+    reporter: Reporter,
+    data: Path | None,
+) -> Monitors:
+    """Return the monitors; ``data`` is the folder of what is learned, None: nothing is read or kept."""
+    health = project.settings.health
+    if data is None or not health.learning:
+        return ImageMonitor(rig, health), BeltImageMonitor(rig, empty_belt, health)
+    key = {
+        "rig": hash_file(project.resolve(project.settings.rig)),
+        "empty belt": belt_sha256,
+        "image width": rig.core_camera.size_px[0],
+        **_describe_exposure(project.settings.cameras),
+    }
+    path = data / image_references.FILE
+    learned = image_references.read_references(path, key, reporter)
+    if learned is not None and not set(rig.cameras) <= set(learned.reference.cameras):
+        learned = None  # a camera was missing when they were learned
+    keep = image_references.make_keeper(path, key, reporter)
+    pattern_path = data / pattern_reference.FILE
+    pattern = pattern_reference.read_pattern(pattern_path, key, reporter)
+    keep_pattern = pattern_reference.make_pattern_keeper(pattern_path, key, reporter)
+    return (
+        ImageMonitor(rig, health, learned, keep),
+        BeltImageMonitor(rig, empty_belt, health, pattern, keep_pattern),
+    )
+
+
+def _describe_exposure(cameras: CamerasSettings | None) -> dict[str, Any]:
+    """Return what makes the levels of images comparable beside their stated exposure times."""
+    if cameras is None:
+        return {"stated exposure": False}
+    gains = {name: cameras.gain_of(name) for name in cameras.devices}
+    return {"stated exposure": bool(cameras.exposures_us), "gain": gains}

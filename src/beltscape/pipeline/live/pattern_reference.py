@@ -1,0 +1,66 @@
+"""The projected pattern on the bare belt, kept over restarts, so that a projector that moved before one is named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.errors import BeltscapeError, InputError
+from beltscape.core.progress import Reporter
+from beltscape.files.arrays import read_arrays, write_arrays
+from beltscape.health.images.projector_position import LearnedPattern
+
+FILE = "projector_pattern.npz"
+_FIX = "the projector's pattern is learned anew from the next frames"
+_KEY, _HEIGHT, _TEXTURE = "key", "height_mm", "texture_"
+
+
+def make_pattern_keeper(
+    path: Path, key: Mapping[str, Any], reporter: Reporter
+) -> Callable[[LearnedPattern], None]:
+    """Return a function that keeps the pattern of the system that ``key`` describes; a full disk is a warning."""
+    return partial(_write, path, key, reporter)
+
+
+def read_pattern(path: Path, key: Mapping[str, Any], reporter: Reporter) -> LearnedPattern | None:
+    """Return the pattern that an earlier run kept; None without any.
+
+    That of another system, with another ``key``, and a damaged file are named and not used.
+    """
+    if not path.is_file():
+        return None
+    try:
+        arrays = read_arrays(path)
+        kept = json.loads(str(arrays[_KEY]))
+        if kept != _to_plain(key):
+            reporter.warn(f"{path}: rig, empty belt or cameras changed since; {_FIX}")
+            return None
+        textures = {
+            name.removeprefix(_TEXTURE): array.astype(np.float32)
+            for name, array in arrays.items()
+            if name.startswith(_TEXTURE)
+        }
+        return LearnedPattern(textures, float(arrays[_HEIGHT]))
+    except (InputError, KeyError, TypeError, ValueError) as error:
+        reason = str(error) if isinstance(error, InputError) else f"{path}: damaged ({error!r})"
+        reporter.warn(f"{reason}; {_FIX}")
+        return None
+
+
+def _write(path: Path, key: Mapping[str, Any], reporter: Reporter, learned: LearnedPattern) -> None:
+    textures = {f"{_TEXTURE}{name}": texture for name, texture in learned.textures.items()}
+    described = {_KEY: np.array(json.dumps(_to_plain(key))), _HEIGHT: np.array(learned.height_mm)}
+    try:
+        write_arrays(path, **described, **textures)
+    except BeltscapeError as error:
+        reporter.warn(f"{error}; the projector's pattern is not kept")
+
+
+def _to_plain(key: Mapping[str, Any]) -> Any:
+    """Return the key as JSON reads it."""
+    return json.loads(json.dumps(key))

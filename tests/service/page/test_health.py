@@ -1,0 +1,87 @@
+"""The page's checks and the setting of zero, for engineers."""
+
+from __future__ import annotations
+
+import time
+from math import nan
+
+import pytest
+
+from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
+from beltscape.sinks.historian import StoredFinding
+from tests.service.page.site import needs_chromium, read_text, wait_for, wait_until_live
+
+pytestmark = needs_chromium
+
+
+FINDINGS = (
+    Finding(
+        "dirt",
+        6.2,
+        0.5,
+        2.0,
+        "%",
+        "cam2",
+        "cam2: dirt at the marked place",
+        "degraded",
+        place=(0.5, 0.2, 0.8, 0.5),
+    ),
+    Finding("zero_shift", 0.3, 0.1, 2.0, "mm"),
+    Finding("encoder_motion", nan, nan, 0.02, ""),
+)
+
+
+@pytest.mark.parametrize(("language", "wide"), [("en", 1300), ("de", 360), ("zh", 1300)])
+def test_engineers_see_the_checks_with_trends_and_pictures(site, language, wide):
+    works, now = site.works, time.time_ns()
+    works.plant.send_findings(FINDINGS)
+    works.history.add_findings(
+        [StoredFinding(now - k * 10_000_000_000, each) for k in range(60) for each in FINDINGS]
+    )
+    page = site.page(f"/?lang={language}#health", wide=wide, high=740, user="eva")
+    page.wait_for_selector("#checks .check")
+    assert page.locator("#checks .check").count() == 3
+    first = page.locator("#checks .check").first
+    assert first.get_attribute("data-state") == "degraded" and "cam2" in first.inner_text()
+    page.wait_for_selector("#checks .check[data-key='zero_shift:'] .trend-plot .outline", state="attached")
+    page.wait_for_selector("#checks .check[data-key='dirt:cam2'] .trend-plot .fault", state="attached")
+    wait_for(page, "document.querySelectorAll('#health-pictures rect').length === 1")
+    assert page.evaluate("document.documentElement.scrollWidth") == wide
+    page.emulate_media(media="print")
+    assert not page.locator(".bar").is_visible() and first.is_visible()
+    assert site.errors == []
+    page.context.close()
+
+
+def test_engineers_set_the_zero_after_seeing_what_was_measured(site):
+    plant = site.works.plant
+    plant.zero_refusal = Message("zero: only 40% of the belt is bare", "zero_set_not_bare", share=40)
+    page = site.page("/?lang=de#health", high=740, user="eva")
+    page.click("#zero-open")
+    page.click("#zero-next")
+    page.wait_for_selector("#zero-dialog .problem:visible")
+    assert (
+        read_text(page, "#zero-dialog .problem")
+        == "Nur 40\u00a0% des Bandes sind frei: Band leeren und reinigen."
+    )
+    plant.zero_refusal = ""
+    page.click("#zero-next")
+    wait_for(page, "document.querySelector('#zero-dialog').innerText.includes('0,42 ± 0,05 mm')")
+    assert plant.zeros == []
+    page.click("#zero-next")
+    wait_for(page, "document.querySelector('#zero-dialog').innerText.includes('Nullpunkt ist gesetzt')")
+    assert plant.zeros == [(7, "eva")]
+    written = [one["what"] for one in site.works.access.audit.read_last(50) if one["who"] == "eva"]
+    assert "set_zero" in written
+    assert [error for error in site.errors if "409" not in error] == []
+    site.errors.clear()
+    page.context.close()
+
+
+def test_operators_do_not_see_the_checks(site):
+    page = site.page("/#health")
+    wait_until_live(page)
+    assert not page.locator("#to-health").is_visible() and not page.locator("#health-view").is_visible()
+    assert page.locator("#live-view").is_visible()
+    page.context.close()

@@ -64,6 +64,19 @@ assert main(["view", out + "/depth/000", "--out", out + "/view.html"]) == 0
         ),
         (["run", "PROJECT"], "pip install 'beltscape[live]'"),
         (["view", "SCENE", "--rerun"], "pip install 'beltscape[viewer]'"),
+        (
+            [
+                "reconstruct",
+                str(DEMO / "module"),
+                "--rig",
+                str(DEMO / "truth" / "rig.json"),
+                "--cloud",
+                "laz",
+                "--out",
+                "OUT",
+            ],
+            "pip install 'beltscape[export]'",
+        ),
     ],
 )
 def test_a_command_says_what_to_type(words, says, tmp_path):

@@ -21,10 +21,20 @@ from tests.once import make_once
 from tests.sinks.ledgers import ledger
 from tests.synthetic.demo import DEMO
 
-SMALL = "[render]\noversample = 1\npasses = 1\nambient_samples = 1\n[heap]\nrocks = 60\n"
+SMALL = """[render]
+oversample = 1
+passes = 1
+ambient_samples = 1
+[heap]
+rocks = 20
+[heap.fines]
+along_mm = [-100, 100]
+"""
 FRAMES = {"calibration": 1, "belt_moving": 2}
 LATER = ("018", "019", "021", "022")
 """Views of the demo's board that the tutorial of calibration sets aside to check the rig with."""
+FEWER = ("001.jpg", "004.jpg", "007.jpg", "010.jpg", "013.jpg", "016.jpg")
+"""Views of the board that only the README and the tutorials use."""
 TUTORIAL_OF_RUNNING = "docs/tutorials/control_engineer.md"
 """Its scene of a moving belt is what the other pages measure: the demo's rig, whose lenses distort."""
 
@@ -95,10 +105,13 @@ def make_reader(request, results, tmp_path) -> Callable[[str], Reader]:
     """A function page → a reader: of a tutorial in an empty folder, else with what the README's steps left."""
 
     def make(page: str) -> Reader:
-        if "/tutorials/" not in page:
+        kinds = {block.kind for block in read_blocks(page, page_text(page))}
+        if "/tutorials/" not in page and kinds & {"sh", "python", "toml"}:
             folder, _, _ = request.getfixturevalue("walked")
-            without = shutil.ignore_patterns("report.html", "*.db*", "data", "reader.json")
+            without = shutil.ignore_patterns("report.html", "*.db*", "data", "reader.json", *FEWER)
             shutil.copytree(folder, tmp_path, ignore=without, dirs_exist_ok=True)
+        (tmp_path / "data").mkdir()
+        if "data/days" in page_text(page):
             make_day(tmp_path)
         return Reader(tmp_path, results)
 

@@ -53,9 +53,12 @@ class Reader:
     """The running system, where the page asks it, until the page ends."""
     address: str = ""
     """Of the running system."""
+    asks: bool = False
+    """Whether the page asks the running system, which then runs until the page ends."""
 
     def follow(self, page: str, text: str) -> None:
         """Do what the page says."""
+        self.asks = "\ncurl " in text
         with self.processes:
             for block in read_blocks(page, text):
                 self.do(block)
@@ -104,9 +107,8 @@ class Reader:
             path.write_text(out)
 
     def _ask(self, words: Sequence[str]) -> str:
-        """Ask the running system, which is started by the first question."""
-        if not self.address:
-            self.address = self.processes.enter_context(run_service(self.folder / "live.toml"))
+        """Ask the running system."""
+        demand(self.address, "nothing runs that could answer")
         out = curl(words, self.address)
         demand(out, "no answer")
         return out
@@ -121,6 +123,10 @@ class Reader:
         asked = " ".join(words)
         if any(asked.startswith(name) for name in RUN_ELSEWHERE) or "--rerun" in words:
             parser_of(words[0]).parse_args(words[1:])
+            return ""
+        if words[0] == "run" and "--check" not in words and self.asks:
+            self.address = self.processes.enter_context(run_service(self.folder / "live.toml"))
+            self.done.append(asked)
             return ""
         words = self._on_small_material(words)
         keyboard = (

@@ -13,22 +13,13 @@ import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 
 from tests.docs.program import Answer
 
-PURE = {
-    "calibrate",
-    "check",
-    "rectify",
-    "reconstruct",
-    "measure",
-    "simulate",
-    "plan",
-    "target",
-    "evaluate",
-    "view",
-}
+WITH_SUBCOMMANDS = {"measure", "target", "evaluate"}
+PURE = {"calibrate", "check", "rectify", "reconstruct", "simulate", "plan", "view"} | WITH_SUBCOMMANDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +60,9 @@ def replace(source: Path, target: Path) -> None:
 
 def digest_command(words: Sequence[str], at: Path) -> str:
     """Return the digest of a command with the bytes of all that it names in place of the names."""
-    parts = []
-    for before, word in zip(["", *words], words, strict=False):
+    names = 2 if words[0] in WITH_SUBCOMMANDS else 1
+    parts = list(words[:names])
+    for before, word in pairwise(words[names - 1 :]):
         if before == "--out":
             parts.append(Path(word).suffix)
         elif (at / word).exists():

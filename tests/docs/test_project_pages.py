@@ -104,11 +104,9 @@ def test_functions_called_in_the_manual_exist(page):
     assert [name for name in sorted(names) if not re.search(rf"^ *(def|class) {name}\b", code, re.M)] == []
 
 
-def test_weights_named_in_the_appendix_exist():
-    spans = [span for _, span in read_spans(page_text("docs/reference/figures_matching.md"))]
-    weights = [span for span in spans if span.startswith("data/")]
-    assert len(weights) == 7
-    assert [name for name in weights if not (PACKAGES / name).is_file()] == []
+def test_every_decision_is_listed():
+    listed = re.findall(r"\]\((\d{4}-[\w-]+\.md)\)", page_text("docs/decisions/index.md"))
+    assert listed == sorted(path.name for path in (ROOT / "docs/decisions").glob("0*.md"))
 
 
 def test_packages_are_complete_and_their_parts_exist():

@@ -24,7 +24,7 @@ from beltscape.service.access import Access, LimitSettings
 from beltscape.service.server import serve
 from tests.service.access import attack
 from tests.service.access.sample_app import CHEAP, PASSWORD, make_application
-from tests.service.test_server import Web, get_host_and_port, make_cookie_header, open_session, send_raw
+from tests.service.running import Web, get_host_and_port, make_cookie_header, open_session, send_raw
 
 HZ, QUEUED, SECONDS = 20, 2, 4.0
 

@@ -10,7 +10,7 @@ import pytest
 
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.maintenance import MaintenanceMode, make_maintenance_finding
-from tests.pipeline.live.test_engine import Feed, check, engine_of, everything, track
+from tests.pipeline.live.feed import Feed, check, engine_of, everything, track
 from tests.synthetic.belt_feed import frames, run
 
 

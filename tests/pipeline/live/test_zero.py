@@ -25,7 +25,7 @@ from beltscape.health.belt.zero_shift import estimate_zero_shift
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 from beltscape.pipeline.live.zero import FILE, ZeroControl, read_zero
 from tests.measure.flow.moving_belt import CAMERA, depth_map, make_empty_belt
-from tests.pipeline.live.test_engine import Feed, check, engine_of, everything, track
+from tests.pipeline.live.feed import Feed, check, engine_of, everything, track
 
 REFERENCE = make_empty_belt()
 SHIFT = Finding("zero_shift", 1.2, 0.05, 0.3, "mm", text="it has risen", effect="degraded")

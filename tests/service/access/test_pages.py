@@ -16,7 +16,7 @@ from beltscape.service.access import Access, install_access
 from beltscape.service.server import serve
 from beltscape.service.static import FOLDER, make_static_files
 from tests.service.access.sample_app import CHEAP, PASSWORD
-from tests.service.test_server import Web
+from tests.service.running import Web
 
 CHROMIUM = shutil.which("chromium")
 

@@ -164,6 +164,28 @@ class TestLight:
 
         assert "dust" in name_faults(result.findings)
 
+    def test_dust_where_no_pattern_is_resolved(self) -> None:
+        """The veil takes the same share of all contrast and brightens the dark blocks; an empty belt does not."""
+
+        def soften(_: str, light: Levels) -> Levels:
+            return np.asarray(0.25 * light + 0.75 * blur(light, 9.0), np.float32)
+
+        def veil(name: str, light: Levels) -> Levels:
+            return np.asarray(0.5 * soften(name, light) + 0.6 * light.mean(), np.float32)
+
+        def empty(name: str, light: Levels) -> Levels:
+            bare = light.copy()
+            bare[:, 80:320] = light[:, np.arange(80, 320) % 60 + 15]
+            return soften(name, bare)
+
+        monitor = make_monitor()
+        for number in range(LEARNING + 2):
+            assert_sound(monitor.check_images(make_frame(number, soften)))
+        assert monitor.reference is not None and not monitor.reference.has_speckle
+        veiled = monitor.check_images(make_frame(NEXT, veil)).findings
+        assert [(one.check, one.effect) for one in veiled if one.is_fault] == [("dust", "degraded")]
+        assert "dust" not in name_faults(monitor.check_images(make_frame(NEXT, empty)).findings)
+
     def test_sunlight_patch_has_a_place(self, monitor: ImageMonitor) -> None:
         def shine(_: str, light: Levels) -> Levels:
             lit = light.copy()

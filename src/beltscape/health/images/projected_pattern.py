@@ -9,9 +9,11 @@ import numpy as np
 
 from beltscape.core.findings import Effect, Finding
 from beltscape.core.translatable_message import Message
+from beltscape.health.image_statistics import ImageStatistics
 from beltscape.health.images.exposure import compute_lit_ratios, estimate_mode
 from beltscape.health.images.sharpness import FAINT_SIGNAL
 from beltscape.health.reference import (
+    CameraReference,
     FrameStatistics,
     Reference,
     has_projector,
@@ -35,6 +37,12 @@ _DARK_LIGHT = 0.5
 """Below this light over the reference a projector is called dim, whatever the contrast."""
 _LEAST_SIGNAL = 1.5
 """Below this texture over noise in most cameras nothing can be matched (bare rubber in ambient light: 1.9)."""
+_SAME_LOSS = 0.3
+"""Largest difference of the log losses of contrast and of the spread between blocks by a veil; dust: 0.21."""
+_BRIGHTER = 0.2
+"""Least rise of the log brightness of the dark blocks by a veil; dust: 0.7, other faults up to 0.16."""
+_DARKEST = 0.1
+"""Share of the blocks that count as dark: floor, belt's edges and shadows, in any scene."""
 _SIGMA = 0.05
 """One standard deviation of the median log contrast of a sound system: other material reflects otherwise."""
 
@@ -49,7 +57,8 @@ def check_projected_pattern(
     """
     limit = 100 * (1 - settings.pattern_loss)
     if reference is None or not has_projector(reference, settings):
-        return [_check_without_reference(frame, limit, settings), *_pass(("projector_focus", "dust"), limit)]
+        without = _check_without_reference(frame, limit, settings)
+        return [without, *_pass(("projector_focus",), limit), _check_veil(frame, reference, limit, settings)]
     change = _compare_with_reference(frame, reference, settings)
     if change is None:
         return _pass(("projector", "projector_focus", "dust"), limit)
@@ -70,6 +79,8 @@ class _Change:
     shading: float
     signal_to_noise: float
     """Texture over noise, no logarithm."""
+    dark_level: float
+    """Brightness of the darkest tenth of the blocks."""
 
 
 def _compare_with_reference(
@@ -88,7 +99,14 @@ def _compare_with_reference(
         median(log_sharpness(one) - known.own_sharpness for one, known in pairs),
         median(log_shading(one) - known.own_shading for one, known in pairs),
         median(one.signal_to_noise for one, _ in pairs),
+        median(_compare_dark_level(one, known) for one, known in pairs),
     )
+
+
+def _compare_dark_level(one: ImageStatistics, known: CameraReference) -> float:
+    """Return the logarithm of the darkest blocks' brightness over the reference, at the same exposure time."""
+    now, before = (float(np.nanquantile(level, _DARKEST)) for level in (one.level, known.level))
+    return float(np.log(max(now, 0.1) / max(before, 0.1) * known.exposure_us / one.exposure_us))
 
 
 def _name_fault(change: _Change, light: float, settings: HealthSettings) -> str:
@@ -134,6 +152,34 @@ def _check_without_reference(frame: FrameStatistics, limit: float, settings: Hea
         "no_texture",
     )
     return Finding("projector", nan, nan, limit, "%", "", text, "missing")
+
+
+def _check_veil(
+    frame: FrameStatistics, reference: Reference | None, limit: float, settings: HealthSettings
+) -> Finding:
+    """Return the finding "dust" where no pattern is resolved: a veil in most cameras, whatever the material.
+
+    A veil of scattered light takes the same share of the contrast and of the spread between blocks, and brightens
+    the dark blocks. Another material or an empty belt changes some of these, but not all in this way.
+    """
+    nan = float("nan")
+    if reference is None:
+        return Finding("dust", nan, nan, limit, "%")
+    change = _compare_with_reference(frame, reference, settings)
+    if change is None:
+        return Finding("dust", nan, nan, limit, "%")
+    is_alike = abs(change.contrast - change.shading) < _SAME_LOSS
+    is_lost = max(change.contrast, change.shading) < np.log(1 - settings.pattern_loss)
+    value = float(np.exp(max(change.contrast, change.shading)))
+    if not (is_alike and is_lost and change.dark_level > _BRIGHTER):
+        return Finding("dust", nan, nan, limit, "%")
+    text = Message(
+        f"a veil leaves {value:.0%} of the contrast in all cameras: dust or mist hangs in the air, or the ambient "
+        "light is too bright; extract the dust, shade the belt",
+        "dust_veil",
+        contrast=round(100 * value),
+    )
+    return Finding("dust", 100 * value, 100 * value * _SIGMA, limit, "%", "", text, "degraded", 0.0, 0.03)
 
 
 def _pass(checks: tuple[str, ...], limit: float) -> list[Finding]:

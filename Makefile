@@ -32,7 +32,7 @@ dev: $(VENV)/.dev $(VENV)/.native ## .venv with the program, editable, and the t
 
 system: dev ## Debian packages for GenICam cameras, and for tests with a browser and simulated cameras (as root)
 	apt-get update
-	DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends chromium gir1.2-aravis-0.8 \
+	DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends chromium mosquitto gir1.2-aravis-0.8 \
 	  libaravis-0.8-0 libgirepository1.0-dev libcairo2-dev pkg-config iproute2
 	$(BIN)/python -m pip install --quiet 'pygobject>=3.42,<3.51'
 
@@ -101,7 +101,7 @@ lock: dev ## resolve the dependencies anew
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
 	  --no-header --extra build --extra simulate --extra live pyproject.toml -o requirements/run.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
-	  --no-header --extra build --extra simulate --extra live --extra export --extra dev \
+	  --no-header --extra build --extra simulate --extra live --extra export --extra mqtt --extra dev \
 	  -c requirements/run.lock pyproject.toml -o requirements/dev.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
 	  --no-header -c requirements/run.lock requirements/wheel.in -o requirements/wheel.lock

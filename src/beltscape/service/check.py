@@ -10,6 +10,7 @@ from beltscape.pipeline.live.check import is_running, list_checks
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access.identity.database import FILE, Database
 from beltscape.service.project import ProjectSettings
+from beltscape.service.protocols import check_protocols
 from beltscape.service.server import check_listening
 
 
@@ -27,6 +28,8 @@ def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: 
     if page:
         checks.append(("page", lambda: _page_line(project)))
         checks.append(("users", lambda: _users_line(project)))
+    if project.settings.mqtt is not None:
+        checks.append(("protocols", lambda: check_protocols(project.settings.mqtt)))
     for name, check in checks:
         try:
             lines[name] = check()

@@ -22,6 +22,7 @@ from beltscape.service.lifecycle import log_address
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
 from beltscape.service.project import ProjectSettings
+from beltscape.service.protocols import serve_protocols
 from beltscape.service.server import RunningServer, check_listening, serve
 
 _DAY_S = 86_400.0
@@ -54,7 +55,10 @@ def run_plant(
         options = replace(options, users_trouble=lambda: access.trouble)
     assembled = assemble(project, options, Observers([live_state, LogObserver()]))
     totals_before = assembled.historian.totals
-    with _serve_page(project, access, live_state, assembled) if access else nullcontext() as running:
+    with (
+        serve_protocols(project.settings.mqtt, live_state, assembled.historian, options.data),
+        _serve_page(project, access, live_state, assembled) if access else nullcontext() as running,
+    ):
         assembled.engine.start()
         notify("READY=1")
         log_address(running)

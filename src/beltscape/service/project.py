@@ -6,6 +6,7 @@ from pathlib import Path
 
 from beltscape.core.errors import InputError
 from beltscape.pipeline.live.project import CaptureSettings, Project, RunSettings, read_project
+from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.service.settings import WebSettings
 from beltscape.sources.encoder.settings import EncoderSettings
 
@@ -15,6 +16,8 @@ class ProjectSettings(RunSettings):
 
     web: WebSettings = WebSettings()
     """The operator's page: the table [web]."""
+    mqtt: MqttSettings | None = None
+    """Records, state and alarms to a broker: the table [mqtt]."""
 
 
 def open_project(path: Path) -> Project[ProjectSettings]:
@@ -24,7 +27,16 @@ def open_project(path: Path) -> Project[ProjectSettings]:
     files = {key: getattr(web, key) for key in ("tls_certificate", "tls_key")}
     paths = {key: file and project.resolve(file) for key, file in files.items()}
     settings = project.settings.model_copy(update={"web": web.model_copy(update=paths)})
+    if settings.mqtt is not None:
+        settings = settings.model_copy(update={"mqtt": _resolve_mqtt(project, settings.mqtt)})
     return Project(project.path, settings)
+
+
+def _resolve_mqtt(project: Project[ProjectSettings], mqtt: MqttSettings) -> MqttSettings:
+    """Return the settings with paths relative to the project's folder made absolute."""
+    keys = ("password_file", "tls_ca", "tls_certificate", "tls_key")
+    files = {key: getattr(mqtt, key) for key in keys}
+    return mqtt.model_copy(update={key: file and project.resolve(file) for key, file in files.items()})
 
 
 def substitute_capture(project: Project[ProjectSettings], capture: Path | None) -> Project[ProjectSettings]:

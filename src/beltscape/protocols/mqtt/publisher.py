@@ -1,0 +1,158 @@
+"""The publisher: a thread that keeps a connection to the broker and publishes every record at least once, in order.
+
+The ledger is the outbox: records wait in the historian's database, and the cursor on the disk says which the broker
+has acknowledged (MQTT 5, quality of service 1). After a lost connection, a restart or a kill, publishing goes on
+behind the cursor; a record whose acknowledgement was lost comes again, with the same number.
+
+Topics below the settings' topic: ``records`` (one message a record), ``state`` and ``alarms/NAME`` (retained), and
+``status``, retained "online" or "offline"; the broker itself sends "offline" when the connection breaks.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic
+
+from beltscape.core.errors import InputError
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.protocols.mqtt.connection import Connection, list_tls_files
+from beltscape.protocols.mqtt.cursor import Cursor
+from beltscape.protocols.mqtt.messages import format_alarm, format_record, format_state
+from beltscape.protocols.mqtt.settings import MqttSettings
+from beltscape.protocols.plant import Plant
+
+_BATCH = 200
+"""Records that wait for their acknowledgement at once; the broker's own limit is respected by the library."""
+_PAUSES_S = (1.0, 2.0, 5.0, 10.0, 30.0)
+"""Pauses between attempts to connect; the last one repeats."""
+_POLL_S = 0.1
+"""Interval at which new records are looked for."""
+
+
+class Publisher:
+    """Publishes a plant to a broker until it is closed."""
+
+    def __init__(
+        self,
+        settings: MqttSettings,
+        plant: Plant,
+        data: Path,
+        on_message: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """Prepare; ``data`` is the folder of the cursor, ``on_message`` is told of lost and regained connections.
+
+        Raises
+        ------
+        InputError
+            If a file of the settings or the cursor cannot be read.
+        """
+        self._settings, self._plant, self._on_message = settings, plant, on_message
+        self._password = _read_password(settings.password_file)
+        self._cursor = Cursor(data / "mqtt.json", f"{settings.host}:{settings.broker_port}/{settings.topic}")
+        self._stop = threading.Event()
+        self._alarms: dict[str, str] = {}
+        self._thread = make_supervised_thread("mqtt", self._run, on_message, self._stop.wait)
+        self.trouble = ""
+        """Why there is no connection; empty while there is one."""
+
+    def start(self) -> None:
+        """Start publishing; returns at once."""
+        if self._cursor.number is None:
+            self._cursor.advance(0 if self._settings.first == "all" else self._plant.read_last_number())
+        self._thread.start()
+
+    @property
+    def waiting(self) -> int:
+        """Return the number of records that the broker has not acknowledged."""
+        return max(0, self._plant.read_last_number() - (self._cursor.number or 0))
+
+    def close(self, patience_s: float = 5.0) -> None:
+        """Publish what is stored, as far as the time allows, and disconnect."""
+        self._stop.set()
+        self._thread.join(patience_s)
+
+    def _run(self) -> None:
+        attempt = 0
+        while True:
+            started = monotonic()
+            self._set_trouble(self._publish_until_lost())
+            if self._stop.is_set():
+                return
+            attempt = 0 if monotonic() - started > _PAUSES_S[-1] else attempt
+            if self._stop.wait(_PAUSES_S[min(attempt, len(_PAUSES_S) - 1)]):
+                return
+            attempt += 1
+
+    def _publish_until_lost(self) -> str:
+        """Connect and publish until the end or until the connection is lost; return why it was lost."""
+        connection = Connection(self._settings, self._password)
+        try:
+            trouble = connection.open()
+            if trouble:
+                return trouble
+            self._set_trouble("")
+            self._alarms.clear()
+            next_state_s = 0.0
+            while connection.is_up:
+                if monotonic() >= next_state_s:
+                    next_state_s = monotonic() + self._settings.state_every_s
+                    self._publish_state(connection)
+                if not self._publish_records(connection):
+                    if self._stop.is_set():
+                        return ""
+                    self._stop.wait(_POLL_S)
+            return connection.reason
+        finally:
+            connection.close()
+
+    def _publish_records(self, connection: Connection) -> bool:
+        """Publish a batch of records and advance the cursor; return whether there were any."""
+        after = self._cursor.number or 0
+        if self._plant.read_last_number() < after:
+            self._on_message(
+                f"mqtt: the ledger ends before record {after}, which was published; it was replaced. "
+                "All its records are published"
+            )
+            self._cursor.advance(0)
+            return True
+        records = self._plant.read_records(after, _BATCH)
+        if not records:
+            return False
+        acknowledged = connection.publish_all([("records", format_record(record)) for record in records])
+        if acknowledged:
+            self._cursor.advance(records[acknowledged - 1].number)
+        return connection.is_up
+
+    def _publish_state(self, connection: Connection) -> None:
+        state = self._plant.read_state()
+        connection.publish_retained("state", format_state(state))
+        for alarm in state.alarms:
+            text = format_alarm(alarm)
+            if self._alarms.get(alarm.name) != text:
+                self._alarms[alarm.name] = text
+                connection.publish_retained(f"alarms/{alarm.name.replace(':', '/')}", text)
+
+    def _set_trouble(self, trouble: str) -> None:
+        if trouble != self.trouble:
+            broker = f"{self._settings.host}:{self._settings.broker_port}"
+            self._on_message(f"mqtt: {broker}: {trouble or 'connected'}")
+        self.trouble = trouble
+
+
+def _read_password(path: Path | None) -> str | None:
+    if path is None:
+        return None
+    try:
+        return path.read_text("utf-8").splitlines()[0]
+    except (OSError, IndexError) as error:
+        raise InputError(f"{path}: the broker's password cannot be read ({error})") from error
+
+
+def check_settings(settings: MqttSettings) -> None:
+    """Raise InputError where a file of the settings cannot be read."""
+    _read_password(settings.password_file)
+    for path in list_tls_files(settings):
+        if path is not None and not path.is_file():
+            raise InputError(f"{path}: there is no such file; [mqtt] names it")

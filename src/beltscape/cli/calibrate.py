@@ -13,13 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 from beltscape.cli.arguments import add_output_folder
 from beltscape.cli.fit import format_findings
-from beltscape.core.errors import SettingsError
+from beltscape.cli.output import explain_failure
+from beltscape.core.errors import CalibrationError, SettingsError
 from beltscape.core.progress import Reporter
 
 if TYPE_CHECKING:
+    from beltscape.pipeline.calibrating.calibration import Calibration
     from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
     from beltscape.target.board import Board
 
+REFUSED_PICTURE = "coverage_refused.png"
+"""Picture of the part of the images that the board never reached, if that ends the calibration."""
 INTRINSICS = "intrinsics"
 """The word before the folder that selects intrinsics of single cameras."""
 
@@ -76,7 +80,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--lens-model", choices=("auto", "brown", "rational", "thin_prism", "tilted", "fisheye"), default="auto",
         help="lens model of the cameras without given intrinsics; auto (default): each camera's views choose among "
-        "brown, rational and fisheye",
+        "brown, rational, fisheye and tilted",
+    )  # fmt: skip
+    parser.add_argument(
+        "--belt", type=Path, metavar="FILE",
+        help="plan.toml, project.toml or belt.json: the volume over the belt that the rig is to measure; the board "
+        "must have reached the part of the images that sees it (default: the core camera's whole view)",
     )  # fmt: skip
     add_output_folder(parser, "folder for rig.json and the report, or for intrinsics.json", required=True)
 
@@ -84,7 +93,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Calibrate and write rig.json, calibration.json, report.html; or intrinsics.json."""
     from beltscape.files.folders.atomic import ensure_output_folder
-    from beltscape.pipeline.calibrating.calibration import calibrate
     from beltscape.pipeline.calibrating.calibration_files import make_calibration_document, write_calibration
     from beltscape.pipeline.calibrating.known_intrinsics import read_known_intrinsics
     from beltscape.pipeline.calibrating.video_frames import locate_capture
@@ -102,12 +110,39 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     known = read_known_intrinsics(given, board, reporter, use=use) if given else None
     if arguments.add_to:
         return _run_extension(arguments, folder, board, known, out, reporter)
-    calibration = calibrate(
-        folder, board, arguments.core, reporter, known=known, lens_model=arguments.lens_model
-    )
+    calibration = _calibrate_rig(arguments, folder, board, known, reporter)
     write_calibration(out, calibration)
     document = make_calibration_document(calibration)
     return {**document, "rig": out / "rig.json", "report": out / "report.html"}
+
+
+def _calibrate_rig(
+    arguments: argparse.Namespace,
+    folder: Path,
+    board: Board,
+    known: KnownIntrinsics | None,
+    reporter: Reporter,
+) -> Calibration:
+    """Calibrate; draw the picture of what the board never reached, where that ends the calibration."""
+    from beltscape.calibration.assessment.domain.coverage_findings import UncoveredVolumeError
+    from beltscape.pipeline.calibrating.calibration import calibrate
+    from beltscape.pipeline.calibrating.measuring_volume import read_measuring_volume
+    from beltscape.report.calibration_coverage import coverage_picture
+
+    volume = read_measuring_volume(arguments.belt) if arguments.belt else None
+    try:
+        return calibrate(
+            folder,
+            board,
+            arguments.core,
+            reporter,
+            known=known,
+            lens_model=arguments.lens_model,
+            volume=volume,
+        )
+    except UncoveredVolumeError as error:
+        picture = explain_failure(arguments, REFUSED_PICTURE, coverage_picture(error.coverage))
+        raise CalibrationError(f"{error}; {picture} shows where") from error
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
@@ -117,9 +152,9 @@ def _check_options(arguments: argparse.Namespace) -> None:
             f"--intrinsics-as {arguments.intrinsics_as}: give the intrinsics, with --intrinsics PATH"
         )
     if arguments.mode == INTRINSICS:
-        _refuse_options(arguments, ("core", "intrinsics", "add_to", "replace"), "for single cameras")
+        _refuse_options(arguments, ("core", "intrinsics", "add_to", "replace", "belt"), "for single cameras")
     if arguments.add_to:
-        _refuse_options(arguments, ("core",), "with --add-to, which keeps the rig's core")
+        _refuse_options(arguments, ("core", "belt"), "with --add-to, which keeps the rig's core")
     elif arguments.replace:
         raise SettingsError(f"--replace {arguments.replace[0]}: give the rig, with --add-to rig.json")
 

@@ -134,7 +134,7 @@ def test_a_polynomial_that_turns_back_beyond_the_views_stays():
     found, choice = calibrate_with_model("c", BoardDetections({"c": SIZE}, {"c": inner}, {"c": 20}), BOARD_MM)
     assert turns_within_image(found.camera)
     assert choice.model == found.camera.model == "brown"
-    assert choice.reason.startswith("no model with more coefficients is clearly better (")
+    assert choice.reason.startswith("no other model is clearly better (")
 
 
 def test_a_very_wide_lens_is_found_from_a_bad_first_focal_length():
@@ -144,6 +144,29 @@ def test_a_very_wide_lens_is_found_from_a_bad_first_focal_length():
     found, choice = calibrate_with_model("c", seen, BOARD_MM)
     assert choice.model == "rational"
     assert found.rms_px < 1.6 * NOISE_PX
+
+
+TILTED = camera(1400.0, [-0.2, 0.1, 2e-4, -1e-4, *[0.0] * 8, 0.09, -0.06], "tilted")
+
+
+@pytest.mark.parametrize("requested", ["auto", "tilted"])
+def test_a_tilted_sensor_is_recovered_with_its_sigma(requested):
+    found, choice = calibrate_with_model("c", views_of(TILTED, 24, distance_mm=1100.0), BOARD_MM, requested)
+    assert choice.model == found.camera.model == "tilted"
+    assert found.rms_px < 1.6 * NOISE_PX
+    for name, angle, true in zip(
+        ("tau_x", "tau_y"), found.camera.distortion[-2:], (0.09, -0.06), strict=True
+    ):
+        assert 1e-4 < found.sigma[name] < 0.02
+        assert abs(angle - true) < 3 * found.sigma[name]
+
+
+def test_a_shifted_sensor_is_not_taken_for_a_tilted_one():
+    """The part of a sensor that is read out may lie off the axis; nothing but the middle changes."""
+    shifted = Camera("c", SIZE, LONG.focal_px, np.array([390.0, 300.0]), LONG.distortion)
+    found, choice = calibrate_with_model("c", views_of(shifted, distance_mm=600.0), BOARD_MM)
+    assert choice.model == found.camera.model == "brown"
+    assert choice.reason.startswith("no other model is clearly better (tilted: ")
 
 
 def test_few_views_compare_nothing_and_none_are_refused():

@@ -1,8 +1,8 @@
 """Choice of a camera's lens model by held-out error and parsimony, from the camera's own views.
 
 Brown's model is the default. The rational and the fisheye model are tried where Brown's polynomial turns back within
-the image, or where the normal equations at its minimum predict that more coefficients lower the residuals. They are
-taken if they fit views that they were not fitted to clearly better.
+the image, or where the normal equations at its minimum predict that more coefficients lower the residuals; a tilted
+sensor where the principal point is off. They are taken if they fit views that they were not fitted to clearly better.
 """
 
 from __future__ import annotations
@@ -25,9 +25,12 @@ from beltscape.files.rig_limits import find_corner_radius_px, find_turning_radiu
 Array = NDArray[np.float64]
 
 AUTO = "auto"
-"""The request that the model be chosen among Brown's, the rational and the fisheye model."""
+"""The request that the model be chosen: Brown's, the rational, the fisheye or the tilted one."""
 RICHER = ("fisheye", "rational")
 """Models tried beside Brown's, from few to many coefficients."""
+ODD_CENTER = 0.025
+"""Distance of Brown's principal point from the middle, over the image's width, from which a tilted sensor is tried:
+the tilt τ shifts it by f tan τ. Lenses without tilt stay below mostly; 0.025 is 1° with a lens of 40° of view."""
 MIN_GAIN = 0.15
 """Least relative decrease of the held-out RMS for another model than Brown's; a board that is bent by 0.1 mm makes
 5 % through a normal lens, a lens of 100° that is described by the polynomial 50 %."""
@@ -100,9 +103,10 @@ def calibrate_with_model(
     if requested not in ("brown", AUTO):
         fitted = fit_model(name, detections, board_mm, requested, brown, min_views)
         return fitted, LensChoice(name, requested, "as asked for", {})
-    if brown is not None and (requested == "brown" or not _asks_for_more(brown, detections, board_mm)):
+    others = _list_others(brown, detections, board_mm) if requested == AUTO else ()
+    if brown is not None and not others:
         return brown, LensChoice(name, "brown", "", {})
-    return _compare(name, detections, board_mm, brown)
+    return _compare(name, detections, board_mm, brown, others)
 
 
 def describe_choices(choices: Sequence[LensChoice]) -> list[str]:
@@ -119,18 +123,29 @@ def turns_within_image(camera: Camera) -> bool:
     return find_turning_radius_px(camera) < find_corner_radius_px(camera)
 
 
-def _asks_for_more(brown: MonocularCalibration, detections: BoardDetections, board_mm: Array) -> bool:
-    if len(detections.views[brown.camera.name]) < MIN_CHOICE_VIEWS:
-        return False
-    return turns_within_image(brown.camera) or predict_gain(brown, detections, board_mm) > 2 * MIN_GAIN
+def _list_others(
+    brown: MonocularCalibration | None, detections: BoardDetections, board_mm: Array
+) -> tuple[str, ...]:
+    """Return the models to compare with Brown's, from few to many coefficients; none if nothing asks for them."""
+    if brown is None:
+        return RICHER
+    camera = brown.camera
+    if len(detections.views[camera.name]) < MIN_CHOICE_VIEWS:
+        return ()
+    width, height = camera.size_px
+    off = np.hypot(*(camera.center_px - [(width - 1) / 2, (height - 1) / 2]))
+    tilted = ("tilted",) if off > ODD_CENTER * width else ()
+    if turns_within_image(camera) or predict_gain(brown, detections, board_mm) > 2 * MIN_GAIN:
+        return (RICHER[0], *tilted, *RICHER[1:])
+    return tilted
 
 
 def _compare(
-    name: str, detections: BoardDetections, board_mm: Array, brown: MonocularCalibration | None
-) -> tuple[MonocularCalibration, LensChoice]:
+    name: str, detections: BoardDetections, board_mm: Array, brown: MonocularCalibration | None, others: Sequence[str]
+) -> tuple[MonocularCalibration, LensChoice]:  # fmt: skip
     """Fit all models and take the best by held-out error and parsimony."""
     fits: dict[str, MonocularCalibration] = {} if brown is None else {"brown": brown}
-    for model in RICHER:
+    for model in others:
         with suppress(CalibrationError):
             fits[model] = fit_model(name, detections, board_mm, model, brown)
     if not fits:
@@ -192,4 +207,4 @@ def _describe(
         (model for model in fits if model != "brown"), key=lambda model: errors[model].rms_px, default=""
     )
     gain = f" ({best}: {_compute_gain(errors['brown'], errors[best]).describe()})" if best else ""
-    return f"no model with more coefficients is clearly better{gain}; {figures}"
+    return f"no other model is clearly better{gain}; {figures}"

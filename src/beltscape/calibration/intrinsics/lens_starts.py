@@ -31,9 +31,9 @@ STEEPEST = 1.45
 """Largest angle off the axis of a corner that is used, rad: a view beyond 83° has no pinhole coordinates."""
 FITTED_RADII = 60
 """Number of radii at which one lens model is fitted to another; the curves are smooth between them."""
-TILTED_FIXED = ("p1", "p2", "k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
-"""Coefficients of the tilted model that are held at 0. Decentring and prisms look like a tilt (their terms are those
-of its homography to second order), so that with them no view determines it."""
+TILTED_FIXED = ("k3", "k4", "k5", "k6", "s1", "s2", "s3", "s4")
+"""Coefficients of the tilted model that are held at 0: lenses on Scheimpflug adapters are long, and a prism looks
+like a tilt to second order, so that with it no view determines the angles."""
 RIDGE = 1e-3
 """Weight of the coefficients' prior, which the radii do not determine by themselves."""
 
@@ -49,6 +49,8 @@ def list_starts(
     """Return cameras with a lens model at which a fit can start, the likelier first."""
     if model == "brown":
         return [brown] if brown is not None else []
+    if model == "tilted" and brown is not None:
+        return [_start_tilted(brown)]
     if (
         model != "fisheye"
         and brown is not None
@@ -58,7 +60,20 @@ def list_starts(
     equidistant = list_equidistant(name, size_px, views, board_mm)
     if model == "fisheye":
         return equidistant
+    if model == "tilted":
+        return [_start_tilted(start) for start in equidistant]
     return [refit_radially(start, model, find_reach_px(start, views)) for start in equidistant]
+
+
+def _start_tilted(camera: Camera) -> Camera:
+    """Return a camera of the tilted model without tilt, with the focal length and the first coefficients of another.
+
+    Brown's model takes up a tilt as a principal point that is off by f tan τ. From there the fit converges to angles
+    of 10° and more.
+    """
+    lens = np.zeros(len(MODELS["tilted"].coefficients))
+    lens[:2] = camera.distortion[:2] if camera.model == "brown" else 0.0
+    return replace(camera, model="tilted", distortion=lens, focal_px=np.full(2, camera.focal_px.mean()))
 
 
 def list_fixed(model: str) -> tuple[str, ...]:

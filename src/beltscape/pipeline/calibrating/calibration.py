@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from beltscape.calibration.assessment.diagnosis import diagnose
+from beltscape.calibration.assessment.domain.coverage import Coverage, assess_coverage
+from beltscape.calibration.assessment.domain.coverage_findings import list_coverage_findings, require_coverage
 from beltscape.calibration.assessment.domain.lens_domain import describe_domains, limit_domains
+from beltscape.calibration.assessment.domain.sensor_tilt import describe_tilts
+from beltscape.calibration.assessment.domain.volume import MeasuringVolume, make_view_volume
 from beltscape.calibration.assessment.findings.discards import Discards
+from beltscape.calibration.assessment.findings.verdict import PHOTOGRAPH
 from beltscape.calibration.assessment.uncertainty.covariance import (
     DepthSigma,
     RigCovariance,
@@ -43,14 +47,8 @@ from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_detection import detect_rig_board
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.plausibility import require_baselines, warn_of_distance, warn_of_split
 from beltscape.target.board import Board, BoardSet, list_triples
-
-MAX_SPLIT_RATIO = 2.0
-"""Ratio of the halves' depth differences to their standard deviation above which the stated σ are too small."""
-MIN_BASELINE = 1e-3
-"""Least baseline over the board's distance for which depth can be measured; planned rigs have 0.1 and more."""
-MIN_DISTANCE_MM, MAX_DISTANCE_MM = 90.0, 30_000.0
-"""Plausible distances of a board; outside them its size was probably given in another unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +82,8 @@ class Calibration:
     """Remarks that are no faults: what looked like one before the joint adjustment, pixels that are not square."""
     discards: Discards
     """Corners, views and frames that the rig was not found from."""
+    coverage: Coverage
+    """Coverage of the measuring volume by the board's views."""
 
     @property
     def score(self) -> Score:
@@ -103,14 +103,18 @@ def calibrate(
     *,
     known: KnownIntrinsics | None = None,
     lens_model: str = AUTO,
+    volume: MeasuringVolume | None = None,
 ) -> Calibration:
     """Calibrate the rig of a capture of board views; the intrinsics of ``known`` cameras are fixed.
 
     ``lens_model`` is that of all other cameras, or ``auto``: each camera's own views choose it.
+    ``volume`` is what the rig is to measure; the core's whole view stands for an unknown one.
     Findings against the fit come first among the warnings.
 
     Raises
     ------
+    UncoveredVolumeError
+        When the board never reached a part of the images that the volume needs.
     InputError, CalibrationError
         With one line that names the fault and the fix.
     """
@@ -125,11 +129,11 @@ def calibrate(
         detections, board, core, reporter, known=start.cameras, priors=start.priors,
         lens_models=dict.fromkeys(detections.cameras, lens_model),
     )  # fmt: skip
-    _require_baselines(hierarchy, folder)
+    require_baselines(hierarchy, folder)
     adjustment, covariance = _adjust_everything(hierarchy, board, reporter)
     rig_errors, halves = _score_rig(hierarchy, adjustment, board, start, reporter)
-    _warn_of_distance(board, adjustment, reporter)
-    _warn_of_split(halves, reporter)
+    warn_of_distance(board, adjustment, reporter)
+    warn_of_split(halves, reporter)
     training, held_out = summarise_errors(rig_errors), halves.score if halves else None
     foreign = known.find_foreign(hierarchy, detections, board)
     triples = list_triples(board)
@@ -137,9 +141,11 @@ def calibrate(
         hierarchy, adjustment, covariance, triples, rig_errors, halves, explained=tuple(foreign)
     )
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
+    limited = limit_domains(adjustment.rig, adjustment, known.cameras)
+    coverage = _assess_coverage(adjustment, limited, covariance, volume, reporter)
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
     rig = replace(
-        limit_domains(adjustment.rig, adjustment, known.cameras),
+        limited,
         quality=_make_quality(board, adjustment, covariance, held_out, training, fit),
         covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
     )
@@ -153,13 +159,13 @@ def calibrate(
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
         warnings=warnings,
         notes=(*_describe_lenses(hierarchy, rig), *diagnosis.notes, *_describe_sides(board)),
-        discards=diagnosis.discards,
+        discards=diagnosis.discards, coverage=coverage,
     )  # fmt: skip
 
 
 def _describe_lenses(hierarchy: HierarchyResult, rig: Rig) -> list[str]:
-    """Return notes on the lens models that were compared, and on how far each lens is known."""
-    return [*describe_choices(hierarchy.lens_choices), *describe_domains(rig.cameras)]
+    """Return notes on the lens models that were compared, how far each lens is known, and tilted sensors."""
+    return [*describe_choices(hierarchy.lens_choices), *describe_domains(rig.cameras), *describe_tilts(rig)]
 
 
 def _describe_sides(board: Board) -> tuple[str, ...]:
@@ -172,10 +178,34 @@ def _adjust_everything(
 ) -> tuple[BundleAdjustmentResult, RigCovariance]:
     """Return the bundle adjustment of all views, and the rig's covariance."""
     reporter.step("adjusting everything together", 0, 1)
-    adjustment = adjust_bundle(hierarchy, board)
-    covariance = compute_rig_covariance(adjustment)
+    try:
+        adjustment = adjust_bundle(hierarchy, board)
+        covariance = compute_rig_covariance(adjustment)
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(f"the views do not determine the rig ({error}); {PHOTOGRAPH}") from error
     reporter.step("adjusting everything together", 1, 1)
     return adjustment, covariance
+
+
+def _assess_coverage(
+    adjustment: BundleAdjustmentResult,
+    limited: Rig,
+    covariance: RigCovariance,
+    volume: MeasuringVolume | None,
+    reporter: Reporter,
+) -> Coverage:
+    """Return the coverage of the measuring volume; warn of small gaps, raise UncoveredVolumeError for large ones."""
+    chosen = volume or make_view_volume(limited, adjustment.geometry)
+    coverage = assess_coverage(adjustment, limited, covariance.inflation, chosen)
+    if not coverage.is_needed.any():
+        raise InputError(
+            f"{chosen.name}: core camera {limited.core} of the calibrated rig sees nothing of it; give the file of "
+            "this rig, and with a plan, the core camera that looks down on the belt as --core"
+        )
+    require_coverage(coverage)
+    for line in list_coverage_findings(coverage):
+        reporter.warn(line)
+    return coverage
 
 
 def _warn_of_findings(discards: Discards, fit: FitQuality, reporter: RecordingReporter) -> tuple[str, ...]:
@@ -222,43 +252,6 @@ def _score_rig(
     )  # fmt: skip
     reporter.step("scoring on held-out views", 1, 1)
     return rig_errors, halves
-
-
-def _require_baselines(hierarchy: HierarchyResult, folder: Path) -> None:
-    """Raise CalibrationError if two cameras are at the same place: they measure no depth."""
-    centers = {name: pose.center_mm for name, pose in hierarchy.rig.cam_from_core.items()}
-    boards = [
-        pose.translation_mm[2]
-        for camera in hierarchy.monocular.values()
-        for pose in camera.cam_from_board.values()
-    ]
-    for first, second in combinations(centers, 2):
-        baseline = float(np.linalg.norm(centers[first] - centers[second]))
-        if baseline < MIN_BASELINE * float(np.median(boards)):
-            raise CalibrationError(
-                f"{folder}: cameras {first} and {second} stand at the same place ({baseline:.2g} mm apart); are the "
-                f"images of one a copy of the other's? Give each camera its own"
-            )
-
-
-def _warn_of_split(halves: CrossValidation | None, reporter: Reporter) -> None:
-    """Warn if the stated standard deviations are too small."""
-    if halves is not None and halves.split_ratio > MAX_SPLIT_RATIO:
-        reporter.warn(
-            f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
-            "deviations allow: the stated σ are too small; look for moving cameras, blur or a bending board"
-        )
-
-
-def _warn_of_distance(board: Board, adjustment: BundleAdjustmentResult, reporter: Reporter) -> None:
-    """Warn if the board's size is implausible."""
-    distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
-    if not MIN_DISTANCE_MM < distance < MAX_DISTANCE_MM:
-        factor, unit = (10, "centimetres") if distance < MIN_DISTANCE_MM else (0.001, "micrometres")
-        reporter.warn(
-            f"with square_mm = {board.square_mm:g} the board was {distance:.3g} mm away; was it given in {unit} "
-            f"({board.square_mm * factor:g} mm)?"
-        )
 
 
 def _make_quality(

@@ -13,6 +13,7 @@ from beltscape.core.type_guards import is_dict
 from beltscape.protocols.plant import PlantState
 
 _MS_NS = 1_000_000
+"""Nanoseconds of a millisecond."""
 QUALITIES = {"valid": "good", "degraded": "uncertain", "missing": "bad"}
 """Standing of a record → quality of a value, in the words of OPC."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from importlib import import_module
+from textwrap import wrap
 from typing import Any
 
 from beltscape.cli.examples import EXAMPLES
@@ -12,6 +13,8 @@ from beltscape.cli.main import COMMANDS
 
 PLACE = "<!-- commands -->"
 """Line of the page that the reference replaces."""
+USAGE_WIDTH = 76
+"""Characters of a line of the usage; more would scroll beside the site's two columns of contents."""
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -65,7 +68,8 @@ def document_parser(parser: argparse.ArgumentParser) -> Iterator[str]:
     """Yield the usage of a command and a table of its arguments."""
     if not children_of(parser):
         usage = " ".join(parser.format_usage().split()).removeprefix("usage: ").replace("[-h] ", "")
-        yield from ("", "```text", usage, "```")
+        lines = wrap(usage, USAGE_WIDTH, subsequent_indent="    ", break_on_hyphens=False)
+        yield from ("", "```text", *lines, "```")
     rows = [action for action in parser._actions if not isinstance(action, argparse._SubParsersAction)]
     rows = [action for action in rows if action.dest != "help" and action.help is not argparse.SUPPRESS]
     if rows:

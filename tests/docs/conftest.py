@@ -108,7 +108,7 @@ def make_reader(request, results, tmp_path) -> Callable[[str], Reader]:
         kinds = {block.kind for block in read_blocks(page, page_text(page))}
         if "/tutorials/" not in page and kinds & {"sh", "python", "toml"}:
             folder, _, _ = request.getfixturevalue("walked")
-            without = shutil.ignore_patterns("report.html", "*.db*", "data", "reader.json", *FEWER)
+            without = shutil.ignore_patterns("*.db*", "data", "reader.json", *FEWER)
             shutil.copytree(folder, tmp_path, ignore=without, dirs_exist_ok=True)
         (tmp_path / "data").mkdir()
         if "data/days" in page_text(page):

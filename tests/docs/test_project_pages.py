@@ -55,6 +55,16 @@ def test_make_targets_named_anywhere_exist():
     assert sorted(one for one in named if one[1] not in targets) == []
 
 
+def test_pages_of_the_manual_named_anywhere_exist():
+    named = {
+        (path, page)
+        for path, text in read_texts().items()
+        for page in re.findall(r"\bdocs/[\w/]+\.(?:md|ipynb)\b", text)
+    }
+    assert len({page for _, page in named}) > 10
+    assert sorted(one for one in named if not (ROOT / one[1]).is_file()) == []
+
+
 def test_the_checks_of_a_change_call_targets_that_exist():
     called = re.findall(r"^ *make (?:-\S+ )*([a-z]+)", (ROOT / ".ci/run").read_text(), re.M)
     assert called

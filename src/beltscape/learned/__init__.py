@@ -2,5 +2,5 @@
 
 `registry` names every network, what it predicts and what it must not be used for, and loads it. `network` holds a
 network's features, their limits and its layers, and evaluates it by the kernels. `weights_file` is the form of a
-network on disk. docs/models.md is the card of each network; ``make train`` fits all of them again.
+network on disk. docs/reference/models.md is the card of each network; ``make train`` fits all of them again.
 """

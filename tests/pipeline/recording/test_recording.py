@@ -19,12 +19,15 @@ from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.encoder_csv import read_encoder
 from beltscape.pipeline.recording import feed as feed_module
 from beltscape.pipeline.recording import shots as shots_module
+from beltscape.pipeline.recording.corner_counter import CornerCounter
 from beltscape.pipeline.recording.feed import FrameFeed
 from beltscape.pipeline.recording.sequence import record_sequence
 from beltscape.pipeline.recording.shots import find_next_number, record_shots
 from beltscape.pipeline.recording.trigger import KeyTrigger, TimedTrigger
 from beltscape.sinks.recording.capture_writer import CaptureWriter
+from beltscape.target.board import CharucoBoard
 from tests.pipeline.recording.cameras import MemoryCameras
+from tests.synthetic.boards import Print, camera, facing, view
 
 CAMERAS = ("cam0", "cam1")
 
@@ -142,3 +145,26 @@ def test_a_sequence_without_an_encoder_and_an_interruption(tmp_path):
     assert 0 < done.frames < 30
     assert done.without_position == done.frames
     assert "have no belt position" in reporter.warnings[-1]
+
+
+def test_a_capture_whose_clock_began_anew_is_not_continued(tmp_path):
+    """After a restart of the machine monotonic times begin at 0: rows out of order would spoil the whole capture."""
+    feed, _ = start(make_sets(200)[100:])
+    record_shots(feed, CAMERAS, TimedTrigger(0.0, 2), CaptureWriter(tmp_path, "png"), Silent())
+    before = (tmp_path / "encoder.csv").read_bytes()
+    feed, _ = start(make_sets(60))
+    with pytest.raises(InputError, match=r"encoder\.csv: ends at 1\.\d+ s .* started anew .* --out"):
+        record_shots(feed, CAMERAS, TimedTrigger(0.0, 2), CaptureWriter(tmp_path, "png"), Silent())
+    assert (tmp_path / "encoder.csv").read_bytes() == before
+    assert find_next_number(tmp_path) == 2
+    assert len(read_encoder(tmp_path / "encoder.csv")) == 2
+
+
+@pytest.mark.parametrize(("legacy", "inverted"), [(True, False), (False, True)])
+def test_shots_of_a_board_in_any_print_are_counted(legacy, inverted):
+    board = CharucoBoard(squares=(6, 6), square_mm=30, marker_mm=22, dictionary="DICT_5X5_100")
+    image = view(camera("cam0"), facing(board), board, Print(legacy, inverted))
+    counter = CornerCounter(board)
+    images = {"cam0": image, "cam1": np.ascontiguousarray(image[:, ::-1])}
+    for _ in range(3):  # decided after some 60 corners
+        assert counter.count(images) == {"cam0": 25, "cam1": 25}

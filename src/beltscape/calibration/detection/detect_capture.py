@@ -25,6 +25,10 @@ from beltscape.target.board import AprilGrid, Board, BoardSet, CharucoBoard
 
 NO_BOARD = "they show neither ArUco markers nor a chessboard: look at exposure and focus"
 
+SURE_CORNERS, SURE_RATIO = 60, 3
+"""Corners found under one print variant, and their ratio to those under any other, from which it is certain: a wrong
+variant finds a few corners by chance, never a third."""
+
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
@@ -47,7 +51,7 @@ def detect_board(
         reporter.warn(line)
     if variant is None:
         variant = _find_variant(capture, board)
-    detect = _make_two_sided_detector(board, variant)
+    detect = make_two_sided_detector(board, variant)
     jobs = [(camera, frame, path) for camera, files in capture.files.items() for frame, path in files.items()]
 
     def detect_in_file(job: tuple[str, str, Path]) -> tuple[tuple[int, int], Corners | None] | str:
@@ -133,15 +137,20 @@ def _sample_images(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:
 
 def _find_variant(capture: Capture, board: Board) -> PrintVariant:
     """Return the print variant; keys that board.toml leaves open are determined from the images."""
+    options = list_variants(board)
+    return options[0] if len(options) == 1 else _select_variant(options, board, _sample_images(capture, 24))
+
+
+def list_variants(board: Board) -> list[PrintVariant]:
+    """Return the ways in which a board may be printed, by the keys that board.toml leaves open."""
     charucos = list_charuco_boards(board)
     if not charucos:
-        return PrintVariant()
-    options = [
+        return [PrintVariant()]
+    return [
         PrintVariant(legacy, inverted)
         for inverted in _list_options([charuco.inverted for charuco in charucos])
         for legacy in _list_options([charuco.legacy for charuco in charucos])
     ]
-    return options[0] if len(options) == 1 else _select_variant(options, board, _sample_images(capture, 24))
 
 
 def list_charuco_boards(board: Board) -> list[CharucoBoard]:
@@ -150,7 +159,7 @@ def list_charuco_boards(board: Board) -> list[CharucoBoard]:
     return [each for each in boards if isinstance(each, CharucoBoard)]
 
 
-def _make_two_sided_detector(board: Board, variant: PrintVariant) -> Detector:
+def make_two_sided_detector(board: Board, variant: PrintVariant) -> Detector:
     """Return a detector of one board with markers from both sides, of other boards from the front only."""
     detect = make_detector(board, variant)
     return add_back_side(detect) if isinstance(board, CharucoBoard | AprilGrid) else detect
@@ -167,10 +176,10 @@ def _select_variant(
     counts = [0] * len(options)
     for image in images:
         for i, option in enumerate(options):
-            corners = _make_two_sided_detector(board, option)(image)
+            corners = make_two_sided_detector(board, option)(image)
             counts[i] += len(corners) if corners else 0
         best, second = sorted(counts, reverse=True)[:2]
-        if best >= 60 and best > 3 * second:
+        if best >= SURE_CORNERS and best > SURE_RATIO * second:
             break
     return options[int(np.argmax(counts))]
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from beltscape.calibration.detection.detector import PrintVariant, make_detector
+from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
+from beltscape.pipeline.recording.corner_counter import CornerCounter
 from beltscape.pipeline.recording.feed import FrameFeed
 from beltscape.pipeline.recording.trigger import Trigger
 from beltscape.sinks.recording.capture_writer import CaptureWriter
@@ -50,10 +51,12 @@ def record_shots(
     Raises
     ------
     InputError
-        if no images come.
+        if no images come, or the times or positions of a capture that is there lie after those of the first shot.
     OSError
         if an image cannot be written.
     """
+    writer.resume()
+    count_corners = CornerCounter(board) if board else None
     shots: list[Shot] = []
     number, tries = find_next_number(writer.folder), 0
     for frames in feed.iterate(_PATIENCE_S):
@@ -72,24 +75,36 @@ def record_shots(
                 reporter.warn(f"no shot: {', '.join(missing)} gave no image; {feed.describe_cameras()}")
             continue
         tries = 0
-        shot = _write_shot(replace(frames, frame=f"{number:03d}"), writer, board, reporter)
+        frames = replace(frames, frame=f"{number:03d}")  # noqa: PLW2901
+        if not writer.can_append(frames):
+            _report_break(writer, frames, bool(shots), reporter)
+            continue
+        shot = _write_shot(frames, writer, count_corners, reporter)
         shots.append(shot)
         number += 1
         reporter.step(shot.describe(), len(shots), len(shots))
     return shots
 
 
-def _write_shot(frames: FrameSet, writer: CaptureWriter, board: Board | None, reporter: Reporter) -> Shot:
+def _report_break(writer: CaptureWriter, frames: FrameSet, is_running: bool, reporter: Reporter) -> None:
+    """Warn of a shot whose time or belt position runs back; raise InputError for the first one of a session."""
+    line = writer.describe_break(frames)
+    if not is_running:
+        raise InputError(
+            f"{line}: the machine or the encoder was started anew in between, and a capture's times and positions "
+            "must grow; give another folder with --out"
+        )
+    reporter.warn(f"{line}: the belt ran back; the shot is left out")
+
+
+def _write_shot(
+    frames: FrameSet, writer: CaptureWriter, count_corners: CornerCounter | None, reporter: Reporter
+) -> Shot:
     writer.write(frames)
     for name, image in frames.images.items():
         if fault := find_brightness_fault(image):
             reporter.warn(f"{frames.frame}: {name} is {fault}")
-    corners: dict[str, int] = {}
-    if board is not None:
-        detect = make_detector(board, PrintVariant())
-        for name, image in frames.images.items():
-            found = detect(image)
-            corners[name] = 0 if found is None else len(found.ids)
+    corners = count_corners.count(frames.images) if count_corners else {}
     return Shot(frames.frame, tuple(frames.images), corners)
 
 

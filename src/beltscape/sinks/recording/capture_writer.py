@@ -9,7 +9,7 @@ import numpy as np
 
 from beltscape.core.frames import FrameSet, Image
 from beltscape.files.tables.csv_table import append_rows
-from beltscape.files.tables.encoder_csv import HEADER
+from beltscape.files.tables.encoder_csv import HEADER, read_encoder
 
 ENCODER = "encoder.csv"
 ENCODER_HEADER = ",".join(HEADER)
@@ -34,6 +34,28 @@ class CaptureWriter:
     def frames(self) -> int:
         """Number of frame sets written."""
         return len(self._frames)
+
+    def resume(self) -> None:
+        """Continue a capture that is there: its last time and position are those that the next frame set must follow.
+
+        Raises
+        ------
+        InputError
+            When its encoder.csv is not valid.
+        """
+        path = self.folder / ENCODER
+        if path.exists():
+            truncate_partial_line(path)
+            for last in read_encoder(path)[-1:]:
+                self._time_ns, self._position_mm = last.time_ns, last.belt_position_mm
+
+    def describe_break(self, frames: FrameSet) -> str:
+        """Return how a frame set that cannot be appended breaks the order of this capture."""
+        before, after = (format_seconds(time_ns or 0) for time_ns in (self._time_ns, frames.time_ns))
+        return (
+            f"{self.folder / ENCODER}: ends at {before} s and {self._position_mm} mm, the next frame set is of "
+            f"{after} s and {frames.position_mm} mm"
+        )
 
     def can_append(self, frames: FrameSet) -> bool:
         """Return whether a frame set fits into this capture: a new name, increasing time, no reversed belt."""

@@ -104,6 +104,7 @@ class SimulatedPlant:
         self.lost: set[str] = set()
         self.kept: list[tuple[str, str]] = []
         self.zeros: list[tuple[int, str]] = []
+        self.learned_by: list[str] = []
         self.zero_refusal = ""
         """Why the zero cannot be measured; empty: it can."""
         self.degraded = self.stopped = False
@@ -209,6 +210,11 @@ class SimulatedPlant:
         for observer in self.observers:
             observer.on_maintenance(None)
         return was is not None
+
+    def learn_images(self, by: str) -> bool:
+        """See core.live.Controls."""
+        self.learned_by.append(by)
+        return True
 
     def measure_zero(self) -> ZeroProposal:
         """See core.live.Controls."""

@@ -65,6 +65,17 @@ def test_maintenance_is_for_operators_and_audited(tmp_path):
     made.history.close()
 
 
+def test_images_are_learned_anew_by_engineers_and_it_is_audited(tmp_path):
+    made = make_service(tmp_path, 2)
+    assert made.browser("operator")("POST", "/api/images/learn").status_code == 403
+    assert made.plant.learned_by == []
+    assert made.browser("engineer")("POST", "/api/images/learn").json() == {"by": "the-engineer"}
+    assert made.plant.learned_by == ["the-engineer"]
+    written = [(one["what"], one["who"]) for one in made.access.audit.read_last(20)]
+    assert written.count(("learn_images", "the-engineer")) == 1
+    made.history.close()
+
+
 def test_zero_is_measured_confirmed_and_audited_by_engineers(tmp_path):
     made = make_service(tmp_path, 2)
     engineer, operator = made.browser("engineer"), made.browser("operator")

@@ -15,6 +15,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("project", type=Path, help="project.toml: cameras, rig, belt, alarms, page")
     parser.add_argument("--no-page", action="store_true", help="measure and record only")
     parser.add_argument(
+        "--learn-images",
+        action="store_true",
+        help="learn anew what sound images show, after cleaning or work at lenses and lights",
+    )
+    parser.add_argument(
         "--check",
         action="store_true",
         help="open everything that a run would open except the cameras, report the result, and stop",
@@ -41,6 +46,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         data=project.resolve(project.settings.data),
         certificate_days=make_expiry_counter(web.tls_certificate, web.tls_key),
         heartbeat=make_watchdog(),
+        learn_images=arguments.learn_images,
     )
     with restrict_rights(options.data):
         return run_plant(project, options, make_stop_event(), page=not arguments.no_page)

@@ -179,6 +179,10 @@ class Controls(Protocol):
         """End maintenance before its time."""
         ...
 
+    def learn_images(self, by: str) -> bool:
+        """Learn anew what sound images show; OutputError if what is kept of them cannot be removed."""
+        ...
+
     def measure_zero(self) -> ZeroProposal:
         """Return the empty belt's motion since it was learned, from the next frames; MeasureError if it has none."""
         ...

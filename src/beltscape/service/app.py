@@ -10,7 +10,7 @@ from beltscape.core.live import Controls
 from beltscape.service import live_stream, metrics
 from beltscape.service.access import Access, install_access
 from beltscape.service.api import controls as controls_api
-from beltscape.service.api import export, health, pictures, state, zero
+from beltscape.service.api import export, health, images, pictures, state, zero
 from beltscape.service.api import history as history_api
 from beltscape.service.api.common import AppContext
 from beltscape.service.live_state import LiveState
@@ -33,7 +33,7 @@ def create_app(
     )
     live_state.restore_totals(history.totals)
     context = AppContext(live_state, history, controls, settings)
-    for module in (state, pictures, controls_api, history_api, export, health, zero, metrics):
+    for module in (state, pictures, controls_api, history_api, export, health, images, zero, metrics):
         app.include_router(module.make_router(context))
     live_stream.add_live_route(app, context)
     app.mount("/page", make_static_files(), name="page")

@@ -18,14 +18,14 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.live import Alarm, BeltStretch, CameraHealth, FrameEvent, Maintenance
 from beltscape.core.progress import Silent
 from beltscape.health.belt.settings import BeltLimits
-from beltscape.pipeline.live.engine import Engine, notify_records
+from beltscape.pipeline.live.engine import Engine
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.inspector import PeriodicInspector
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementRun
-from beltscape.pipeline.live.writer import Writer
+from beltscape.pipeline.live.writer import Writer, notify_records
 from beltscape.pipeline.live.zero import FILE, ZeroControl
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings

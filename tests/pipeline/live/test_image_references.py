@@ -14,6 +14,7 @@ from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.reference import ImageReferences
 from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.live.image_references import FILE, make_keeper, read_references
+from beltscape.pipeline.live.learned_images import LearnedImages
 from tests.health.images.speckled_belt import blur, make_frame, make_rig
 
 SETTINGS = HealthSettings(learning_frames=3)
@@ -89,6 +90,24 @@ def test_a_damaged_file_is_named_and_not_used(stored: Path, damage: str) -> None
     assert read_references(stored, KEY, reporter) is None
     (line,) = reporter.warnings
     assert line.startswith(f"{stored}") and line.endswith("they are learned anew from the next frames")
+
+
+def test_what_was_learned_is_forgotten_on_request(stored: Path) -> None:
+    """A lens was changed: what is out of focus by the old references is normal from now on, also after a restart."""
+    monitor = ImageMonitor(
+        make_rig(), SETTINGS, read_references(stored, KEY, Silent()), make_keeper(stored, KEY, Silent())
+    )
+
+    def check(number: int) -> set[str]:
+        frame = make_frame(number, lambda _, light: blur(light, 1.2))
+        return {one.check for one in monitor.check_images(frame).findings if one.is_fault}
+
+    assert "projector_focus" in check(9)
+    assert LearnedImages((monitor,), (stored, stored.with_name("none.npz"))).learn_anew()
+    assert not stored.exists()
+    assert [check(number) for number in range(10, 15)] == [set()] * 5
+    assert stored.is_file()
+    assert not LearnedImages().learn_anew()
 
 
 def test_nothing_is_read_where_nothing_was_kept(tmp_path: Path) -> None:

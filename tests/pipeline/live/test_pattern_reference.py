@@ -66,3 +66,12 @@ def test_a_damaged_file_is_named_and_not_used(path: Path, kept: bytes, damage: s
     assert read_pattern(path, KEY, reporter) is None
     (line,) = reporter.warnings
     assert line.startswith(str(path)) and line.endswith("learned anew from the next frames")
+
+
+def test_a_pattern_is_learned_anew_on_request(path: Path) -> None:
+    keep = make_pattern_keeper(path, KEY, Silent())
+    monitor = ProjectorMonitor(RIG, REFERENCE, SETTINGS, read_pattern(path, KEY, Silent()), keep)
+    path.unlink()
+    monitor.learn_anew()
+    found = [name for number in range(5) for name in check(monitor, 8 * number, moved_mm=(4.0, 3.0))]
+    assert found == [] and path.is_file()

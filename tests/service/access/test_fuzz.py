@@ -54,6 +54,9 @@ class AcceptingControls:
     def end_maintenance(self, by: str) -> bool:
         return True
 
+    def learn_images(self, by: str) -> bool:
+        return True
+
     def measure_zero(self) -> ZeroProposal:
         return ZeroProposal(1, 0.1, 0.02, 0.3, 5, 2.0)
 

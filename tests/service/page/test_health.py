@@ -79,6 +79,18 @@ def test_engineers_set_the_zero_after_seeing_what_was_measured(site):
     page.context.close()
 
 
+def test_engineers_have_the_images_learned_anew_after_a_confirmation(site):
+    page = site.page("/?lang=zh#health", high=740, user="eva")
+    page.click("#learn-open")
+    assert site.works.plant.learned_by == []
+    page.click("#learn-next")
+    wait_for(page, "document.querySelector('#learn-dialog').innerText.includes('将从接下来的正常图像中学习')")
+    assert site.works.plant.learned_by == ["eva"]
+    assert "learn_images" in [one["what"] for one in site.works.access.audit.read_last(50)]
+    assert site.errors == []
+    page.context.close()
+
+
 def test_operators_do_not_see_the_checks(site):
     page = site.page("/#health")
     wait_until_live(page)

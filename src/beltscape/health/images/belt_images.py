@@ -34,6 +34,10 @@ class BeltImageMonitor:
         self._projector = ProjectorMonitor(rig, reference, settings, pattern, keep_pattern)
         self._synchronisation = SynchronisationMonitor(rig, settings)
 
+    def learn_anew(self) -> None:
+        """Forget the projector's pattern, before the next frame is checked; any thread may call it."""
+        self._projector.learn_anew()
+
     def check_projector(
         self, frames: FrameSet, depth: DepthMap | None, findings: Sequence[Finding]
     ) -> tuple[Finding, ...]:

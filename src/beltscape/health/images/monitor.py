@@ -75,26 +75,35 @@ class ImageMonitor:
     ) -> None:
         """``learned`` is what an earlier run learned; ``keep`` receives it whenever it has changed."""
         self._rig, self._settings, self._keep = rig, settings, keep
-        self._reference: Reference | None = None if learned is None else learned.reference
-        self._learned: list[dict[str, ImageStatistics]] = []
+        self._must_forget = False
+        self._set_learned(learned)
         self._before: dict[str, ImageStatistics] = {}
         self._levels_before: dict[str, FloatArray] = {}
         self._lit_before: dict[str, ImageStatistics] = {}
         """The last frame whose exposure times are known."""
-        self._light = self._kept_light = 0.0 if learned is None else learned.light
-        """Logarithm of the light over that of the reference; ``_kept_light``: when it was kept."""
         self._lights: deque[float] = deque(maxlen=_FLICKER_FRAMES)
         self._is_moving = False
-        self._light_maps: dict[str, LightMap] = {}
-        self._light_references: dict[str, FloatArray] = {} if learned is None else dict(learned.window_light)
-        self._recent_maps: dict[str, LightMap] = {}
         self._rays: NDArray[np.float64] | None = None
-        self._moving_frames = 0
-        self._dirt: tuple[Finding, ...] = ()
         self._faulty: set[str] = set()
         """Cameras whose last image has another fault: its light says nothing about dirt."""
         self._has_other_light = False
         """Whether sunlight, dust or the projector changes the light of all cameras: then it says nothing either."""
+
+    def _set_learned(self, learned: ImageReferences | None) -> None:
+        """Compare with ``learned`` from now on; None: learn from the next sound frames."""
+        self._reference: Reference | None = None if learned is None else learned.reference
+        self._learned: list[dict[str, ImageStatistics]] = []
+        self._light = self._kept_light = 0.0 if learned is None else learned.light
+        """Logarithm of the light over that of the reference; ``_kept_light``: when it was kept."""
+        self._light_maps: dict[str, LightMap] = {}
+        self._light_references: dict[str, FloatArray] = {} if learned is None else dict(learned.window_light)
+        self._recent_maps: dict[str, LightMap] = {}
+        self._moving_frames = 0
+        self._dirt: tuple[Finding, ...] = ()
+
+    def learn_anew(self) -> None:
+        """Forget what was learned, before the next frame is checked; any thread may call it."""
+        self._must_forget = True
 
     @property
     def reference(self) -> Reference | None:
@@ -103,6 +112,9 @@ class ImageMonitor:
 
     def check_images(self, frames: FrameSet) -> ImageCheck:
         """Return the findings about a frame's images, and what of them can be matched."""
+        if self._must_forget:
+            self._must_forget = False
+            self._set_learned(None)
         images = {name: image for name, image in frames.images.items() if name in self._rig.cameras}
         if not self._settings.images or not images:
             return ImageCheck((), frames, True)

@@ -55,6 +55,16 @@ class ProjectorMonitor:
         self._has_passed, self._is_suspect = self._learned is not None, False
         self._number, self._last_ns = 0, 0
         self._fault: tuple[Finding, ...] = ()
+        self._must_forget = False
+
+    def learn_anew(self) -> None:
+        """Forget the learned pattern, before the next frame is checked; any thread may call it."""
+        self._must_forget = True
+
+    def _forget(self) -> None:
+        self._must_forget = False
+        self._sums, self._counts, self._heights, self._learned = {}, {}, [], None
+        self._has_passed, self._is_suspect, self._fault = False, False, ()
 
     def check(
         self, frames: FrameSet, depth: DepthMap | None, findings: Sequence[Finding]
@@ -64,6 +74,8 @@ class ProjectorMonitor:
         ``findings`` are those about the frame's images: a frame with a fault is not learned.
         """
         self._number += 1
+        if self._must_forget:
+            self._forget()
         if depth is None or self._settings.projector == "no" or not self._is_due(frames):
             return self._fault
         surface = self._grid.locate_surface(depth)

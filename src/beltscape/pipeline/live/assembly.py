@@ -19,7 +19,7 @@ from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.volume.capacity import compute_capacity_mm2
 from beltscape.pipeline.live import zero
-from beltscape.pipeline.live.engine import Engine, notify_records
+from beltscape.pipeline.live.engine import Engine
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.exposure_control import ExposureControl
 from beltscape.pipeline.live.frame_queue import FrameQueue
@@ -32,7 +32,7 @@ from beltscape.pipeline.live.measurement_run import MeasurementContext, Measurem
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.reporting.event_log import EventLog
-from beltscape.pipeline.live.writer import Writer
+from beltscape.pipeline.live.writer import Writer, notify_records
 from beltscape.pipeline.measuring.belt import hash_empty_belt
 from beltscape.pipeline.measuring.flow import Instant, list_instants, scale_rig_to_capture
 from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
@@ -64,6 +64,8 @@ class RunOptions:
     """True: replay a capture at its recorded pace; False: as fast as possible, without dropping a frame."""
     record: bool = True
     """Whether raw frame sets are recorded according to the settings."""
+    learn_images: bool = False
+    """Whether what sound images show is learned anew."""
     certificate_days: Callable[[], float] = field(default=lambda: float("nan"))
     users_trouble: Callable[[], str] = field(default=lambda: "")
     heartbeat: Callable[[], None] = field(default=lambda: None)
@@ -116,6 +118,8 @@ def _assemble_around(
     """Open the other parts of a run; see ``assemble``."""
     settings = project.settings
     context = build_context(project, rig, reporter, options.data)
+    if options.learn_images:
+        context.learned_images.learn_anew()
     learned, digest = context.empty_belt, context.empty_belt_sha256
     zero_file = options.data / zero.FILE
     context = replace(context, empty_belt=zero.read_zero(zero_file, learned, digest, reporter))
@@ -151,6 +155,7 @@ def _assemble_around(
         users_trouble=options.users_trouble,
         heartbeat=options.heartbeat,
         maintenance=MaintenanceMode(options.data),
+        learned_images=context.learned_images,
     )
     return AssembledRun(Engine(components), historian, tables)
 
@@ -206,10 +211,12 @@ def build_context(
     near_far = compute_depth_range(empty_belt, matching.load_mm)
     matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
     digest = hash_empty_belt(project.resolve(settings.empty))
-    monitor, images = make_image_monitors(project, rig, empty_belt, digest, reporter, data)
+    monitor, images, learned = make_image_monitors(project, rig, empty_belt, digest, reporter, data)
     matcher = MonitoredMatcher(matcher, monitor)
     density, limits = read_density(project), settings.health.belt
-    return MeasurementContext(rig, empty_belt, matcher, settings.flow, density, limits, images, digest)
+    return MeasurementContext(
+        rig, empty_belt, matcher, settings.flow, density, limits, images, digest, learned
+    )
 
 
 def check_encoder(project: Project[RunSettings]) -> None:

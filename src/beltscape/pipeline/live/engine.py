@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from time import monotonic, monotonic_ns, time_ns
 
 from beltscape.alarms.readings import Readings
-from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import FrameEvent, Maintenance, Observer, ZeroProposal
+from beltscape.core.live import FrameEvent, Maintenance, ZeroProposal
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.measurement_run import Outcome
 from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.pipeline.live.reporting.repair_notice import RepairNotice
-from beltscape.sinks.historian import Historian
 
 _WAIT_S = 0.2
 """Longest wait for a frame set before the engine checks whether it must stop."""
@@ -113,6 +110,13 @@ class Engine:
         values: dict[str, object] = {"action": "end", "reason": ended.reason}
         self._events.add("maintenance", "end", ended.reason, time_ns(), by, values)
         self._components.observer.on_maintenance(None)
+        return True
+
+    def learn_images(self, by: str) -> bool:
+        """Learn anew what sound images show, after cleaning or work at lenses and lights."""
+        if not self._components.learned_images.learn_anew():
+            return False
+        self._events.add("images", "learn", "what the cameras normally show is learned anew", time_ns(), by)
         return True
 
     def measure_zero(self) -> ZeroProposal:
@@ -290,8 +294,3 @@ class Engine:
             certificate_days=components.certificate_days(),
             is_maintained=components.maintenance.current is not None,
         )
-
-
-def notify_records(observer: Observer, historian: Historian) -> Callable[[Sequence[BeltRecord]], None]:
-    """Return a function that passes stored records and the historian's totals to the observer."""
-    return lambda records: observer.on_records(records, historian.totals)

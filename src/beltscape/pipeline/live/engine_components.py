@@ -11,6 +11,7 @@ from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.frame_queue import FrameQueue
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.inspector import PeriodicInspector
+from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.maintenance import MaintenanceMode
 from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.pipeline.live.reporting.finding_log import FindingLog
@@ -47,5 +48,6 @@ class EngineComponents:
     """Why nobody can sign in, in one line; empty without a fault."""
     heartbeat: Callable[[], None] = lambda: None
     """Called periodically while the worker thread lives; it feeds a watchdog."""
+    learned_images: LearnedImages = field(default_factory=LearnedImages)
     maintenance: MaintenanceMode = field(default_factory=lambda: MaintenanceMode(None))
     finding_log: FindingLog = field(default_factory=FindingLog)

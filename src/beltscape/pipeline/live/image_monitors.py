@@ -12,11 +12,12 @@ from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.pipeline.live import image_references, pattern_reference
+from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.sources.genicam.settings import CamerasSettings
 
-Monitors = tuple[ImageMonitor, BeltImageMonitor]
-"""The monitor of the images by themselves, and that of the images against the measured belt."""
+Monitors = tuple[ImageMonitor, BeltImageMonitor, LearnedImages]
+"""The monitor of the images by themselves, that of the images against the measured belt, and what both learn."""
 
 
 def make_image_monitors(
@@ -30,7 +31,7 @@ def make_image_monitors(
     """Return the monitors; ``data`` is the folder of what is learned, None: nothing is read or kept."""
     health = project.settings.health
     if data is None or not health.learning:
-        return ImageMonitor(rig, health), BeltImageMonitor(rig, empty_belt, health)
+        return ImageMonitor(rig, health), BeltImageMonitor(rig, empty_belt, health), LearnedImages()
     key = {
         "rig": hash_file(project.resolve(project.settings.rig)),
         "empty belt": belt_sha256,
@@ -45,10 +46,9 @@ def make_image_monitors(
     pattern_path = data / pattern_reference.FILE
     pattern = pattern_reference.read_pattern(pattern_path, key, reporter)
     keep_pattern = pattern_reference.make_pattern_keeper(pattern_path, key, reporter)
-    return (
-        ImageMonitor(rig, health, learned, keep),
-        BeltImageMonitor(rig, empty_belt, health, pattern, keep_pattern),
-    )
+    images = ImageMonitor(rig, health, learned, keep)
+    belt_images = BeltImageMonitor(rig, empty_belt, health, pattern, keep_pattern)
+    return images, belt_images, LearnedImages((images, belt_images), (path, pattern_path))
 
 
 def _describe_exposure(cameras: CamerasSettings | None) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 
@@ -22,6 +22,7 @@ from beltscape.measure.flow.fusion.rows import BeltPiece
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
+from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.ledger import Ledger, LedgerState
 from beltscape.pipeline.live.sections import SectionBuffer
 from beltscape.pipeline.measuring.flow_chain import FlowChain, SequenceMatcher
@@ -43,6 +44,8 @@ class MeasurementContext:
     """Checks the images against the measured surface and motion."""
     empty_belt_sha256: str = ""
     """Of the files that the learned empty belt was read from; empty: nothing is kept beside it."""
+    learned_images: LearnedImages = field(default_factory=LearnedImages)
+    """What is learned of the images."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

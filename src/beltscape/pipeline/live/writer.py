@@ -8,8 +8,9 @@ from dataclasses import replace
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import BeltscapeError
-from beltscape.core.live import RecordSink
+from beltscape.core.live import Observer, RecordSink
 from beltscape.core.supervision import make_supervised_thread
+from beltscape.sinks.historian import Historian
 
 _RETRY_S = 1.0
 """Wait after a failed write."""
@@ -92,3 +93,8 @@ class Writer:
         if self._on_written is not None:
             self._on_written(batch)
         return True
+
+
+def notify_records(observer: Observer, historian: Historian) -> Callable[[Sequence[BeltRecord]], None]:
+    """Return a function that passes stored records and the historian's totals to the observer."""
+    return lambda records: observer.on_records(records, historian.totals)

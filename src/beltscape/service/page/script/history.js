@@ -99,6 +99,7 @@ function translate_event(event) {
   const { kind, name, text, parameters } = event;
   if (kind === "maintenance") return t(`event.maintenance_${name}`, { reason: parameters.reason ?? text, minutes: format_number(parameters.minutes ?? null) });
   if (kind === "zero") return t("event.zero_set", Object.fromEntries(Object.entries(parameters).map(([part, value]) => [part, format_number(value, 2)])));
+  if (kind === "images") return t("event.images_learn");
   if (kind === "exposure") return t("event.exposure_changed", { exposure: format_number(parameters.exposure_us, 0), factor: format_number(parameters.factor, 2), level: format_number(parameters.level, 0) });
   if (kind === "recording") return `${t("event.recording")}: ${text} (${name})`;
   if (kind === "note") return get_language() !== "en" && has_text(`event.note_${name}`) ? t(`event.note_${name}`) : `${name} – ${text}`;

@@ -6,6 +6,8 @@ BIN    := $(VENV)/bin
 SOURCES := $(wildcard native/*.* native/*/*)
 NATIVE := CMakeLists.txt pyproject.toml $(SOURCES)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Many tests start the program, which takes twice as long where its modules are compiled anew.
+export PYTHONDONTWRITEBYTECODE :=
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12

@@ -132,8 +132,9 @@ def find_messages() -> dict[str, set[str]]:
     """Return the keys of all messages in the source, with the names of their values."""
     messages: dict[str, set[str]] = {}
     for path in SOURCE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == "Message":
+        text = path.read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(text)) if "Message(" in text else ():
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Message":
                 assert len(node.args) == 2, f"{path}:{node.lineno}: a message without a key"
                 names = {word.arg for word in node.keywords}
                 for key in list_keys(node.args[1]):

@@ -14,7 +14,7 @@ from beltscape.core.errors import InputError, OutputError
 from beltscape.files.folders import owned_folder as module
 from beltscape.files.folders.atomic import output_error, write_text
 from beltscape.files.folders.manifest import MANIFEST, STAGING, read_manifest, require_finished
-from beltscape.files.folders.owned_folder import continued_folder, owned_folder
+from beltscape.files.folders.owned_folder import add_file, continued_folder, owned_folder
 
 
 def put(out: Path, *names: str, command: str = "reconstruct", text: str = "new") -> None:
@@ -60,6 +60,18 @@ def test_a_failure_changes_nothing_and_leaves_no_folder(tmp_path):
             raise ZeroDivisionError
     assert sorted(tmp_path.rglob("*")) == before
     assert read_files(tmp_path / "kept") == {"rig.json": "old"}
+
+
+def test_what_explains_a_failure_lies_beside_the_earlier_result_until_the_next_one(tmp_path):
+    out = tmp_path / "out"
+    with owned_folder(out, "calibrate") as staging:
+        write_text(staging / "rig.json", "1")
+    assert add_file(out, "calibrate", "why.png", b"picture").read_bytes() == b"picture"
+    assert (out / "rig.json").read_text() == "1"
+    with owned_folder(out, "calibrate") as staging:
+        write_text(staging / "rig.json", "2")
+    assert not (out / "why.png").exists()
+    assert (out / "rig.json").read_text() == "2"
 
 
 def test_the_same_files_give_the_same_bytes(tmp_path):

@@ -10,6 +10,7 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.pipeline.calibrating import calibration
 from beltscape.pipeline.calibrating.calibration import Calibration
 from beltscape.pipeline.calibrating.known_intrinsics import IntrinsicsUse, read_known_intrinsics
+from beltscape.pipeline.calibrating.measuring_volume import read_measuring_volume
 from beltscape.target.board import Board, read_board
 
 
@@ -21,6 +22,7 @@ def calibrate(
     intrinsics: AnyPath | None = None,
     intrinsics_as: IntrinsicsUse = "held",
     lens_model: str = "auto",
+    belt: AnyPath | None = None,
     reporter: Reporter | None = None,
 ) -> Calibration:
     """Calibrate the rig of a capture of board views (the paper's Section 2.2).
@@ -39,6 +41,9 @@ def calibrate(
         ``held``: they are fixed; ``prior``: the views improve them within their covariance.
     lens_model
         "brown", "rational", "thin_prism", "tilted" or "fisheye", for all cameras; "auto": each camera's views choose.
+    belt
+        A plan.toml, project.toml or belt.json: the volume over the belt whose part of the images the board must have
+        reached; None: the core camera's whole view.
     reporter
         Receiver of progress and warnings; without one, only the result's ``warnings`` hold them.
 
@@ -58,6 +63,7 @@ def calibrate(
     known = None
     if intrinsics is not None:
         known = read_known_intrinsics(as_path(intrinsics, "intrinsics"), board, reporter, use=intrinsics_as)
+    volume = None if belt is None else read_measuring_volume(as_path(belt, "belt"))
     return calibration.calibrate(
-        as_path(capture, "capture"), board, core, reporter, known=known, lens_model=lens_model
+        as_path(capture, "capture"), board, core, reporter, known=known, lens_model=lens_model, volume=volume
     )

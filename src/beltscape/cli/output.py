@@ -66,6 +66,13 @@ class Output:
         return value
 
 
+def explain_failure(arguments: Namespace, name: str, data: bytes) -> Path:
+    """Write a file that explains a failure into the user's folder, whose other files stay; return its path."""
+    from beltscape.files.folders.owned_folder import add_file
+
+    return add_file(arguments.earlier, _command(arguments), name, data)
+
+
 def _resolve(default: Any, arguments: Namespace) -> Any:
     """Return a parser's default, or what it returns for these arguments if it is a function."""
     return cast("Callable[[Namespace], Any]", default)(arguments) if callable(default) else default

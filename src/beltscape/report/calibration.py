@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from beltscape.calibration.assessment.domain.coverage import Coverage
 from beltscape.calibration.assessment.uncertainty.covariance import (
     DepthSigma,
     RigCovariance,
@@ -18,6 +19,7 @@ from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.network.association import Misclosure
 from beltscape.core.frames import Image
+from beltscape.report.calibration_coverage import make_need_section
 from beltscape.report.calibration_plots import coverage_chart, depth_sigma_chart, residual_chart
 from beltscape.report.calibration_scenes import make_board_scene, make_next_view_scene
 from beltscape.report.drawing.pictures import Panel, to_rgb
@@ -43,6 +45,7 @@ def calibration_page(
     warnings: Sequence[str],
     notes: Sequence[str],
     left_out: str,
+    coverage: Coverage,
 ) -> str:
     """Return report.html of a calibration; ``left_out`` counts the corners that the rig was not found from."""
     score = held_out or training
@@ -65,6 +68,7 @@ def calibration_page(
         _depth_section(depth_sigma, covariance.inflation),
         _next_section(adjustment, board, following),
         *_view_sections(adjustment, rig_errors),
+        make_need_section(coverage),
         _network_section(hierarchy),
         *_make_notes_section(notes),
         _make_left_out_section(hierarchy, rejected_images, left_out),

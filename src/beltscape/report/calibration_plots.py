@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -61,15 +61,15 @@ def coverage_chart(rig: Rig, rig_errors: RigErrors, caption: str) -> Chart:
 
 
 def _coverage(rig: Rig, rig_errors: RigErrors, scale: Scale, form: Form) -> Figure:
-    figure, axes = _image_panels(rig, form)
+    figure, axes = make_image_panels(rig.cameras, form)
     for axis, (name, camera) in zip(axes, rig.cameras.items(), strict=True):
         pixels, errors = _residuals(rig_errors, name)
         size = np.linalg.norm(errors, axis=1)
         step = np.clip(size / scale.high * _COLORS, 0, _COLORS - 1).astype(int)
         for k in np.unique(step):
             color = tuple(scale.to_rgb(np.array((k + 0.5) / _COLORS * scale.high)) / 255.0)
-            _draw_lines(axis, np.stack([pixels[step == k]] * 2, axis=1), color=color, linewidth=2.4)
-        _frame_axes(axis, camera, f"{name}: {len(pixels)} corners")
+            draw_lines(axis, np.stack([pixels[step == k]] * 2, axis=1), color=color, linewidth=2.4)
+        frame_axes(axis, camera, f"{name}: {len(pixels)} corners")
     return figure
 
 
@@ -85,22 +85,22 @@ def residual_chart(rig: Rig, rig_errors: RigErrors) -> Chart:
 
 
 def _residual_arrows(rig: Rig, rig_errors: RigErrors, magnify: float, every: int, form: Form) -> Figure:
-    figure, axes = _image_panels(rig, form)
+    figure, axes = make_image_panels(rig.cameras, form)
     for axis, (name, camera) in zip(axes, rig.cameras.items(), strict=True):
         pixels, errors = _residuals(rig_errors, name)
         start, arrow = pixels[::every], magnify * errors[::every]
         left, right = (arrow @ np.array([[-0.3, 0.16 * side], [-0.16 * side, -0.3]]) for side in (1, -1))
         tip = start + arrow
-        _draw_lines(
+        draw_lines(
             axis, np.stack([start, tip, tip + left, tip, tip + right], axis=1),
             color=light("first"), linewidth=0.9,
         )  # fmt: skip
         rms = float(np.sqrt((errors**2).sum(axis=1).mean())) if len(errors) else float("nan")
-        _frame_axes(axis, camera, f"{name}: RMS {rms:.3f} px")
+        frame_axes(axis, camera, f"{name}: RMS {rms:.3f} px")
     return figure
 
 
-def _draw_lines(axis: Axes, lines: NDArray[np.float64], **style: Any) -> None:
+def draw_lines(axis: Axes, lines: NDArray[np.float64], **style: Any) -> None:
     """Draw polylines (n, k, 2) as one path, which keeps the page small; one without length is a dot."""
     parted = np.concatenate([lines, np.full((len(lines), 1, 2), np.nan)], axis=1).reshape(-1, 2)
     axis.plot(*parted.T, solid_capstyle="round", solid_joinstyle="round", **style)
@@ -116,13 +116,15 @@ def _residuals(rig_errors: RigErrors, name: str) -> tuple[NDArray[np.float64], N
     )
 
 
-def _image_panels(rig: Rig, form: Form) -> tuple[Figure, list[Axes]]:
-    tallest = max(rig.cameras.values(), key=lambda camera: camera.size_px[1] / camera.size_px[0])
+def make_image_panels(cameras: Mapping[str, Camera], form: Form) -> tuple[Figure, list[Axes]]:
+    """Return a figure with one panel for the image of each camera."""
+    tallest = max(cameras.values(), key=lambda camera: camera.size_px[1] / camera.size_px[0])
     height = compute_map_height(form, *tallest.size_px, columns=3)
-    return make_panels(len(rig.cameras), form, columns=3, height=height)
+    return make_panels(len(cameras), form, columns=3, height=height)
 
 
-def _frame_axes(axis: Axes, camera: Camera, title: str) -> None:
+def frame_axes(axis: Axes, camera: Camera, title: str) -> None:
+    """Give a panel the limits and the frame of a camera's image."""
     width, height = camera.size_px
     axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5), aspect="equal", title=title)
     axis.spines[["top", "right"]].set_visible(True)

@@ -16,7 +16,7 @@ from pathlib import Path
 from beltscape import __version__
 from beltscape.core.errors import OutputError
 from beltscape.core.system_calls import lock_folder
-from beltscape.files.folders.atomic import output_error
+from beltscape.files.folders.atomic import output_error, write_bytes
 from beltscape.files.folders.manifest import (
     MANIFEST,
     STAGING,
@@ -55,6 +55,17 @@ def owned_folder(out: Path, command: str) -> Generator[Path]:
             _swap(staging, out, command)
         finally:
             shutil.rmtree(staging, ignore_errors=True)
+
+
+def add_file(out: Path, command: str, name: str, data: bytes) -> Path:
+    """Write one file into ``out`` beside what ``command`` wrote there, which stays; return its path.
+
+    For what explains a failure: the next success of ``command`` removes it.
+    """
+    write_bytes(out / name, data)
+    files = tuple(sorted({*_own_files(out), name}))
+    write_manifest(out, Manifest(command, __version__, complete=True, files=files))
+    return out / name
 
 
 @contextmanager

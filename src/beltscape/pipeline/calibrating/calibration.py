@@ -158,7 +158,7 @@ def calibrate(
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
         warnings=warnings,
-        notes=(*_describe_lenses(hierarchy, rig), *diagnosis.notes, *_describe_sides(board)),
+        notes=(*_describe_lenses(hierarchy, rig), *_describe_gaps(coverage), *diagnosis.notes, *_describe_sides(board)),
         discards=diagnosis.discards, coverage=coverage,
     )  # fmt: skip
 
@@ -166,6 +166,11 @@ def calibrate(
 def _describe_lenses(hierarchy: HierarchyResult, rig: Rig) -> list[str]:
     """Return notes on the lens models that were compared, how far each lens is known, and tilted sensors."""
     return [*describe_choices(hierarchy.lens_choices), *describe_domains(rig.cameras), *describe_tilts(rig)]
+
+
+def _describe_gaps(coverage: Coverage) -> list[str]:
+    """Return a note on a gap in the core's view, of which an unknown belt may need a part only."""
+    return [] if coverage.volume.is_given else list_coverage_findings(coverage)
 
 
 def _describe_sides(board: Board) -> tuple[str, ...]:
@@ -194,7 +199,7 @@ def _assess_coverage(
     volume: MeasuringVolume | None,
     reporter: Reporter,
 ) -> Coverage:
-    """Return the coverage of the measuring volume; warn of small gaps, raise UncoveredVolumeError for large ones."""
+    """Return the coverage of the volume; warn of gaps in a given one, raise UncoveredVolumeError for large ones."""
     chosen = volume or make_view_volume(limited, adjustment.geometry)
     coverage = assess_coverage(adjustment, limited, covariance.inflation, chosen)
     if not coverage.is_needed.any():
@@ -203,7 +208,7 @@ def _assess_coverage(
             "this rig, and with a plan, the core camera that looks down on the belt as --core"
         )
     require_coverage(coverage)
-    for line in list_coverage_findings(coverage):
+    for line in list_coverage_findings(coverage) if coverage.volume.is_given else ():
         reporter.warn(line)
     return coverage
 

@@ -1,4 +1,4 @@
-"""Files of a calibration: rig.json, calibration.json, report.html."""
+"""Files of a calibration: rig.json, calibration.json, report.html, coverage.png."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.calibration.network.association import Misclosure
 from beltscape.core.frames import Image
 from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import write_text
+from beltscape.files.folders.atomic import write_bytes, write_text
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import write_rig
 from beltscape.pipeline.calibrating.calibration import Calibration
 from beltscape.report.calibration import calibration_page
+from beltscape.report.calibration_coverage import coverage_picture
 
 MAX_REJECTED = 12
 """Largest number of rejected views in the report."""
 
 
 def write_calibration(out: Path, calibration: Calibration) -> None:
-    """Write rig.json, calibration.json and report.html."""
+    """Write rig.json, calibration.json, report.html and coverage.png."""
     write_rig(out / "rig.json", calibration.rig)
     write_json(out / "calibration.json", make_calibration_document(calibration))
     page = calibration_page(
@@ -43,8 +44,10 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
         warnings=calibration.warnings,
         notes=calibration.notes,
         left_out=calibration.discards.describe(),
+        coverage=calibration.coverage,
     )
     write_text(out / "report.html", page)
+    write_bytes(out / "coverage.png", coverage_picture(calibration.coverage))
 
 
 def _read_rejected_images(calibration: Calibration) -> list[tuple[str, Image]]:
@@ -93,6 +96,11 @@ def make_calibration_document(calibration: Calibration) -> Mapping[str, Any]:
         "path_errors": [_make_misclosure_document(error) for error in hierarchy.network.path_errors],
         "loop_errors": [_make_misclosure_document(error) for error in hierarchy.network.loop_errors],
         "left_out": calibration.discards.document(),
+        "coverage": {
+            "volume": calibration.coverage.volume.name,
+            "doubtful": calibration.coverage.share(calibration.coverage.is_doubtful),
+            "unusable": calibration.coverage.share(calibration.coverage.is_unusable),
+        },
         "notes": calibration.notes,
         "warnings": calibration.warnings,
     }

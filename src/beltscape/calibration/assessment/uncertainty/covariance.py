@@ -12,6 +12,7 @@ from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.solver.bundle import Bundle
 from beltscape.calibration.solver.lens import list_parameters, pack_intrinsics
 from beltscape.calibration.solver.projection import differentiate_by_pose, project_with_jacobians
+from beltscape.calibration.solver.schur import LinearisedBundle
 from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.rig import Rig
 
@@ -59,20 +60,22 @@ def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
     names += [
         f"{name}.{parameter}" for name in cameras if name != adjustment.rig.core for parameter in POSE_NAMES
     ]
-    camera_parameters = _list_free_parameters(adjustment.rig, adjustment.bundle)
-    full = np.zeros((len(names), len(names)))
-    camera_covariance = adjustment.linearise().covariance()[
-        : len(camera_parameters), : len(camera_parameters)
-    ]
+    full = compute_formal_covariance(adjustment.rig, adjustment.bundle, adjustment.linearise())
+    free = _list_free_parameters(adjustment.rig, adjustment.bundle)
     distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
-    jacobian = compute_depth_jacobian(adjustment.rig, make_view_points(adjustment.rig, distance, 13))[
-        :, camera_parameters
-    ]
-    inflation = estimate_inflation(adjustment, camera_covariance, jacobian[np.isfinite(jacobian).all(axis=1)])
-    full[np.ix_(camera_parameters, camera_parameters)] = (
-        inflation**2 * (camera_covariance + camera_covariance.T) / 2
-    )
-    return RigCovariance(tuple(names), full, inflation)
+    jacobian = compute_depth_jacobian(adjustment.rig, make_view_points(adjustment.rig, distance, 13))[:, free]
+    jacobian = jacobian[np.isfinite(jacobian).all(axis=1)]
+    inflation = estimate_inflation(adjustment, full[np.ix_(free, free)], jacobian)
+    return RigCovariance(tuple(names), inflation**2 * full, inflation)
+
+
+def compute_formal_covariance(rig: Rig, bundle: Bundle, linear: LinearisedBundle) -> Array:
+    """Return the covariance (G, G) of the cameras' parameters from the corners' noise; 0 for fixed ones."""
+    free = _list_free_parameters(rig, bundle)
+    own = linear.covariance()[: len(free), : len(free)]
+    full = np.zeros((count_parameters(rig), count_parameters(rig)))
+    full[np.ix_(free, free)] = (own + own.T) / 2
+    return full
 
 
 def compute_depth_sigma(rig: Rig, covariance: Array, depth_mm: float, *, columns: int = 31) -> DepthSigma:

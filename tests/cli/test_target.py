@@ -96,7 +96,7 @@ def test_chessboard_is_described_by_its_inner_corners(tmp_path):
         (["board", *CHARUCO, "--dpi=5"], "--dpi 5: give a resolution from 20 to 2400"),
         (
             ["board", *CHARUCO[:-1]],
-            "--dictionary is missing; a ChArUco board needs --marker MM and --dictionary",
+            "--dictionary is missing; a ChArUco board needs --square MM and --marker MM and --dictionary",
         ),
         (
             ["board", *CHARUCO[:-2], "--marker=40", "--dictionary=DICT_5X5_100"],
@@ -104,7 +104,7 @@ def test_chessboard_is_described_by_its_inner_corners(tmp_path):
         ),
         (
             ["board", "--corners=9", "6", "--square=9", "--marker=3"],
-            "--marker 3.0: a chessboard has no markers;",
+            "--marker 3.0: a chessboard has no marker;",
         ),
     ],
 )

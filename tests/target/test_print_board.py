@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
+from beltscape.calibration.detection.detector import PrintVariant, make_detector
 from beltscape.core.errors import SettingsError
 from beltscape.files.rasters.images import read_image
-from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm, read_board
+from beltscape.target.board import AprilGrid, CharucoBoard, Chessboard, corner_points_mm, read_board
 from beltscape.target.printing.paper import PAPERS_MM, choose_page
 from beltscape.target.printing.print_board import RULER_MM, lay_out, make_ruler, write_board_files
 from beltscape.target.printing.sheet import Sheet
@@ -99,6 +100,18 @@ def test_opencv_finds_every_corner_of_the_page_rebuilt_from_its_pdf(board, dpi, 
     assert corners is not None and ids is not None
     assert sorted(ids.ravel()) == list(range(len(want)))
     assert np.abs(corners.reshape(-1, 2) - want[ids.ravel()]).max() < error_px
+
+
+def test_a_printed_aprilgrid_is_found_as_it_is_described(tmp_path):
+    """Kalibr's tags stand upside down in OpenCV's eyes; the detector knows, and so must the print."""
+    grid = AprilGrid(tags=(4, 3), tag_mm=40, spacing=0.3, first_id=5)
+    printed, dpi = lay_out(grid), 127
+    files = write_board_files(tmp_path, printed, dpi)
+    assert read_board(files["toml"]) == grid
+    corners = make_detector(grid, PrintVariant())(read_image(files["png"]))
+    want = (grid.corners_mm() + printed.origin_mm) * dpi / 25.4 - 0.5
+    assert corners is not None and len(corners) == len(want)
+    assert np.abs(corners.pixels - want).max() < 0.05
 
 
 @pytest.mark.parametrize("dpi", [96, 151.3, 300])

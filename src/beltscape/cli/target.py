@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from beltscape.cli.arguments import add_output_folder
 from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
+
+if TYPE_CHECKING:
+    from beltscape.target.board import PlanarBoard
+
+
+_LENGTHS = {"square": "MM", "marker": "MM", "dictionary": "NAME", "tag": "MM", "spacing": "SHARE"}
+"""Options of boards, and what they take."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +76,21 @@ def _add_board(board: argparse.ArgumentParser) -> None:
         metavar=("C", "R"),
         help="chessboard: columns and rows of inner corners",
     )
-    board.add_argument("--square", type=float, required=True, metavar="MM", help="edge of a square")
+    kind.add_argument(
+        "--tags", nargs=2, type=int, metavar=("C", "R"), help="Kalibr's AprilGrid: columns and rows"
+    )
+    kind.add_argument(
+        "--target",
+        dest="target_file",
+        type=Path,
+        metavar="FILE",
+        help="board.toml, or Kalibr's target.yaml, to print",
+    )
+    board.add_argument("--square", type=float, metavar="MM", help="ChArUco, chessboard: edge of a square")
+    board.add_argument("--tag", type=float, metavar="MM", help="AprilGrid: edge of a tag's black border")
+    board.add_argument(
+        "--spacing", type=float, metavar="SHARE", help="AprilGrid: gap between tags over --tag"
+    )
     board.add_argument("--marker", type=float, metavar="MM", help="ChArUco: edge of a marker")
     board.add_argument("--dictionary", metavar="NAME", help="ChArUco: of the markers, as DICT_5X5_100")
     board.add_argument(
@@ -77,7 +98,7 @@ def _add_board(board: argparse.ArgumentParser) -> None:
         type=int,
         default=0,
         metavar="ID",
-        help="ChArUco: of the first marker, for several boards",
+        help="ChArUco, AprilGrid: of the first marker, for several boards",
     )
     board.add_argument("--page", help="A4 … A0, or WxH in mm (default: the smallest that holds the board)")
     board.add_argument("--dpi", type=float, default=300.0, help="resolution of board.png (default: 300)")
@@ -124,35 +145,12 @@ def _pattern(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Ma
 
 
 def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapping[str, Any]:
-    from beltscape.files.documents.toml_text import validate
-    from beltscape.target.board import CharucoBoard, Chessboard
     from beltscape.target.printing.print_board import lay_out, write_board_files
 
-    marks = {"marker": arguments.marker, "dictionary": arguments.dictionary}
-    if arguments.corners is not None:
-        model, overrides = Chessboard, {"corners": arguments.corners, "square_mm": arguments.square}
-        for option, value in {**marks, "first-id": arguments.first_id or None}.items():
-            if value is not None:
-                raise SettingsError(
-                    f"--{option} {value}: a chessboard has no markers; give --squares, or leave it out"
-                )
-    else:
-        model = CharucoBoard
-        for option, value in marks.items():
-            if value is None:
-                raise SettingsError(
-                    f"--{option} is missing; a ChArUco board needs --marker MM and --dictionary NAME"
-                )
-        overrides = {
-            "squares": arguments.squares,
-            "square_mm": arguments.square,
-            "marker_mm": arguments.marker,
-            "dictionary": arguments.dictionary,
-            "first_id": arguments.first_id,
-        }
+    board = _describe_board(arguments)
     if not 20 <= arguments.dpi <= 2400:
         raise SettingsError(f"--dpi {arguments.dpi:g}: give a resolution from 20 to 2400")
-    printed = lay_out(validate(Path("target board"), model, overrides), arguments.page)
+    printed = lay_out(board, arguments.page)
     files = write_board_files(out, printed, arguments.dpi)
     reporter.step("drawing", 1, 1)
     return {
@@ -163,6 +161,62 @@ def _board(arguments: argparse.Namespace, out: Path, reporter: Reporter) -> Mapp
         "dpi": arguments.dpi,
         "files": files,
     }
+
+
+def _describe_board(arguments: argparse.Namespace) -> PlanarBoard:
+    """Return the board that the options describe; SettingsError names one that is missing or has no meaning."""
+    from beltscape.files.documents.toml_text import validate
+    from beltscape.target.board import AprilGrid, BoardSet, CharucoBoard, Chessboard, read_board
+
+    first_id = arguments.first_id or None
+    if arguments.target_file is not None:
+        _require_options(arguments, "a board from a file", (), tuple(_LENGTHS))
+        board = read_board(arguments.target_file)
+        if isinstance(board, BoardSet):
+            raise SettingsError(
+                f"--target {arguments.target_file}: holds several boards; print one after the other"
+            )
+        return board
+    if arguments.tags is not None:
+        _require_options(arguments, "an AprilGrid", ("tag", "spacing"), ("square", "marker", "dictionary"))
+        values = {"tags": arguments.tags, "tag_mm": arguments.tag, "spacing": arguments.spacing}
+        return validate(Path("target board"), AprilGrid, {**values, "first_id": arguments.first_id})
+    if arguments.corners is not None:
+        if first_id:
+            raise SettingsError(
+                f"--first-id {first_id}: a chessboard has no markers; give --squares, or leave it out"
+            )
+        _require_options(
+            arguments,
+            "a chessboard",
+            ("square",),
+            ("marker", "dictionary", "tag", "spacing"),
+        )
+        values = {"corners": arguments.corners, "square_mm": arguments.square}
+        return validate(Path("target board"), Chessboard, values)
+    _require_options(arguments, "a ChArUco board", ("square", "marker", "dictionary"), ("tag", "spacing"))
+    values = {
+        "squares": arguments.squares,
+        "square_mm": arguments.square,
+        "marker_mm": arguments.marker,
+        "dictionary": arguments.dictionary,
+    }
+    return validate(Path("target board"), CharucoBoard, {**values, "first_id": arguments.first_id})
+
+
+def _require_options(
+    arguments: argparse.Namespace, what: str, needed: Sequence[str], meaningless: Sequence[str]
+) -> None:
+    """Raise SettingsError for an option that is missing or has no meaning."""
+    for option in needed:
+        if getattr(arguments, option) is None:
+            listed = " and ".join(f"--{each} {_LENGTHS[each]}" for each in needed)
+            raise SettingsError(f"--{option} is missing; {what} needs {listed}")
+    for option in meaningless:
+        if getattr(arguments, option) is not None:
+            raise SettingsError(
+                f"--{option} {getattr(arguments, option)}: {what} has no {option}; leave it out"
+            )
 
 
 def summary(result: Mapping[str, Any]) -> str:

@@ -14,6 +14,7 @@ from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.target.board_set import BoardSet
+from beltscape.target.kalibr_target import SUFFIXES, read_kalibr_target
 from beltscape.target.planar_boards import MIN_CORNERS, AprilGrid, CharucoBoard, Chessboard, PlanarBoard
 
 __all__ = [
@@ -87,8 +88,10 @@ def outer_corners(board: Board) -> NDArray[np.int64]:
 
 
 def read_board(path: AnyPath) -> Board:
-    """Read board.toml, or raise InputError naming the invalid key."""
+    """Read board.toml, or Kalibr's target.yaml; raise InputError naming the invalid key."""
     path = as_path(path)
+    if path.suffix.lower() in SUFFIXES:
+        return read_kalibr_target(path)
     return parse_board(path, read_toml(path))
 
 

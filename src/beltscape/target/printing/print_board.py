@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.files.folders.atomic import write_bytes, write_text
-from beltscape.target.planar_boards import CharucoBoard, SquareBoard
+from beltscape.target.planar_boards import AprilGrid, CharucoBoard, PlanarBoard, load_dictionary
 from beltscape.target.printing.paper import choose_page
 from beltscape.target.printing.sheet import Sheet, outline_text
 from beltscape.target.printing.sheet_pdf import sheet_to_pdf
@@ -31,21 +31,20 @@ FOOT_MM = 11.0
 class PrintedBoard:
     """A board on its page."""
 
-    board: SquareBoard
+    board: PlanarBoard
     sheet: Sheet
     origin_mm: tuple[float, float]
     """The board's top-left corner on the page."""
 
 
-def lay_out(board: SquareBoard, page: str | None = None) -> PrintedBoard:
+def lay_out(board: PlanarBoard, page: str | None = None) -> PrintedBoard:
     """Lay a board out on a page (A4 … A0, WxH in mm, or None: the smallest sufficient one), or SettingsError.
 
     A ChArUco board is drawn as by OpenCV since 4.6, neither legacy nor inverted.
     """
     if isinstance(board, CharucoBoard):
         board = board.model_copy(update={"legacy": False, "inverted": False})
-    columns, rows = board.grid
-    size = ((columns + 1) * board.square_mm, (rows + 1) * board.square_mm)
+    size = _measure_board(board)
     outlines, text_mm = outline_text(make_caption(board), FONT_MM)
     width = max(size[0], RULER_MM + 1, text_mm)
     page_mm = choose_page((width + 2 * MARGIN_MM, size[1] + FOOT_MM + 2 * MARGIN_MM), page)
@@ -57,7 +56,15 @@ def lay_out(board: SquareBoard, page: str | None = None) -> PrintedBoard:
     return PrintedBoard(board, sheet, (x, y))
 
 
-def make_caption(board: SquareBoard) -> str:
+def _measure_board(board: PlanarBoard) -> tuple[float, float]:
+    """Return width and height of the printed area, mm."""
+    if isinstance(board, AprilGrid):
+        return board.size_mm
+    columns, rows = board.grid
+    return (columns + 1) * board.square_mm, (rows + 1) * board.square_mm
+
+
+def make_caption(board: PlanarBoard) -> str:
     """Return the description of the board that is printed below it."""
     if isinstance(board, CharucoBoard):
         description = (
@@ -65,14 +72,21 @@ def make_caption(board: SquareBoard) -> str:
             f"markers {board.marker_mm:g} mm, {board.dictionary}"
             + (f" from id {board.first_id}" if board.first_id else "")
         )
+    elif isinstance(board, AprilGrid):
+        description = (
+            f"AprilGrid, {board.tags[0]} × {board.tags[1]} tags of {board.tag_mm:g} mm, spacing {board.spacing:g}, "
+            f"{board.dictionary}" + (f" from id {board.first_id}" if board.first_id else "")
+        )
     else:
         columns, rows = board.corners
         description = f"chessboard, {columns} × {rows} inner corners, squares of {board.square_mm:g} mm"
     return f"{description}; print at 100 %: the ruler is {RULER_MM:g} mm long"
 
 
-def black_squares(board: SquareBoard) -> NDArray[np.float64]:
+def black_squares(board: PlanarBoard) -> NDArray[np.float64]:
     """Return (R, 4) x, y, width, height in mm of the black rectangles, from the board's top-left corner."""
+    if isinstance(board, AprilGrid):
+        return np.concatenate([_corner_squares(board), *_tag_bits(board)])
     columns, rows = board.grid
     row, column = np.indices((rows + 1, columns + 1), dtype=np.float64)
     # OpenCV since 4.6 and the chessboard agree: the top left square is black
@@ -99,6 +113,28 @@ def _marker_bits(board: CharucoBoard) -> list[NDArray[np.float64]]:
     return boxes
 
 
+def _corner_squares(board: AprilGrid) -> NDArray[np.float64]:
+    """Return (R, 4) the small squares at the corners of an AprilGrid's tags."""
+    gap = board.spacing * board.tag_mm
+    row, column = np.indices((board.tags[1] + 1, board.tags[0] + 1), dtype=np.float64)
+    edge = np.full(row.size, gap)
+    return np.stack(
+        [column.ravel() * (board.tag_mm + gap), row.ravel() * (board.tag_mm + gap), edge, edge], axis=-1
+    )
+
+
+def _tag_bits(board: AprilGrid) -> list[NDArray[np.float64]]:
+    """Return (R, 4) black bits of each tag, upside down against OpenCV's drawing, as Kalibr prints them."""
+    dictionary = load_dictionary(board.dictionary)
+    bits = int(dictionary.markerSize) + 2 * board.border_bits
+    corners = board.corners_mm()[board.tag_corners()[:, 0]]
+    boxes: list[NDArray[np.float64]] = []
+    for number, corner in zip(board.marker_ids, corners, strict=True):
+        tag = dictionary.generateImageMarker(number, bits, borderBits=board.border_bits)
+        boxes.append(_shift(_runs(tag[::-1, ::-1] == 0) * (board.tag_mm / bits), corner))
+    return boxes
+
+
 def _shift(boxes: NDArray[np.float64], by: Iterable[float]) -> NDArray[np.float64]:
     """Return boxes (R, 4) shifted by x, y."""
     return boxes + np.array([*by, 0, 0])
@@ -122,7 +158,7 @@ def make_ruler() -> NDArray[np.float64]:
     return np.concatenate([line, ticks])
 
 
-def board_to_toml(board: SquareBoard) -> str:
+def board_to_toml(board: PlanarBoard) -> str:
     """Return board.toml of a board as it is printed."""
     if isinstance(board, CharucoBoard):
         return (
@@ -131,6 +167,13 @@ def board_to_toml(board: SquareBoard) -> str:
             f'dictionary = "{board.dictionary}"\n'
             + (f"first_id = {board.first_id}\n" if board.first_id else "")
             + "legacy = false\ninverted = false\n"
+        )
+    if isinstance(board, AprilGrid):
+        return (
+            f'kind = "aprilgrid"\ntags = [{board.tags[0]}, {board.tags[1]}]\ntag_mm = {board.tag_mm!r}\n'
+            f"spacing = {board.spacing!r}\n"
+            + (f"first_id = {board.first_id}\n" if board.first_id else "")
+            + f'border_bits = {board.border_bits}\ndictionary = "{board.dictionary}"\n'
         )
     return (
         f'kind = "chessboard"\ncorners = [{board.corners[0]}, {board.corners[1]}]\n'

@@ -97,7 +97,7 @@ wheel: $(VENV)-wheel/.made ## dist/: the wheel for glibc 2.28 and newer, and the
 	$(VENV)-wheel/bin/python tools/build_wheel.py dist
 
 docs: dev ## the manual as a web site in site/
-	$(BIN)/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 lock: dev ## resolve the dependencies anew
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \

@@ -18,6 +18,7 @@ def test_calibrate_writes_rig_document_and_report_and_nothing_else(calibrate):
     assert sorted(path.name for path in Path("out").iterdir()) == [
         ".beltscape.json",
         "calibration.json",
+        "coverage.png",
         "report.html",
         "rig.json",
     ]

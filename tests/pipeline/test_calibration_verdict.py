@@ -55,5 +55,7 @@ def test_a_frame_left_out_is_stated_wherever_results_are_shown(run, tmp_path, ca
     assert "1 of 7 frames" in printed.out
     document = json.loads((tmp_path / "out" / "calibration.json").read_text())
     assert list(document["left_out"]["frames"]) == ["02"]
-    assert document["notes"] == []
+    assert all(
+        "the board never came to" in note for note in document["notes"]
+    )  # seven boards, all in the middle
     assert "1 of 7 frames" in (tmp_path / "out" / "report.html").read_text()

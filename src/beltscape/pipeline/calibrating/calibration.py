@@ -158,7 +158,8 @@ def calibrate(
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
         warnings=warnings,
-        notes=(*_describe_lenses(hierarchy, rig), *_describe_gaps(coverage), *diagnosis.notes, *_describe_sides(board)),
+        notes=(*_describe_lenses(hierarchy, rig), *_describe_gaps(coverage), *diagnosis.notes,
+               *_describe_sides(board)),
         discards=diagnosis.discards, coverage=coverage,
     )  # fmt: skip
 

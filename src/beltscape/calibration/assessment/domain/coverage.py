@@ -56,8 +56,8 @@ class Coverage:
     cameras: Mapping[str, CameraCoverage]
     """The core camera first."""
     sigma_mm: Array
-    """(N,) σ of a depth if lenses need not follow their models exactly; NaN with fewer than two cameras, and beyond the core's
-    domain."""
+    """(N,) σ of a depth if lenses need not follow their models exactly; NaN with fewer than two cameras, and where no
+    lens is known."""
     sigma_px: Array
     """(N,) the same as a shift in an image."""
     is_doubtful: Mask

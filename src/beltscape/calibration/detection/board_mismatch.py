@@ -15,6 +15,12 @@ _FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000",
 _SIZES = (50, 100, 250, 1000)
 """Numbers of markers in OpenCV's predefined dictionaries."""
 
+_FEWEST = 6
+"""Fewest markers that are taken for a board's; fewer can be chance."""
+_LEAD = 3
+"""Ratio of a dictionary's markers to those of the next one from which on only this one is searched: by chance, images
+of boards show less than a tenth of their markers in another dictionary."""
+
 Markers = list[tuple[NDArray[np.int64], NDArray[np.float64]]]
 """One (ids (n,), centres (n, 2) px) per image."""
 
@@ -22,11 +28,8 @@ Markers = list[tuple[NDArray[np.int64], NDArray[np.float64]]]
 def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> str | None:
     """Describe the board that images (H, W) uint8 show, as far as it can be determined; None without any board."""
     images = list(images)
-    inverted = [cv2.bitwise_not(image) for image in images]
-    candidates = [(_detect_markers(views, family), family, note) for family in _FAMILIES
-             for views, note in ((images, ""), (inverted, ", inverted"))]  # fmt: skip
-    markers, family, note = max(candidates, key=lambda item: sum(len(ids) for ids, _ in item[0]))
-    if sum(len(ids) for ids, _ in markers) >= 6:
+    markers, family, is_inverted = _find_family(images)
+    if _count_markers(markers) >= _FEWEST:
         low, top = (int(limit(limit(ids) for ids, _ in markers)) for limit in (min, max))
         shifted = [(ids - low, centers) for ids, centers in markers]
         columns = _estimate_columns(markers) or _estimate_columns(shifted)
@@ -34,6 +37,7 @@ def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> s
         begins_later = columns is not None and low >= columns
         numbers = f"{low} to {top} (first_id = {low})" if begins_later else f"up to {top}"
         squares = f" on a board of {columns} columns" if columns else ""
+        note = ", inverted" if is_inverted else ""
         return f"markers {_name_dictionary(family, top)} with ids {numbers}{squares}{note}"
     grid = _find_chessboard_grid(images)
     if grid and not (isinstance(board, Chessboard) and grid in (board.corners, board.corners[::-1])):
@@ -41,15 +45,38 @@ def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> s
     return None
 
 
-def _detect_markers(images: list[NDArray[np.uint8]], family: str) -> Markers:
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family))
-    detector = cv2.aruco.ArucoDetector(dictionary)
-    markers: Markers = []
+def _find_family(images: list[NDArray[np.uint8]]) -> tuple[Markers, str, bool]:
+    """Return the markers of the dictionary that most of them belong to, its name, and whether they are inverted.
+
+    An image is searched for those of all dictionaries only until one is clearly ahead.
+    """
+    found: dict[tuple[str, bool], Markers] = {
+        (family, is_inverted): [] for family in _FAMILIES for is_inverted in (False, True)
+    }
+    searched = list(found)
     for image in images:
-        corners, ids, _ = detector.detectMarkers(image)
-        if ids is not None and len(ids) >= 3:
-            markers.append((ids.ravel().astype(np.int64), np.array(corners).reshape(-1, 4, 2).mean(axis=1)))
-    return markers
+        views = {False: image, True: cv2.bitwise_not(image)}
+        for family, is_inverted in searched:
+            found[family, is_inverted] += _detect_markers(views[is_inverted], family)
+        ranking = sorted(found, key=lambda each: _count_markers(found[each]), reverse=True)
+        most, second = (_count_markers(found[each]) for each in ranking[:2])
+        if most >= _FEWEST and most > _LEAD * second:
+            searched = ranking[:1]
+    family, is_inverted = max(found, key=lambda each: _count_markers(found[each]))
+    return found[family, is_inverted], family, is_inverted
+
+
+def _count_markers(markers: Markers) -> int:
+    return sum(len(ids) for ids, _ in markers)
+
+
+def _detect_markers(image: NDArray[np.uint8], family: str) -> Markers:
+    """Return the markers of one image; none where there are fewer than three, which may be chance."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, family))
+    corners, ids, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(image)
+    if ids is None or len(ids) < 3:
+        return []
+    return [(ids.ravel().astype(np.int64), np.array(corners).reshape(-1, 4, 2).mean(axis=1))]
 
 
 def _name_dictionary(family: str, top: int) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -118,16 +118,20 @@ def render_empty_belt(
     return out
 
 
-def render_camera(capture: RoundCapture, name: str, camera: str, faults: Mapping[str, Any]) -> Path:
-    """Return the folder with one camera's images of the whole round, rendered with these faults."""
+def render_cameras(
+    capture: RoundCapture, name: str, cameras: Sequence[str], faults: Mapping[str, Any]
+) -> Path:
+    """Return the folder with these cameras' images of the whole round, rendered with these faults."""
     out = capture.folder / name
-    others = [{"camera": other} for other in capture.rig.cameras if other != camera]
+    others = [{"camera": other} for other in capture.rig.cameras if other not in cameras]
     changed = {"faults": Faults.model_validate({**faults, "missing_frames": others})}
     scene = SimulatedScene(capture.scenario.model_copy(update=changed))
     for frame in range(capture.frames):
-        path = out / f"{scene.frame_name(frame)}.png"
-        if not path.is_file():
-            write_image(path, scene.render_frame(frame).images[camera])
+        paths = {camera: out / camera / f"{scene.frame_name(frame)}.png" for camera in cameras}
+        if not all(path.is_file() for path in paths.values()):
+            images = scene.render_frame(frame).images
+            for camera, path in paths.items():
+                write_image(path, images[camera])
     return out
 
 

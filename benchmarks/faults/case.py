@@ -17,11 +17,16 @@ class Case:
     within_s: float
     """Time from the fault to the alarm or finding that names it."""
     named_by: tuple[str, ...]
-    """Names of alarms or checks, any of which names the fault; a name ends at ":" or is a beginning with "*"."""
+    """Names of alarms or checks, any of which names the fault: with or without the camera after ":", or a beginning
+    with "*"."""
     faults: Mapping[str, Any] = field(default_factory=dict)
     """The table [faults] of a scene, without ``first``, which is the row's."""
     rendered: str = ""
-    """Camera whose images are rendered anew with the fault; empty: the fault is applied to the images."""
+    """Camera whose images are rendered anew with the fault, "*": all; empty: the fault is applied to the images."""
+    replaced: str = ""
+    """What the project names is another one, or damaged: a key of `replacements.REPLACEMENTS`."""
+    disturbed: str = ""
+    """What happens to the running system's files when the fault begins: a key of `disturbances.DISTURBANCES`."""
     zero_faults: Mapping[str, Any] = field(default_factory=dict)
     """The table [faults] with which the empty belt was rendered when the zero was learned: wrong from the start."""
     allows_valid: bool = False
@@ -42,9 +47,16 @@ class Case:
     @property
     def is_sound(self) -> bool:
         """Return whether nothing is wrong: any alarm is a false accusation."""
-        return not self.faults and not self.zero_faults
+        return not (self.faults or self.zero_faults or self.replaced or self.disturbed)
+
+    @property
+    def is_wrong_from_start(self) -> bool:
+        """Return whether the fault is there before the first frame."""
+        return bool(self.zero_faults or self.replaced)
 
     def is_named_by(self, name: str) -> bool:
         """Return whether an alarm or check of this name names the fault."""
         kind = name.split(":", maxsplit=1)[0]
-        return any(kind.startswith(one[:-1]) if one.endswith("*") else kind == one for one in self.named_by)
+        return any(
+            kind.startswith(one[:-1]) if one.endswith("*") else one in (kind, name) for one in self.named_by
+        )

@@ -14,7 +14,7 @@ from beltscape.core.live import CameraHealth
 from beltscape.files.rasters.images import read_image
 from beltscape.simulate.faults.images import apply_to_images
 from beltscape.simulate.faults.settings import Faults
-from faults.capture import FRAMES_PER_S, RoundCapture, render_camera
+from faults.capture import FRAMES_PER_S, RoundCapture, render_cameras
 from faults.case import Case
 
 _LOST_S = 1.5
@@ -36,9 +36,9 @@ class Feed:
             position = fault.apply(position)
         self._position_mm = position
         path = capture.folder / "rendered" / case.name.replace(" ", "_").replace("/", "_")
-        self._rendered = (
-            render_camera(capture, str(path), case.rendered, case.faults) if case.rendered else None
-        )
+        self._anew = self.cameras if case.rendered == "*" else (case.rendered,) if case.rendered else ()
+        """The cameras whose images are rendered anew."""
+        self._rendered = render_cameras(capture, str(path), self._anew, case.faults) if self._anew else None
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -59,7 +59,7 @@ class Feed:
         }
         if self._rendered is not None and number >= self.onset:
             name = self._capture.truth["frames"][number % self._capture.frames]["frame"]
-            images[self._case.rendered] = read_image(self._rendered / f"{name}.png")
+            images |= {camera: read_image(self._rendered / camera / f"{name}.png") for camera in self._anew}
         reading = float(self._position_mm[number])
         position = reading if np.isfinite(reading) else None
         delivered = replace(frames, frame=f"{number:05d}", images=images, position_mm=position)

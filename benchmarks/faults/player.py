@@ -5,12 +5,14 @@ from __future__ import annotations
 import contextlib
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
+from beltscape.core.errors import BeltscapeError
 from beltscape.core.findings import Finding
 from beltscape.core.progress import Silent
 from beltscape.pipeline.live.assembly import RunOptions, assemble
@@ -21,8 +23,10 @@ from beltscape.pipeline.live.project import RunSettings, read_project
 from faults.capture import FRAMES_PER_S, RoundCapture, render_empty_belt
 from faults.case import Case
 from faults.clock import Clock, use_clock
+from faults.disturbances import DISTURBANCES
 from faults.feed import Feed
 from faults.matching import Cache, use_cache
+from faults.replacements import REPLACEMENTS, Named
 
 SOUND_ROUNDS = 2
 """Rounds before the fault: checks learn their reference values there."""
@@ -67,6 +71,8 @@ class Played:
     """The shown flow; NaN: unknown."""
     totals: Totals = field(default_factory=Totals)
     messages: list[str] = field(default_factory=list)
+    refusal: str = ""
+    """Why the system did not start; empty: it did."""
 
     @property
     def onset_s(self) -> float:
@@ -81,10 +87,12 @@ class RecordingEngine(Engine):
         super().__init__(components)
         self._played, self._clock = played, clock
 
-    def play(self, feed: Feed) -> None:
-        """Measure every frame of a feed and evaluate the alarms by the recording's clock."""
+    def play(self, feed: Feed, disturb: Callable[[], None]) -> None:
+        """Measure every frame of a feed and evaluate the alarms by its clock; call ``disturb`` when the fault begins."""
         board = self._components.board
         for number, frames in enumerate(feed):
+            if number == feed.onset:
+                disturb()
             self._clock.now_s = number / FRAMES_PER_S
             self._last_frame_s = self._clock.monotonic()
             self._measure(self._add_position(frames))
@@ -109,18 +117,23 @@ class RecordingEngine(Engine):
 def play(capture: RoundCapture, case: Case, cache: Cache, *, sound_rounds: float = SOUND_ROUNDS) -> Played:
     """Play a row and return what happened."""
     begin = sound_rounds + case.begins_after
-    onset = 0 if case.zero_faults else round(begin * capture.frames)
+    onset = 0 if case.is_wrong_from_start else round(begin * capture.frames)
     count = round((begin + case.rounds) * capture.frames)
     played, clock = Played(case, onset, count), Clock()
     with tempfile.TemporaryDirectory() as folder, use_clock(clock), use_cache(cache):
         observer: Any = Silence()
-        run = assemble(_open_project(capture, case, Path(folder)), _options(Path(folder)), observer)
+        project = _open_project(capture, case, Path(folder))
+        try:
+            run = assemble(project, _options(Path(folder)), observer)
+        except BeltscapeError as error:
+            played.refusal = str(error)
+            return played
         try:
             components = run.engine._components
             _note_flow(components, played, clock)
             feed = Feed(capture, case, onset, count)
             engine = RecordingEngine(replace(components, source=feed), played, clock)
-            engine.play(feed)
+            engine.play(feed, partial(_disturb, case, Path(folder) / "data"))
             for writer in components.writers:
                 writer.close()
             played.totals = components.historian.totals
@@ -128,6 +141,11 @@ def play(capture: RoundCapture, case: Case, cache: Cache, *, sound_rounds: float
             run.close()
         played.messages = [*observer.messages, *observer.warnings]
     return played
+
+
+def _disturb(case: Case, data: Path) -> None:
+    if case.disturbed:
+        DISTURBANCES[case.disturbed](data)
 
 
 def _options(folder: Path) -> RunOptions:
@@ -142,8 +160,11 @@ def _open_project(capture: RoundCapture, case: Case, folder: Path) -> Any:
         empty = render_empty_belt(capture, name, case.zero_faults, Silent())
     path = folder / "project.toml"
     moving = capture.folder / "moving"
+    named = Named(moving / "truth" / "rig.json", empty)
+    if case.replaced:
+        named = REPLACEMENTS[case.replaced](named, folder)
     path.write_text(
-        f'rig = "{moving / "truth" / "rig.json"}"\nempty = "{empty}"\n'
+        f'rig = "{named.rig}"\nempty = "{named.empty}"\n'
         f'[capture]\nfolder = "{moving}"\n[encoder]\nkind = "capture"\n'
         '[matching]\npreset = "fast"\n[watch]\nlumps_every_s = 0\nedges_every_s = 0\n'
         "[history]\nreserve_mib = 1\n[csv]\nenabled = false\n",

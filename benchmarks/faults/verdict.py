@@ -39,13 +39,18 @@ class RowResult:
 def assess(capture: RoundCapture, played: Played) -> RowResult:
     """Return the verdict on a row."""
     case, records = played.case, [record for _, record in played.records]
+    if played.refusal:
+        failures = () if case.replaced else ("the system did not start",)
+        return RowResult(
+            case.name, case.promised, f"refused: {played.refusal.partition(': ')[2]}", "nothing", "", failures
+        )
     if not records:
         return RowResult(case.name, case.promised, "", "no record", "", ("no record was published",))
     numbers = np.array([-1 if r.strip is None else int(r.strip.frame) for r in records])
     numbers = np.maximum.accumulate(numbers)
     before = numbers < played.onset
     sound = int(before.sum())
-    if case.zero_faults:  # the ledger is wrong from the start: only its place is fitted
+    if case.is_wrong_from_start:  # the ledger is wrong from the start: only its place is fitted
         before, sound = np.zeros(len(records), bool), len(records)
     comparison = compare(capture, records, sound)
     since = ~before
@@ -116,12 +121,17 @@ def _describe_notice(played: Played) -> tuple[str, bool]:
         if first is not None:
             after = first[0] - played.onset_s
             parts.append(f"{after:.1f} s ({round(after * FRAMES_PER_S)} frames): {kind} {first[1]}")
-    others = sorted({name.split(":")[0] for _, name, _ in found if not case.is_named_by(name)})
+    others = sorted({_shorten(name) for _, name, _ in found if not case.is_named_by(name)})
     text = ("; ".join(parts) or "not named") + _describe_trends(played)
     if others:
         text += f" (also {', '.join(others)})"
     is_in_time = bool(named) and named[0][0] - played.onset_s <= case.within_s
     return text, is_in_time
+
+
+def _shorten(name: str) -> str:
+    """Return the name of a check; with the camera where it accuses its pose, since that may be the wrong one."""
+    return name if name.startswith("camera_pose:") else name.split(":", maxsplit=1)[0]
 
 
 def _is_fault_alarm(name: str) -> bool:

@@ -75,13 +75,17 @@ def test_frozen_encoder_loses_length_but_not_truth():
 def test_every_row_is_a_fault_that_the_simulator_knows():
     make_faults = import_module("faults.feed").make_faults
     cases = import_module("faults.cases").read_cases()
+    replacements = import_module("faults.replacements").REPLACEMENTS
+    disturbances = import_module("faults.disturbances").DISTURBANCES
     assert len({case.name for case in cases}) == len(cases)
     assert sum(case.is_short for case in cases) >= 5
     for case in cases:
         started = [fault.first for _, fault in make_faults(case.faults, 60).list_faults()]
         assert started == [60] * len(started)
-        assert case.is_sound or case.named_by
-        assert bool(started) or case.zero_faults or case.is_sound
+        assert case.is_sound or case.named_by or case.replaced
+        assert bool(started) or case.zero_faults or case.is_sound or case.replaced or case.disturbed
+        assert not case.replaced or case.replaced in replacements
+        assert not case.disturbed or case.disturbed in disturbances
 
 
 def test_results_of_parts_add_up_to_one_table(tmp_path):

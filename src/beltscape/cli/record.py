@@ -45,8 +45,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Open the cameras and record; close them in any case."""
     from beltscape.core.errors import InputError
+    from beltscape.files.camera_types import write_camera_types
+    from beltscape.pipeline.recording.camera_types import list_camera_types
     from beltscape.pipeline.recording.feed import FrameFeed
     from beltscape.pipeline.recording.project import read_recording_project
+    from beltscape.sources.genicam.access.aravis import find_cameras
     from beltscape.sources.genicam.source import open_cameras
 
     _require_sense(arguments)
@@ -54,6 +57,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     if arguments.sequence and arguments.out.is_dir() and any(arguments.out.iterdir()):
         raise InputError(f"{arguments.out}: is not empty; a sequence needs a folder of its own")
     encoder = project.open_encoder()
+    types = list_camera_types(project.cameras, find_cameras())
     source = open_cameras(project.cameras, project.core)
     interrupted = threading.Event()
 
@@ -63,12 +67,11 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     before = signal.signal(signal.SIGINT, interrupt)
     try:
         feed = FrameFeed(source, encoder, interrupted)
-        result = _record_sequence if arguments.sequence else _record_shots
-        return {
-            "capture": arguments.out,
-            "cameras": list(source.cameras),
-            **result(arguments, project, feed, reporter),
-        }
+        record = _record_sequence if arguments.sequence else _record_shots
+        result = record(arguments, project, feed, reporter)
+        if result["frames"]:
+            write_camera_types(arguments.out, types)
+        return {"capture": arguments.out, "cameras": list(source.cameras), **result}
     finally:
         signal.signal(signal.SIGINT, before)
         source.close()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from beltscape.calibration.intrinsics.lens_starts import refit_radially
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
+from beltscape.files.camera_types import CameraType
 
 SIZE = (640, 512)
 BOARD_MM = (
@@ -159,6 +162,13 @@ def test_a_tilted_sensor_is_recovered_with_its_sigma(requested):
     ):
         assert 1e-4 < found.sigma[name] < 0.02
         assert abs(angle - true) < 3 * found.sigma[name]
+
+
+def test_a_told_lens_model_is_taken_instead_of_a_choice():
+    seen = replace(views_of(LONG, distance_mm=600.0), types={"c": CameraType(lens_model="tilted")})
+    found, choice = calibrate_with_model("c", seen, BOARD_MM)
+    assert (choice.model, choice.reason) == ("tilted", "as asked for")
+    assert np.abs(found.camera.distortion[-2:]).max() < 3 * found.sigma["tau_x"]
 
 
 def test_a_shifted_sensor_is_not_taken_for_a_tilted_one():

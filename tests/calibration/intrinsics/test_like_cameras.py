@@ -18,6 +18,7 @@ from beltscape.calibration.intrinsics.zhang import calibrate_camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
+from beltscape.files.camera_types import CameraType
 from beltscape.target.board import corner_points_mm
 from tests.synthetic.camera_arrays import BOARD, boards_before, detect, like_cameras
 
@@ -49,6 +50,28 @@ def test_a_camera_with_few_square_views_starts_from_the_lens_of_the_like_ones(se
     assert abs(again[WEAK].camera.focal_px - true).max() < 0.01 * true.max()
     assert [restart.camera for restart in restarts] == [WEAK]
     assert all(again[name] is own[name] for name in own if name != WEAK)
+
+
+def test_a_told_model_finds_the_like_camera_among_others():
+    """Three cameras of five have another lens; the weak one has that of the only other one of its model."""
+    rig = like_cameras(5, 9, convergence=0.3)
+    others = ("c01", "c03", "c04")
+    lenses = {
+        name: replace(camera, focal_px=1.4 * camera.focal_px) if name in others else camera
+        for name, camera in rig.cameras.items()
+    }
+    boards = [*boards_before(rig, 3, 0.03, 9), *boards_before(rig, 6, 0.3, 59)]
+    seen = detect(replace(rig, cameras=lenses), boards, 0.05, 9, bend_mm=0.1)
+    few = dict(list(seen.views[WEAK].items())[:3])
+    seen = replace(seen, views={**seen.views, WEAK: few})
+    own = {name: calibrate_camera(name, seen, BOARD_MM) for name in rig.cameras}
+    true = rig.cameras[WEAK].focal_px
+    untold, _ = restart_weak_cameras(seen, own, BOARD_MM)
+    assert abs(untold[WEAK].camera.focal_px - true).max() > 0.04 * true.max()
+    types = {name: CameraType("zoomed" if name in others else "plain") for name in rig.cameras}
+    told, restarts = restart_weak_cameras(replace(seen, types=types), own, BOARD_MM)
+    assert abs(told[WEAK].camera.focal_px - true).max() < 0.015 * true.max()
+    assert [restart.camera for restart in restarts] == [WEAK]
 
 
 def test_like_cameras_that_are_all_weak_agree_after_the_restart():

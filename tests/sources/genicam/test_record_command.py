@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.cli.main import main
+from beltscape.files.camera_types import CameraType, read_camera_types
 from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.encoder_csv import read_encoder
@@ -25,7 +26,8 @@ def test_shots_and_a_sequence(fake_network, tmp_path, capsys):
     project = tmp_path / "project.toml"
     devices = ", ".join(f'{name} = "{address}"' for name, address in bench.devices.items())
     project.write_text(
-        f"[cameras]\ndevices = {{ {devices} }}\nframes_per_s = 10\nexposure_us = 1000\nallowed_skew_ms = 30\n"
+        f"[cameras]\ndevices = {{ {devices} }}\nmodels = {{ cam1 = 'two of a kind, 8 mm' }}\n"
+        f"lens_models = {{ cam1 = 'tilted' }}\nframes_per_s = 10\nexposure_us = 1000\nallowed_skew_ms = 30\n"
         'packet_size = 9000\nencoder = { feature = "TestRegister", mm_per_count = 0.5 }\n'
     )
     with bench:
@@ -36,6 +38,10 @@ def test_shots_and_a_sequence(fake_network, tmp_path, capsys):
         result = json.loads(capsys.readouterr().out)
         assert main([*words, "--out", str(tmp_path / "sequence"), "--sequence", "--shots", "4"]) == 2
     assert result["frames"] == 4
+    types = read_camera_types(tmp_path / "shots")
+    assert types["cam1"] == CameraType("two of a kind, 8 mm", "tilted")
+    assert types["cam0"].model
+    assert read_camera_types(tmp_path / "sequence") == types
     shots = read_capture(tmp_path / "shots")
     assert shots.cameras == NAMES
     assert shots.frames == ("000", "001")

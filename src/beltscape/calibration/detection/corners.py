@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from beltscape.files.camera_types import CameraType
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +40,8 @@ class BoardDetections:
     """camera → frame → corners."""
     images: Mapping[str, int]
     """camera → number of images searched."""
+    types: Mapping[str, CameraType] = field(default_factory=dict[str, CameraType])
+    """camera → what is known of it without images; cameras of one type have like lenses."""
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -56,6 +60,7 @@ class BoardDetections:
             {name: self.sizes_px[name] for name in kept},
             {name: {f: c for f, c in self.views[name].items() if f in wanted} for name in kept},
             {name: self.images[name] for name in kept},
+            self.types,
         )
 
     def find_shared_corners(

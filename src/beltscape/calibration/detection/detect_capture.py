@@ -19,6 +19,7 @@ from beltscape.calibration.detection.grey import convert_to_8_bit
 from beltscape.calibration.solver.deterministic import single_thread
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
+from beltscape.files.camera_types import read_camera_types
 from beltscape.files.capture import Capture
 from beltscape.files.rasters.images import read_image
 from beltscape.target.board import AprilGrid, Board, BoardSet, CharucoBoard
@@ -116,7 +117,8 @@ def _collect_detections(
                 )
             elif corners is not None:
                 views[camera][frame] = corners
-    return BoardDetections(sizes, views, {name: len(capture.files[name]) for name in sizes})
+    images = {name: len(capture.files[name]) for name in sizes}
+    return BoardDetections(sizes, views, images, read_camera_types(capture.folder))
 
 
 def _sample_images(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:

@@ -86,13 +86,16 @@ def calibrate_with_model(
     *,
     min_views: int = MIN_VIEWS,
 ) -> tuple[MonocularCalibration, LensChoice]:
-    """Calibrate one camera with the requested lens model, or with the one that its views ask for.
+    """Calibrate one camera with the requested lens model, the one that is told of it, or the one its views ask for.
 
     Raises
     ------
     CalibrationError
         When too few views show the board, or no model fits them.
     """
+    told = detections.types.get(name)
+    if requested == AUTO and told and told.lens_model:
+        requested = told.lens_model
     brown: MonocularCalibration | None = None
     if requested in ("brown", "tilted", AUTO):
         try:

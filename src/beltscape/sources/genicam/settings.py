@@ -70,6 +70,11 @@ class CamerasSettings(BaseModel):
     """Name of the camera in the rig → its device id, address or serial number."""
     own: dict[Name, CameraOverrides] = {}
     """Name of the camera in the rig → its own settings."""
+    models: dict[Name, Name] = {}
+    """Name of the camera in the rig → the maker's model and lens; cameras of one model start their calibration from a
+    common lens. Not given: the model that the camera states."""
+    lens_models: dict[Name, Literal["brown", "rational", "thin_prism", "tilted", "fisheye"]] = {}
+    """Name of the camera in the rig → its lens model, such as tilted for a Scheimpflug adapter; not given: found."""
     exposure_us: float | None = Field(default=None, gt=0, le=1e7)
     """Exposure time; not given: the camera's present one."""
     gain_db: float | None = Field(default=None, ge=-24, le=60)
@@ -107,11 +112,12 @@ class CamerasSettings(BaseModel):
 
     @model_validator(mode="after")
     def _check(self) -> CamerasSettings:
-        for name in self.own:
-            if name not in self.devices:
-                raise ValueError(
-                    f"own.{name}: no such camera in devices; there are {', '.join(self.devices)}"
-                )
+        for table in ("own", "models", "lens_models"):
+            for name in getattr(self, table):
+                if name not in self.devices:
+                    raise ValueError(
+                        f"{table}.{name}: no such camera in devices; there are {', '.join(self.devices)}"
+                    )
         if len(set(self.devices.values())) < len(self.devices):
             raise ValueError("devices: the same device is given twice")
         most_ms = WINDOW_SHARE * 1e3 / self.frames_per_s

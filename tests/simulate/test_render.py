@@ -104,7 +104,7 @@ def test_projected_dot_appears_where_the_projector_projects_it(center, engine):
     dots = np.array([[40.0, 30.0], [111.4, 27.7], [37.3, 71.6], [118.0, 68.5]])
     pattern = sum(np.exp(-((columns - u) ** 2 + (rows - v) ** 2) / (2 * 2.0**2)) for u, v in dots)
     light = projector(pattern, focal=(260.0, 264.0), center=center, pose=pose)
-    cam = camera(320, 260, focal=340.0, distortion=(0.0,) * 5)
+    cam = camera(200, 162, focal=212.5, distortion=(0.0,) * 5)
     image = picture(World((plane(900, 900),), light, ambient=0.0), cam, settings=by(engine, FINE))[..., 0]
     # Each dot's light by where it came from. The camera's pixels are of one size on the plane, so that their
     # light is the projector's light through each part of the pattern.

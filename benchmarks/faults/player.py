@@ -88,7 +88,7 @@ class RecordingEngine(Engine):
         self._played, self._clock = played, clock
 
     def play(self, feed: Feed, disturb: Callable[[], None]) -> None:
-        """Measure every frame of a feed and evaluate the alarms by its clock; call ``disturb`` when the fault begins."""
+        """Measure every frame of a feed and evaluate the alarms by its clock; ``disturb`` at the fault."""
         board = self._components.board
         for number, frames in enumerate(feed):
             if number == feed.onset:

@@ -13,6 +13,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.health.images.projector_monitor import ProjectorMonitor
 from beltscape.health.images.projector_position import LearnedPattern
+from beltscape.health.images.surface_samples import SurfaceGrid
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
@@ -31,8 +32,9 @@ class BeltImageMonitor:
     ) -> None:
         """``pattern`` is that of the projector by an earlier run; ``keep_pattern`` receives a learned one."""
         self._settings = settings
-        self._projector = ProjectorMonitor(rig, reference, settings, pattern, keep_pattern)
-        self._synchronisation = SynchronisationMonitor(rig, settings)
+        grid = SurfaceGrid(rig)
+        self._projector = ProjectorMonitor(rig, reference, settings, pattern, keep_pattern, grid)
+        self._synchronisation = SynchronisationMonitor(rig, settings, grid)
 
     def learn_anew(self) -> None:
         """Forget the projector's pattern, before the next frame is checked; any thread may call it."""

@@ -42,10 +42,14 @@ class ProjectorMonitor:
         settings: HealthSettings,
         learned: LearnedPattern | None = None,
         keep: Callable[[LearnedPattern], None] | None = None,
+        grid: SurfaceGrid | None = None,
     ) -> None:
-        """``learned`` is the pattern that an earlier run recognised; ``keep`` receives it once it was recognised."""
+        """``learned`` is the pattern that an earlier run recognised; ``keep`` receives it once it was recognised.
+
+        ``grid`` is one that other checks of the same frames use, too.
+        """
         self._rig, self._reference, self._settings = rig, reference, settings
-        self._grid = SurfaceGrid(rig)
+        self._grid = grid or SurfaceGrid(rig)
         self._belt_points = _intersect_belt(self._grid, reference)
         self._sums: dict[str, NDArray[np.float64]] = {}
         self._counts: dict[str, NDArray[np.float64]] = {}
@@ -78,10 +82,9 @@ class ProjectorMonitor:
             self._forget()
         if depth is None or self._settings.projector == "no" or not self._is_due(frames):
             return self._fault
-        surface = self._grid.locate_surface(depth)
-        is_bare, height = self._find_bare_belt(surface)
-        names = [name for name in self._rig.cameras if name in frames.images]
-        textures = {name: self._grid.filter_texture(frames.images[name]) for name in names}
+        view = self._grid.view(frames, depth)
+        is_bare, height = self._find_bare_belt(view.surface)
+        textures = view.filter_textures(self._rig.cameras)
         now = self._grid.sample_all(textures, self._belt_points)
         if self._learned is None:
             if self._settings.learning and not any(one.is_fault for one in findings):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.frames import Image, to_grey
+from beltscape.core.frames import FrameSet, Image, to_grey
 from beltscape.core.geometry.rig import Rig
 
 Texture = NDArray[np.float32]
@@ -50,6 +51,13 @@ class SurfaceGrid:
         self.rays = np.concatenate([ideal, np.ones((*ideal.shape[:2], 1))], axis=-1)
         """(H, W, 3) rays of the grid in the core's frame, z = 1."""
         self._focal_cells = core.focal_px / self._step
+        self._last: SurfaceView | None = None
+
+    def view(self, frames: FrameSet, depth: DepthMap) -> SurfaceView:
+        """Return the surface and textures of a frame; the same ones for all checks of the last frame."""
+        if self._last is None or self._last.frames is not frames or self._last.depth is not depth:
+            self._last = SurfaceView(self, frames, depth)
+        return self._last
 
     @property
     def cells_per_unit(self) -> float:
@@ -102,6 +110,27 @@ class SurfaceGrid:
         z = points_mm[..., 2:]
         motion = (along[:2] - points_mm[..., :2] / z * along[2]) / z * self._focal_cells
         return np.asarray(np.nanmedian(motion.reshape(-1, 2), axis=0), np.float64)
+
+
+class SurfaceView:
+    """The surface of one frame and its cameras' textures, each made when it is first used."""
+
+    def __init__(self, grid: SurfaceGrid, frames: FrameSet, depth: DepthMap) -> None:
+        self._grid, self.frames, self.depth = grid, frames, depth
+        self._textures: dict[str, Texture] = {}
+
+    @cached_property
+    def surface(self) -> Surface:
+        """Return the surface on the grid."""
+        return self._grid.locate_surface(self.depth)
+
+    def filter_textures(self, cameras: Iterable[str]) -> dict[str, Texture]:
+        """Return the filtered images of those of the cameras that are in the frame."""
+        names = [name for name in cameras if name in self.frames.images]
+        for name in names:
+            if name not in self._textures:
+                self._textures[name] = self._grid.filter_texture(self.frames.images[name])
+        return {name: self._textures[name] for name in names}
 
 
 def _fill_small_holes(depth_mm: NDArray[np.float32]) -> NDArray[np.float32]:

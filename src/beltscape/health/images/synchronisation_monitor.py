@@ -71,9 +71,10 @@ class _Stored:
 class SynchronisationMonitor:
     """Compares what the cameras show of the moving material in pairs of frames."""
 
-    def __init__(self, rig: Rig, settings: HealthSettings) -> None:
+    def __init__(self, rig: Rig, settings: HealthSettings, grid: SurfaceGrid | None = None) -> None:
+        """``grid`` is one that other checks of the same frames use, too."""
         self._rig, self._settings = rig, settings
-        self._grid = SurfaceGrid(rig)
+        self._grid = grid or SurfaceGrid(rig)
         self._number = 0
         self._due = 0
         self._before: _Stored | None = None
@@ -115,11 +116,11 @@ class SynchronisationMonitor:
         return tuple(findings)
 
     def _store(self, frames: FrameSet, depth: DepthMap, position_mm: float, time_ns: int) -> _Stored:
-        cameras = tuple(name for name in self._rig.cameras if name in frames.images)
-        textures = {name: self._grid.filter_texture(frames.images[name]) for name in cameras}
-        surface = self._grid.locate_surface(depth)
+        view = self._grid.view(frames, depth)
+        textures, surface = view.filter_textures(self._rig.cameras), view.surface
         own = self._grid.sample_all(textures, surface.points_mm)
-        return _Stored(self._number, FrameTextures(textures, surface, own), cameras, position_mm, time_ns)
+        stored = FrameTextures(textures, surface, own)
+        return _Stored(self._number, stored, tuple(textures), position_mm, time_ns)
 
     def _compare(
         self, before: _Stored, now: _Stored, along: NDArray[np.float64], distance_mm: float

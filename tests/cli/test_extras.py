@@ -37,7 +37,7 @@ from importlib import import_module
 import beltscape
 apart = (
     "beltscape.service", "beltscape.simulate", "beltscape.kernels._native",
-    "beltscape.protocols.mqtt.connection", "beltscape.protocols.mqtt.publisher",
+    "beltscape.protocols.modbus.server", "beltscape.protocols.mqtt.connection", "beltscape.protocols.mqtt.publisher",
 )
 for module in pkgutil.walk_packages(beltscape.__path__, "beltscape."):
     if not module.name.startswith(apart):

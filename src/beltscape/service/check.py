@@ -10,7 +10,7 @@ from beltscape.pipeline.live.check import is_running, list_checks
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access.identity.database import FILE, Database
 from beltscape.service.project import ProjectSettings
-from beltscape.service.protocols import check_protocols
+from beltscape.service.protocols import check_modbus, check_mqtt
 from beltscape.service.server import check_listening
 
 
@@ -28,8 +28,10 @@ def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: 
     if page:
         checks.append(("page", lambda: _page_line(project)))
         checks.append(("users", lambda: _users_line(project)))
-    if project.settings.mqtt is not None:
-        checks.append(("protocols", lambda: check_protocols(project.settings.mqtt)))
+    if (mqtt := project.settings.mqtt) is not None:
+        checks.append(("mqtt", lambda: check_mqtt(mqtt)))
+    if (modbus := project.settings.modbus) is not None:
+        checks.append(("modbus", lambda: check_modbus(modbus)))
     for name, check in checks:
         try:
             lines[name] = check()

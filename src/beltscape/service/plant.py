@@ -56,7 +56,9 @@ def run_plant(
     assembled = assemble(project, options, Observers([live_state, LogObserver()]))
     totals_before = assembled.historian.totals
     with (
-        serve_protocols(project.settings.mqtt, live_state, assembled.historian, options.data),
+        serve_protocols(
+            project.settings.mqtt, project.settings.modbus, live_state, assembled.historian, options.data
+        ),
         _serve_page(project, access, live_state, assembled) if access else nullcontext() as running,
     ):
         assembled.engine.start()

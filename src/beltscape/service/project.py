@@ -6,6 +6,7 @@ from pathlib import Path
 
 from beltscape.core.errors import InputError
 from beltscape.pipeline.live.project import CaptureSettings, Project, RunSettings, read_project
+from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.service.settings import WebSettings
 from beltscape.sources.encoder.settings import EncoderSettings
@@ -18,6 +19,8 @@ class ProjectSettings(RunSettings):
     """The operator's page: the table [web]."""
     mqtt: MqttSettings | None = None
     """Records, state and alarms to a broker: the table [mqtt]."""
+    modbus: ModbusSettings | None = None
+    """State and totals as registers: the table [modbus]."""
 
 
 def open_project(path: Path) -> Project[ProjectSettings]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from importlib import import_module
 from math import nan
 from pathlib import Path
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError
 from beltscape.core.extras import describe_missing_library
+from beltscape.files.folders.atomic import write_text
+from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.plant import PlantState
 from beltscape.service.live_state import LiveState
@@ -58,38 +61,63 @@ class ServedPlant:
 
 @contextmanager
 def serve_protocols(
-    mqtt: MqttSettings | None, live_state: LiveState, historian: Historian, data: Path
+    mqtt: MqttSettings | None,
+    modbus: ModbusSettings | None,
+    live_state: LiveState,
+    historian: Historian,
+    data: Path,
 ) -> Generator[None]:
     """Serve the protocols of the settings until the end of the context, which publishes the last records.
 
     Raises
     ------
     InputError
-        If a library is missing, or a file of the settings cannot be read.
+        If a library is missing, a file of the settings cannot be read, or an address cannot be listened on.
     """
-    if mqtt is None:
+    plant, tell = ServedPlant(live_state, historian), live_state.on_message
+    with ExitStack() as running:
+        if modbus is not None:
+            from beltscape.protocols.modbus.registers import place_registers, write_csv
+
+            with _name_library("modbus"):
+                from beltscape.protocols.modbus.server import ModbusServer
+            server = ModbusServer(modbus, plant, data, tell)
+            write_text(data / "modbus.csv", write_csv(place_registers(modbus)))
+            server.start()
+            running.callback(server.close)
+        if mqtt is not None:
+            with _name_library("mqtt"):
+                from beltscape.protocols.mqtt.publisher import Publisher
+            publisher = Publisher(mqtt, plant, data, tell)
+            publisher.start()
+            running.callback(publisher.close)
         yield
-        return
-    try:
-        from beltscape.protocols.mqtt.publisher import Publisher
-    except ImportError as error:
-        raise InputError(f"[mqtt]: {describe_missing_library(error) or error}") from error
-    publisher = Publisher(mqtt, ServedPlant(live_state, historian), data, live_state.on_message)
-    publisher.start()
-    try:
-        yield
-    finally:
-        publisher.close()
 
 
-def check_protocols(mqtt: MqttSettings | None) -> str:
-    """Return what would be served; InputError where it cannot be."""
-    if mqtt is None:
-        return "none"
-    try:
+def check_mqtt(mqtt: MqttSettings) -> str:
+    """Return what would be published; InputError where it cannot be."""
+    with _name_library("mqtt"):
         from beltscape.protocols.mqtt.publisher import check_settings
-    except ImportError as error:
-        raise InputError(f"[mqtt]: {describe_missing_library(error) or error}") from error
     check_settings(mqtt)
     secured = "TLS" if mqtt.is_encrypted else "without TLS"
-    return f"mqtt to {mqtt.host} port {mqtt.broker_port}, {secured}, topic {mqtt.topic}"
+    return f"{mqtt.host} port {mqtt.broker_port}, {secured}, topic {mqtt.topic}"
+
+
+def check_modbus(modbus: ModbusSettings) -> str:
+    """Return what would be served; InputError where it cannot be."""
+    from beltscape.protocols.modbus.registers import place_registers
+
+    with _name_library("modbus"):
+        import_module("pymodbus")
+    registers = place_registers(modbus)
+    last = registers[-1].address + registers[-1].words - 1
+    return f"{modbus.host} port {modbus.port}, registers {registers[0].address} to {last}"
+
+
+@contextmanager
+def _name_library(table: str) -> Generator[None]:
+    """Turn the absence of a library into an InputError that names the table and the line to type."""
+    try:
+        yield
+    except ImportError as error:
+        raise InputError(f"[{table}]: {describe_missing_library(error) or error}") from error

@@ -1,0 +1,137 @@
+"""The server: answers reads of holding and input registers (functions 3 and 4) from one reading of the state.
+
+Every request is answered from one reading, so that the words of a value, and values that are read together, belong
+together. Writes are refused: nothing in the plant is changed by a protocol without sign-in.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic
+
+from pymodbus.constants import ExcCodes
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+from beltscape.core.errors import InputError, OutputError
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.protocols.modbus.pulses import PulseCount
+from beltscape.protocols.modbus.registers import Reading, place_registers
+from beltscape.protocols.modbus.settings import ModbusSettings
+from beltscape.protocols.plant import Plant
+
+_READS = (3, 4)
+"""Functions that are answered: holding and input registers."""
+_START_S = 10.0
+"""Time for the server to listen."""
+_POLL_S = 0.5
+"""Interval at which the pulse count is kept, and the end is looked for."""
+
+
+class ModbusServer:
+    """Serves a plant's registers until it is closed."""
+
+    def __init__(
+        self,
+        settings: ModbusSettings,
+        plant: Plant,
+        data: Path,
+        on_message: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """Prepare; ``data`` is the folder of the pulse count.
+
+        Raises
+        ------
+        InputError
+            If the map's addresses do not fit, or the kept count cannot be read.
+        """
+        self._settings, self._plant, self._on_message = settings, plant, on_message
+        self._registers = place_registers(settings)
+        step = settings.pulse_kg or settings.pulse_l
+        self._pulses = None if step is None else PulseCount(data / "pulses.json", step)
+        self._started_s = monotonic()
+        self._stop, self._listening = threading.Event(), threading.Event()
+        self._thread = make_supervised_thread("modbus", self._run, self._on_failure, self._stop.wait)
+        self._failure = ""
+        self.port = settings.port
+        """TCP port that is listened on, once it is."""
+
+    def start(self) -> None:
+        """Start listening.
+
+        Raises
+        ------
+        InputError
+            If the address is in use or not allowed.
+        """
+        self._thread.start()
+        if not self._listening.wait(_START_S) or self._failure:
+            self._stop.set()
+            raise InputError(
+                f"[modbus]: {self._settings.host} port {self._settings.port} cannot be listened on"
+                f" ({self._failure or 'no answer'}); choose another port, or give the service the right to it"
+            )
+
+    def close(self, patience_s: float = 5.0) -> None:
+        """Stop listening."""
+        self._stop.set()
+        self._thread.join(patience_s)
+
+    def read(self) -> Reading:
+        """Return what the registers are filled from now."""
+        state = self._plant.read_state()
+        if self._pulses is None:
+            return Reading(state, int(monotonic() - self._started_s), 0)
+        totals = state.totals
+        total = totals.mass_kg if self._settings.pulse_kg is not None else totals.volume_mm3 * 1e-6
+        try:
+            count = self._pulses.update(total)
+        except OutputError as error:
+            self._on_message(f"modbus: {error}; the pulse count waits")
+            count = self._pulses.count
+        return Reading(state, int(monotonic() - self._started_s), count)
+
+    def _run(self) -> None:
+        asyncio.run(self._serve())
+
+    async def _serve(self) -> None:
+        address = (self._settings.host, self._settings.port)
+        server = ModbusTcpServer(self._make_device(), address=address)
+        try:
+            await server.serve_forever(background=True)
+        except (RuntimeError, OSError) as error:
+            self._failure = str(error)
+            self._listening.set()
+            return
+        sockets = getattr(server.transport, "sockets", ())
+        self.port = sockets[0].getsockname()[1] if sockets else self._settings.port
+        self._listening.set()
+        while not self._stop.is_set():
+            self.read()
+            await asyncio.sleep(_POLL_S)
+        await server.shutdown()
+
+    def _make_device(self) -> SimDevice:
+        blocks = [
+            SimData(register.address, count=register.words, datatype=DataType.REGISTERS, readonly=True)
+            for register in self._registers
+        ]
+
+        async def fill(
+            function: int, start: int, _address: int, _count: int, words: list[int], values: object
+        ) -> ExcCodes | None:
+            if function not in _READS or values is not None:
+                return ExcCodes.ILLEGAL_FUNCTION
+            reading = self.read()
+            for register in self._registers:
+                at = register.address - start
+                words[at : at + register.words] = register.pack(reading, self._settings)
+            return None
+
+        return SimDevice(self._settings.unit, blocks, action=fill)
+
+    def _on_failure(self, failure: str) -> None:
+        self._on_message(f"modbus: {failure}; it starts again")

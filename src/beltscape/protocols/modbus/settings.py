@@ -1,0 +1,36 @@
+"""Settings of the table [modbus] of project.toml."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Limit = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+
+
+class ModbusSettings(BaseModel):
+    """Address to listen on, form of the registers, and scales of the outputs."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    host: Annotated[str, Field(min_length=1, max_length=253)] = "127.0.0.1"
+    """Address to listen on; "0.0.0.0" is reached from everywhere. Modbus has neither sign-in nor encryption."""
+    port: Annotated[int, Field(ge=0, le=65_535)] = 502
+    """TCP port; below 1024 the service needs the right to open it. 0: any free one."""
+    unit: Annotated[int, Field(ge=0, le=247)] = 1
+    """Unit identifier that is answered; 0 answers all."""
+    words: Literal["big", "little"] = "big"
+    """Order of the 16-bit words of a longer value: the most or the least significant first."""
+    first: Annotated[int, Field(ge=0, le=60_000)] = 0
+    """Address of the first register of the map."""
+    addresses: dict[str, Annotated[int, Field(ge=0, le=65_535)]] = {}
+    """Addresses by name, for control systems that expect others; with it only the named registers are served."""
+    pulse_kg: Limit | None = None
+    """Mass of one pulse of the pulse count; it needs a density."""
+    pulse_l: Limit | None = None
+    """Volume of one pulse, where ``pulse_kg`` is not given."""
+    full_t_h: Limit | None = None
+    """Mass flow at the end of the analogue scale, 20 mA."""
+    full_m3_h: Limit | None = None
+    """Volume flow at the end of the analogue scale, where ``full_t_h`` is not given."""

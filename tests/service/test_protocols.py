@@ -1,0 +1,74 @@
+"""What the protocols see of a running system, and their start and end beside it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from beltscape.core.errors import InputError
+from beltscape.protocols.modbus.settings import ModbusSettings
+from beltscape.protocols.mqtt.settings import MqttSettings
+from beltscape.service.live_state import LiveState
+from beltscape.service.protocols import ServedPlant, check_modbus, check_mqtt, serve_protocols
+from beltscape.sinks.historian import Historian
+from beltscape.sinks.settings import HistorySettings
+from tests.protocols.broker import find_port
+from tests.protocols.plant import make_record
+
+
+@pytest.fixture
+def historian(tmp_path: Path) -> Iterator[Historian]:
+    """Return a historian with five records, closed at the end."""
+    one = Historian(tmp_path, HistorySettings(reserve_mib=1))
+    run = one.begin_run()
+    one.write([replace(make_record(number), run=run) for number in range(1, 6)])
+    yield one
+    one.close()
+
+
+def test_the_served_plant_gives_stored_records_and_the_present_state(historian: Historian) -> None:
+    live_state = LiveState()
+    plant = ServedPlant(live_state, historian)
+    assert plant.read_last_number() == 5
+    assert [record.number for record in plant.read_records(2, 2)] == [3, 4]
+    state = plant.read_state()
+    assert (state.record, state.standing) == (5, "missing")  # nothing was measured since the start
+    assert math.isnan(state.volume_flow_m3_h)
+    assert math.isnan(state.speed_m_s)
+    assert state.totals.volume_mm3 == pytest.approx(5 * 200_000)
+
+
+def test_modbus_is_served_during_the_context_only(historian: Historian, tmp_path: Path) -> None:
+    client_module = pytest.importorskip("pymodbus.client", reason="pip install 'beltscape[modbus]'")
+    settings = ModbusSettings(port=find_port())
+    client = client_module.ModbusTcpClient("127.0.0.1", port=settings.port, retries=0, timeout=1)
+    with serve_protocols(None, settings, LiveState(), historian, tmp_path):
+        assert client.connect()
+        words = client.read_holding_registers(16, count=2, device_id=1).registers
+        assert words == [0, 5]  # record
+        client.close()
+    assert not client.connect()
+    assert (tmp_path / "modbus.csv").read_text("utf-8").startswith("address,name,form")
+
+
+def test_an_absent_broker_stops_nothing(historian: Historian, tmp_path: Path) -> None:
+    pytest.importorskip("paho", reason="pip install 'beltscape[mqtt]'")
+    live_state = LiveState()
+    with serve_protocols(
+        MqttSettings(host="127.0.0.1", port=find_port()), None, live_state, historian, tmp_path
+    ):
+        pass
+    assert (tmp_path / "mqtt.json").is_file()
+
+
+def test_checks_name_what_is_served_and_what_is_missing(tmp_path: Path) -> None:
+    pytest.importorskip("paho", reason="pip install 'beltscape[mqtt]'")
+    pytest.importorskip("pymodbus", reason="pip install 'beltscape[modbus]'")
+    assert check_mqtt(MqttSettings(host="broker", tls=True)) == "broker port 8883, TLS, topic beltscape/belt"
+    assert check_modbus(ModbusSettings(first=100)) == "127.0.0.1 port 502, registers 100 to 144"
+    with pytest.raises(InputError, match="no such file"):
+        check_mqtt(MqttSettings(host="broker", tls_ca=tmp_path / "none.pem"))

@@ -25,8 +25,6 @@ def drop_beyond_domains(detections: BoardDetections, cameras: Mapping[str, Camer
 
 
 def _restrict_views(views: Mapping[str, Corners], camera: Camera) -> Mapping[str, Corners]:
-    if np.isinf(camera.valid_radius):
-        return views
     within = {
         frame: corners.select(np.isfinite(camera.undistort(corners.pixels)[:, 0]))
         for frame, corners in views.items()

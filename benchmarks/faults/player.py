@@ -18,7 +18,7 @@ from beltscape.core.progress import Silent
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.live.engine import Engine
 from beltscape.pipeline.live.engine_components import EngineComponents
-from beltscape.pipeline.live.measurement_run import Outcome
+from beltscape.pipeline.live.measurement.measurement_run import Outcome
 from beltscape.pipeline.live.project import RunSettings, read_project
 from faults.capture import FRAMES_PER_S, RoundCapture, render_empty_belt
 from faults.case import Case

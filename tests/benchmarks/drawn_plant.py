@@ -25,8 +25,8 @@ from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.pipeline.live.ledger import LedgerState
-from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
+from beltscape.pipeline.live.measurement.ledger import LedgerState
+from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
 from tests.health.images.speckled_belt import make_frame, make_rig
 from tests.measure.flow.moving_belt import CAMERA, COARSE_CAMERA, HEIGHT_MM, Heap, depth_map
 

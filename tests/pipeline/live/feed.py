@@ -20,13 +20,13 @@ from beltscape.core.progress import Silent
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.pipeline.live.engine import Engine
 from beltscape.pipeline.live.engine_components import EngineComponents
-from beltscape.pipeline.live.frame_queue import FrameQueue
-from beltscape.pipeline.live.gauges import Gauges
-from beltscape.pipeline.live.inspector import PeriodicInspector
-from beltscape.pipeline.live.ledger import LedgerState
-from beltscape.pipeline.live.measurement_run import MeasurementRun
+from beltscape.pipeline.live.intake.frame_queue import FrameQueue
+from beltscape.pipeline.live.measurement.ledger import LedgerState
+from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
+from beltscape.pipeline.live.monitoring.gauges import Gauges
+from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
+from beltscape.pipeline.live.operation.zero import FILE, ZeroControl
 from beltscape.pipeline.live.writer import Writer, notify_records
-from beltscape.pipeline.live.zero import FILE, ZeroControl
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, frames, make_context

@@ -18,17 +18,17 @@ from beltscape.core.progress import Reporter
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.volume.capacity import compute_capacity_mm2
-from beltscape.pipeline.live import zero
 from beltscape.pipeline.live.engine import Engine
 from beltscape.pipeline.live.engine_components import EngineComponents
-from beltscape.pipeline.live.exposure_control import ExposureControl
-from beltscape.pipeline.live.frame_queue import FrameQueue
-from beltscape.pipeline.live.gauges import Gauges
-from beltscape.pipeline.live.image_monitors import make_image_monitors
-from beltscape.pipeline.live.inspector import PeriodicInspector
-from beltscape.pipeline.live.ledger import LedgerState
-from beltscape.pipeline.live.maintenance import MaintenanceMode
-from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
+from beltscape.pipeline.live.images.image_monitors import make_image_monitors
+from beltscape.pipeline.live.intake.exposure_control import ExposureControl
+from beltscape.pipeline.live.intake.frame_queue import FrameQueue
+from beltscape.pipeline.live.measurement.ledger import LedgerState
+from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
+from beltscape.pipeline.live.monitoring.gauges import Gauges
+from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
+from beltscape.pipeline.live.operation import zero
+from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.reporting.event_log import EventLog

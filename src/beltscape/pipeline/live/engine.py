@@ -10,9 +10,9 @@ from beltscape.alarms.readings import Readings
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import FrameEvent, Maintenance, ZeroProposal
 from beltscape.core.supervision import make_supervised_thread
-from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.engine_components import EngineComponents
-from beltscape.pipeline.live.measurement_run import Outcome
+from beltscape.pipeline.live.measurement.measurement_run import Outcome
+from beltscape.pipeline.live.operation import maintenance
 from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.pipeline.live.reporting.repair_notice import RepairNotice
 

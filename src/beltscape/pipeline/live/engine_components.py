@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.live import LiveSource, Observer
 from beltscape.core.progress import Reporter
-from beltscape.pipeline.live.frame_queue import FrameQueue
-from beltscape.pipeline.live.gauges import Gauges
-from beltscape.pipeline.live.inspector import PeriodicInspector
-from beltscape.pipeline.live.learned_images import LearnedImages
-from beltscape.pipeline.live.maintenance import MaintenanceMode
-from beltscape.pipeline.live.measurement_run import MeasurementRun
+from beltscape.pipeline.live.images.learned_images import LearnedImages
+from beltscape.pipeline.live.intake.frame_queue import FrameQueue
+from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
+from beltscape.pipeline.live.monitoring.gauges import Gauges
+from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
+from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
+from beltscape.pipeline.live.operation.zero import ZeroControl
 from beltscape.pipeline.live.reporting.finding_log import FindingLog
 from beltscape.pipeline.live.writer import Writer
-from beltscape.pipeline.live.zero import ZeroControl
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
 from beltscape.sources.encoder.protocol import Encoder

@@ -13,8 +13,8 @@ from beltscape.core.progress import Silent
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.reference import ImageReferences
 from beltscape.health.settings import HealthSettings
-from beltscape.pipeline.live.image_references import FILE, make_keeper, read_references
-from beltscape.pipeline.live.learned_images import LearnedImages
+from beltscape.pipeline.live.images.image_references import FILE, make_keeper, read_references
+from beltscape.pipeline.live.images.learned_images import LearnedImages
 from tests.health.images.speckled_belt import blur, make_frame, make_rig
 
 SETTINGS = HealthSettings(learning_frames=3)

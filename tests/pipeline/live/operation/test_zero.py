@@ -23,7 +23,7 @@ from beltscape.health.belt.cells import compute_belt_cells
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_shift import estimate_zero_shift
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
-from beltscape.pipeline.live.zero import FILE, ZeroControl, read_zero
+from beltscape.pipeline.live.operation.zero import FILE, ZeroControl, read_zero
 from tests.measure.flow.moving_belt import CAMERA, depth_map, make_empty_belt
 from tests.pipeline.live.feed import Feed, check, engine_of, everything, track
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import FrameEvent, Maintenance
-from beltscape.pipeline.live.exposure_control import ExposureControl
+from beltscape.pipeline.live.intake.exposure_control import ExposureControl
 from beltscape.sources.genicam.settings import CamerasSettings
 
 SETTINGS = CamerasSettings.model_validate(

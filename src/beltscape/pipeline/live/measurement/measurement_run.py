@@ -22,9 +22,9 @@ from beltscape.measure.flow.fusion.rows import BeltPiece
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.pipeline.live.learned_images import LearnedImages
-from beltscape.pipeline.live.ledger import Ledger, LedgerState
-from beltscape.pipeline.live.sections import SectionBuffer
+from beltscape.pipeline.live.images.learned_images import LearnedImages
+from beltscape.pipeline.live.measurement.ledger import Ledger, LedgerState
+from beltscape.pipeline.live.measurement.sections import SectionBuffer
 from beltscape.pipeline.measuring.flow_chain import FlowChain, SequenceMatcher
 
 

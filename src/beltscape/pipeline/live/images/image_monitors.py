@@ -11,8 +11,8 @@ from beltscape.files.documents.digest import hash_file
 from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
-from beltscape.pipeline.live import image_references, pattern_reference
-from beltscape.pipeline.live.learned_images import LearnedImages
+from beltscape.pipeline.live.images import image_references, pattern_reference
+from beltscape.pipeline.live.images.learned_images import LearnedImages
 from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.sources.genicam.settings import CamerasSettings
 

@@ -14,8 +14,8 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter, Silent
-from beltscape.pipeline.live.ledger import LedgerState
-from beltscape.pipeline.live.measurement_run import MeasurementRun
+from beltscape.pipeline.live.measurement.ledger import LedgerState
+from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
 from beltscape.simulate.faults.encoder import EncoderFault
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 from tests.measure.flow import moving_belt

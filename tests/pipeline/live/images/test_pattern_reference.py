@@ -9,7 +9,7 @@ import pytest
 from beltscape.core.progress import Silent
 from beltscape.health.images.projector_monitor import ProjectorMonitor
 from beltscape.health.settings import HealthSettings
-from beltscape.pipeline.live.pattern_reference import FILE, make_pattern_keeper, read_pattern
+from beltscape.pipeline.live.images.pattern_reference import FILE, make_pattern_keeper, read_pattern
 from tests.health.images.drawn_belt import RIG, STEP_MM, make_frame
 from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 

@@ -17,8 +17,8 @@ from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter, Silent
-from beltscape.pipeline.live.ledger import LedgerState
-from beltscape.pipeline.live.measurement_run import MeasurementRun
+from beltscape.pipeline.live.measurement.ledger import LedgerState
+from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
 from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 from tests.measure.flow import moving_belt
 from tests.measure.flow.moving_belt import Heap, depth_map

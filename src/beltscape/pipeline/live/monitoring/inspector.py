@@ -9,7 +9,7 @@ from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
 from beltscape.measure.flow.periodic_checks import measure_belt_offset, measure_largest_lump
 from beltscape.measure.lumps.settings import LumpSettings
-from beltscape.pipeline.live.gauges import Gauges
+from beltscape.pipeline.live.monitoring.gauges import Gauges
 
 _NAN = float("nan")
 _LUMPS = LumpSettings(raster_pixels=100_000)

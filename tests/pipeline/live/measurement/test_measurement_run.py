@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement.ledger import LedgerState
 from beltscape.pipeline.measuring.flow_chain import FlowChain
 from tests.synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, frames, make_context, run
 

@@ -1,0 +1,1 @@
+"""Frame sets on their way from the cameras: the queue before the worker, and the exposure times."""

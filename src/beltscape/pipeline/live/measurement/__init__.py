@@ -1,0 +1,1 @@
+"""Frame sets to ledger entries: one run, the ledger that joins runs, and the mean cross-sections."""

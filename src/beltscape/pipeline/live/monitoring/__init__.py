@@ -1,0 +1,1 @@
+"""The current values on which alarms are evaluated, and the periodic checks of lumps and edges."""

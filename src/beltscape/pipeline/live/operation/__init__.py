@@ -1,0 +1,1 @@
+"""Actions of operators and engineers: the belt's zero, and maintenance."""

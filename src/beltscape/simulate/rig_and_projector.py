@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -80,9 +81,7 @@ def make_projector(spec: ProjectorSpec) -> Projector:
 
 def _load_pattern(spec: ProjectorSpec) -> Pattern:
     if str(spec.pattern) in PRESETS:
-        return make_pattern(
-            PatternSettings(size_px=spec.size_px, seed=spec.seed, count=PRESETS[str(spec.pattern)])
-        )
+        return _make_preset(spec.size_px, spec.seed, PRESETS[str(spec.pattern)])
     pattern = read_pattern(Path(spec.pattern))
     if pattern.size_px != spec.size_px:
         raise InputError(
@@ -90,6 +89,12 @@ def _load_pattern(spec: ProjectorSpec) -> Pattern:
             f"{spec.size_px[0]}×{spec.size_px[1]}; set projector.size_px"
         )
     return pattern
+
+
+@lru_cache(maxsize=4)
+def _make_preset(size_px: tuple[int, int], seed: int, count: int) -> Pattern:
+    """Return a generated pattern, which scenes of the same projector share: throwing its dots takes half a second."""
+    return make_pattern(PatternSettings(size_px=size_px, seed=seed, count=count))
 
 
 def _make_camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:

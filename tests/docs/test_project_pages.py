@@ -114,6 +114,12 @@ def test_functions_called_in_the_manual_exist(page):
     assert [name for name in sorted(names) if not re.search(rf"^ *(def|class) {name}\b", code, re.M)] == []
 
 
+def test_the_start_page_leads_to_every_page():
+    linked = set(re.findall(r"\]\(([\w/]+\.md)\)", page_text("docs/index.md")))
+    pages = {page.removeprefix("docs/") for page in PAGES} - {"index.md"}
+    assert sorted(page for page in pages - linked if not page.startswith("decisions/0")) == []
+
+
 def test_every_decision_is_listed():
     listed = re.findall(r"\]\((\d{4}-[\w-]+\.md)\)", page_text("docs/decisions/index.md"))
     assert listed == sorted(path.name for path in (ROOT / "docs/decisions").glob("0*.md"))

@@ -25,7 +25,7 @@ def check(monitor: ProjectorMonitor, number: int, **options) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def kept(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+def stored(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """Return the file of a run that recognised the pattern."""
     path = tmp_path_factory.mktemp("data") / FILE
     monitor = ProjectorMonitor(RIG, REFERENCE, SETTINGS, keep=make_pattern_keeper(path, KEY, Silent()))
@@ -37,8 +37,8 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @pytest.fixture
-def path(kept: bytes, tmp_path: Path) -> Path:
-    (tmp_path / FILE).write_bytes(kept)
+def path(stored: bytes, tmp_path: Path) -> Path:
+    (tmp_path / FILE).write_bytes(stored)
     return tmp_path / FILE
 
 
@@ -58,10 +58,12 @@ def test_a_pattern_of_another_system_is_named_and_not_used(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "empty", "text"])
-def test_a_damaged_file_is_named_and_not_used(path: Path, kept: bytes, damage: str) -> None:
-    middle = len(kept) // 2
-    changed = kept[:middle] + bytes(byte ^ 0x55 for byte in kept[middle : middle + 8]) + kept[middle + 8 :]
-    path.write_bytes({"cut": kept[:middle], "changed": changed, "empty": b"", "text": b"{}"}[damage])
+def test_a_damaged_file_is_named_and_not_used(path: Path, stored: bytes, damage: str) -> None:
+    middle = len(stored) // 2
+    changed = (
+        stored[:middle] + bytes(byte ^ 0x55 for byte in stored[middle : middle + 8]) + stored[middle + 8 :]
+    )
+    path.write_bytes({"cut": stored[:middle], "changed": changed, "empty": b"", "text": b"{}"}[damage])
     reporter = Silent()
     assert read_pattern(path, KEY, reporter) is None
     (line,) = reporter.warnings

@@ -113,7 +113,7 @@ class UnconfirmedTravel:
             if change <= _STEADY * abs(self._speed):
                 return by_speed, False
             is_steady = elapsed <= _LONGEST_S and change <= MAX_DISAGREEMENT * abs(self._speed)
-            if is_steady and not _agree(by_encoder, by_speed):
+            if is_steady and not _is_plausible(by_encoder, by_speed):
                 return by_speed, False
         if by_encoder is not None:
             return by_encoder, True
@@ -150,6 +150,6 @@ def _divide_steps(start: BeltPosition, end: BeltPosition, ratio: float) -> float
     return travel if travel >= 0 else None
 
 
-def _agree(by_encoder: float | None, by_speed: float) -> bool:
+def _is_plausible(by_encoder: float | None, by_speed: float) -> bool:
     """Return whether a travel by the encoder is known and plausible beside that of a constant speed."""
     return by_encoder is not None and abs(by_encoder - by_speed) <= MAX_DISAGREEMENT * abs(by_speed)

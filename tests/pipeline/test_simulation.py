@@ -188,7 +188,7 @@ def test_board_is_detected_at_its_true_position(tmp_path):
         "calibration",
         frames=5,
         rig={"size_px": (480, 400), "pitch_um": 3.45 * 5.1, "auxiliaries": 1},
-        render={"oversample": 2, "passes": 2, "ambient_samples": 4},
+        render={"oversample": 2, "passes": 2, "ambient_samples": 1},
         board={"file": _large_board(tmp_path), "reach": 0.3, "tilt_deg": 25.0},
     )
     stage = SimulatedScene(scene)

@@ -1,5 +1,6 @@
 // The module of one instruction-set level: all groups of kernels, and what this processor can run.
 #include "bind.hpp"
+#include "cpu_level.hpp"
 
 #if defined(__GLIBC__)
 #include <malloc.h>
@@ -18,23 +19,11 @@ void keep_memory() {
 #endif
 }
 
-// The best instruction-set level of this processor; the module of the lowest level is asked before another is
-// loaded.
-const char* cpu_level() {
-#if defined(__x86_64__)
-    if (__builtin_cpu_supports("x86-64-v4")) return "v4";
-    if (__builtin_cpu_supports("x86-64-v3")) return "v3";
-    return "v2";
-#else
-    return "base";
-#endif
-}
-
 }  // namespace
 
 NB_MODULE(BELTSCAPE_MODULE, m) {
     keep_memory();
-    m.def("cpu_level", &cpu_level);
+    m.def("cpu_level", &beltscape::cpu_level);  // the lowest level's module is asked
     beltscape::bind_sweep(m);
     beltscape::bind_selection(m);
     beltscape::bind_least_squares(m);

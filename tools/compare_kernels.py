@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 import beltscape
 from beltscape.cli.main import main as run_program
-from beltscape.kernels.native import NativeBackend
+from beltscape.kernels.native import NativeBackend, levels
 
 DEMO = Path(beltscape.__file__).parent / "data" / "demo"
 
@@ -65,9 +65,13 @@ def main() -> int:
     """Compare, print one line per kernel, and fail if any byte differs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("so", type=Path, help="compiled module of another build")
-    calls, different = compare(load_module(parser.parse_args().so))
+    other = load_module(parser.parse_args().so)
+    calls, different = compare(other)
     for kernel, count in sorted(calls.items()):
         print(f"{kernel:<24} {count:4d} calls, {different[kernel]} differ")
+    if other.cpu_level() != levels()[-1]:
+        print(f"it takes this processor for {other.cpu_level()}, not {levels()[-1]}")
+        return 1
     return 1 if different.total() or not calls else 0
 
 

@@ -22,4 +22,8 @@ chroot "$root" python3 -m venv /opt/beltscape
 chroot "$root" /opt/beltscape/bin/pip install --quiet "/root/$(basename "$wheel")"
 chroot "$root" /opt/beltscape/bin/pip check
 chroot "$root" /opt/beltscape/bin/beltscape doctor
+if grep -qw avx512vl /proc/cpuinfo; then # the module must find the level of this processor by itself
+    chroot "$root" /opt/beltscape/bin/beltscape doctor | grep -q "this processor runs .*v4" ||
+        { echo "the wheel does not find this processor's level" >&2; exit 1; }
+fi
 chroot "$root" /opt/beltscape/bin/beltscape demo --out /demo

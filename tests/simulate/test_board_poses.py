@@ -72,3 +72,20 @@ def test_same_seed_gives_the_same_poses_and_more_poses_are_appended():
         np.testing.assert_array_equal(few[i].translation_mm, many[i].translation_mm)
         assert (few[i].translation_mm != other[i].translation_mm).all()
     assert draw_poses(0) == []
+
+
+def test_a_board_that_faces_a_fisheye_lies_on_its_true_rays_at_its_depth():
+    rig = RigSpec(focal_mm=4.5, scale=0.25, model="fisheye", distortion=(0.02, -0.01, 0.003, -0.001))
+    station = make_station(rig)
+    camera = station.rig.core_camera
+    spec = BoardSpec(depth_mm=(260, 420), reach=0.75, faces_core=True)
+    poses = [station.core_from_world @ pose for pose in sample_board_poses(spec, BOARD, station, 16, 1)]
+    middles = np.array([pose.apply(MIDDLE) for pose in poses])
+    distances = np.linalg.norm(middles, axis=1)
+    assert ((distances > 260 - 1e-6) & (distances < 420 + 1e-6)).all()
+    off = np.abs(camera.project(middles) - camera.center_px) / (np.array(camera.size_px) / 2)
+    assert (off <= 0.75 + 1e-6).all()
+    assert off.max() > 0.6
+    rays = middles / distances[:, None]
+    leans = [np.rad2deg(np.arccos(pose.rotation[:, 2] @ ray)) for pose, ray in zip(poses, rays, strict=True)]
+    assert max(leans) <= spec.tilt_deg + 1e-5

@@ -128,14 +128,25 @@ def _draw_aprilgrid(board: AprilGrid) -> NDArray[np.uint8]:
 
 
 @cache
-def _rays(size_px: tuple[int, int], intrinsics: bytes) -> NDArray[np.float64]:
+def _rays(size_px: tuple[int, int], intrinsics: bytes, model: str) -> NDArray[np.float64]:
     values = np.frombuffer(intrinsics)
-    lens = Camera("", size_px, values[:2], values[2:4], values[4:])
+    lens = Camera("", size_px, values[:2], values[2:4], values[4:], model)
     width, height = size_px
     offset = (np.arange(_SUPER) + 0.5) / _SUPER - 0.5
     u = (np.arange(width)[:, None] + offset).ravel()
     v = (np.arange(height)[:, None] + offset).ravel()
-    return lens.undistort(np.stack(np.meshgrid(u, v), axis=-1))
+    pixels = np.stack(np.meshgrid(u, v), axis=-1)
+    return _undistort_fisheye(lens, pixels) if model == "fisheye" else lens.undistort(pixels)
+
+
+def _undistort_fisheye(lens: Camera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return x/z, y/z by a table of the radius: the general inversion takes seconds for millions of rays."""
+    angle = np.linspace(1e-6, 1.5, 50_001)
+    rays = np.column_stack([np.tan(angle), np.zeros_like(angle), np.ones_like(angle)])
+    radius = (lens.project(rays) - lens.center_px)[:, 0] / lens.focal_px[0]
+    off = (pixels - lens.center_px) / lens.focal_px
+    length = np.maximum(np.linalg.norm(off, axis=-1, keepdims=True), 1e-9)
+    return off / length * np.tan(np.interp(length, radius, angle))
 
 
 def view(
@@ -143,7 +154,8 @@ def view(
 ) -> NDArray[np.uint8]:
     """Return (H, W) uint8, the image of the board; grey beside it."""
     how = how or Print()
-    rays = _rays(lens.size_px, np.concatenate([lens.focal_px, lens.center_px, lens.distortion]).tobytes())
+    intrinsics = np.concatenate([lens.focal_px, lens.center_px, lens.distortion]).tobytes()
+    rays = _rays(lens.size_px, intrinsics, lens.model)
     # a point on the board's plane is hit by the ray  H⁻¹ (x, y, 1)
     r, t = cam_from_board.rotation, cam_from_board.translation_mm
     to_board = np.linalg.inv(np.column_stack([r[:, 0], r[:, 1], t]))

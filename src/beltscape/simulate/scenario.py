@@ -141,6 +141,9 @@ class BoardSpec(_Part):
     """Maximum tilt."""
     reach: Annotated[float, Field(ge=0, le=1)] = 0.5
     """Maximum displacement of its centre towards the edges of the core's view, as a share."""
+    faces_core: bool = False
+    """Whether it lies on the lens's true rays, at ``depth_mm`` from the core along them and turned towards it: for
+    wide lenses, whose edges a board that is only shifted sideways does not reach."""
 
 
 class MotionSpec(_Part):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 
 from beltscape.core.errors import InputError
@@ -10,6 +11,8 @@ from beltscape.core.frames import FrameSet, Image
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture
 from beltscape.files.rasters.images import read_image
+from beltscape.files.tables.exposures_csv import FILE as EXPOSURES
+from beltscape.files.tables.exposures_csv import read_exposures
 
 
 class FolderSource:
@@ -54,12 +57,21 @@ class FolderSource:
         """Yield the frames with these names, in natural order."""
         for frame in self.frames:
             if frame in names:
-                yield FrameSet(frame, self.images(frame))
+                yield FrameSet(frame, self.images(frame), exposures_us=self.exposures_us(frame))
 
     def images(self, frame: str) -> dict[str, Image]:
         """Return the images of one frame by camera; empty without usable ones."""
         images = {name: self._image(name, frame) for name in self.cameras}
         return {name: image for name, image in images.items() if image is not None}
+
+    def exposures_us(self, frame: str) -> Mapping[str, float]:
+        """Return by camera the exposure times of one frame, µs; empty where the capture does not state them."""
+        return self._exposures_us.get(frame, {})
+
+    @cached_property
+    def _exposures_us(self) -> Mapping[str, Mapping[str, float]]:
+        path = self.folder / EXPOSURES
+        return read_exposures(path) if path.is_file() else {}
 
     def _image(self, camera: str, frame: str) -> Image | None:
         path = self._capture.files[camera].get(frame)

@@ -205,7 +205,8 @@ def _frame_numbers(frames: Sequence[str]) -> list[int]:
 
 def _frame_set(source: FolderSource, instant: Instant) -> FrameSet:
     """Return the images of an instant, possibly none, with its time and encoder reading."""
-    return FrameSet(instant.frame, source.images(instant.frame), instant.time_ns, instant.position_mm)
+    images, exposures_us = source.images(instant.frame), source.exposures_us(instant.frame)
+    return FrameSet(instant.frame, images, instant.time_ns, instant.position_mm, exposures_us)
 
 
 def _warn_of_gaps(records: Sequence[FlowRecord], reporter: Reporter) -> None:

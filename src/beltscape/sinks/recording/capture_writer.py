@@ -10,6 +10,9 @@ import numpy as np
 from beltscape.core.frames import FrameSet, Image
 from beltscape.files.tables.csv_table import append_rows
 from beltscape.files.tables.encoder_csv import HEADER, read_encoder
+from beltscape.files.tables.exposures_csv import FILE as EXPOSURES
+from beltscape.files.tables.exposures_csv import HEADER as EXPOSURES_HEADER
+from beltscape.files.tables.exposures_csv import format_exposures
 
 ENCODER = "encoder.csv"
 ENCODER_HEADER = ",".join(HEADER)
@@ -20,7 +23,7 @@ _HOW = {
 
 
 class CaptureWriter:
-    """Writes ``<folder>/<camera>/<frame>.<ext>`` and ``encoder.csv``; complete files only."""
+    """Writes ``<folder>/<camera>/<frame>.<ext>``, ``encoder.csv`` and ``exposures.csv``; complete files only."""
 
     def __init__(self, folder: Path, image: str) -> None:
         """``image`` is "tiff" or "png"; the folder is created with the first frame set."""
@@ -43,6 +46,7 @@ class CaptureWriter:
         InputError
             When its encoder.csv is not valid.
         """
+        truncate_partial_line(self.folder / EXPOSURES)
         path = self.folder / ENCODER
         if path.exists():
             truncate_partial_line(path)
@@ -78,7 +82,7 @@ class CaptureWriter:
                 path = self.folder / camera / f"{frames.frame}.{self._image}"
                 written.append(path)
                 size += _write(path, encode(image, self._image))
-            size += self._write_reading(frames)
+            size += self._write_exposures(frames) + self._write_reading(frames)
         except OSError:
             for path in written:
                 path.unlink(missing_ok=True)
@@ -96,9 +100,14 @@ class CaptureWriter:
         line = f"{frames.frame},{format_seconds(frames.time_ns)},{float(frames.position_mm)!r}\n"
         return append_rows(self.folder / ENCODER, ENCODER_HEADER, line.encode())
 
+    def _write_exposures(self, frames: FrameSet) -> int:
+        """Write the rows of exposures.csv where the exposure times are known."""
+        rows = format_exposures(frames)
+        return append_rows(self.folder / EXPOSURES, ",".join(EXPOSURES_HEADER), rows.encode()) if rows else 0
+
 
 def truncate_partial_line(path: Path) -> None:
-    """Remove an incomplete last row of an encoder.csv, such as after a power failure."""
+    """Remove an incomplete last row of a table, such as after a power failure."""
     data = path.read_bytes() if path.exists() else b""
     whole = data[: data.rfind(b"\n") + 1]
     if whole != data:

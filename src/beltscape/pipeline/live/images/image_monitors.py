@@ -8,13 +8,13 @@ from typing import Any
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.files.documents.digest import hash_file
+from beltscape.files.tables.exposures_csv import FILE as EXPOSURES
 from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.pipeline.live.images import image_references, pattern_reference
 from beltscape.pipeline.live.images.learned_images import LearnedImages
 from beltscape.pipeline.live.project import Project, RunSettings
-from beltscape.sources.genicam.settings import CamerasSettings
 
 Monitors = tuple[ImageMonitor, BeltImageMonitor, LearnedImages]
 """The monitor of the images by themselves, that of the images against the measured belt, and what both learn."""
@@ -36,7 +36,7 @@ def make_image_monitors(
         "rig": hash_file(project.resolve(project.settings.rig)),
         "empty belt": belt_sha256,
         "image width": rig.core_camera.size_px[0],
-        **_describe_exposure(project.settings.cameras),
+        **_describe_exposure(project),
     }
     path = data / image_references.FILE
     learned = image_references.read_references(path, key, reporter)
@@ -51,9 +51,11 @@ def make_image_monitors(
     return images, belt_images, LearnedImages((images, belt_images), (path, pattern_path))
 
 
-def _describe_exposure(cameras: CamerasSettings | None) -> dict[str, Any]:
+def _describe_exposure(project: Project[RunSettings]) -> dict[str, Any]:
     """Return what makes the levels of images comparable beside their stated exposure times."""
+    cameras, capture = project.settings.cameras, project.settings.capture
     if cameras is None:
-        return {"stated exposure": False}
+        is_stated = capture is not None and (project.resolve(capture.folder) / EXPOSURES).is_file()
+        return {"stated exposure": is_stated}
     gains = {name: cameras.gain_of(name) for name in cameras.devices}
     return {"stated exposure": bool(cameras.exposures_us), "gain": gains}

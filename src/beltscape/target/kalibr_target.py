@@ -19,6 +19,7 @@ from beltscape.target.planar_boards import AprilGrid, Chessboard, PlanarBoard
 
 SUFFIXES = (".yaml", ".yml")
 MM_PER_M = 1000.0
+"""Kalibr's lengths are in metres."""
 NANOMETRES = 6
 """Decimals of a length in mm: metres times 1000 leave rounding behind."""
 

@@ -28,6 +28,7 @@ USER_ID, RECORD_ID = "beltscape", 1
 _STEP_M = 1e-6
 """Unit of a coordinate: a hundredth of the usual σ; 32 bits then reach ±2147 m. Chosen."""
 _REACH_M = 2147.0
+"""Farthest coordinate that 32 bits hold in that unit."""
 _POINT_FORMAT = 7
 """Coordinates, 16-bit colour, time; of LAS 1.4, which names coordinate systems as WKT."""
 _DATE_OFFSET = 90

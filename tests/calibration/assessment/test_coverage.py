@@ -57,7 +57,7 @@ def confine(seen: BoardDetections, share: Mapping[str, float]) -> BoardDetection
     return replace(seen, views=views)
 
 
-def adjust(seen, board, models="brown") -> BundleAdjustmentResult:
+def fit_rig(seen, board, models="brown") -> BundleAdjustmentResult:
     lenses = dict.fromkeys(NAMES, models)
     return adjust_bundle(solve_hierarchy(seen, board, "a", Silent(), lens_models=lenses), board)
 
@@ -82,14 +82,14 @@ def belt_ahead(width_mm: float, depth_mm: float = 450.0) -> MeasuringVolume:
 
 
 def test_boards_that_fill_the_images_leave_no_gap(seen, board):
-    coverage = cover(adjust(seen, board))
+    coverage = cover(fit_rig(seen, board))
     require_coverage(coverage)
     assert list_coverage_findings(coverage) == []
     assert np.nanmax(coverage.sigma_px[coverage.is_needed]) < 0.1
 
 
 def test_boards_in_the_middle_of_the_images_are_refused(seen, board):
-    coverage = cover(adjust(confine(seen, {name: 0.36 for name in NAMES}), board))
+    coverage = cover(fit_rig(confine(seen, {name: 0.36 for name in NAMES}), board))
     with pytest.raises(UncoveredVolumeError) as error:
         require_coverage(coverage)
     line = str(error.value)
@@ -101,7 +101,7 @@ def test_boards_in_the_middle_of_the_images_are_refused(seen, board):
 
 
 def test_a_belt_that_lies_where_the_boards_were_is_accepted(seen, board):
-    found = adjust(confine(seen, dict.fromkeys(NAMES, 0.6)), board)
+    found = fit_rig(confine(seen, dict.fromkeys(NAMES, 0.6)), board)
     small, large = cover(found, belt_ahead(150.0)), cover(found, belt_ahead(800.0))
     require_coverage(small)
     assert list_coverage_findings(small) == []
@@ -110,7 +110,7 @@ def test_a_belt_that_lies_where_the_boards_were_is_accepted(seen, board):
 
 
 def test_the_auxiliary_with_the_gap_is_named(seen, board):
-    coverage = cover(adjust(confine(seen, {"c": 0.4}), board))
+    coverage = cover(fit_rig(confine(seen, {"c": 0.4}), board))
     gap = coverage.is_doubtful
     assert gap.any()
     line = (list_coverage_findings(coverage) or [""])[0]
@@ -124,7 +124,7 @@ def test_sigma_of_a_gap_covers_the_error_of_an_extrapolated_polynomial(board, sh
     true = make_rig("rational")
     poses = [pose for x in (-90.0, 0.0, 120.0) for pose in board_poses(board, 9, 450.0, x_mm=x)]
     seen = confine(make_detections(true, board, poses, 0.02), dict.fromkeys(NAMES, share))
-    found = adjust(seen, board)
+    found = fit_rig(seen, board)
     np.testing.assert_allclose(found.sigma_px, 0.02, rtol=0.1)
     coverage = cover(found)
     error_mm = measure_depth_error(true, found.rig, coverage.volume.points_mm)
@@ -147,7 +147,7 @@ def measure_depth_error(true: Rig, found: Rig, points: np.ndarray) -> np.ndarray
 def test_a_belt_beyond_the_domain_of_wide_lenses_is_refused(board):
     true = make_rig("fisheye")
     seen = make_detections(true, board, board_poses(board, 16, 500.0), 0.02)
-    found = adjust(confine(seen, dict.fromkeys(NAMES, 0.6)), board, "fisheye")
+    found = fit_rig(confine(seen, dict.fromkeys(NAMES, 0.6)), board, "fisheye")
     require_coverage(cover(found))  # an image need not be used whole
     with pytest.raises(UncoveredVolumeError, match="its lens is not known and nothing is measured"):
         require_coverage(cover(found, belt_ahead(900.0)))

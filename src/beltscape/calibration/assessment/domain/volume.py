@@ -31,13 +31,14 @@ class MeasuringVolume:
 
 
 def make_view_volume(rig: Rig, geometry: Geometry) -> MeasuringVolume:
-    """Return the core camera's whole view over the boards' depths, for a rig whose belt is not known."""
+    """Return the core camera's view on the grid of depth maps, over the boards' depths; for an unknown belt."""
     camera = rig.core_camera
     width, height = camera.size_px
     rows = max(3, round(COLUMNS * height / width))
     u, v = np.linspace(0, width - 1, COLUMNS), np.linspace(0, height - 1, rows)
-    rays = camera.undistort(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
-    rays = rays[np.isfinite(rays[:, 0])]
+    grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    rays = (grid - camera.center_px) / camera.focal_px  # of the undistorted grid, on which depth is measured
+    rays = rays[np.isfinite(camera.distort(rays)[:, 0])]
     depths = (geometry.board_rotation @ geometry.points_mm.T)[:, 2] + geometry.board_translation_mm[:, 2:]
     rays = np.column_stack([rays, np.ones(len(rays))])
     points = np.concatenate([depth * rays for depth in np.quantile(depths, [NEAR, FAR])])

@@ -46,8 +46,7 @@ class MotionTracker:
         self.motion = BeltMotion()
         self.evidence = MotionEvidence()
         self.check = EncoderCheck(settings.encoder_tolerance)
-        given = settings.direction
-        self.direction = 0 if given is None else 1 if given == "+y" else -1
+        self.direction = {None: 0, "+y": 1, "-y": -1}[settings.direction]
         """+1 towards +y, -1 towards -y, 0 if not known yet."""
         self.is_assumed = False  # whether the direction is only assumed
         self._reference, self._settings, self._key_step_mm = reference, settings, key_step_mm
@@ -100,8 +99,8 @@ class MotionTracker:
         """Return the frame's position from the best observation, and compare the encoder with the material."""
         was_assumed, direction = self.is_assumed, self.direction
         self._open = None
-        by_reading = self._readings.find_contradiction(frame, self.motion, self._travel.confirmed)
-        by_reading = by_reading if self.check.is_trusted else None
+        found = self._readings.find_contradiction(frame, self.motion, self._travel.confirmed)
+        by_reading = found if self.check.is_trusted else None
         observed = self._observe(frame, trusted=self.check.is_trusted and by_reading is None)
         shift = observed.shift
         agrees = self._open is not None and self._open[1]
@@ -293,8 +292,8 @@ class MotionTracker:
         if step is None or self.is_assumed or shift.support < LEAST_SUPPORT:
             return None
         self._key.add_match(shift.score)
-        moved_mm, variance = self.direction * shift.along_mm, shift.sigma_mm**2
-        interval = Interval(step, moved_mm, variance, self._key.number, shift.common_mm)
+        moved_mm = self.direction * shift.along_mm
+        interval = Interval(step, moved_mm, shift.sigma_mm**2, self._key.number, shift.common_mm)
         found = self.check.find_contradiction(interval, frame.number, self.motion.speed or 0.0)
         self._open = interval, found is None
         return found

@@ -89,7 +89,7 @@ def test_boards_that_fill_the_images_leave_no_gap(seen, board):
 
 
 def test_boards_in_the_middle_of_the_images_are_refused(seen, board):
-    coverage = cover(fit_rig(confine(seen, {name: 0.36 for name in NAMES}), board))
+    coverage = cover(fit_rig(confine(seen, dict.fromkeys(NAMES, 0.36)), board))
     with pytest.raises(UncoveredVolumeError) as error:
         require_coverage(coverage)
     line = str(error.value)

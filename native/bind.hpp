@@ -70,10 +70,11 @@ inline nb::object items_of(nb::handle value, const Place& place) {
     return nb::steal(items);
 }
 inline std::size_t count_of(const nb::object& items) {
-    return static_cast<std::size_t>(PySequence_Fast_GET_SIZE(items.ptr()));
+    return static_cast<std::size_t>(PySequence_Size(items.ptr()));
 }
 inline nb::handle item_of(const nb::object& items, std::size_t i) {
-    return PySequence_Fast_GET_ITEM(items.ptr(), static_cast<Py_ssize_t>(i));
+    const auto at = static_cast<Py_ssize_t>(i);  // PySequence_Fast gives one or the other
+    return PyList_Check(items.ptr()) ? PyList_GetItem(items.ptr(), at) : PyTuple_GetItem(items.ptr(), at);
 }
 
 template <class Items>

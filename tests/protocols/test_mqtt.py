@@ -129,14 +129,14 @@ def test_a_new_broker_gets_records_from_then_on_only(broker: Broker, tmp_path: P
 
 @with_broker
 def test_a_ledger_that_begins_again_is_published_whole_and_named(broker: Broker, tmp_path: Path) -> None:
-    plant, subscriber, told = FakePlant(), Subscriber(broker.port, TOPIC), []
+    plant, subscriber, messages = FakePlant(), Subscriber(broker.port, TOPIC), []
     plant.add(30)
     settings = MqttSettings(host="127.0.0.1", port=broker.port, topic=TOPIC, first="all")
-    publisher = Publisher(settings, plant, tmp_path, told.append)
+    publisher = Publisher(settings, plant, tmp_path, messages.append)
     publisher.start()
     wait_until(lambda: len(subscriber.numbers) == 30)
     plant.replace_ledger()
-    wait_until(lambda: any("it was replaced" in text for text in told))
+    wait_until(lambda: any("it was replaced" in text for text in messages))
     plant.add(2)
     wait_until(lambda: len(subscriber.numbers) == 32)
     assert subscriber.numbers[30:] == [1, 2]
@@ -151,7 +151,7 @@ def test_a_wrong_password_is_named_and_nothing_is_published(tmp_path: Path) -> N
     (folder / "users").write_text("")
     one = Broker(folder, f"allow_anonymous false\npassword_file {folder}/users\n")
     one.start()
-    told: list[str] = []
+    messages: list[str] = []
     (tmp_path / "word").write_text("wrong\n")
     settings = MqttSettings(
         host="127.0.0.1",
@@ -163,10 +163,10 @@ def test_a_wrong_password_is_named_and_nothing_is_published(tmp_path: Path) -> N
     )
     plant = FakePlant()
     plant.add(3)
-    publisher = Publisher(settings, plant, tmp_path, told.append)
+    publisher = Publisher(settings, plant, tmp_path, messages.append)
     publisher.start()
-    wait_until(lambda: bool(told))
-    assert "refused (Not authorized)" in told[0]
+    wait_until(lambda: bool(messages))
+    assert "refused (Not authorized)" in messages[0]
     assert publisher.waiting == 3
     publisher.close()
     one.stop(kill=True)
@@ -182,13 +182,13 @@ def test_tls_checks_the_certificate_of_the_broker(tmp_path: Path) -> None:
     folder.mkdir()
     one = Broker(folder, f"allow_anonymous true\ncertfile {certificate}\nkeyfile {key}\n")
     one.start()
-    plant, told = FakePlant(), []
+    plant, messages = FakePlant(), []
     plant.add(40)
     for authority, expected in ((other, "certificate verify failed"), (certificate, "connected")):
         settings = MqttSettings(host="127.0.0.1", port=one.port, topic=TOPIC, tls_ca=authority, first="all")
-        publisher = Publisher(settings, plant, tmp_path, told.append)
+        publisher = Publisher(settings, plant, tmp_path, messages.append)
         publisher.start()
-        wait_until(lambda wanted=expected: any(wanted in text for text in told))
+        wait_until(lambda wanted=expected: any(wanted in text for text in messages))
         if authority is certificate:
             wait_until(lambda publisher=publisher: publisher.waiting == 0)
         assert publisher.waiting == (0 if authority is certificate else 40)
@@ -197,12 +197,12 @@ def test_tls_checks_the_certificate_of_the_broker(tmp_path: Path) -> None:
 
 
 def test_a_broker_that_is_not_there_is_named_and_closing_is_quick(tmp_path: Path) -> None:
-    told: list[str] = []
+    messages: list[str] = []
     settings = MqttSettings(host="127.0.0.1", port=find_port(), topic=TOPIC)
-    publisher = Publisher(settings, FakePlant(), tmp_path, told.append)
+    publisher = Publisher(settings, FakePlant(), tmp_path, messages.append)
     publisher.start()
-    wait_until(lambda: bool(told))
-    assert "not connected" in told[0]
+    wait_until(lambda: bool(messages))
+    assert "not connected" in messages[0]
     start = time.monotonic()
     publisher.close()
     assert time.monotonic() - start < 3

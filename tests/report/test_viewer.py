@@ -44,7 +44,7 @@ def count_color(picture: np.ndarray, channel: int) -> int:
 
 
 @pytest.fixture(scope="module")
-def shown(tmp_path_factory):
+def viewer_page(tmp_path_factory):
     from playwright.sync_api import sync_playwright
 
     path = tmp_path_factory.mktemp("viewer") / "scene.html"
@@ -64,8 +64,8 @@ def shown(tmp_path_factory):
 
 
 @pytest.fixture
-def shoot(shown) -> Shoot:
-    page, _ = shown
+def shoot(viewer_page) -> Shoot:
+    page, _ = viewer_page
 
     def take() -> np.ndarray:
         page.evaluate("() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))")
@@ -75,8 +75,8 @@ def shoot(shown) -> Shoot:
     return take
 
 
-def test_frames_colours_layers_and_sides_are_drawn(shown, shoot):
-    page, troubles = shown
+def test_frames_colours_layers_and_sides_are_drawn(viewer_page, shoot):
+    page, troubles = viewer_page
     page.click("text=colour")
     page.click("button[data-side=top]")
     first = shoot()
@@ -93,8 +93,8 @@ def test_frames_colours_layers_and_sides_are_drawn(shown, shoot):
     assert troubles == []
 
 
-def test_dragging_turns_and_home_returns(shown, shoot):
-    page, troubles = shown
+def test_dragging_turns_and_home_returns(viewer_page, shoot):
+    page, troubles = viewer_page
     page.click("text=colour")
     page.click("button[data-side=home]")
     home = shoot()
@@ -110,8 +110,8 @@ def test_dragging_turns_and_home_returns(shown, shoot):
     assert troubles == []
 
 
-def test_the_ground_follows_the_screens_scheme(shown, shoot):
-    page, _ = shown
+def test_the_ground_follows_the_screens_scheme(viewer_page, shoot):
+    page, _ = viewer_page
     page.emulate_media(color_scheme="dark")
     dark = shoot()[300, 890]
     page.emulate_media(color_scheme="light")

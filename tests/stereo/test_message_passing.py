@@ -40,9 +40,7 @@ def make_round(rng: np.random.Generator, outputs: int) -> Network:
     layers = rng.normal(0, 0.3, (4, inputs + 1)), rng.normal(0, 0.3, (outputs, 5))
     names = tuple(map(str, range(inputs)))
     limits = np.array([[-9.0], [9.0]], np.float32).repeat(inputs, 1)
-    return Network(
-        names, names[:outputs], limits, tuple(layer.astype(np.float32) for layer in layers)
-    )
+    return Network(names, names[:outputs], limits, tuple(layer.astype(np.float32) for layer in layers))
 
 
 def make_rounds(rng: np.random.Generator) -> list[Network]:

@@ -164,7 +164,7 @@ def test_a_tilted_sensor_is_recovered_with_its_sigma(requested):
         assert abs(angle - true) < 3 * found.sigma[name]
 
 
-def test_a_told_lens_model_is_taken_instead_of_a_choice():
+def test_a_stated_lens_model_is_taken_instead_of_a_choice():
     seen = replace(views_of(LONG, distance_mm=600.0), types={"c": CameraType(lens_model="tilted")})
     found, choice = calibrate_with_model("c", seen, BOARD_MM)
     assert (choice.model, choice.reason) == ("tilted", "as asked for")

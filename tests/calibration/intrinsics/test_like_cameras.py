@@ -52,7 +52,7 @@ def test_a_camera_with_few_square_views_starts_from_the_lens_of_the_like_ones(se
     assert all(again[name] is own[name] for name in own if name != WEAK)
 
 
-def test_a_told_model_finds_the_like_camera_among_others():
+def test_a_stated_model_finds_the_like_camera_among_others():
     """Three cameras of five have another lens; the weak one has that of the only other one of its model."""
     rig = like_cameras(5, 9, convergence=0.3)
     others = ("c01", "c03", "c04")
@@ -69,8 +69,8 @@ def test_a_told_model_finds_the_like_camera_among_others():
     untold, _ = restart_weak_cameras(seen, own, BOARD_MM)
     assert abs(untold[WEAK].camera.focal_px - true).max() > 0.04 * true.max()
     types = {name: CameraType("zoomed" if name in others else "plain") for name in rig.cameras}
-    told, restarts = restart_weak_cameras(replace(seen, types=types), own, BOARD_MM)
-    assert abs(told[WEAK].camera.focal_px - true).max() < 0.015 * true.max()
+    stated, restarts = restart_weak_cameras(replace(seen, types=types), own, BOARD_MM)
+    assert abs(stated[WEAK].camera.focal_px - true).max() < 0.015 * true.max()
     assert [restart.camera for restart in restarts] == [WEAK]
 
 

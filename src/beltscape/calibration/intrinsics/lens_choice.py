@@ -86,16 +86,16 @@ def calibrate_with_model(
     *,
     min_views: int = MIN_VIEWS,
 ) -> tuple[MonocularCalibration, LensChoice]:
-    """Calibrate one camera with the requested lens model, the one that is told of it, or the one its views ask for.
+    """Calibrate one camera with the requested lens model, the one that is stated for it, or the one its views ask for.
 
     Raises
     ------
     CalibrationError
         When too few views show the board, or no model fits them.
     """
-    told = detections.types.get(name)
-    if requested == AUTO and told and told.lens_model:
-        requested = told.lens_model
+    stated = detections.types.get(name)
+    if requested == AUTO and stated and stated.lens_model:
+        requested = stated.lens_model
     brown: MonocularCalibration | None = None
     if requested in ("brown", "tilted", AUTO):
         try:

@@ -81,8 +81,8 @@ def restart_weak_cameras(
 ) -> tuple[dict[str, MonocularCalibration], tuple[Restart, ...]]:
     """Start the cameras again whose own views do not determine a lens, or that differ from the like cameras.
 
-    ``known`` cameras keep their intrinsics. Cameras of one image size, and of one maker's model where it is told, are
-    like if most of those that are determined agree in focal length (of one told model, if any is determined); if none
+    ``known`` cameras keep their intrinsics. Cameras of one image size, and of one maker's model where it is stated, are
+    like if most of those that are determined agree in focal length (of one stated model, if any is determined); if none
     is determined, if one lens explains the views of all. A camera without a like one starts again from the best of
     several focal lengths.
     """
@@ -101,16 +101,16 @@ def restart_weak_cameras(
 
 
 def _group_cameras(names: Sequence[str], detections: BoardDetections) -> list[list[str]]:
-    """Return the cameras by image size and told model; those of unknown models are one group of their size."""
+    """Return the cameras by image size and stated model; those of unknown models are one group of their size."""
     groups: dict[tuple[tuple[int, int], str], list[str]] = {}
     for name in names:
-        groups.setdefault((detections.sizes_px[name], _get_told_model(name, detections)), []).append(name)
+        groups.setdefault((detections.sizes_px[name], _get_stated_model(name, detections)), []).append(name)
     return list(groups.values())
 
 
-def _get_told_model(name: str, detections: BoardDetections) -> str:
-    told = detections.types.get(name)
-    return told.model if told else ""
+def _get_stated_model(name: str, detections: BoardDetections) -> str:
+    stated = detections.types.get(name)
+    return stated.model if stated else ""
 
 
 def _find_common_lens(
@@ -122,7 +122,7 @@ def _find_common_lens(
     """Return the common lens of cameras of one image size, and those of them to be started again with it."""
     determined = [monocular[name] for name in names if is_determined(detections, monocular[name])]
     agreeing = _find_agreeing(determined)
-    if not agreeing and len(determined) == 1 and _get_told_model(names[0], detections):
+    if not agreeing and len(determined) == 1 and _get_stated_model(names[0], detections):
         agreeing = (determined[0].camera.name,)
     weak = [name for name in names if name not in agreeing]
     are_unlike = 2 * len(determined) > len(names) and not agreeing

@@ -189,7 +189,9 @@ def _compute_depth_features(
     result: dict[str, NDArray[np.float64]] = {
         "lowest line: upper rim": np.where(both, _ratio(lowest.upper_mm - base, scale), 0.0),
         "lowest line: lower rim": np.where(both, _ratio(lowest.lower_mm - base, scale), 0.0),
-        "lowest line: relative gap": np.where(both, np.log(np.where(both, lowest.gap_mm, 1.0) / shortest), 2.0),
+        "lowest line: relative gap": np.where(
+            both, np.log(np.where(both, lowest.gap_mm, 1.0) / shortest), 2.0
+        ),
         "lowest line: log gap": np.where(both, np.log(np.where(both, lowest.gap_mm, 1.0) / cell_mm), 4.0),
         "lowest line: distance to the nearer rim": np.nan_to_num(lowest.nearer),
         "lowest line: below the shortest": _angle(beneath - lowest.upper_mm, shortest),

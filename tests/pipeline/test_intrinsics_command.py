@@ -60,7 +60,7 @@ def test_a_rational_lens_is_known_as_far_as_its_corners_reached(separate, run, t
     reach_px = camera.valid_radius_px
     assert reach_px is not None
     assert reach_px < find_corner_radius_px(camera)
-    within, beyond = (camera.center_px + [share * reach_px, 0.0] for share in (0.99, 1.01))
+    within, beyond = (camera.center_px + np.array([share * reach_px, 0.0]) for share in (0.99, 1.01))
     assert np.isfinite(camera.undistort(within)).all()
     assert np.isnan(camera.undistort(beyond)).all()
 

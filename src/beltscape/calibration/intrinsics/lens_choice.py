@@ -86,7 +86,7 @@ def calibrate_with_model(
     *,
     min_views: int = MIN_VIEWS,
 ) -> tuple[MonocularCalibration, LensChoice]:
-    """Calibrate one camera with the requested lens model, the one that is stated for it, or the one its views ask for.
+    """Calibrate one camera with the requested lens model, the one stated for it, or the one its views ask for.
 
     Raises
     ------

@@ -81,9 +81,9 @@ def restart_weak_cameras(
 ) -> tuple[dict[str, MonocularCalibration], tuple[Restart, ...]]:
     """Start the cameras again whose own views do not determine a lens, or that differ from the like cameras.
 
-    ``known`` cameras keep their intrinsics. Cameras of one image size, and of one maker's model where it is stated, are
-    like if most of those that are determined agree in focal length (of one stated model, if any is determined); if none
-    is determined, if one lens explains the views of all. A camera without a like one starts again from the best of
+    ``known`` cameras keep their intrinsics. Cameras of one image size, and of one maker's model where it is stated,
+    are like if most of those that are determined agree in focal length (of one stated model, if any is determined);
+    if none is determined, if one lens explains the views of all. A camera without a like one starts again from the best of
     several focal lengths.
     """
     result, restarts = dict(monocular), list[Restart]()

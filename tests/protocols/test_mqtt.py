@@ -15,6 +15,7 @@ from beltscape.core.errors import InputError
 
 pytest.importorskip("paho", reason="paho-mqtt is not installed; pip install 'beltscape[mqtt]' brings it")
 
+from beltscape.protocols.mqtt import publisher as publisher_module
 from beltscape.protocols.mqtt.cursor import Cursor
 from beltscape.protocols.mqtt.messages import format_alarm, format_record, format_state
 from beltscape.protocols.mqtt.publisher import Publisher, check_settings
@@ -27,6 +28,12 @@ TOPIC = "plant/belt4"
 with_broker = pytest.mark.skipif(
     PROGRAM is None, reason="mosquitto is not installed; `make system` brings it"
 )
+
+
+@pytest.fixture(autouse=True)
+def _short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Connect again sooner than in a plant."""
+    monkeypatch.setattr(publisher_module, "_PAUSES_S", (0.1, 0.3))
 
 
 @pytest.fixture

@@ -83,8 +83,8 @@ def restart_weak_cameras(
 
     ``known`` cameras keep their intrinsics. Cameras of one image size, and of one maker's model where it is stated,
     are like if most of those that are determined agree in focal length (of one stated model, if any is determined);
-    if none is determined, if one lens explains the views of all. A camera without a like one starts again from the best of
-    several focal lengths.
+    if none is determined, if one lens explains the views of all. A camera without a like one starts again from the
+    best of several focal lengths.
     """
     result, restarts = dict(monocular), list[Restart]()
     for names in _group_cameras([name for name in monocular if name not in known], detections):

@@ -1,4 +1,4 @@
-"""What each stage of the matcher gains and costs: every stage switched off in turn, on scenes with exact truth.
+"""Gain and cost of each stage of the matcher: every stage switched off in turn, on scenes with exact truth.
 
     python benchmarks/ablation.py [--rendered FOLDER] [--cache FOLDER] [--scenes TEXT …] [--rows TEXT …] [--out FILE]
 

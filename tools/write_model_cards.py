@@ -16,10 +16,10 @@ ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/reference/models.md"
 MANIFEST = ROOT / "src/beltscape/data/networks/manifest.json"
 _FEW = 12
-"""Up to so many features are all named; of more, only the first are."""
+"""Largest number of features of which all are named; of more, the first are."""
 HEAD = """# Models
 
-Fitted networks decide which pixels are believed, how accurate they are, and what lies in holes. All are small
+Fitted networks decide which pixels are accepted, how accurate they are, and what lies in holes. All are small
 multilayer perceptrons with rectifiers (package `learned`), fitted to captures of the simulator with exact truth,
 never to photographs and never to the captures that figures are reported for. `make train` fits all of them again
 from the simulator's seeds. This page is written by `tools/write_model_cards.py`.

@@ -54,13 +54,19 @@ def _shorten(case: Case, rounds: float) -> Case:
 def _write(capture: RoundCapture, chosen: Sequence[Case], note: str) -> None:
     """Write the table of all rows whose results are kept for this capture."""
     kept, cases = read_results(capture.folder), read_cases()
-    left = [(case.name, _explain_absence(case, capture)) for case in cases if case.name not in kept]
+    small = (
+        read_results(capture.folder.parent / f"{SHORT.name}-{capture.seed}") if capture.sizes == LONG else {}
+    )
+    small = {name: one for name, one in small.items() if name not in kept}
+    played = {**kept, **small}
+    left = [(case.name, _explain_absence(case, capture)) for case in cases if case.name not in played]
     write_table(
         ROOT / "benchmarks" / "FAULTS.md",
         [kept[case.name].result for case in cases if case.name in kept],
+        [small[case.name].result for case in cases if case.name in small],
         [*read_not_played(), *left],
         " ".join([_describe(capture, chosen), note]).strip(),
-        describe_commits(kept),
+        describe_commits(played),
     )
 
 

@@ -32,11 +32,15 @@ def format_count(verdicts: Sequence[RowResult]) -> str:
 def write_table(
     path: Path,
     verdicts: Sequence[RowResult],
+    small: Sequence[RowResult],
     unplayed: Sequence[tuple[str, str]],
     description: str,
     commit: str,
 ) -> None:
-    """Write the table; ``commit`` are those at which the rows were played."""
+    """Write the table, and one of rows that were played on ``small`` images only.
+
+    ``commit`` are those at which the rows were played.
+    """
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
     lines = [
         "# Faults",
@@ -51,7 +55,8 @@ def write_table(
         *HEAD,
         *(format_row(verdict) for verdict in verdicts),
         "",
-        f"{format_count(verdicts)}.",
+        *(["Played on images of 306×256 px only:", "", *HEAD, *map(format_row, small), ""] if small else []),
+        f"{format_count([*verdicts, *small])}.",
         "",
         "Not played here:",
         "",

@@ -17,7 +17,7 @@ pytest.importorskip("paho", reason="paho-mqtt is not installed; pip install 'bel
 
 from beltscape.protocols.mqtt import publisher as publisher_module
 from beltscape.protocols.mqtt.cursor import Cursor
-from beltscape.protocols.mqtt.messages import format_alarm, format_record, format_state
+from beltscape.protocols.mqtt.payloads import format_alarm, format_record, format_state
 from beltscape.protocols.mqtt.publisher import Publisher, check_settings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from tests.protocols.broker import PROGRAM, Broker, Subscriber, find_port, wait_until

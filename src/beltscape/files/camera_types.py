@@ -21,7 +21,7 @@ FILE_NAME = "cameras.json"
 
 @dataclass(frozen=True, slots=True)
 class CameraType:
-    """What is known of a camera without images."""
+    """Properties of a camera that are known without images."""
 
     model: str = ""
     """The maker's name of the camera, and of its lens if cameras of one name have several; empty: unknown."""

@@ -15,7 +15,7 @@ from beltscape.learned.weights_file import read_network
 
 @dataclass(frozen=True, slots=True)
 class Purpose:
-    """What a network is for."""
+    """The purpose of a network."""
 
     predicts: str
     used_by: str

@@ -1,4 +1,4 @@
-"""What a protocol sees of the running system: its present state, and the records of the ledger."""
+"""The running system as a protocol sees it: its present state, and the records of the ledger."""
 
 from __future__ import annotations
 

@@ -14,8 +14,7 @@ from beltscape.health.images.monitor import ImageCheck, ImageMonitor
 from beltscape.health.settings import HealthSettings
 from tests.health.images.speckled_belt import AMBIENT, Levels, add_noise, blur, make_frame, make_rig
 
-LEARNING = 5
-CORE, AUXILIARY = "cam0", "cam3"
+LEARNING, CORE, AUXILIARY = 5, "cam0", "cam3"
 
 
 def make_monitor(**settings: object) -> ImageMonitor:
@@ -215,7 +214,6 @@ class TestLight:
         findings: tuple[Finding, ...] = ()
         for number in range(LEARNING + 2):
             findings = monitor.check_images(make_frame(number, shine)).findings
-
         assert monitor.reference is not None
         assert not monitor.reference.has_speckle
         assert "sunlight" in name_faults(findings)
@@ -223,7 +221,6 @@ class TestLight:
 
     def test_flicker_is_only_a_warning(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(make_frame(NEXT, lambda _, light: 1.3 * light))
-
         assert name_faults(result.findings) == {"flicker"}
         assert result.frames.images
 

@@ -132,23 +132,18 @@ def calibrate(
     require_baselines(hierarchy, folder)
     adjustment, covariance = _adjust_everything(hierarchy, board, reporter)
     rig_errors, halves = _score_rig(hierarchy, adjustment, board, start, reporter)
-    warn_of_distance(board, adjustment, reporter)
-    warn_of_split(halves, reporter)
     training, held_out = summarise_errors(rig_errors), halves.score if halves else None
     foreign = known.find_foreign(hierarchy, detections, board)
     triples = list_triples(board)
-    diagnosis = diagnose(
-        hierarchy, adjustment, covariance, triples, rig_errors, halves, explained=tuple(foreign)
-    )
+    explained = tuple(foreign)
+    diagnosis = diagnose(hierarchy, adjustment, covariance, triples, rig_errors, halves, explained=explained)
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_domains(adjustment.rig, adjustment, known.cameras)
     coverage = _assess_coverage(adjustment, limited, covariance, volume, reporter)
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
-    rig = replace(
-        limited,
-        quality=_make_quality(board, adjustment, covariance, held_out, training, fit),
-        covariance={"parameters": covariance.parameters, "matrix": covariance.matrix},
-    )
+    quality = _make_quality(board, adjustment, covariance, held_out, training, fit)
+    matrix = {"parameters": covariance.parameters, "matrix": covariance.matrix}
+    rig = replace(limited, quality=quality, covariance=matrix)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment,
@@ -158,10 +153,14 @@ def calibrate(
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
         warnings=warnings,
-        notes=(*_describe_lenses(hierarchy, rig), *_describe_gaps(coverage), *diagnosis.notes,
-               *_describe_sides(board)),
+        notes=(*_describe_rig(hierarchy, rig, coverage, board), *diagnosis.notes),
         discards=diagnosis.discards, coverage=coverage,
     )  # fmt: skip
+
+
+def _describe_rig(hierarchy: HierarchyResult, rig: Rig, coverage: Coverage, board: Board) -> tuple[str, ...]:
+    """Return notes on the lenses, on gaps in the core's view, and on the two sides of a board."""
+    return (*_describe_lenses(hierarchy, rig), *_describe_gaps(coverage), *_describe_sides(board))
 
 
 def _describe_lenses(hierarchy: HierarchyResult, rig: Rig) -> list[str]:
@@ -246,7 +245,7 @@ def _score_rig(
     known: KnownIntrinsics,
     reporter: Reporter,
 ) -> tuple[RigErrors, CrossValidation | None]:
-    """Return the rig's errors on its own views, and the cross-validation of two halves of them."""
+    """Return the rig's errors on its own views, and the cross-validation of two halves of them; warn of both."""
     kernels, detections = load(), hierarchy.detections
     rig_errors = compute_rig_errors(
         adjustment.rig, detections, board, kernels, corners_mm=adjustment.geometry.points_mm
@@ -257,6 +256,8 @@ def _score_rig(
         lens_models={name: camera.model for name, camera in hierarchy.rig.cameras.items()},
     )  # fmt: skip
     reporter.step("scoring on held-out views", 1, 1)
+    warn_of_distance(board, adjustment, reporter)
+    warn_of_split(halves, reporter)
     return rig_errors, halves
 
 

@@ -31,7 +31,7 @@ _ZERO_UA, _FULL_UA, _BROKEN_UA, _MOST_UA = 4000, 20_000, 3500, 20_500
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the registers are filled from."""
+    """The values that the registers are filled from."""
 
     state: PlantState
     heartbeat: int

@@ -12,7 +12,7 @@ _FORMAT = "beltscape-mqtt/1"
 
 
 class Cursor:
-    """A ledger number that survives a restart; it is written before it is believed."""
+    """A ledger number that survives a restart; it is written before it counts."""
 
     def __init__(self, path: Path, broker: str) -> None:
         """Read the cursor of a broker; another broker, or none yet, has no cursor.

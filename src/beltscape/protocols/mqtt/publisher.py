@@ -19,7 +19,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.protocols.mqtt.connection import Connection, list_tls_files
 from beltscape.protocols.mqtt.cursor import Cursor
-from beltscape.protocols.mqtt.messages import format_alarm, format_record, format_state
+from beltscape.protocols.mqtt.payloads import format_alarm, format_record, format_state
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.plant import Plant
 
@@ -41,7 +41,7 @@ class Publisher:
         data: Path,
         on_message: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Prepare; ``data`` is the folder of the cursor, ``on_message`` is told of lost and regained connections.
+        """Prepare; ``data`` is the folder of the cursor, ``on_message`` is called when a connection is lost or made.
 
         Raises
         ------

@@ -35,7 +35,7 @@ MIN_CONTRAST = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraCoverage:
-    """What one camera sees of the measuring volume."""
+    """The part of the measuring volume that one camera sees."""
 
     camera: Camera
     pixels: Array

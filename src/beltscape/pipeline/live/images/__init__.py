@@ -1,1 +1,1 @@
-"""What is learned of the images, kept over restarts: references of the cameras, the pattern of the projector."""
+"""References learned from the images and kept over restarts: those of the cameras, the pattern of the projector."""

@@ -1,4 +1,4 @@
-"""What a run learned of its images, in the monitors and on the disk; an engineer may have it learned anew."""
+"""References that a run learned from its images, in the monitors and on the disk; an engineer may renew them."""
 
 from __future__ import annotations
 

@@ -18,6 +18,7 @@ from beltscape.stereo.multiview.confidence.message_passing import (
     assign_addresses,
     gather_neighbour_addresses,
     load_message_rounds,
+    split_states,
 )
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
@@ -246,12 +247,11 @@ def _uncertain(s: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray
 
 def _messages(uncertain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return messages, the neighbours' addresses and the rest of the states of random uncertain pixels."""
-    fixed, count = load_message_rounds()[0].fixed_messages, np.count_nonzero(uncertain)
-    length = fixed.shape[1]
-    state = np.random.default_rng(4).normal(size=(len(load_network("refinement").layers[-1]), count))
-    messages = np.hstack([fixed.T, state[:length]])
+    shape = len(load_network("refinement").outputs), np.count_nonzero(uncertain)
+    states = np.random.default_rng(4).normal(size=shape).astype(np.float32)
+    messages, rest = split_states(states, load_message_rounds()[0])
     neighbours = gather_neighbour_addresses(assign_addresses(uncertain, ~uncertain), uncertain, 1)
-    return messages.astype(np.float32), neighbours, state[length:].astype(np.float32)
+    return messages, neighbours, rest
 
 
 def _add_holes(depth: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:

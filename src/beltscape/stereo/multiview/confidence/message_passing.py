@@ -68,13 +68,8 @@ def pass_messages(
     """
 
     def evaluate(network: Network) -> NDArray[np.float32]:
-        length = _message_length(network, len(states), len(neighbours))
-        messages = np.zeros((length + len(_FLAGS), FIRST_UNCERTAIN + states.shape[1]), np.float32)
-        messages[length:, :FIRST_UNCERTAIN] = _FLAGS
-        messages[:length, FIRST_UNCERTAIN:] = states[:length]
-        outputs = kernels.pass_messages(
-            messages, neighbours, states[length:], network.layers, threads=threads
-        )
+        messages, rest = split_states(states, network)
+        outputs = kernels.pass_messages(messages, neighbours, rest, network.layers, threads=threads)
         return outputs.astype(np.float32, copy=False)
 
     *changes, last = rounds
@@ -83,6 +78,13 @@ def pass_messages(
     return evaluate(last)
 
 
-def _message_length(network: Network, state: int, neighbours: int) -> int:
-    """Return how many of a state's numbers are its message, from the number of the network's features."""
-    return (len(network.features) - state - neighbours * len(_FLAGS)) // (neighbours - 1)
+def split_states(
+    states: NDArray[np.float32], network: Network
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the messages (K, 2 + N) of all addresses and the rest (C, N) of states (S, N), for a round's network."""
+    # every offset gives the message and its flags as features; a pixel's own state gives the rest
+    length = (len(network.features) - len(states) - len(OFFSETS) * len(_FLAGS)) // (len(OFFSETS) - 1)
+    messages = np.zeros((length + len(_FLAGS), FIRST_UNCERTAIN + states.shape[1]), np.float32)
+    messages[length:, :FIRST_UNCERTAIN] = _FLAGS
+    messages[:length, FIRST_UNCERTAIN:] = states[:length]
+    return messages, states[length:]

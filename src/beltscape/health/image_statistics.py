@@ -71,15 +71,19 @@ class ImageStatistics:
         return _compute_contrasts(self.fine + self.coarse, self.level)
 
 
+def _choose_rows(image: Image) -> NDArray[np.intp]:
+    """Return the indices of evenly spaced rows of an image."""
+    return ((np.arange(_ROWS) + 0.5) * len(image) / _ROWS).astype(np.intp)
+
+
 def compute_levels(image: Image) -> FloatArray:
     """Return the grey levels (160, W) of evenly spaced rows of an image, in counts of 255."""
-    rows = ((np.arange(_ROWS) + 0.5) * len(image) / _ROWS).astype(np.intp)
-    grey = to_grey(image[rows])
+    grey = to_grey(image[_choose_rows(image)])
     return grey if image.dtype == np.uint8 else grey * np.float32(_FULL / np.iinfo(image.dtype).max)
 
 
-def compute_statistics(levels: FloatArray) -> ImageStatistics:
-    """Return the statistics of an image from the result of `compute_levels`."""
+def compute_statistics(image: Image, levels: FloatArray) -> ImageStatistics:
+    """Return the statistics of an image and the result of `compute_levels` of it."""
     narrow, wide = cv2.blur(levels, _NARROW_PX), cv2.blur(levels, _WIDE_PX)
     edges = np.abs(cv2.filter2D(levels, -1, _THIRD_DIFFERENCE))
     quiet = float(np.percentile(average_blocks(edges), _QUIET)) * np.sqrt(np.pi / 2)
@@ -94,7 +98,7 @@ def compute_statistics(levels: FloatArray) -> ImageStatistics:
         level=level,
         fine=fine,
         coarse=coarse,
-        saturated_share=float(np.mean(levels >= _SATURATED * _FULL)),
+        saturated_share=_compute_saturated_share(image),
         noise=noise,
         mean_level=max(float(level.mean()), 0.1),
         contrast=max(float(middle), 1e-4),
@@ -103,6 +107,16 @@ def compute_statistics(levels: FloatArray) -> ImageStatistics:
         shading=max(float((high - low) / max(high + low, 0.2)), 1e-4),
         signal_to_noise=float(np.sqrt(np.median(texture[lit]) / noise)),
     )
+
+
+def _compute_saturated_share(image: Image) -> float:
+    """Return the share of pixels of which a channel is saturated, in evenly spaced rows.
+
+    Under coloured light the grey level stays below the limit, while what a channel has seen is lost.
+    """
+    rows = image[_choose_rows(image)]
+    strongest = rows if rows.ndim == 2 else rows.max(axis=2)
+    return float(np.mean(strongest >= _SATURATED * np.iinfo(image.dtype).max))
 
 
 def _compute_contrasts(texture: FloatArray, level: FloatArray) -> FloatArray:

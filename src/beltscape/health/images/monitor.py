@@ -120,7 +120,9 @@ class ImageMonitor:
             return ImageCheck((), frames, True)
         levels = {name: compute_levels(image) for name, image in images.items()}
         statistics = {
-            name: replace(compute_statistics(level), exposure_us=frames.exposures_us.get(name, 1.0))
+            name: replace(
+                compute_statistics(images[name], level), exposure_us=frames.exposures_us.get(name, 1.0)
+            )
             for name, level in levels.items()
         }
         findings = self._check(statistics, levels)

@@ -16,7 +16,7 @@ from beltscape.core.errors import InputError
 pytest.importorskip("paho", reason="paho-mqtt is not installed; pip install 'beltscape[mqtt]' brings it")
 
 from beltscape.protocols.mqtt import publisher as publisher_module
-from beltscape.protocols.mqtt.cursor import Cursor
+from beltscape.protocols.mqtt.cursor import read_cursor
 from beltscape.protocols.mqtt.payloads import format_alarm, format_record, format_state
 from beltscape.protocols.mqtt.publisher import Publisher, check_settings
 from beltscape.protocols.mqtt.settings import MqttSettings
@@ -225,13 +225,13 @@ def test_messages_hold_no_nan() -> None:
 
 def test_the_cursor_survives_and_belongs_to_one_broker(tmp_path: Path) -> None:
     path = tmp_path / "mqtt.json"
-    assert Cursor(path, "one").number is None
-    Cursor(path, "one").advance(12)
-    assert Cursor(path, "one").number == 12
-    assert Cursor(path, "two").number is None
+    assert read_cursor(path, "one").number is None
+    read_cursor(path, "one").keep(12)
+    assert read_cursor(path, "one").number == 12
+    assert read_cursor(path, "two").number is None
     path.write_text("{")
     with pytest.raises(InputError, match=r"mqtt.json: cannot be read .* remove it"):
-        Cursor(path, "one")
+        read_cursor(path, "one")
 
 
 @pytest.mark.parametrize("topic", ["a/#", "+/a", "/a", "$SYS", "a/", ""])

@@ -31,7 +31,7 @@ _KINDS = (
 )
 """Kinds in turn, so that any few consecutive scenarios hold all of them."""
 _WITHOUT_SPECKLE = 11
-"""Every so many scenarios the projector is off: most surfaces that are found there are false."""
+"""Period of the scenarios whose projector is off: most surfaces that are found there are false."""
 
 
 def draw_scenario(number: int) -> Scenario:

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 
-from beltscape.core.errors import InputError
-from beltscape.files.folders.atomic import write_text
-
-_FORMAT = "beltscape-pulses/1"
+from beltscape.protocols.kept_number import KeptNumber
 
 
 class PulseCount:
@@ -27,24 +23,16 @@ class PulseCount:
         InputError
             If the file is damaged.
         """
-        self._path, self._step = path, step
-        self.count = self._read()
-        """Pulses that were given."""
+        self._step = step
+        self._kept = KeptNumber(path, "beltscape-pulses/1", "count", ("step", step), "count anew")
+
+    @property
+    def count(self) -> int:
+        """Return the pulses that were given."""
+        return self._kept.number or 0
 
     def update(self, total: float) -> int:
         """Return the count for a total; OutputError if it cannot be kept. NaN changes nothing."""
         if math.isfinite(total) and (count := math.floor(total / self._step + 1e-9)) > self.count:
-            document = {"format": _FORMAT, "step": self._step, "count": count}
-            write_text(self._path, json.dumps(document) + "\n")
-            self.count = count
+            self._kept.keep(count)
         return self.count
-
-    def _read(self) -> int:
-        if not self._path.is_file():
-            return 0
-        try:
-            document = json.loads(self._path.read_text("utf-8"))
-            step, count = float(document["step"]), int(document["count"])
-        except (ValueError, KeyError, TypeError, OSError) as error:
-            raise InputError(f"{self._path}: cannot be read ({error}); remove it to count anew") from error
-        return count if step == self._step else 0

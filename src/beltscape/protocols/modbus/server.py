@@ -110,7 +110,8 @@ class ModbusServer:
         self.port = sockets[0].getsockname()[1] if sockets else self._settings.port
         self._listening.set()
         while not self._stop.is_set():
-            self.read()
+            if self._pulses is not None:
+                self.read()
             await asyncio.sleep(_POLL_S)
         await server.shutdown()
 

@@ -18,7 +18,7 @@ from time import monotonic
 from beltscape.core.errors import InputError
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.protocols.mqtt.connection import Connection, list_tls_files
-from beltscape.protocols.mqtt.cursor import Cursor
+from beltscape.protocols.mqtt.cursor import read_cursor
 from beltscape.protocols.mqtt.payloads import format_alarm, format_record, format_state
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.plant import Plant
@@ -50,7 +50,9 @@ class Publisher:
         """
         self._settings, self._plant, self._on_message = settings, plant, on_message
         self._password = _read_password(settings.password_file)
-        self._cursor = Cursor(data / "mqtt.json", f"{settings.host}:{settings.broker_port}/{settings.topic}")
+        self._cursor = read_cursor(
+            data / "mqtt.json", f"{settings.host}:{settings.broker_port}/{settings.topic}"
+        )
         self._stop = threading.Event()
         self._alarms: dict[str, str] = {}
         self._thread = make_supervised_thread("mqtt", self._run, on_message, self._stop.wait)
@@ -60,7 +62,7 @@ class Publisher:
     def start(self) -> None:
         """Start publishing; returns at once."""
         if self._cursor.number is None:
-            self._cursor.advance(0 if self._settings.first == "all" else self._plant.read_last_number())
+            self._cursor.keep(0 if self._settings.first == "all" else self._plant.read_last_number())
         self._thread.start()
 
     @property
@@ -115,14 +117,14 @@ class Publisher:
                 f"mqtt: the ledger ends before record {after}, which was published; it was replaced. "
                 "All its records are published"
             )
-            self._cursor.advance(0)
+            self._cursor.keep(0)
             return True
         records = self._plant.read_records(after, _BATCH)
         if not records:
             return False
         acknowledged = connection.publish_all([("records", format_record(record)) for record in records])
         if acknowledged:
-            self._cursor.advance(records[acknowledged - 1].number)
+            self._cursor.keep(records[acknowledged - 1].number)
         return connection.is_up
 
     def _publish_state(self, connection: Connection) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,15 +107,11 @@ def assess_coverage(
 
 def _limit(general: Rig, limited: Rig) -> Rig:
     """Return the rig of general lenses within the domains of the calibrated ones."""
-    cameras = {name: _set_domain(camera, limited.cameras[name]) for name, camera in general.cameras.items()}
+    cameras = {
+        name: replace(camera, valid_radius_px=limited.cameras[name].valid_radius_px)
+        for name, camera in general.cameras.items()
+    }
     return Rig(general.core, cameras, general.cam_from_core)
-
-
-def _set_domain(camera: Camera, limited: Camera) -> Camera:
-    return Camera(
-        camera.name, camera.size_px, camera.focal_px, camera.center_px, camera.distortion, camera.model,
-        limited.valid_radius_px,
-    )  # fmt: skip
 
 
 def _compute_sigma(rig: Rig, covariance: Array, points: Array) -> tuple[Array, Array]:

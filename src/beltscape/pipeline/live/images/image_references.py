@@ -17,6 +17,7 @@ from beltscape.files.documents.digest import add_digest, require_digest
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.health.image_statistics import GRID, FloatArray
 from beltscape.health.reference import CameraReference, ImageReferences, Reference
+from beltscape.pipeline.live.images.kept_file import read_kept
 
 FILE = "image_references.json"
 FORMAT = "beltscape-image-references/1"
@@ -33,9 +34,8 @@ def read_references(path: Path, key: Mapping[str, Any], reporter: Reporter) -> I
 
     Those of another system, with another ``key``, and a damaged file are named and not used.
     """
-    if not path.is_file():
-        return None
-    try:
+
+    def read() -> ImageReferences | None:
         document = read_json(path)
         if not is_dict(document) or document.get("format") != FORMAT:
             raise InputError(f"{path}: is no file of image references")
@@ -45,10 +45,8 @@ def read_references(path: Path, key: Mapping[str, Any], reporter: Reporter) -> I
             reporter.warn(f"{path}: the {' and the '.join(changed)} changed since; {_FIX}")
             return None
         return _read_document(document)
-    except (InputError, KeyError, TypeError, ValueError) as error:
-        reason = str(error) if isinstance(error, InputError) else f"{path}: damaged ({error!r})"
-        reporter.warn(reason if reason.endswith(_FIX) else f"{reason}; {_FIX}")
-        return None
+
+    return read_kept(path, read, _FIX, reporter)
 
 
 def _write(path: Path, key: Mapping[str, Any], reporter: Reporter, learned: ImageReferences) -> None:

@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.errors import BeltscapeError, InputError
+from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
 from beltscape.files.arrays import read_arrays, write_arrays
 from beltscape.health.images.projector_position import LearnedPattern
+from beltscape.pipeline.live.images.kept_file import read_kept
 
 FILE = "projector_pattern.npz"
 _FIX = "the projector's pattern is learned anew from the next frames"
@@ -32,9 +33,8 @@ def read_pattern(path: Path, key: Mapping[str, Any], reporter: Reporter) -> Lear
 
     That of another system, with another ``key``, and a damaged file are named and not used.
     """
-    if not path.is_file():
-        return None
-    try:
+
+    def read() -> LearnedPattern | None:
         arrays = read_arrays(path)
         kept = json.loads(str(arrays[_KEY]))
         if kept != _to_plain(key):
@@ -46,10 +46,8 @@ def read_pattern(path: Path, key: Mapping[str, Any], reporter: Reporter) -> Lear
             if name.startswith(_TEXTURE)
         }
         return LearnedPattern(textures, float(arrays[_HEIGHT]))
-    except (InputError, KeyError, TypeError, ValueError) as error:
-        reason = str(error) if isinstance(error, InputError) else f"{path}: damaged ({error!r})"
-        reporter.warn(f"{reason}; {_FIX}")
-        return None
+
+    return read_kept(path, read, _FIX, reporter)
 
 
 def _write(path: Path, key: Mapping[str, Any], reporter: Reporter, learned: LearnedPattern) -> None:

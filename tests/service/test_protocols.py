@@ -10,10 +10,17 @@ from pathlib import Path
 import pytest
 
 from beltscape.core.errors import InputError
+from beltscape.core.live import Alarm
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.service.live_state import LiveState
-from beltscape.service.protocols import ServedPlant, check_modbus, check_mqtt, serve_protocols
+from beltscape.service.protocols import (
+    ProtocolSettings,
+    ServedPlant,
+    check_modbus,
+    check_mqtt,
+    serve_protocols,
+)
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.protocols.broker import find_port
@@ -30,9 +37,14 @@ def historian(tmp_path: Path) -> Iterator[Historian]:
     one.close()
 
 
+def acknowledge(alarm: str, _: str) -> bool:
+    """Acknowledge one alarm only."""
+    return alarm == "overload"
+
+
 def test_the_served_plant_gives_stored_records_and_the_present_state(historian: Historian) -> None:
     live_state = LiveState()
-    plant = ServedPlant(live_state, historian)
+    plant = ServedPlant(live_state, historian, acknowledge)
     assert plant.read_last_number() == 5
     assert [record.number for record in plant.read_records(2, 2)] == [3, 4]
     state = plant.read_state()
@@ -42,11 +54,25 @@ def test_the_served_plant_gives_stored_records_and_the_present_state(historian: 
     assert state.totals.volume_mm3 == pytest.approx(5 * 200_000)
 
 
+def test_commands_are_done_or_refused_with_one_line(historian: Historian) -> None:
+    live_state = LiveState()
+    plant = ServedPlant(live_state, historian, acknowledge)
+    live_state.on_alarms([
+        Alarm(name, "warning", "raised", 1.0, 2.0, "", 1) for name in ("overload", "dirt:cam0")
+    ])  # fmt: skip
+    plant.acknowledge("overload", "anna")
+    with pytest.raises(InputError, match="alarm 'dirt:cam0': is not waiting"):
+        plant.acknowledge("dirt:cam0", "anna")
+    with pytest.raises(InputError, match="alarm 'none': there is no alarm"):
+        plant.acknowledge("none", "anna")
+
+
 def test_modbus_is_served_during_the_context_only(historian: Historian, tmp_path: Path) -> None:
     client_module = pytest.importorskip("pymodbus.client", reason="pip install 'beltscape[modbus]'")
     settings = ModbusSettings(port=find_port())
     client = client_module.ModbusTcpClient("127.0.0.1", port=settings.port, retries=0, timeout=1)
-    with serve_protocols(None, settings, LiveState(), historian, tmp_path):
+    served = ServedPlant(LiveState(), historian, acknowledge)
+    with serve_protocols(ProtocolSettings(modbus=settings), served, tmp_path, lambda _: None):
         assert client.connect()
         words = client.read_holding_registers(16, count=2, device_id=1).registers
         assert words == [0, 5]  # record
@@ -57,10 +83,9 @@ def test_modbus_is_served_during_the_context_only(historian: Historian, tmp_path
 
 def test_an_absent_broker_stops_nothing(historian: Historian, tmp_path: Path) -> None:
     pytest.importorskip("paho", reason="pip install 'beltscape[mqtt]'")
-    live_state = LiveState()
-    with serve_protocols(
-        MqttSettings(host="127.0.0.1", port=find_port()), None, live_state, historian, tmp_path
-    ):
+    served = ServedPlant(LiveState(), historian, acknowledge)
+    settings = ProtocolSettings(MqttSettings(host="127.0.0.1", port=find_port()))
+    with serve_protocols(settings, served, tmp_path, lambda _: None):
         pass
     assert (tmp_path / "mqtt.json").is_file()
 

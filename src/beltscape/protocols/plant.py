@@ -38,6 +38,10 @@ class PlantState:
     alarms: tuple[Alarm, ...]
     maintenance: str
     """Reason of the present maintenance; empty: there is none."""
+    product: str
+    """Name of the present product; empty: none."""
+    batch: str
+    """Name of the present batch; empty: there is none."""
 
 
 class Plant(Protocol):
@@ -53,4 +57,27 @@ class Plant(Protocol):
 
     def read_last_number(self) -> int:
         """Return the number of the newest stored record; 0 while there is none."""
+        ...
+
+
+class PlantCommands(Protocol):
+    """What a protocol may change, once it has checked the user's role; every method may be called from any thread.
+
+    Each raises InputError with one line where it is refused.
+    """
+
+    def acknowledge(self, alarm: str, user: str) -> None:
+        """Acknowledge the alarm of that name."""
+        ...
+
+    def start_batch(self, name: str, product: str, user: str) -> None:
+        """Start a batch; ``product`` empty: the present product."""
+        ...
+
+    def stop_batch(self, user: str) -> None:
+        """Stop the present batch."""
+        ...
+
+    def change_product(self, name: str, user: str) -> None:
+        """Make a product the present one."""
         ...

@@ -22,7 +22,7 @@ from beltscape.service.lifecycle import log_address
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
 from beltscape.service.project import ProjectSettings
-from beltscape.service.protocols import serve_protocols
+from beltscape.service.protocols import ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.service.server import RunningServer, check_listening, serve
 
 _DAY_S = 86_400.0
@@ -57,7 +57,10 @@ def run_plant(
     totals_before = assembled.historian.totals
     with (
         serve_protocols(
-            project.settings.mqtt, project.settings.modbus, live_state, assembled.historian, options.data
+            ProtocolSettings(project.settings.mqtt, project.settings.modbus),
+            ServedPlant(live_state, assembled.historian, assembled.engine.acknowledge),
+            options.data,
+            live_state.on_message,
         ),
         _serve_page(project, access, live_state, assembled) if access else nullcontext() as running,
     ):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from importlib import import_module
 from math import nan
 from pathlib import Path
@@ -22,11 +23,22 @@ _END_OF_TIME_NS = 1 << 62
 """A time after every record."""
 
 
-class ServedPlant:
-    """The running system as the protocols see it: the live state, and the records that are on the disk."""
+@dataclass(frozen=True, slots=True)
+class ProtocolSettings:
+    """The protocols' tables of project.toml; None: the protocol is not served."""
 
-    def __init__(self, live_state: LiveState, historian: Historian) -> None:
-        self._live_state, self._historian = live_state, historian
+    mqtt: MqttSettings | None = None
+    modbus: ModbusSettings | None = None
+
+
+class ServedPlant:
+    """The running system as the protocols see it: the live state, the records that are on the disk, and commands."""
+
+    def __init__(
+        self, live_state: LiveState, historian: Historian, acknowledge: Callable[[str, str], bool]
+    ) -> None:
+        """Join them; ``acknowledge`` takes alarm and user and returns whether the alarm waited for it."""
+        self._live_state, self._historian, self._acknowledge = live_state, historian, acknowledge
 
     def read_state(self) -> PlantState:
         """Return the present state."""
@@ -48,6 +60,8 @@ class ServedPlant:
             cameras=now.cameras,
             alarms=now.alarms,
             maintenance="" if now.maintenance is None else now.maintenance.reason,
+            product="",
+            batch="",
         )
 
     def read_records(self, after: int, limit: int) -> Sequence[BeltRecord]:
@@ -58,23 +72,38 @@ class ServedPlant:
         """Return the number of the newest stored record; 0 while there is none."""
         return self._historian.ledger_end.number
 
+    def acknowledge(self, alarm: str, user: str) -> None:
+        """Acknowledge the alarm of that name; InputError if it does not wait for that."""
+        if all(one.name != alarm for one in self._live_state.take_snapshot().alarms):
+            raise InputError(f"alarm {alarm!r}: there is no alarm of that name")
+        if not self._acknowledge(alarm, user):
+            raise InputError(f"alarm {alarm!r}: is not waiting to be acknowledged")
+
+    def start_batch(self, name: str, product: str, user: str) -> None:
+        """Refuse: there are no batches."""
+        raise InputError(f"batch {name!r}: this project has no batches")
+
+    def stop_batch(self, user: str) -> None:
+        """Refuse: there are no batches."""
+        raise InputError("batch: this project has no batches")
+
+    def change_product(self, name: str, user: str) -> None:
+        """Refuse: there are no products."""
+        raise InputError(f"product {name!r}: this project has no products")
+
 
 @contextmanager
 def serve_protocols(
-    mqtt: MqttSettings | None,
-    modbus: ModbusSettings | None,
-    live_state: LiveState,
-    historian: Historian,
-    data: Path,
+    settings: ProtocolSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
 ) -> Generator[None]:
-    """Serve the protocols of the settings until the end of the context, which publishes the last records.
+    """Serve the protocols of the settings until the end of the context, which publishes the last records; ``tell`` gets messages.
 
     Raises
     ------
     InputError
         If a library is missing, a file of the settings cannot be read, or an address cannot be listened on.
     """
-    plant, tell = ServedPlant(live_state, historian), live_state.on_message
+    mqtt, modbus = settings.mqtt, settings.modbus
     with ExitStack() as running:
         if modbus is not None:
             from beltscape.protocols.modbus.registers import place_registers, write_csv

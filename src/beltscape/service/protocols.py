@@ -79,15 +79,15 @@ class ServedPlant:
         if not self._acknowledge(alarm, user):
             raise InputError(f"alarm {alarm!r}: is not waiting to be acknowledged")
 
-    def start_batch(self, name: str, product: str, user: str) -> None:
+    def start_batch(self, name: str, product: str, user: str) -> None:  # noqa: ARG002
         """Refuse: there are no batches."""
         raise InputError(f"batch {name!r}: this project has no batches")
 
-    def stop_batch(self, user: str) -> None:
+    def stop_batch(self, user: str) -> None:  # noqa: ARG002
         """Refuse: there are no batches."""
         raise InputError("batch: this project has no batches")
 
-    def change_product(self, name: str, user: str) -> None:
+    def change_product(self, name: str, user: str) -> None:  # noqa: ARG002
         """Refuse: there are no products."""
         raise InputError(f"product {name!r}: this project has no products")
 
@@ -96,7 +96,9 @@ class ServedPlant:
 def serve_protocols(
     settings: ProtocolSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
 ) -> Generator[None]:
-    """Serve the protocols of the settings until the end of the context, which publishes the last records; ``tell`` gets messages.
+    """Serve the protocols of the settings until the end of the context, which publishes the last records.
+
+    ``tell`` receives messages of one line.
 
     Raises
     ------

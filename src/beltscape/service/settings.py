@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.service.access.settings import AccessSettings, LimitSettings
-
-Language = Literal["en", "de", "zh"]
+from beltscape.service.languages import DEFAULT, LanguageCode
 
 
 class WebSettings(BaseModel):
@@ -29,8 +28,8 @@ class WebSettings(BaseModel):
     """Limits of the listening socket: the table [web.limits]."""
     access: AccessSettings = AccessSettings()
     """Users and sessions: the table [web.access]."""
-    language: Language = "en"
-    """Language of the page until the user chooses another: en, de or zh."""
+    language: LanguageCode = DEFAULT
+    """Language of the page until the user chooses another: the code of a file in ``page/languages``."""
     plant: Annotated[str, Field(max_length=60)] = ""
     """Name of the belt or plant, at the top of the page."""
     metrics_open: bool = False

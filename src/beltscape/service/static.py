@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import mimetypes
+from dataclasses import asdict
 from pathlib import Path
 
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
+from beltscape.service.languages import list_languages
+
 FOLDER = Path(__file__).parent / "page"
+_LANGUAGES = "languages.json"
+"""The list of the page's languages, made from their files."""
 
 # the system's own table may lack these types or differ
 for _ending, _kind in ((".js", "text/javascript"), (".woff2", "font/woff2"), (".json", "application/json")):
@@ -20,7 +25,10 @@ class _RevalidatedFiles(StaticFiles):
     """Static files that a browser revalidates each time, so that a new version is used at once."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
-        response = await super().get_response(path, scope)
+        if path == _LANGUAGES:
+            response: Response = JSONResponse([asdict(language) for language in list_languages()])
+        else:
+            response = await super().get_response(path, scope)
         response.headers["Cache-Control"] = "no-cache"
         return response
 

@@ -1,4 +1,4 @@
-"""All texts of the page are in one file, complete in every language."""
+"""All texts of the page are in one file for each language, complete in every one."""
 
 from __future__ import annotations
 
@@ -17,12 +17,13 @@ from beltscape.core.belt.ledger_entries import STANDINGS
 from beltscape.core.findings import EFFECTS
 from beltscape.core.live import AlarmState, CameraState, Severity
 from beltscape.measure.flow.motion.encoder_check import Kind
+from beltscape.service import languages
 from beltscape.service.access.identity.roles import ROLES
-from beltscape.service.settings import Language
+from beltscape.service.languages import list_languages, read_texts
 from beltscape.service.static import FOLDER
 from beltscape.service.view_models.flow import Trend
 
-TEXTS: dict[str, dict[str, str]] = json.loads((FOLDER / "texts.json").read_text(encoding="utf-8"))
+TEXTS = read_texts("en")
 SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "script").glob("*.js"))}
 PAGE = (FOLDER / "index.html").read_text(encoding="utf-8")
 ACCESS_PAGE = FOLDER.parent / "access" / "page"
@@ -42,26 +43,42 @@ def remove_comments(script: str) -> str:
     return re.sub(r"(?m)(^|[\s;{}])//.*$|/\*.*?\*/", r"\1", script, flags=re.DOTALL if "/*" in script else 0)
 
 
-@pytest.mark.parametrize("language", get_args(Language))
-def test_every_text_exists_in_every_language(language):
-    assert [key for key, texts in TEXTS.items() if not texts.get(language, "").strip()] == []
+@pytest.mark.parametrize("language", list_languages(), ids=lambda language: language.code)
+def test_every_language_has_the_same_keys_each_once_with_a_text(language):
+    text = (FOLDER / "languages" / f"{language.code}.json").read_text(encoding="utf-8")
+    pairs: list[tuple[str, str]] = json.loads(text, object_pairs_hook=list)
+    keys = [key for key, _ in pairs]
+    assert len(keys) == len(set(keys))
+    assert set(TEXTS) - set(keys) == set(), "missing"
+    assert set(keys) - set(TEXTS) == set(), "unknown"
+    assert [key for key, value in pairs if not value.strip()] == []
 
 
-def test_languages_are_complete_and_keys_unique():
-    assert {name for texts in TEXTS.values() for name in texts} == set(get_args(Language))
-    lines = re.findall(
-        r'^\s*"([^"]+)": \{', (FOLDER / "texts.json").read_text(encoding="utf-8"), re.MULTILINE
-    )
-    assert len(lines) == len(set(lines)) == len(TEXTS)
+@pytest.mark.parametrize("language", list_languages(), ids=lambda language: language.code)
+def test_placeholders_agree_in_every_language(language):
+    for key, text in read_texts(language.code).items():
+        assert list_placeholders(text) == list_placeholders(TEXTS[key]), key
 
 
-def test_placeholders_agree_in_every_language():
-    for key, texts in TEXTS.items():
-        placeholders = {
-            name: {field for _, field, _, _ in Formatter().parse(text) if field}
-            for name, text in texts.items()
-        }
-        assert len({frozenset(names) for names in placeholders.values()}) == 1, key
+def list_placeholders(text: str) -> set[str]:
+    return {field for _, field, _, _ in Formatter().parse(text) if field}
+
+
+def test_a_language_is_one_file_that_is_found_by_itself(tmp_path, monkeypatch):
+    for file in (FOLDER / "languages").iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    header = {"language.name": "Latina", "language.locale": "la-VA", "language.tag": "la"}
+    (tmp_path / "la.json").write_text(json.dumps({**TEXTS, **header}), encoding="utf-8")
+    monkeypatch.setattr(languages, "FOLDER", tmp_path)
+    list_languages.cache_clear()
+    try:
+        assert list_languages()[0].code == "en"
+        assert languages.Language("la", "Latina", "la-VA", "la") in list_languages()
+        assert languages.require_language("la") == "la"
+    finally:
+        list_languages.cache_clear()
+    with pytest.raises(ValueError, match="no language 'la'; give one of en, de"):
+        monkeypatch.undo() or languages.require_language("la")
 
 
 def test_every_used_key_exists():
@@ -79,7 +96,9 @@ def test_every_key_is_used():
         re.findall(r'"([a-z.]+\.)" \+', CODE)
     )
     unused = [
-        key for key in TEXTS if f'"{key}"' not in CODE and not any(key.startswith(one) for one in families)
+        key
+        for key in TEXTS
+        if f'"{key}"' not in CODE and not any(key.startswith(one) for one in (*families, "language."))
     ]
     assert unused == []
 
@@ -146,7 +165,7 @@ def find_messages() -> dict[str, set[str]]:
 @pytest.mark.parametrize(("key", "names"), sorted(find_messages().items()))
 def test_every_message_has_a_text_with_its_values(key, names):
     assert f"cause.{key}" in TEXTS
-    placeholders = {field for _, field, _, _ in Formatter().parse(TEXTS[f"cause.{key}"]["en"]) if field}
+    placeholders = {field for _, field, _, _ in Formatter().parse(TEXTS[f"cause.{key}"]) if field}
     assert placeholders <= names
 
 
@@ -182,7 +201,6 @@ def test_every_fault_of_a_check_is_a_message():
         ("standing.", STANDINGS),
         ("flow.trend_", get_args(Trend)),
         ("role.", ROLES),
-        ("language.", get_args(Language)),
     ],
 )
 def test_every_value_of_the_program_has_a_text(family, names):

@@ -13,7 +13,6 @@ from beltscape.core.translatable_message import get_key, get_values
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, Number, ResponseModel, describe_refusals
 from beltscape.service.live_state import Snapshot
-from beltscape.service.settings import Language
 from beltscape.service.view_models.flow import Trend
 
 
@@ -218,7 +217,7 @@ class PageOut(ResponseModel):
     """Settings of the page and the signed-in user."""
 
     plant: str
-    language: Language
+    language: Annotated[str, Field(description="Code of the language that the page begins with")]
     full_m3_h: float | None
     stale_s: float
     version: str

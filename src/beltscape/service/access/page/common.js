@@ -9,7 +9,7 @@ export const MIN_LENGTH = 10;
 export async function set_up_page(changed = () => {}) {
   await load_texts(navigator.language.slice(0, 2));
   const menu = $("language");
-  menu.append(...list_languages().map((name) => create_element("option", { value: name }, t(`language.${name}`))));
+  menu.append(...list_languages().map(({ code, name }) => create_element("option", { value: code }, name)));
   menu.value = get_language();
   menu.addEventListener("change", () => { set_language(menu.value); hide_messages(); changed(); });
   const button = $("theme");

@@ -19,7 +19,7 @@ export function toggle_wall() {
 }
 
 function next_language() {
-  const all = list_languages();
+  const all = list_languages().map(({ code }) => code);
   set_language(all[(all.indexOf(get_language()) + 1) % all.length]);
 }
 

@@ -83,7 +83,7 @@ function start_section() {
 }
 
 function start_tools() {
-  $("language").append(...list_languages().map((name) => create_element("option", { value: name }, t(`language.${name}`))));
+  $("language").append(...list_languages().map(({ code, name }) => create_element("option", { value: code }, name)));
   $("language").value = get_language();
   $("language").addEventListener("change", () => set_language($("language").value));
   $("wall").append(create_icon("wall"));

@@ -1,32 +1,39 @@
-// All texts of the page from texts.json in the chosen language; numbers and times in the user's locale.
+// All texts of the page in the chosen language, from its file; numbers and times in the user's locale.
 import { store } from "./store.js";
 
-const LOCALES = { en: "en-GB", de: "de-DE", zh: "zh-CN" };
-let table = {};
+let languages = new Map(); // code → name, locale, tag, table of texts; in the order of the menu
 let language = "en";
+let table = {};
 const formats = new Map();
 
+const fetch_json = async (path) => (await fetch(path)).json();
+
+/** Load every language, so that one can be chosen without a connection as well. */
 export async function load_texts(fallback) {
-  table = await (await fetch("/page/texts.json")).json();
-  const requested = new URLSearchParams(location.search).get("lang") || localStorage.getItem("language");
-  set_language(requested in LOCALES ? requested : fallback in LOCALES ? fallback : "en", false);
+  const found = await fetch_json("/page/languages.json");
+  const tables = await Promise.all(found.map(({ code }) => fetch_json(`/page/languages/${code}.json`)));
+  languages = new Map(found.map((one, i) => [one.code, { ...one, table: tables[i] }]));
+  const wanted = [new URLSearchParams(location.search).get("lang"), localStorage.getItem("language"), fallback];
+  set_language(wanted.find((code) => languages.has(code)) ?? "en", false);
 }
 
-export function set_language(name, remember = true) {
-  language = name;
+export function set_language(code, remember = true) {
+  language = code;
+  table = languages.get(code).table;
   formats.clear();
-  if (remember) localStorage.setItem("language", name);
-  document.documentElement.lang = name === "zh" ? "zh-Hans" : name;
+  if (remember) localStorage.setItem("language", code);
+  document.documentElement.lang = languages.get(code).tag;
   apply_texts(document);
   store.emit("texts");
 }
 
-export const list_languages = () => Object.keys(LOCALES);
+/** Return the languages in the order of the menu, each with its code and its name in itself. */
+export const list_languages = () => [...languages.values()];
 export const get_language = () => language;
 
 /** Return the text of a key with {names} filled in; an unknown key is returned as it is. */
 export function t(key, values = {}) {
-  const text = table[key]?.[language] ?? key;
+  const text = table[key] ?? key;
   return text.replace(/\{(\w+)\}/g, (_, name) => values[name] ?? "");
 }
 
@@ -45,7 +52,7 @@ export function apply_texts(root) {
 
 /** Return the user's own locale if it is of the chosen language, else that language's default. */
 function get_locale() {
-  return navigator.languages.find((name) => name.split("-")[0] === language) ?? LOCALES[language];
+  return navigator.languages.find((name) => name.split("-")[0] === language) ?? languages.get(language).locale;
 }
 
 function get_format(kind, options) {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -11,8 +11,8 @@ from beltscape.service.access.settings import AccessSettings, LimitSettings
 from beltscape.service.languages import DEFAULT, LanguageCode
 
 
-class WebSettings(BaseModel):
-    """Address, language, limits and memory of the operator's page."""
+class PageSettings(BaseModel):
+    """Address, users and language of a page."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -32,6 +32,18 @@ class WebSettings(BaseModel):
     """Language of the page until the user chooses another: the code of a file in ``page/languages``."""
     plant: Annotated[str, Field(max_length=60)] = ""
     """Name of the belt or plant, at the top of the page."""
+
+    @model_validator(mode="after")
+    def _whole_certificate(self) -> Self:
+        if (self.tls_certificate is None) != (self.tls_key is None):
+            missing = "tls_key" if self.tls_key is None else "tls_certificate"
+            raise ValueError(f"{missing} is missing: TLS needs both tls_certificate and tls_key")
+        return self
+
+
+class WebSettings(PageSettings):
+    """The operator's page of one belt: limits of what it shows, and its memory."""
+
     metrics_open: bool = False
     """If true, /metrics answers programs on this machine without login."""
     full_m3_h: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)] | None = None
@@ -48,10 +60,3 @@ class WebSettings(BaseModel):
     """Length of belt surface that is kept for its picture."""
     belt_cell_mm: Annotated[float, Field(ge=2, le=100)] = 10.0
     """Cell of that picture."""
-
-    @model_validator(mode="after")
-    def _whole_certificate(self) -> WebSettings:
-        if (self.tls_certificate is None) != (self.tls_key is None):
-            missing = "tls_key" if self.tls_key is None else "tls_certificate"
-            raise ValueError(f"{missing} is missing: TLS needs both tls_certificate and tls_key")
-        return self

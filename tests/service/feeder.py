@@ -10,13 +10,13 @@ from typing import Protocol
 
 import numpy as np
 
+from beltscape.core.alarms import Alarm
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, Standing, Totals
 from beltscape.core.errors import MeasureError
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import (
-    Alarm,
     BeltStretch,
     CameraHealth,
     FrameEvent,

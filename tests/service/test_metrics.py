@@ -8,8 +8,9 @@ from math import nan
 
 import pytest
 
+from beltscape.core.alarms import Alarm
 from beltscape.core.findings import Finding
-from beltscape.core.live import Alarm, CameraHealth
+from beltscape.core.live import CameraHealth
 from beltscape.service.metrics import MEDIA_TYPE, format_metrics
 from tests.service.plants import OPEN, make_service
 

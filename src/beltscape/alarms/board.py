@@ -12,7 +12,7 @@ from beltscape.alarms.rules import RULES, Conditions
 from beltscape.alarms.settings import AlarmSettings, CommonSettings, LoadSettings, NoMeasurement
 from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
 from beltscape.alarms.texts import format_detail
-from beltscape.core.live import Alarm, Severity
+from beltscape.core.alarms import Alarm, Severity
 
 _NAN = float("nan")
 _ALWAYS = ("disk_full", "recording_paused", "certificate_expiring")

@@ -12,7 +12,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from beltscape.alarms.checks import require_check
-from beltscape.core.live import Severity
+from beltscape.core.alarms import Severity
 
 Seconds = Annotated[float, Field(ge=0, le=86_400, allow_inf_nan=False)]
 """A time, up to a day."""

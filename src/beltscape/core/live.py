@@ -1,4 +1,4 @@
-"""The running system's events, state and interfaces: frames, camera health, alarms, sources, sinks, observers."""
+"""The running system's events, state and interfaces: frames, camera health, sources, sinks, observers."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.alarms import Alarm, AlarmControls
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
@@ -69,32 +70,6 @@ class FrameEvent:
     """Share of the core's pixels that were measured; 0 where the frame gave none."""
     speed_mm_s: float
     """Speed of the belt; NaN: not known."""
-
-
-AlarmState = Literal["clear", "raised", "acknowledged", "gone"]
-"""no alarm; on and not acknowledged; on and acknowledged; over and not acknowledged"""
-Severity = Literal["info", "warning", "critical"]
-
-
-@dataclass(frozen=True, slots=True)
-class Alarm:
-    """One alarm in its present state."""
-
-    name: str
-    """Its key, such as "overload" or, for one camera, "camera_lost:cam2"."""
-    severity: Severity
-    state: AlarmState
-    value: float
-    """The value compared with the limit; NaN without one."""
-    limit: float
-    """The limit; NaN without one."""
-    unit: str
-    since_ns: int | None
-    """System clock when it was raised; None while clear."""
-    detail: str = ""
-    """The fault and the fix in one line."""
-    by: str = ""
-    """Name of the user that acknowledged it; empty: nobody yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +137,11 @@ class RecordSink(Protocol):
 
 class Controls(Protocol):
     """Operator actions on a running system; each call returns whether it had an effect."""
+
+    @property
+    def alarm_controls(self) -> AlarmControls:
+        """The further actions on alarms."""
+        ...
 
     def acknowledge(self, alarm: str, by: str) -> bool:
         """Acknowledge the alarm of that name."""

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import BeltRecord, Standing, Totals
-from beltscape.core.live import Alarm, CameraHealth
+from beltscape.core.live import CameraHealth
 
 
 @dataclass(frozen=True, slots=True)

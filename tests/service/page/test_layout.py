@@ -7,7 +7,8 @@ from math import nan
 
 import pytest
 
-from beltscape.core.live import Alarm, CameraHealth
+from beltscape.core.alarms import Alarm
+from beltscape.core.live import CameraHealth
 from beltscape.core.translatable_message import Message
 from tests.service.page.site import Site, needs_chromium, read_text, wait_for, wait_until_live
 

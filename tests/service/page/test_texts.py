@@ -13,9 +13,10 @@ import pytest
 
 from beltscape.alarms.checks import CHECKS
 from beltscape.alarms.rules import RULES
+from beltscape.core.alarms import AlarmState, Severity
 from beltscape.core.belt.ledger_entries import STANDINGS
 from beltscape.core.findings import EFFECTS
-from beltscape.core.live import AlarmState, CameraState, Severity
+from beltscape.core.live import CameraState
 from beltscape.measure.flow.motion.encoder_check import Kind
 from beltscape.service import languages
 from beltscape.service.access.identity.roles import ROLES

@@ -7,8 +7,9 @@ from typing import Annotated
 from fastapi import APIRouter, Depends
 from pydantic import Field
 
+from beltscape.core.alarms import Alarm, AlarmState, Severity
 from beltscape.core.belt.ledger_entries import Standing, Totals
-from beltscape.core.live import Alarm, AlarmState, CameraHealth, CameraState, Severity
+from beltscape.core.live import CameraHealth, CameraState
 from beltscape.core.translatable_message import get_key, get_values
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, Number, ResponseModel, describe_refusals

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from beltscape.core.alarms import Alarm
 from beltscape.core.errors import BeltscapeError
-from beltscape.core.live import Alarm
 from beltscape.core.progress import Reporter
 from beltscape.core.translatable_message import get_key, get_values
 from beltscape.sinks.historian import Historian

@@ -34,7 +34,6 @@ from beltscape.stereo.multiview.confidence.message_passing import OFFSETS
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from beltscape.stereo.multiview.optimisation.textureless import FilledDiscs
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.selection.candidates import CandidateSelector
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
 ROOT = Path(__file__).parent.parent
@@ -54,11 +53,6 @@ class Row:
     patched: Callable[[], AbstractContextManager[object]] = nullcontext
 
 
-def _first_ranked(selector: CandidateSelector, _pixels: object, candidates, features):
-    first, _, score = selector.rank_top_two(candidates, features)
-    return first, score[first, np.arange(len(first))]
-
-
 def _only_own_messages(address, uncertain, spacing):  # noqa: ARG001
     return np.repeat(address[uncertain][None], len(OFFSETS), 0)
 
@@ -70,9 +64,7 @@ def _no_discs(surface, _information, _prepared):
 ROWS = (
     Row("standard, all stages"),
     Row("fast", "fast"),
-    Row("fine", "fine"),
-    Row("without pairwise ranking", patched=lambda: patch.object(CandidateSelector, "select", _first_ranked)),
-    Row("without candidate selection", changes={"selections": 0}),
+    Row("without candidate selection", changes={"candidate_selection": False}),
     Row(
         "without neighbours' messages",
         patched=lambda: patch.object(refiner, "gather_neighbour_addresses", _only_own_messages),
@@ -87,7 +79,6 @@ ROWS = (
     ),
     Row("without twicing", changes={"twicing": False}),
     Row("one round of propagation", changes={"rounds": 1}),
-    Row("one final iteration", changes={"final_tolerances_px": (0.25,)}),
     Row(
         "without correlated noise",
         patched=lambda: patch.object(estimate, "inflate_sigma", lambda sigma, _: sigma),

@@ -28,7 +28,7 @@ from timing import Cost, measure_cost
 Range = tuple[float, float]
 """(near, far), mm."""
 
-MULTIVIEW = ("fast", "standard", "fine")
+MULTIVIEW = ("fast", "standard")
 METHODS = (*MULTIVIEW, "pairwise", "binocular")
 HH = "SGBM, 8 directions (HH)"
 SGBM = {"SGBM, 5 directions": cv2.StereoSGBM_MODE_SGBM, HH: cv2.StereoSGBM_MODE_HH}

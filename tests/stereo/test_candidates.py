@@ -13,7 +13,6 @@ from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps
 from beltscape.stereo.multiview.selection.candidates import (
     PIXEL_FEATURES,
     RELIABLE,
-    SAME_PX,
     UNCERTAIN,
     CandidateSelector,
     Selection,
@@ -132,39 +131,16 @@ def test_the_features_of_candidates_are_finite():
             assert np.isfinite(plane_[finite]).all(), name
 
 
-def test_the_top_two_differ_and_have_exactly_the_networks_features():
+def test_the_most_probable_candidate_is_selected():
     made = make_scene(*STEP, noise=1.0)
     surface, _ = displaced(made)
     confidence = np.where(beside_steps(made), -0.5, 6.0).astype(np.float32)
     selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), with_scale(made.prepared))
-    at = selector.find_uncertain_pixels()[0]
-    candidates, features = selector.find_candidates(at)
-    first, second, score = selector.rank_top_two(candidates, features)
-    pixel, paired = np.arange(len(first)), np.flatnonzero(second >= 0)
-    assert len(paired) > 0
-    assert (score[first, pixel] == score.max(axis=0)).all()
-    assert (np.abs(candidates.s[first, pixel] - candidates.s[second, pixel])[paired] > SAME_PX).all()
-    assert (score[second, pixel][paired] <= score[first, pixel][paired]).all()
-    pairs = selector.compute_pairwise_features(
-        at, candidates, {**features, "score": score}, paired, (first[paired], second[paired])
-    )
-    assert set(pairs) == set(load_network("pairwise_ranking").features)
-    for name, values in pairs.items():
-        assert values.shape == (1, len(paired)), name
-        assert np.isfinite(values).all(), name
-    np.testing.assert_array_equal(pairs["second score"][0], score[second[paired], paired])
-
-
-def test_a_single_candidate_is_selected():
-    made = make_scene(plane(), noise=1.0)
-    slopes = fit_slopes(made.s, load(), 1)
-    surface = Surface(made.s, slopes.slope_u, slopes.slope_v)
-    confidence = np.where(np.random.default_rng(2).random(made.s.shape) < 0.1, -0.5, 6.0).astype(np.float32)
-    selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), with_scale(made.prepared))
-    at = selector.find_uncertain_pixels()[0]
-    candidates, features = selector.find_candidates(at)
-    first, second, score = selector.rank_top_two(candidates, features)
-    assert (second == -1).all()
-    selected, logit = selector.select(at, candidates, features)
-    np.testing.assert_array_equal(selected, first)
-    np.testing.assert_array_equal(logit, score.max(axis=0))
+    candidates, features = selector.find_candidates(selector.find_uncertain_pixels()[0])
+    selected, logit = selector.select(candidates, features)
+    (logits,) = load_network("candidates").evaluate(features, load(), 1)
+    pixel = np.arange(len(selected))
+    assert np.isfinite(candidates.s[selected, pixel]).all()
+    assert len(set(selected)) > 1
+    np.testing.assert_array_equal(logit, logits[selected, pixel])
+    np.testing.assert_array_equal(logit, np.where(np.isfinite(candidates.s), logits, -np.inf).max(axis=0))

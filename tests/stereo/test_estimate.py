@@ -117,7 +117,6 @@ def test_features_of_every_network_are_computed(selected):
         ("confidence", 2),
         ("fast_confidence", 2),
         ("refinement", 48),
-        ("pairwise_ranking", 2),
     ],
 )
 def test_shipped_layers_have_consistent_sizes(name, outputs):

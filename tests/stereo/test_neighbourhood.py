@@ -34,11 +34,11 @@ def planes(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 @pytest.mark.parametrize(("scale", "spread"), [(0.5, 1), (1.0, 1), (1.8, 2)])
 def test_features_are_the_values_of_the_named_neighbours(scale, spread):
     s, confidence, core = planes()
-    neighbourhood = Neighbourhood.from_surface(s, confidence, make_frame(core, scale), 2)
+    neighbourhood = Neighbourhood.from_surface(s, confidence, make_frame(core, scale))
     image, slope = neighbourhood.compute_image_features(AT), np.array([0.2, -0.1, 0.3], np.float32)
     offset = neighbourhood.compute_offset_features(AT, s[AT], (slope, 2 * slope))
-    assert len(image) == 2 * len(offset) == 48
-    for du, dv in ((1, 0), (-2, 1), (2, 2), (0, -1)):
+    assert len(image) == 2 * len(offset) == 16
+    for du, dv in ((1, 0), (-1, 1), (1, 1), (0, -1)):
         name, (y, x) = f"at {du:+d} {dv:+d}", (AT[0][:2] + spread * dv, AT[1][:2] + spread * du)
         np.testing.assert_array_equal(image[f"initial confidence {name}"][:2], confidence[y, x])
         brighter = np.log((core[y, x] + 8) / (core[AT][:2] + 8))
@@ -50,11 +50,11 @@ def test_features_are_the_values_of_the_named_neighbours(scale, spread):
 def test_neighbours_beyond_the_edge_repeat_and_gaps_have_no_offset():
     s, confidence, core = planes(1)
     s[10, 16] = core[10, 16] = np.nan
-    neighbourhood = Neighbourhood.from_surface(s, confidence, make_frame(core), 2)
+    neighbourhood = Neighbourhood.from_surface(s, confidence, make_frame(core))
     flat = np.zeros(3, np.float32)
     image = neighbourhood.compute_image_features(AT)
     offset = neighbourhood.compute_offset_features(AT, s[AT], (flat, flat))
-    assert image["initial confidence at +2 -2"][2] == confidence[0, 29]
+    assert image["initial confidence at +1 -1"][2] == confidence[0, 29]
     assert offset["offset at +1 +0"][1] == 0
     assert all(np.isfinite(values).all() for values in (image | offset).values())
 
@@ -64,13 +64,3 @@ def test_planes_are_sampled_by_name():
     found = sample_planes({"a": s, "b": confidence}, AT, load())
     np.testing.assert_array_equal(found["a"], s[AT])
     np.testing.assert_array_equal(found["b"], confidence[AT])
-
-
-@pytest.mark.parametrize(("reach", "count"), [(1, 8), (2, 24)])
-def test_neighbours_lie_within_reach(reach, count):
-    s, confidence, core = planes(3)
-    neighbourhood = Neighbourhood.from_surface(s, confidence, make_frame(core), reach)
-    flat = np.zeros(3, np.float32)
-    names = [name.split()[2:] for name in neighbourhood.compute_offset_features(AT, flat, (flat, flat))]
-    assert len(names) == count
-    assert max(abs(int(px)) for name in names for px in name) == reach

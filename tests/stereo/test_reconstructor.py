@@ -78,7 +78,7 @@ def test_belt_is_accurate_with_any_arrangement_of_auxiliaries(name):
 
 @pytest.mark.parametrize(
     ("preset", "within_1mm", "median_mm"),
-    [("fast", 0.93, 0.25), ("standard", 0.99, 0.05), ("fine", 0.99, 0.05)],
+    [("fast", 0.93, 0.25), ("standard", 0.99, 0.05)],
 )
 def test_presets_are_accurate_on_a_noisy_colour_frame(preset, within_1mm, median_mm):
     """The pattern appears in one channel only."""

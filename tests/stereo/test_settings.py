@@ -13,18 +13,18 @@ from beltscape.core.errors import SettingsError
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 
 
-def test_default_of_the_three_presets_is_standard():
-    assert set(PRESETS) == {"fast", "standard", "fine"}
+def test_default_of_the_two_presets_is_standard():
+    assert set(PRESETS) == {"fast", "standard"}
     assert MultiviewSettings.preset("standard") == MultiviewSettings()
     presets = [MultiviewSettings.preset(name) for name in PRESETS]
     assert all(first != second for first, second in combinations(presets, 2))
 
 
 def test_presets_are_ordered_by_effort():
-    fast, standard, fine = (MultiviewSettings.preset(name) for name in ("fast", "standard", "fine"))
-    assert fast.grid_step > standard.grid_step == fine.grid_step == 1
-    assert fast.rounds <= standard.rounds <= fine.rounds
-    assert len(fast.final_tolerances_px) <= len(standard.final_tolerances_px) <= len(fine.final_tolerances_px)
+    fast, standard = (MultiviewSettings.preset(name) for name in ("fast", "standard"))
+    assert fast.grid_step > standard.grid_step == 1
+    assert fast.rounds < standard.rounds
+    assert fast.plane_step_px > standard.plane_step_px
 
 
 @pytest.mark.parametrize(
@@ -38,7 +38,7 @@ def test_presets_are_ordered_by_effort():
         {"distances_px": ()},
         {"distances_px": tuple(range(1, 10))},
         {"round_tolerances_px": ()},
-        {"final_tolerances_px": ()},
+        {"candidate_selection": 2},
         {"least_confidence": 1.0},
         {"least_confidence": -0.1},
         {"sweep_width_px": 63},
@@ -55,7 +55,7 @@ def test_invalid_settings_are_refused(wrong):
     "wrong",
     [
         {"round_tolerances_px": (0.0,)},
-        {"final_tolerances_px": (-0.5,)},
+        {"final_tolerance_px": -0.5},
         {"distances_px": (0,)},
         {"distances_px": (40_000,)},
     ],

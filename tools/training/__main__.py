@@ -20,7 +20,7 @@ from beltscape.learned.network import Network
 from beltscape.learned.registry import PURPOSES, use_networks
 from beltscape.learned.weights_file import write_network
 from training.cache import SampleCache
-from training.confidence import train_candidates, train_pairwise_ranking, train_pixels
+from training.confidence import train_candidates, train_pixels
 from training.holes import train_measuring
 from training.lumps import train_lumps
 from training.manifest import write_manifest
@@ -76,7 +76,6 @@ def list_recipes(training: Training) -> list[tuple[tuple[str, ...], Callable[[],
             for name in ("initial_confidence", "fast_confidence")
         ),
         (("candidates",), lambda: {"candidates": train_candidates(captures, samples)}),
-        (("pairwise_ranking",), lambda: {"pairwise_ranking": train_pairwise_ranking(captures, samples)}),
         (("confidence",), lambda: {"confidence": train_pixels("confidence", captures, samples)}),
         (refined, lambda: train_refinement(captures, tiles, training.reporter)),
         *(

@@ -32,7 +32,6 @@ OCCLUDED = 4.0
 SCHEDULES = {
     "initial_confidence": Schedule((32,), 16, 8192, 4e-3),
     "candidates": Schedule((32,), 16, 8192, 4e-3),
-    "pairwise_ranking": Schedule((64, 32), 32, 4096, 4e-3),
     "confidence": Schedule((32,), 16, 8192, 4e-3),
     "fast_confidence": Schedule((64,), 16, 8192, 4e-3),
     "sigma": Schedule((32,), 16, 8192, 4e-3),
@@ -88,18 +87,6 @@ def train_candidates(captures: list[Path], cache: SampleCache) -> Network:
     return fit_perceptron(names, ("logit",), samples["features"], loss, SCHEDULES["candidates"])
 
 
-def train_pairwise_ranking(captures: list[Path], cache: SampleCache) -> Network:
-    """Train the logits of the probabilities that the top two candidates are right."""
-
-    def draw(folder: Path, turn: int) -> dict[str, np.ndarray]:
-        return _draw_selection(folder, turn, _draw_pairs)
-
-    samples = cache.collect("pairwise_ranking", captures, draw)
-    outputs, loss = ("logit of the first", "logit of the second"), make_cross_entropy(samples["right"])
-    names = tuple(map(str, samples["names"]))
-    return fit_perceptron(names, outputs, samples["features"], loss, SCHEDULES["pairwise_ranking"])
-
-
 Drawn = tuple[tuple[str, ...], np.ndarray, np.ndarray]
 """Names, features (N, n) and what is right (N, m)."""
 
@@ -123,21 +110,6 @@ def _draw_candidates(frame: SelectionSamples) -> list[Drawn]:
         finite = np.isfinite(candidates.s)
         features = np.stack([plane[finite] for plane in values.values()], -1).astype(np.float32)
         drawn.append((tuple(values), features, (np.abs(ds[finite]) <= RIGHT_PX)[:, None]))
-    return drawn
-
-
-def _draw_pairs(frame: SelectionSamples) -> list[Drawn]:
-    drawn: list[Drawn] = []
-    for at, candidates, values, ds in frame.draw():
-        first, second, score = frame.selector.rank_top_two(candidates, values)
-        paired = np.flatnonzero(second >= 0)
-        pair = first[paired], second[paired]
-        pairs = frame.selector.compute_pairwise_features(
-            at, candidates, {**values, "score": score}, paired, pair
-        )
-        features = np.concatenate(list(pairs.values())).T.astype(np.float32)
-        right = np.stack([np.abs(ds[index, paired]) <= RIGHT_PX for index in pair], -1)
-        drawn.append((tuple(pairs), features, right))
     return drawn
 
 

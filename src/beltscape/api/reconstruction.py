@@ -46,7 +46,7 @@ class Reconstructor:
         rig
             The calibrated rig.
         preset
-            "fast", "standard" or "fine".
+            "fast" or "standard".
         depth_range_mm
             Nearest and farthest surface along the core's optical axis; None: it is found anew in each frame, by
             coarse matching.

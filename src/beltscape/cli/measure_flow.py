@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="which way the belt travels (default: found from the material)",
     )  # fmt: skip
     parser.add_argument("-y", dest="direction", action="store_const", const="-y", help=argparse.SUPPRESS)
-    parser.add_argument("--preset", default="standard", help="matching: fast, standard (default) or fine")
+    parser.add_argument("--preset", default="standard", help="matching: fast or standard (default)")
     parser.add_argument(
         "--load",
         type=float,

@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--method", default="multiview",
         help="multiview (default: all auxiliaries at once), or the paper's pairwise or binocular",
     )  # fmt: skip
-    parser.add_argument("--preset", default="standard", help="multiview: fast, standard (default) or fine")
+    parser.add_argument("--preset", default="standard", help="multiview: fast or standard (default)")
     parser.add_argument(
         "--pair", metavar="CAMERA", help="binocular: the auxiliary (default: beside the core)"
     )

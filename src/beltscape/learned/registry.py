@@ -40,11 +40,6 @@ PURPOSES = {
         "beltscape.stereo.multiview.selection.candidates",
         _MATCHER,
     ),
-    "pairwise_ranking": Purpose(
-        "the logits of the probabilities that each of the top two candidates is right",
-        "beltscape.stereo.multiview.selection.candidates",
-        _MATCHER,
-    ),
     "confidence": Purpose(
         "the logit of the confidence and the logarithm of sigma in px of inverse depth, preset standard",
         "beltscape.stereo.multiview.confidence.estimate",

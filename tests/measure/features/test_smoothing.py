@@ -64,11 +64,9 @@ def test_the_passes_are_those_of_the_matcher():
         smoothing = estimate_smoothing(np.ones_like(fields), depth, rig())
         assert smoothing.step == step
         assert smoothing.passes.twicing == settings.twicing
-        *before, last = settings.final_tolerances_px
         expected = [
             (settings.round_tolerances_px[-1], size.narrow),
-            *((t, size.firm) for t in before),
-            (last, size.wide),
+            (settings.final_tolerance_px, size.wide),
         ]
         scaled = Smoothing(smoothing.information, step, size.scale, 1.0, smoothing.passes)
         assert [(t, scaled.radii(sigmas)) for t, sigmas in scaled.passes.fits] == expected

@@ -37,7 +37,6 @@ class TrainingFrame:
     rig: Rig
     names: tuple[str, ...]
     """The auxiliaries."""
-    preset: str
     frame: FrameSet
     near_far_mm: tuple[float, float]
     depth_mm: np.ndarray
@@ -59,7 +58,7 @@ class Capture:
     views: np.ndarray
     """How many auxiliaries see a pixel's point."""
 
-    def training_frame(self, names: tuple[str, ...], preset: str, augment: Augmentation) -> TrainingFrame:
+    def training_frame(self, names: tuple[str, ...], augment: Augmentation) -> TrainingFrame:
         """Return the frame with these auxiliaries and an augmentation."""
         frame = FrameSet("000", augment({name: self.images[name] for name in (self.rig.core, *names)}))
         try:
@@ -67,7 +66,7 @@ class Capture:
         except ReconstructionError:
             near_far = ON_FAILURE_MM
         return TrainingFrame(
-            self.rig, names, preset, frame, near_far, self.depth_mm, self.label, self.views,
+            self.rig, names, frame, near_far, self.depth_mm, self.label, self.views,
             augment in (mismatched, blank),
         )  # fmt: skip
 
@@ -100,20 +99,20 @@ def training_frames(folder: Path, turn: int) -> Iterator[TrainingFrame]:
     capture = read_simulated(folder)
     auxiliaries = capture.rig.auxiliaries
     augmentations = (
-        (auxiliaries[:3], "standard", unchanged),
-        (auxiliaries[1::2], "standard", unchanged),
-        (auxiliaries[:1], "standard", unchanged),
-        (auxiliaries, "fine", unchanged),
-        (auxiliaries, "standard", noisy),
-        (auxiliaries, "standard", uneven),
-        (auxiliaries[:2], "standard", blurred),
-        (auxiliaries, "standard", mismatched),
-        (auxiliaries, "standard", blank),
+        (auxiliaries[:3], unchanged),
+        (auxiliaries[1::2], unchanged),
+        (auxiliaries[:1], unchanged),
+        (auxiliaries[:2], noisy),
+        (auxiliaries, noisy),
+        (auxiliaries, uneven),
+        (auxiliaries[:2], blurred),
+        (auxiliaries, mismatched),
+        (auxiliaries, blank),
     )
-    for augmentation in ((auxiliaries, "standard", unchanged), *augmentations[turn % EVERY :: EVERY]):
+    for augmentation in ((auxiliaries, unchanged), *augmentations[turn % EVERY :: EVERY]):
         yield capture.training_frame(*augmentation)
     if turn % EVERY == 0 and capture.rig.core_camera.size_px[0] >= HALVED_FROM_PX:
-        yield capture.halve().training_frame(auxiliaries, "standard", unchanged)
+        yield capture.halve().training_frame(auxiliaries, unchanged)
 
 
 def unchanged(images: Images) -> Images:

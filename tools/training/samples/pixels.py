@@ -62,7 +62,7 @@ class Truth:
 def draw_pixel_samples(folder: Path, turn: int, network: str) -> Iterator[Sample]:
     """Yield samples of a capture's training frames with the features of a network: initial or refined ones."""
     for training in training_frames(folder, turn):
-        settings = MultiviewSettings.preset("fast" if network == "fast_confidence" else training.preset)
+        settings = MultiviewSettings.preset("fast" if network == "fast_confidence" else "standard")
         matcher = make_matcher(training, settings)
         match = (
             matcher.solve_pyramid(training.frame, training.names)
@@ -141,7 +141,7 @@ class SelectionSamples:
 def draw_selection_samples(folder: Path, turn: int) -> Iterator[SelectionSamples]:
     """Yield the candidate selections of a capture's training frames."""
     for training in training_frames(folder, turn):
-        settings = MultiviewSettings.preset(training.preset)
+        settings = MultiviewSettings()
         matcher = make_matcher(training, settings)
         match = matcher.solve_pyramid(training.frame, training.names)
         context = match.prepared.context

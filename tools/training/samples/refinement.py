@@ -53,7 +53,7 @@ FIELDS = Tile._fields
 def draw_tiles(folder: Path, turn: int) -> Iterator[tuple[tuple[str, ...], Tile]]:
     """Yield the features' names and tiles of a capture's training frames."""
     for training in training_frames(folder, turn):
-        settings = MultiviewSettings.preset(training.preset)
+        settings = MultiviewSettings()
         match = make_matcher(training, settings).match(training.frame, training.names, Silent())
         if match.selection is None:
             continue

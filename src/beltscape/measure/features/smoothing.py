@@ -40,8 +40,8 @@ class Passes:
     twicing: bool
 
 
-_STANDARD = Passes(((1.0, _NARROW_PX), (0.4, _FIRM_PX), (0.25, _WIDE_PX)), twicing=True)
-"""``standard``; the additional iterations of ``fine`` change little."""
+_STANDARD = Passes(((1.0, _NARROW_PX), (0.25, _WIDE_PX)), twicing=True)
+"""``standard``."""
 _FAST = Passes(((0.7, _NARROW_PX), (0.3, _WIDE_PX)), twicing=False)
 """``fast``, on blocks of 2 × 2 pixels where images are large."""
 

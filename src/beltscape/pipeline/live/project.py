@@ -20,12 +20,19 @@ from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.volume.settings import SURCHARGE_DEG, Surcharge
 from beltscape.pipeline.measuring.density import read_density_over_time, read_product_density
+from beltscape.production.settings import (
+    ProductionSettings,
+    ProductSettings,
+    ReportSettings,
+    ScaleSettings,
+    check_products,
+)
 from beltscape.sinks.settings import CsvSettings, HistorySettings, RecordingSettings
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.stereo.multiview.settings import MultiviewSettings
 
-Preset = Literal["fast", "standard", "fine"]
+Preset = Literal["fast", "standard"]
 
 
 class _Table(BaseModel):
@@ -109,6 +116,10 @@ class RunSettings(_Table):
     matching: MatchingSettings = MatchingSettings()
     flow: FlowSettings = FlowSettings()
     density: DensitySettings = DensitySettings()
+    products: tuple[ProductSettings, ...] = ()
+    production: ProductionSettings = ProductionSettings()
+    reports: ReportSettings | None = None
+    scale: ScaleSettings | None = None
     queue: QueueSettings = QueueSettings()
     watch: WatchSettings = WatchSettings()
     health: HealthSettings = HealthSettings()
@@ -153,12 +164,24 @@ def read_project(path: Path, model: type[Settings]) -> Project[Settings]:
                 f"{path}: {key} = {str(file)!r}: no such file; see beltscape calibrate, beltscape measure belt"
             )
     _require_encoder(project)
-    if settings.alarms.overload.mass_flow_t_h is not None and settings.density == DensitySettings():
+    _require_density(project)
+    return project
+
+
+def _require_density(project: Project[RunSettings]) -> None:
+    """Raise InputError unless products and densities agree, and alarms of a mass have one."""
+    path, settings = project.path, project.settings
+    problem = check_products(settings.products, settings.production)
+    if not problem and settings.products and settings.density != DensitySettings():
+        problem = "[density] and [[products]]: a product has a density; remove [density]"
+    if problem:
+        raise InputError(f"{path}: {problem}")
+    is_unknown = settings.density == DensitySettings() and not settings.products
+    if settings.alarms.overload.mass_flow_t_h is not None and is_unknown:
         raise InputError(
             f"{path}: [alarms.overload] mass_flow_t_h = {settings.alarms.overload.mass_flow_t_h:g} needs a bulk "
-            "density; give [density] kg_m3, table or product"
+            "density; give [[products]], or [density] kg_m3, table or product"
         )
-    return project
 
 
 def _require_encoder(project: Project[RunSettings]) -> None:

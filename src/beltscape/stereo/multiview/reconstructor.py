@@ -15,10 +15,7 @@ from beltscape.core.progress import Reporter
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
 from beltscape.stereo.multiview.confidence.estimate import estimate_depth
-from beltscape.stereo.multiview.confidence.features import (
-    compute_initial_confidence_features,
-    compute_selection_features,
-)
+from beltscape.stereo.multiview.confidence.features import compute_selection_features
 from beltscape.stereo.multiview.confidence.image_features import compute_image_features
 from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.depth_map import make_depth_map
@@ -120,28 +117,19 @@ class MultiviewReconstructor:
         return MatcherState(prepared, propagated, solution, image.planes, image.textured, unfilled, None)
 
     def _select(self, state: MatcherState) -> Selection | None:
-        """Return the surface after the candidate selections of uncertain pixels; None without any."""
-        if not self.settings.selections:
+        """Return the surface after the candidate selection of uncertain pixels; None without it."""
+        if not self.settings.candidate_selection:
             return None
-        context = state.prepared.context
-        inputs = ConfidenceInputs.from_state(state)
-        planes = compute_selection_features(inputs)
-        selection = select_candidates(state.solution.surface, planes, state.prepared)
-        for _ in range(self.settings.selections - 1):
-            planes |= compute_initial_confidence_features(selection.initial_confidence, context.windows)
-            selection = select_candidates(selection.surface, planes, state.prepared)
-        return selection
+        planes = compute_selection_features(ConfidenceInputs.from_state(state))
+        return select_candidates(state.solution.surface, planes, state.prepared)
 
     def _solve_finally(self, surface: Surface, prepared: PreparedFrame) -> LeastSquaresResult:
-        """Return the surface after the last iterations."""
-        windows = prepared.context.windows
-        *before, last = self.settings.final_tolerances_px
-        if before:
-            surface = solve_least_squares(surface, prepared, tuple(before), windows.firm).surface
-        solution = solve_least_squares(surface, prepared, (last,), windows.wide)
+        """Return the surface after the last iteration."""
+        tolerance_px = self.settings.final_tolerance_px
+        solution = solve_least_squares(surface, prepared, (tolerance_px,), prepared.context.windows.wide)
         if not self.settings.twicing:
             return solution
-        return replace(solution, surface=apply_twicing(solution.surface, prepared, last))
+        return replace(solution, surface=apply_twicing(solution.surface, prepared, tolerance_px))
 
 
 class _StepCounter:

@@ -1,4 +1,4 @@
-"""Settings of the multi-view matcher, and its three presets."""
+"""Settings of the multi-view matcher, and its two presets."""
 
 from __future__ import annotations
 
@@ -39,11 +39,8 @@ class MultiviewSettings(CheckedSettings):
         le=8,
         description="largest number of rounds of propagation and least squares on each grid",
     )
-    selections: int = Field(
-        default=1,
-        ge=0,
-        le=4,
-        description="number of candidate selections for uncertain pixels near reliable ones",
+    candidate_selection: bool = Field(
+        default=True, description="let uncertain pixels near reliable ones select among candidate surfaces"
     )
     round_tolerances_px: tuple[Tolerance, ...] = Field(
         default=(1.0,),
@@ -51,9 +48,7 @@ class MultiviewSettings(CheckedSettings):
         max_length=8,
         description="tolerances of the iterations after each round",
     )
-    final_tolerances_px: tuple[Tolerance, ...] = Field(
-        default=(0.4, 0.25), min_length=1, max_length=8, description="tolerances of the last iterations"
-    )
+    final_tolerance_px: Tolerance = Field(default=0.25, description="tolerance of the last iteration")
     twicing: bool = Field(default=True, description="correct the flattening by the last fit's windows")
     least_confidence: float = Field(
         default=0.75, ge=0, lt=1, description="confidence below which a pixel is not measured"
@@ -62,7 +57,7 @@ class MultiviewSettings(CheckedSettings):
 
     @classmethod
     def preset(cls, name: str) -> MultiviewSettings:
-        """Return the preset ``fast``, ``standard`` or ``fine``; docs/explanation/matching.md compares them."""
+        """Return the preset ``fast`` or ``standard``; docs/explanation/matching.md compares them."""
         return cls.model_validate(PRESETS[require_preset(name, PRESETS)])
 
     def offsets_px(self, scale: float) -> tuple[int, ...]:
@@ -94,18 +89,11 @@ PRESETS: dict[str, dict[str, object]] = {
         "grid_step": 2,
         "plane_step_px": 1.25,
         "rounds": 1,
-        "selections": 0,
+        "candidate_selection": False,
         "round_tolerances_px": (0.7,),
-        "final_tolerances_px": (0.3,),
+        "final_tolerance_px": 0.3,
         "twicing": False,
         "least_confidence": 0.4,
     },
     "standard": {},
-    "fine": {
-        "plane_step_px": 0.5,
-        "distances_px": (2.0, 5.0, 12.0),
-        "rounds": 4,
-        "selections": 2,
-        "final_tolerances_px": (0.6, 0.4, 0.3, 0.2),
-    },
 }

@@ -41,8 +41,6 @@ _REJECTED, _ACCEPTED = -2.0, 5.5
 """Logits below which a pixel is rejected and from which on it is accepted without refinement."""
 TRIED_PX = (-1.5, -0.8, -0.4, 0.4, 0.8, 1.5)
 """Shifts of s at which the photo-consistency is evaluated, at scale 1."""
-NEIGHBOURHOOD_PX = 1
-"""Neighbours to each side that are features; message passing reaches farther."""
 MOST_PX = 2.0
 """Largest shift of a pixel, at scale 1."""
 _PIXELS = 4096
@@ -76,9 +74,7 @@ class RefinementInputs:
         prepared, surface = inputs.prepared, inputs.surface
         consistency = PhotoConsistencyModel(prepared, selection.gain, inputs.buffers)
         planes = compute_refined_features(inputs, selection.initial_confidence, consistency)
-        neighbourhood = Neighbourhood.from_surface(
-            surface.s, planes["initial confidence"], prepared, NEIGHBOURHOOD_PX
-        )
+        neighbourhood = Neighbourhood.from_surface(surface.s, planes["initial confidence"], prepared)
         return cls(planes, surface, consistency, neighbourhood)
 
     @property

@@ -15,7 +15,7 @@ _WIDTH_PX = 1224
 _SCALE = (0.5, 1.8)
 """Range of the scale; MOST_PX limits the largest windows."""
 _NARROW_PX, _FIRM_PX, _WIDE_PX = (1.5, 2.5), (4.0,), (2.5, 5.0)
-"""Gaussian σ of the windows of least squares at scale 1: first iterations, textureless regions, last iterations."""
+"""Gaussian σ of the windows of least squares at scale 1: between rounds, twicing, last iteration."""
 _RADIUS = 2.0
 """Radius of a window in sigmas of its Gaussian."""
 _LEVELS_PX = 7
@@ -33,7 +33,7 @@ class Windows:
     narrow: Radii
     """Of the fits between rounds of propagation."""
     firm: Radii
-    """Of the fits before the last one, and of twicing."""
+    """Of twicing's fit."""
     wide: Radii
     """Of the last fit."""
     levels_px: int

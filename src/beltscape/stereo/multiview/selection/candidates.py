@@ -1,8 +1,8 @@
 """Selection among candidate surfaces: uncertain pixels compare theirs with those of reliable pixels nearby.
 
 Propagation compares candidates by windows of 3 × 3 normalised levels. Here the features of a candidate are also the
-levels themselves, the other candidates and the pixel's neighbourhood. Small networks, trained on simulated frames
-with known truth, rank the candidates (docs/explanation/matching.md).
+levels themselves, the other candidates and the pixel's neighbourhood. A small network, trained on simulated frames
+with known truth, estimates the probability of each (docs/explanation/matching.md).
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from beltscape.stereo.multiview.frame.parallel import run_parallel
 from beltscape.stereo.multiview.frame.planes import Pixels, split_pixels
 from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.selection.gain import PhotometricGain, estimate_gain
-from beltscape.stereo.multiview.selection.neighbourhood import Neighbourhood, sample_planes
 from beltscape.stereo.multiview.selection.photoconsistency import (
     PhotoConsistencyModel,
     compute_photo_consistency_features,
@@ -32,8 +31,6 @@ Array = NDArray[np.floating]
 
 REACH_PX = 8
 """Distance from which candidates come, at scale 1."""
-NEIGHBOURHOOD_PX = 2
-"""Neighbours to each side that are features of the pairwise ranking."""
 SAME_PX = 1.0
 """Difference in s up to which candidates are the same surface, at scale 1."""
 RELIABLE, OCCLUDING, UNCERTAIN = 1.0, 0.0, 1.5
@@ -71,7 +68,7 @@ def select_candidates(surface: Surface, planes: Mapping[str, Array], prepared: P
 
     def select_at(pixels: Pixels) -> None:
         candidates, features = selector.find_candidates(pixels)
-        selected, logit = selector.select(pixels, candidates, features)
+        selected, logit = selector.select(candidates, features)
         offers = (s, candidates.s), (slope_u, candidates.slope_u), (slope_v, candidates.slope_v)
         for plane, offered in offers:
             plane[pixels] = np.where(selected > 0, offered[selected, np.arange(len(selected))], plane[pixels])
@@ -91,7 +88,6 @@ class CandidateSelector:
     reliable: NDArray[np.uint8]
     """(H, W) 1 for pixels that offer their surface."""
     consistency: PhotoConsistencyModel
-    neighbourhood: Neighbourhood
 
     @classmethod
     def from_surface(
@@ -105,8 +101,7 @@ class CandidateSelector:
         )
         gain = estimate_gain(surface.s, planes["cost"], prepared, buffers)
         reliable = (confidence >= RELIABLE).astype(np.uint8)
-        neighbourhood = Neighbourhood.from_surface(surface.s, confidence, prepared, NEIGHBOURHOOD_PX)
-        return cls(surface, planes, reliable, PhotoConsistencyModel(prepared, gain, buffers), neighbourhood)
+        return cls(surface, planes, reliable, PhotoConsistencyModel(prepared, gain, buffers))
 
     @property
     def scale(self) -> float:
@@ -140,61 +135,14 @@ class CandidateSelector:
         features |= compute_photo_consistency_features(consistency, len(prepared.images))
         return candidates, features | dict(_compute_candidate_features(candidates, self.scale))
 
-    def select(
-        self, pixels: Pixels, candidates: Candidates, features: Mapping[str, Array]
-    ) -> tuple[NDArray[np.int_], Array]:
-        """Return (N,) each: the selected candidate, and the logit of its probability; -inf where there is none.
-
-        A second network compares the top two of every pixel.
-        """
-        first, second, score = self.rank_top_two(candidates, features)
-        pixel = np.arange(len(first))
-        selected, logit = first.copy(), score[first, pixel]
-        paired = np.flatnonzero(second >= 0)
-        if len(paired):
-            top_two = first[paired], second[paired]
-            pairs = self.compute_pairwise_features(
-                pixels, candidates, {**features, "score": score}, paired, top_two
-            )
-            kernels = self.consistency.prepared.context.kernels
-            logits = np.concatenate(load_network("pairwise_ranking").evaluate(pairs, kernels, 1))
-            selected[paired] = np.where(logits[1] > logits[0], top_two[1], top_two[0])
-            logit[paired] = logits.max(axis=0)
-        return selected, logit
-
-    def rank_top_two(
-        self, candidates: Candidates, features: Mapping[str, Array]
-    ) -> tuple[NDArray[np.int_], NDArray[np.int_], Array]:
-        """Return (N,) the best candidate and the best with another s (-1: none), and (9, N) logits of all."""
-        kernels = self.consistency.prepared.context.kernels
-        (score,) = load_network("candidates").evaluate(features, kernels, 1)
-        score = np.where(np.isfinite(candidates.s), score, -np.inf)
-        first = score.argmax(axis=0)
-        first_s = np.take_along_axis(candidates.s, first[None], axis=0)
-        with np.errstate(invalid="ignore"):
-            others = np.where(np.abs(candidates.s - first_s) > SAME_PX * self.scale, score, -np.inf)
-        return first, np.where(np.isfinite(others.max(axis=0)), others.argmax(axis=0), -1), score
-
-    def compute_pairwise_features(
-        self,
-        pixels: Pixels,
-        candidates: Candidates,
-        features: Mapping[str, Array],
-        paired: NDArray[np.int_],
-        top_two: tuple[NDArray[np.int_], NDArray[np.int_]],
-    ) -> dict[str, Array]:
-        """Return the features (1, M) of the top two candidates (M,) at the pixels ``paired`` (M,) of N, by name."""
-        kernels = self.consistency.prepared.context.kernels
-        at = pixels[0][paired], pixels[1][paired]
-        pixel_planes = {name: self.planes[name] for name in PIXEL_FEATURES}
-        own = {name: values for name, values in features.items() if name not in PIXEL_FEATURES}
-        pairs = sample_planes(pixel_planes, at, kernels) | self.neighbourhood.compute_image_features(at)
-        for rank, index in zip(("first", "second"), top_two, strict=True):
-            slopes = candidates.slope_u[index, paired], candidates.slope_v[index, paired]
-            offsets = self.neighbourhood.compute_offset_features(at, candidates.s[index, paired], slopes)
-            ranked = sample_planes(own, (index, paired), kernels) | offsets
-            pairs |= {f"{rank} {name}": values for name, values in ranked.items()}
-        return {name: values[None] for name, values in pairs.items()}
+    def select(self, candidates: Candidates, features: Mapping[str, Array]) -> tuple[NDArray[np.int_], Array]:
+        """Return (N,) each: the selected candidate, and the logit of its probability; -inf where there is none."""
+        (logits,) = load_network("candidates").evaluate(
+            features, self.consistency.prepared.context.kernels, 1
+        )
+        logits = np.where(np.isfinite(candidates.s), logits, -np.inf)
+        selected = logits.argmax(axis=0)
+        return selected, logits[selected, np.arange(len(selected))]
 
 
 def _compute_candidate_features(candidates: Candidates, scale: float) -> Iterator[tuple[str, Array]]:

@@ -29,15 +29,8 @@ _CENTRE = np.zeros((1, 2), int)
 """The pixel itself, without an offset."""
 
 
-@cache
-def _list_offsets(reach: int) -> NDArray[np.int_]:
-    along = range(-reach, reach + 1)
-    return np.array([(du, dv) for dv, du in product(along, repeat=2) if du or dv])
-
-
-@cache
-def _list_names(feature: str, reach: int) -> tuple[str, ...]:
-    return tuple(f"{feature} at {du:+d} {dv:+d}" for du, dv in _list_offsets(reach))
+_OFFSETS = np.array([(du, dv) for dv, du in product((-1, 0, 1), repeat=2) if du or dv])
+"""(8, 2) columns and rows to the eight neighbours."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,17 +43,13 @@ class Neighbourhood:
     """Logit."""
     log_level: NDArray[np.float32]
     """Logarithm of the core's level."""
-    reach: int
-    """Number of neighbours to each side."""
     context: MatchContext
 
     @classmethod
-    def from_surface(
-        cls, s: Array, initial_confidence: Array, prepared: PreparedFrame, reach: int
-    ) -> Neighbourhood:
+    def from_surface(cls, s: Array, initial_confidence: Array, prepared: PreparedFrame) -> Neighbourhood:
         """Return the neighbourhood in a surface s, its initial confidence (H, W) and the core's levels."""
         log_level = np.log(np.maximum(prepared.filled_core, 0) + np.float32(_DARK))
-        return cls(s, initial_confidence, log_level, reach, prepared.context)
+        return cls(s, initial_confidence, log_level, prepared.context)
 
     @property
     def spacing(self) -> int:
@@ -70,7 +59,7 @@ class Neighbourhood:
     def compute_image_features(self, pixels: Pixels) -> dict[str, Array]:
         """Return (N,) by name: each neighbour's initial confidence and its brightness relative to the pixel's."""
         confidence, level = self._gather([self.initial_confidence, self.log_level], pixels)
-        return self._named("initial confidence", confidence) | self._named(
+        return _name("initial confidence", confidence) | _name(
             "relative brightness", level - self.log_level[pixels]
         )
 
@@ -79,17 +68,22 @@ class Neighbourhood:
     ) -> dict[str, Array]:
         """Return (N,) by name: each neighbour's distance in front of the pixel's plane, px at scale 1."""
         (neighbour_s,) = self._gather([self.s], pixels)
-        du, dv = self.spacing * _list_offsets(self.reach).T[..., None].astype(np.float32)
+        du, dv = self.spacing * _OFFSETS.T[..., None].astype(np.float32)
         plane = s + slopes[0] * du + slopes[1] * dv
         offset = fill_nan(neighbour_s - plane) * np.float32(1 / self.context.scale)
-        return self._named("offset", np.clip(offset, -_MOST_OFFSET_PX, _MOST_OFFSET_PX))
-
-    def _named(self, feature: str, rows: Array) -> dict[str, Array]:
-        return dict(zip(_list_names(feature, self.reach), rows, strict=True))
+        return _name("offset", np.clip(offset, -_MOST_OFFSET_PX, _MOST_OFFSET_PX))
 
     def _gather(self, planes: Sequence[Array], pixels: Pixels) -> Array:
-        offsets = self.spacing * _list_offsets(self.reach)
-        return self.context.kernels.gather(planes, pixels[1], pixels[0], offsets, threads=1)
+        return self.context.kernels.gather(planes, pixels[1], pixels[0], self.spacing * _OFFSETS, threads=1)
+
+
+@cache
+def _list_names(feature: str) -> tuple[str, ...]:
+    return tuple(f"{feature} at {du:+d} {dv:+d}" for du, dv in _OFFSETS)
+
+
+def _name(feature: str, rows: Array) -> dict[str, Array]:
+    return dict(zip(_list_names(feature), rows, strict=True))
 
 
 def sample_planes(planes: Mapping[str, Array], pixels: Pixels, kernels: Kernels) -> dict[str, Array]:

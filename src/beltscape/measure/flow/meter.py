@@ -88,6 +88,10 @@ class FlowMeter:
         self.findings: tuple[Finding, ...] = ()
         """The findings about the encoder of the frames that the last call of `push` placed."""
 
+    def continue_motion(self, motion: MotionPrediction) -> None:
+        """Begin, before the first frame, with the motion that another meter of the same belt found."""
+        self._tracker.continue_motion(motion)
+
     @property
     def direction(self) -> int:
         """Return the direction of travel: +1 towards +y, -1 towards -y, 0 if not known yet."""

@@ -76,10 +76,16 @@ class MotionTracker:
             uses_encoder=self.check.is_trusted or motion.speed is None,
         )
 
+    def continue_motion(self, motion: MotionPrediction) -> None:
+        """Begin with the speed and the direction that another tracker of the same belt found."""
+        self.motion.speed = motion.speed
+        towards = float(motion.along @ self._reference.belt.belt_from_core.rotation[1])
+        self.direction = self.direction or (1 if towards > 0 else -1)
+
     def can_locate(self, waiting: Sequence[PushedFrame]) -> bool:
         """Return whether frames can be placed: by a known motion, by an encoder, or by a first motion found now."""
         newest = waiting[-1]
-        if self.motion.key is not None:
+        if self.motion.key is not None or (self.direction and self.motion.speed is not None):
             return True
         is_known = bool(self.direction) and newest.encoder_mm is not None
         if is_known and len(waiting) == 1:

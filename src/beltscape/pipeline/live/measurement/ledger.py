@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, standing_from_quality
+from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, RecordTag, standing_from_quality
 
+_NO_TAG = RecordTag()
 ROLL_BACK_MM = 3000.0
 """Longest distance by which a stopped belt rolls back; an encoder that is further back has been reset."""
 
@@ -39,6 +40,7 @@ class _PendingFrame:
     """Belt position by the meter; None if it has none."""
     is_encoder_trusted: bool = True
     """Whether encoder and material agree as far as both are known."""
+    tag: RecordTag = RecordTag()
 
 
 class Ledger:
@@ -78,14 +80,29 @@ class Ledger:
         self._continues = encoder_mm is not None and counted - encoder_mm <= ROLL_BACK_MM
         return counted if self._continues else None
 
+    def continue_by_motion(self, position_mm: float) -> float | None:
+        """Begin a new meter without an encoder, whose first frame lies at ``position_mm`` of the meter before.
+
+        Return the position of the new meter, which counts from 0, up to which the belt is counted; None for a
+        new ledger.
+        """
+        end, slip = self.state.end_mm, self._slip_mm
+        self._has_strip, self._slip_mm, self._follows_encoder, self._continues = False, 0.0, True, True
+        if end is None:
+            return None
+        self.state.offset_mm += slip + position_mm
+        return end - self.state.offset_mm
+
     def discard_pending(self) -> None:
         """Forget the frames whose records are not finished."""
         self._pending.clear()
 
-    def push(self, frame: str, present: Collection[str], encoder_mm: float | None) -> None:
-        """Register a frame that goes into the meter."""
+    def push(
+        self, frame: str, present: Collection[str], encoder_mm: float | None, tag: RecordTag = _NO_TAG
+    ) -> None:
+        """Register a frame that goes into the meter; its record is counted for ``tag``."""
         missing = tuple(name for name in self._cameras if name not in present)
-        self._pending.append(_PendingFrame(frame, len(present), missing, encoder_mm))
+        self._pending.append(_PendingFrame(frame, len(present), missing, encoder_mm, tag=tag))
 
     def set_position(self, frame: str, meter_mm: float, *, is_encoder_trusted: bool = True) -> None:
         """Set the meter's position of a pending frame."""
@@ -108,12 +125,14 @@ class Ledger:
             start, end = self._strip_interval(record, pending)
             if self.state.end_mm is not None and start > self.state.end_mm:
                 reason = "nothing measured while it passed"
-                out.append(self._entry(start, None, reason, run_sigma_mm3, wall_ns, 0, None))
+                gap = self._entry(start, None, reason, run_sigma_mm3, wall_ns, 0, None)
+                out.append(add_tag(gap, pending.tag))
             if self.state.end_mm is None:
                 self.state.end_mm = start
             reason = _reason(record, pending)
             section = sections.get(record.frame)
-            out.append(self._entry(end, record, reason, run_sigma_mm3, wall_ns, pending.present, section))
+            entry = self._entry(end, record, reason, run_sigma_mm3, wall_ns, pending.present, section)
+            out.append(add_tag(entry, pending.tag))
         return out
 
     def _strip_interval(self, record: FlowRecord, pending: _PendingFrame) -> tuple[float, float]:
@@ -167,6 +186,15 @@ class Ledger:
         )
         state.number, state.end_mm = state.number + 1, entry.belt_mm[1]
         return entry
+
+
+def add_tag(entry: BeltRecord, tag: RecordTag) -> BeltRecord:
+    """Return the entry with its product and batch; a product's density replaces that of the measurement."""
+    strip = entry.strip
+    if tag.product and strip is not None:
+        density = {"density_kg_m3": tag.density_kg_m3, "density_sigma_kg_m3": tag.density_sigma_kg_m3}
+        strip = replace(strip, **density)
+    return replace(entry, strip=strip, product=tag.product, batch=tag.batch)
 
 
 def _reason(record: FlowRecord, pending: _PendingFrame) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 
 from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
+from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, RecordTag
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet, Image
@@ -28,9 +28,12 @@ from beltscape.pipeline.live.measurement.sections import SectionBuffer
 from beltscape.pipeline.measuring.flow_chain import FlowChain, SequenceMatcher
 
 
+_NO_TAG = RecordTag()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasurementContext:
-    """Rig, empty belt, matcher and settings; constant during a run."""
+    """Rig, empty belt, matcher and settings; they change between two records only."""
 
     rig: Rig
     """At the image size that is matched."""
@@ -84,30 +87,42 @@ class MeasurementRun:
         self._finished_sigma_mm3 = 0.0
         """σ of the finished meters of this run."""
         self._needs_new_meter = False
+        self._next: tuple[MeasurementContext, int] | None = None
+        """The context to measure in from the next frame set on, and the run of its records."""
+
+    def set_context(self, context: MeasurementContext, run: int) -> None:
+        """Measure in another context, of the same cameras, from the next frame set on.
+
+        The records of earlier frames end before it, and its records belong to ``run``. Without an encoder it waits
+        until the belt's motion is known, as the belt between two frame sets would be lost.
+        """
+        self._next = context, run
 
     def set_empty_belt(self, empty_belt: EmptyBeltReference) -> None:
         """Measure against another empty belt, of the same camera, from the next frame on."""
         self.context = replace(self.context, empty_belt=empty_belt)
         self._needs_new_meter = True
 
-    def push(self, frames: FrameSet, findings: Sequence[Finding] = ()) -> Outcome:
+    def push(
+        self, frames: FrameSet, findings: Sequence[Finding] = (), tag: RecordTag = _NO_TAG
+    ) -> Outcome:
         """Measure the next frame set; without images it only gives the belt's position.
 
-        ``findings`` are further ones about it.
+        ``findings`` are further ones about it; its record is counted for ``tag``.
         """
-        entries: list[BeltRecord] = []
+        entries = self._change_context(frames)
         if self._chain is None:
-            self._chain = self._begin_meter(frames.position_mm)
+            self._chain = self._begin_meter(self._ledger.begin_meter(frames.position_mm))
         elif frames.position_mm is not None and not self._has_encoder:
             self._reporter.warn("an encoder now gives the belt's position; counting continues with it")
             self._needs_new_meter = True
         if self._needs_new_meter:
             entries += self._make_entries(self._chain.finish())
             self._finished_sigma_mm3 += self._chain.meter.totals.sigma_mm3
-            self._chain = self._begin_meter(frames.position_mm)
+            self._chain = self._continue_meter(frames, self._chain.meter)
         self._has_encoder |= frames.position_mm is not None
         whole = set(self._cameras) <= set(frames.images)
-        self._ledger.push(frames.frame, frames.images.keys(), frames.position_mm)
+        self._ledger.push(frames.frame, frames.images.keys(), frames.position_mm, tag)
         result = self._chain.push(self._resize(frames), self._reporter, whole=whole, findings=findings)
         entries += self._make_entries(result.records)
         stretches, self._stretches = self._stretches, []
@@ -136,8 +151,38 @@ class MeasurementRun:
         self._chain, self._has_encoder, self._stretches = None, False, []
         self._ledger.discard_pending()
 
-    def _begin_meter(self, encoder_mm: float | None) -> FlowChain:
-        """Return the chain with a meter that counts from the ledger's end."""
+    def _change_context(self, frames: FrameSet) -> list[BeltRecord]:
+        """Begin the next context, if there is one, at a frame set; return the records that end before it."""
+        chain, entries = self._chain, []
+        if self._next is None or (chain is not None and not self._can_continue(frames, chain.meter)):
+            return []
+        if chain is not None:
+            entries = self._make_entries(chain.finish())
+            self._chain = None
+        (self.context, self._ledger.state.run), self._next = self._next, None
+        self._finished_sigma_mm3 = 0.0
+        if chain is not None:
+            self._chain = self._continue_meter(frames, chain.meter)
+            self._has_encoder = frames.position_mm is not None
+        return entries
+
+    def _can_continue(self, frames: FrameSet, before: FlowMeter) -> bool:
+        """Return whether the belt between the last frame set and this one is known, by an encoder or by the speed."""
+        return frames.position_mm is not None or self._has_encoder or before.prediction is not None
+
+    def _continue_meter(self, frames: FrameSet, before: FlowMeter) -> FlowChain:
+        """Return the chain with a meter that continues where ``before`` ends, by the encoder or the belt's speed."""
+        last, motion = before.motion.last, before.prediction
+        is_by_encoder = frames.position_mm is not None or self._has_encoder
+        if is_by_encoder or last is None or motion is None or frames.time_ns is None:
+            return self._begin_meter(self._ledger.begin_meter(frames.position_mm))
+        travel_mm = (motion.speed or 0.0) * (frames.time_ns * 1e-9 - last.clock)
+        chain = self._begin_meter(self._ledger.continue_by_motion(last.position_mm + travel_mm))
+        chain.meter.continue_motion(motion)
+        return chain
+
+    def _begin_meter(self, front_mm: float | None) -> FlowChain:
+        """Return the chain with a meter; the belt up to ``front_mm`` is counted."""
         context, self._needs_new_meter = self.context, False
         self._sections = SectionBuffer(context.empty_belt)
         meter = FlowMeter(
@@ -146,7 +191,7 @@ class MeasurementRun:
             density=context.density,
             watch_belt=self._add_stretch,
             watch_step=self._set_position,
-            front_mm=self._ledger.begin_meter(encoder_mm),
+            front_mm=front_mm,
         )
         if self._chain is not None:
             self._chain.restart(meter)

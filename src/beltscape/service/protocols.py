@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from math import nan
 from pathlib import Path
+from typing import Any, Protocol
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError
@@ -92,37 +93,91 @@ class ServedPlant:
         raise InputError(f"product {name!r}: this project has no products")
 
 
+class Served(Protocol):
+    """A protocol that is served."""
+
+    def close(self) -> None:
+        """Stop serving; a publisher publishes what is stored first."""
+        ...
+
+
+class ServedProtocols:
+    """The protocols that are served now; each can be exchanged while the others go on."""
+
+    def __init__(self, plant: ServedPlant, data: Path, tell: Callable[[str], None]) -> None:
+        """Serve nothing yet. ``data`` is the folder of what they keep; ``tell`` receives messages of one line."""
+        self._plant, self._data, self._tell = plant, data, tell
+        self._running: dict[str, Served] = {}
+
+    def serve(self, settings: ProtocolSettings) -> None:
+        """Serve the protocols of the settings; those that are served with other settings are exchanged.
+
+        Raises
+        ------
+        InputError
+            If a library is missing, a file of the settings cannot be read, or an address cannot be listened on.
+        """
+        for name in STARTERS:
+            self.exchange(name, getattr(settings, name))
+
+    def exchange(self, name: str, settings: object | None) -> None:
+        """Stop a protocol if it is served, and serve it with these settings; None: it stays stopped.
+
+        Raises
+        ------
+        InputError
+            See ``serve``; the protocol is stopped then.
+        """
+        served = self._running.pop(name, None)
+        if served is not None:
+            served.close()
+        if settings is not None:
+            self._running[name] = STARTERS[name](settings, self._plant, self._data, self._tell)
+
+    def close(self) -> None:
+        """Stop all, the last one that was started first."""
+        for name in reversed(list(self._running)):
+            self._running.pop(name).close()
+
+
 @contextmanager
 def serve_protocols(
     settings: ProtocolSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
-) -> Generator[None]:
-    """Serve the protocols of the settings until the end of the context, which publishes the last records.
+) -> Generator[ServedProtocols]:
+    """Serve the protocols of the settings until the end of the context; see ``ServedProtocols``."""
+    with closing(ServedProtocols(plant, data, tell)) as served:
+        served.serve(settings)
+        yield served
 
-    ``tell`` receives messages of one line.
 
-    Raises
-    ------
-    InputError
-        If a library is missing, a file of the settings cannot be read, or an address cannot be listened on.
-    """
-    mqtt, modbus = settings.mqtt, settings.modbus
-    with ExitStack() as running:
-        if modbus is not None:
-            from beltscape.protocols.modbus.registers import place_registers, write_csv
+def _start_modbus(
+    settings: ModbusSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
+) -> Served:
+    from beltscape.protocols.modbus.registers import place_registers, write_csv
 
-            with _name_library("modbus"):
-                from beltscape.protocols.modbus.server import ModbusServer
-            server = ModbusServer(modbus, plant, data, tell)
-            write_text(data / "modbus.csv", write_csv(place_registers(modbus)))
-            server.start()
-            running.callback(server.close)
-        if mqtt is not None:
-            with _name_library("mqtt"):
-                from beltscape.protocols.mqtt.publisher import Publisher
-            publisher = Publisher(mqtt, plant, data, tell)
-            publisher.start()
-            running.callback(publisher.close)
-        yield
+    with _name_library("modbus"):
+        from beltscape.protocols.modbus.server import ModbusServer
+    server = ModbusServer(settings, plant, data, tell)
+    write_text(data / "modbus.csv", write_csv(place_registers(settings)))
+    server.start()
+    return server
+
+
+def _start_mqtt(
+    settings: MqttSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
+) -> Served:
+    with _name_library("mqtt"):
+        from beltscape.protocols.mqtt.publisher import Publisher
+    publisher = Publisher(settings, plant, data, tell)
+    publisher.start()
+    return publisher
+
+
+STARTERS: Mapping[str, Callable[[Any, ServedPlant, Path, Callable[[str], None]], Served]] = {
+    "modbus": _start_modbus,
+    "mqtt": _start_mqtt,
+}
+"""By the name of its table in project.toml: what serves a protocol."""
 
 
 def check_mqtt(mqtt: MqttSettings) -> str:

@@ -10,10 +10,10 @@ from beltscape.alarms.readings import Readings
 from beltscape.core.frames import FrameSet
 from beltscape.core.live import FrameEvent, Maintenance
 from beltscape.core.supervision import make_supervised_thread
+from beltscape.pipeline.live.controls import OperatorControls
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.measurement.measurement_run import Outcome
 from beltscape.pipeline.live.operation import maintenance
-from beltscape.pipeline.live.operation.controls import OperatorControls
 from beltscape.pipeline.live.reporting.repair_notice import RepairNotice
 
 _WAIT_S = 0.2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -54,6 +55,10 @@ class FlowRecord:
     """Quality of the strip's measurement."""
     reason: str = ""
     """The faults that were found in its frames, in one line; empty without a fault."""
+    common_sigma_mm3: float = math.nan
+    """The part of ``sigma_mm3`` that other strips share; it does not average out. NaN: not known, all of it may be."""
+    density_sigma_kg_m3: float = math.nan
+    """One standard deviation of the density, common to all strips of a product; NaN: not known."""
 
     def __repr__(self) -> str:
         length = (self.strip_mm[1] - self.strip_mm[0]) / 1000

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -35,6 +36,20 @@ class CrossSection:
     """(Nx,) float32 over the empty belt; NaN = not measured."""
 
 
+@dataclass(frozen=True, slots=True)
+class RecordTag:
+    """What records are counted for: the present product with its bulk density, and the present batch."""
+
+    product: str = ""
+    """Name of the product; empty: none is defined, and the density is that of the measurement."""
+    density_kg_m3: float = math.nan
+    """Bulk density of the product."""
+    density_sigma_kg_m3: float = math.nan
+    """One standard deviation of it."""
+    batch: int = 0
+    """Number of the batch; 0: none."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BeltRecord:
     """One entry of the ledger.
@@ -65,6 +80,10 @@ class BeltRecord:
     """The mean cross-section that was measured; None where there is none."""
     offset_mm: float = 0.0
     """The ledger's count minus the encoder's; it changes only where an encoder restarted its count."""
+    product: str = ""
+    """Name of the product on it; empty: none is defined."""
+    batch: int = 0
+    """Number of the batch that it is counted for; 0: none."""
 
     @property
     def length_mm(self) -> float:

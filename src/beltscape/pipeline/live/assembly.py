@@ -29,6 +29,7 @@ from beltscape.pipeline.live.monitoring.gauges import Gauges
 from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
 from beltscape.pipeline.live.operation import zero
 from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
+from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.reporting.event_log import EventLog
@@ -79,6 +80,8 @@ class AssembledRun:
     historian: Historian
     tables: Sequence[RecordSink]
     """Further sinks."""
+    production: ProductionControl
+    """The present product and batch."""
 
     def close(self) -> None:
         """Close all sinks; call it after the engine has stopped and the last reader is done."""
@@ -133,6 +136,9 @@ def _assemble_around(
     writers = [Writer("historian", historian, notify_records(observer, historian))]
     tables = [_open_table(options.data / "csv", settings.csv, historian)] if settings.csv.enabled else []
     writers += [Writer("csv", table) for table in tables]
+    production = ProductionControl(
+        settings.products, settings.production, historian.production, EventLog(historian, reporter)
+    )
     recording = options.record and settings.recording.mode != "off"
     watch = settings.watch
     belt, camera = context.empty_belt.belt, context.rig.core_camera
@@ -156,8 +162,10 @@ def _assemble_around(
         heartbeat=options.heartbeat,
         maintenance=MaintenanceMode(options.data),
         learned_images=context.learned_images,
+        read_tag=lambda: production.tag,
+        follow_timetable=production.follow_timetable,
     )
-    return AssembledRun(Engine(components), historian, tables)
+    return AssembledRun(Engine(components), historian, tables, production)
 
 
 def _add_exposure_control(

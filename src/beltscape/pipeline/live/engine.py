@@ -11,7 +11,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.live import FrameEvent, Maintenance
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.pipeline.live.controls import OperatorControls
-from beltscape.pipeline.live.engine_components import EngineComponents
+from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts
 from beltscape.pipeline.live.measurement.measurement_run import Outcome
 from beltscape.pipeline.live.operation import maintenance
 from beltscape.pipeline.live.reporting.repair_notice import RepairNotice
@@ -34,6 +34,8 @@ class Engine(OperatorControls):
     def __init__(self, components: EngineComponents) -> None:
         super().__init__(components)
         self._repair = RepairNotice(components.historian, components.reporter)
+        self._next: MeasuringParts | None = None
+        """The parts that take the place of the present ones between two records."""
         self._stopping = threading.Event()
         self._ended = threading.Event()
         self._done = 0
@@ -72,6 +74,11 @@ class Engine(OperatorControls):
         if components.encoder is not None:
             components.encoder.close()
         return max(unwritten, default=0)
+
+    def exchange(self, parts: MeasuringParts, run: int) -> None:
+        """Measure with other parts, of the same cameras, from the next record on, which is the first of ``run``."""
+        self._next = parts
+        self._components.measurement.set_context(parts.context, run)
 
     def _warn_of_failure(self, failure: str) -> None:
         self._components.reporter.warn(f"{threading.current_thread().name}: {failure}; going on")
@@ -136,7 +143,8 @@ class Engine(OperatorControls):
             self._restart(f"frame {frames.frame}", error)
             return
         self._publish(outcome)
-        components.zero.add(outcome.depth, outcome.findings)
+        self._finish_exchange()
+        self._components.zero.add(outcome.depth, outcome.findings)
         self._done += 1
         gauges, depth = components.gauges, outcome.depth
         gauges.update_frame(depth, outcome.speed_mm_s)
@@ -160,6 +168,27 @@ class Engine(OperatorControls):
         finding = maintenance.make_maintenance_finding(present)
         measured = frames if present is None else replace(frames, images={})
         return self._components.measurement.push(measured, (finding,), self._components.read_tag())
+
+    def _finish_exchange(self) -> None:
+        """Use the other parts that belong to the context, once the measurement uses it."""
+        parts, measurement = self._next, self._components.measurement
+        if parts is None or measurement.context is not parts.context:
+            return
+        self._next, gauges = None, self._components.gauges
+        gauges.full_area_mm2, gauges.stale_s = parts.full_area_mm2, parts.stale_s
+        self._components = replace(
+            self._components,
+            inspector=parts.inspector,
+            zero=parts.zero,
+            learned_images=parts.context.learned_images,
+        )
+        self._events.add(
+            "settings",
+            "measuring",
+            f"rig, empty belt and settings of measuring hold from record {measurement.first_number} on",
+            time_ns(),
+            parameters={"record": measurement.first_number},
+        )
 
     def _flush(self) -> None:
         """Measure the frame that is matched but not measured yet, as no other frame set waits."""

@@ -6,11 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from beltscape.alarms.board import AlarmBoard
+from beltscape.core.belt.ledger_entries import RecordTag
 from beltscape.core.live import LiveSource, Observer
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.images.learned_images import LearnedImages
 from beltscape.pipeline.live.intake.frame_queue import FrameQueue
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
+from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.monitoring.gauges import Gauges
 from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
 from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
@@ -20,6 +21,19 @@ from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
 from beltscape.sources.encoder.protocol import Encoder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuringParts:
+    """The parts that belong to one rig and one empty belt; a running engine exchanges them between two records."""
+
+    context: MeasurementContext
+    inspector: PeriodicInspector
+    zero: ZeroControl
+    full_area_mm2: float
+    """Cross-section of a full belt."""
+    stale_s: float
+    """Age from which a value is unknown to the alarms."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +62,10 @@ class EngineComponents:
     """Why nobody can sign in, in one line; empty without a fault."""
     heartbeat: Callable[[], None] = lambda: None
     """Called periodically while the worker thread lives; it feeds a watchdog."""
+    read_tag: Callable[[], RecordTag] = RecordTag
+    """Returns what the next frame's record is counted for."""
+    follow_timetable: Callable[[], None] = lambda: None
+    """Called twice a second: changes the product by the timetable."""
     learned_images: LearnedImages = field(default_factory=LearnedImages)
     maintenance: MaintenanceMode = field(default_factory=lambda: MaintenanceMode(None))
     finding_log: FindingLog = field(default_factory=FindingLog)

@@ -12,6 +12,7 @@ from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, Totals
 from beltscape.core.errors import OutputError
 from beltscape.sinks.historian.archive.finding_days import FindingArchive
 from beltscape.sinks.historian.archive.retention import Retention
+from beltscape.sinks.historian.production_history import ProductionHistory
 from beltscape.sinks.historian.reading.events import Event, insert_event, read_events
 from beltscape.sinks.historian.reading.findings import (
     CheckKey,
@@ -60,6 +61,8 @@ class Historian:
             When it cannot be written.
         """
         self._store = Store(folder, settings)
+        self.production = ProductionHistory(self._store)
+        """Products, batches, sums of shifts, and the belt scale."""
         self._days = folder / "days"
         self._findings = FindingArchive(folder / "findings", self._store, settings)
         self._retention = Retention(self._days, self._store, settings, (self._findings.maintain,))

@@ -137,6 +137,8 @@ class Strips:
             single_coverage=stretch.single_share,
             quality=quality,
             reason=_summarise(strip, quality),
+            common_sigma_mm3=0.0 if quality == "missing" else self._sums.compute_common_sigma(stretch, fault),
+            density_sigma_kg_m3=density[1],
         )
 
 

@@ -60,9 +60,15 @@ class Sums:
     def compute_sigma(self, stretch: Stretch, moved_mm3: float, fault_mm3: float) -> float:
         """Return σ of one strip's volume from its parts due to the surface, the position and the faults."""
         apart = stretch.apart_mm6 + moved_mm3**2
+        return float((apart + self._compute_common_variance(stretch, fault_mm3)) ** 0.5)
+
+    def compute_common_sigma(self, stretch: Stretch, fault_mm3: float) -> float:
+        """Return the part of a strip's σ that it shares with other strips: edges, holes, slow drift and faults."""
+        return float(self._compute_common_variance(stretch, fault_mm3) ** 0.5)
+
+    def _compute_common_variance(self, stretch: Stretch, fault_mm3: float) -> float:
         drift = self._drift_mm2 * stretch.length_mm
-        common = drift**2 + fault_mm3**2
-        return float((apart + stretch.edges_mm3**2 + stretch.holes_mm3**2 + common) ** 0.5)
+        return stretch.edges_mm3**2 + stretch.holes_mm3**2 + drift**2 + fault_mm3**2
 
     def add(
         self, strip: Strip, stretch: Stretch, moved_mm3: float, fault_mm3: float, density: tuple[float, float]

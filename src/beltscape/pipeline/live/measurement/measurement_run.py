@@ -27,7 +27,6 @@ from beltscape.pipeline.live.measurement.ledger import Ledger, LedgerState
 from beltscape.pipeline.live.measurement.sections import SectionBuffer
 from beltscape.pipeline.measuring.flow_chain import FlowChain, SequenceMatcher
 
-
 _NO_TAG = RecordTag()
 
 
@@ -89,6 +88,8 @@ class MeasurementRun:
         self._needs_new_meter = False
         self._next: tuple[MeasurementContext, int] | None = None
         """The context to measure in from the next frame set on, and the run of its records."""
+        self.first_number = state.number
+        """Number of the first record of the present context."""
 
     def set_context(self, context: MeasurementContext, run: int) -> None:
         """Measure in another context, of the same cameras, from the next frame set on.
@@ -160,7 +161,7 @@ class MeasurementRun:
             entries = self._make_entries(chain.finish())
             self._chain = None
         (self.context, self._ledger.state.run), self._next = self._next, None
-        self._finished_sigma_mm3 = 0.0
+        self._finished_sigma_mm3, self.first_number = 0.0, self._ledger.state.number
         if chain is not None:
             self._chain = self._continue_meter(frames, chain.meter)
             self._has_encoder = frames.position_mm is not None

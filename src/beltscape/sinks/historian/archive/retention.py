@@ -18,6 +18,7 @@ from beltscape.sinks.days import compute_day_range_ns
 from beltscape.sinks.historian.archive.closed_days import Archive, select_files
 from beltscape.sinks.historian.storage.day_files import DayFile
 from beltscape.sinks.historian.writing.ledger import transaction
+from beltscape.sinks.historian.writing.production import forget_production
 from beltscape.sinks.historian.writing.store import REMOVED_AT_ONCE, Store
 from beltscape.sinks.settings import GIB, HistorySettings
 
@@ -161,3 +162,4 @@ def _forget_file(connection: sqlite3.Connection, file: DayFile) -> None:
     with transaction(connection):
         connection.execute("DELETE FROM files WHERE name = ?", (file.name,))
         connection.execute("DELETE FROM minutes WHERE last <= ?", (file.last,))
+        forget_production(connection, file.until_ns)

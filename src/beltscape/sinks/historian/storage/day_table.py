@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -38,11 +38,18 @@ NAMES = (
         "sigma_mm3",
     ),
     *("speed_mm_s", "density_kg_m3", "coverage", "single_coverage", "quality", "offset_mm"),
+    *("product", "batch", "common_sigma_mm3", "density_sigma_kg_m3"),
 )
 """Names of the columns, in the order of the database's."""
 SECTION = ("section_x_mm", "section_height_mm")
 """Columns of the cross-section: two lists of the same length, NaN where not measured."""
-ADDED_LATER = {"offset_mm": 0.0}
+ADDED_LATER: Mapping[str, float | int | str | None] = {
+    "offset_mm": 0.0,
+    "product": "",
+    "batch": 0,
+    "common_sigma_mm3": None,
+    "density_sigma_kg_m3": None,
+}
 """Values of columns that older files do not have."""
 WORDS = {"standing": STANDINGS, "quality": QUALITIES}
 
@@ -53,8 +60,8 @@ def schema() -> pa.Schema:
 
     kinds = {
         **dict.fromkeys(("number", "time_ns"), pa.int64()),
-        **dict.fromkeys(("run", "cameras"), pa.int32()),
-        **dict.fromkeys(("standing", "reason", "frame", "quality"), pa.string()),
+        **dict.fromkeys(("run", "cameras", "batch"), pa.int32()),
+        **dict.fromkeys(("standing", "reason", "frame", "quality", "product"), pa.string()),
         "wall_time": pa.timestamp("ns", tz="UTC"),
     }
     columns = [pa.field(name, kinds.get(name, pa.float64())) for name in NAMES]

@@ -13,6 +13,7 @@ COLUMNS = (
     *("number", "run", "from_mm", "to_mm", "standing", "reason", "wall_ns", "run_sigma", "cameras"),
     *("frame", "time_ns", "position", "strip_from", "strip_to", "area", "volume", "sigma"),
     *("speed", "density", "coverage", "single", "quality", "offset_mm"),
+    *("product", "batch", "common_sigma", "density_sigma"),
 )
 INSERT = f"INSERT INTO records ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"
 SELECT = f"SELECT {', '.join(f'records.{name}' for name in COLUMNS)} FROM records"
@@ -26,14 +27,15 @@ def to_row(record: BeltRecord) -> tuple[Any, ...]:
     )
     strip = record.strip
     if strip is None:
-        return (*head, *[None] * 13, float(record.offset_mm))
+        return (*head, *[None] * 13, float(record.offset_mm), record.product, record.batch, None, None)
     return (
         *(*head, strip.frame, strip.time_ns, _number(strip.belt_position_mm)),
         *(_number(strip.strip_mm[0]), _number(strip.strip_mm[1]), _number(strip.area_mm2)),
         *(_number(strip.volume_mm3), _number(strip.sigma_mm3), _number(strip.speed_mm_s)),
         *(_number(strip.density_kg_m3), _number(strip.coverage), _number(strip.single_coverage)),
         QUALITIES.index(strip.quality),
-        float(record.offset_mm),
+        *(float(record.offset_mm), record.product, record.batch),
+        *(_number(strip.common_sigma_mm3), _number(strip.density_sigma_kg_m3)),
     )
 
 
@@ -48,15 +50,17 @@ def from_row(row: Sequence[Any], section: CrossSection | None = None) -> BeltRec
         standing=STANDINGS[standing_index],
         reason=reason,
         wall_ns=wall_ns,
-        strip=None if row[9] is None else _strip(row[9:22]),
+        strip=None if row[9] is None else _strip(row[9:22], row[25:27]),
         run_sigma_mm3=_value(run_sigma),
         cameras=cameras,
         section=section,
         offset_mm=row[22],
+        product=row[23],
+        batch=row[24],
     )
 
 
-def _strip(row: Sequence[Any]) -> FlowRecord:
+def _strip(row: Sequence[Any], sigmas: Sequence[float | None]) -> FlowRecord:
     frame, time_ns = row[:2]
     quality_index: int = row[12]
     position, start, end, area, volume, sigma, speed, density, coverage, single = map(_value, row[2:12])
@@ -73,6 +77,8 @@ def _strip(row: Sequence[Any]) -> FlowRecord:
         coverage=coverage,
         single_coverage=single,
         quality=QUALITIES[quality_index],
+        common_sigma_mm3=_value(sigmas[0]),
+        density_sigma_kg_m3=_value(sigmas[1]),
     )
 
 

@@ -161,7 +161,53 @@ CREATE TABLE finding_files (
     pruned      INTEGER NOT NULL           -- its findings are (being) removed from the table above
 )"""
 
-MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET, _FINDINGS)
+_PRODUCTION = """
+ALTER TABLE records ADD COLUMN product TEXT NOT NULL DEFAULT '';     -- empty: none
+ALTER TABLE records ADD COLUMN batch INTEGER NOT NULL DEFAULT 0;     -- 0: none
+ALTER TABLE records ADD COLUMN common_sigma REAL;                    -- NULL: not known
+ALTER TABLE records ADD COLUMN density_sigma REAL;
+CREATE TABLE product_changes (
+    change      INTEGER PRIMARY KEY AUTOINCREMENT,
+    wall_ns     INTEGER NOT NULL,
+    product     TEXT NOT NULL,
+    by          TEXT NOT NULL
+);
+CREATE TABLE batches (
+    batch       INTEGER PRIMARY KEY,       -- greater than all before
+    name        TEXT NOT NULL,
+    started_ns  INTEGER NOT NULL,
+    started_by  TEXT NOT NULL,
+    ended_ns    INTEGER,                   -- NULL: open
+    ended_by    TEXT NOT NULL DEFAULT ''
+);
+CREATE UNIQUE INDEX batches_open ON batches (ended_ns IS NULL) WHERE ended_ns IS NULL;
+CREATE TABLE production_sums (
+    minute      INTEGER NOT NULL,          -- of wall clock since 1970
+    product     TEXT NOT NULL,
+    batch       INTEGER NOT NULL,
+    records     INTEGER NOT NULL,
+    volume_mm3  REAL NOT NULL,
+    variance_mm6 REAL NOT NULL,            -- of the strips' own errors
+    common_mm3  REAL NOT NULL,             -- sum of the common parts of their sigma
+    weighed_kg  REAL NOT NULL,
+    unweighed   INTEGER NOT NULL,          -- records with a load of unknown density
+    mass_variance_kg2 REAL NOT NULL,
+    mass_common_kg REAL NOT NULL,
+    density_common_kg REAL NOT NULL,
+    valid_mm    REAL NOT NULL,
+    degraded_mm REAL NOT NULL,
+    missing_mm  REAL NOT NULL,
+    PRIMARY KEY (minute, product, batch)
+) WITHOUT ROWID;
+CREATE INDEX production_batches ON production_sums (batch) WHERE batch > 0;
+CREATE TABLE scale_readings (
+    wall_ns     INTEGER PRIMARY KEY,
+    kg          REAL NOT NULL,
+    source      TEXT NOT NULL,
+    by          TEXT NOT NULL
+)"""
+
+MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET, _FINDINGS, _PRODUCTION)
 """The script at index n migrates version n to n + 1; scripts are only added, never changed."""
 
 

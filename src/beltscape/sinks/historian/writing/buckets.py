@@ -9,6 +9,7 @@ from typing import Any
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.sinks.days import HOUR_NS
+from beltscape.sinks.historian.writing.production import add_to_production
 from beltscape.sinks.historian.writing.sums import get_mass_kg, get_volume_mm3
 
 WIDTH_NS = {"minutes": HOUR_NS // 60, "hours": HOUR_NS}
@@ -32,6 +33,7 @@ def add_to_buckets(connection: sqlite3.Connection, records: Sequence[BeltRecord]
             row = bucket_from_record(record)
             buckets[place] = row if place not in buckets else merge_buckets(buckets[place], row)
         upsert(connection, table, ((place, *row) for place, row in buckets.items()))
+    add_to_production(connection, records)
 
 
 def upsert(connection: sqlite3.Connection, table: str, rows: Iterable[Sequence[Any]]) -> None:

@@ -19,6 +19,7 @@ from beltscape.sinks.historian.storage.failures import is_damage
 from beltscape.sinks.historian.storage.schema import open_writer
 from beltscape.sinks.historian.writing.catch_up import catch_up
 from beltscape.sinks.historian.writing.ledger import set_sums, transaction
+from beltscape.sinks.historian.writing.production import salvage_production
 from beltscape.sinks.historian.writing.sums import SUMS_BEGIN, Sums, read_leading_sums, read_sums
 
 DATABASE = "history.db"
@@ -103,6 +104,7 @@ def replace_database(folder: Path, shift_ns: int, known: Sums | None, why: str) 
     with transaction(connection):
         set_sums(connection, sums)
         connection.execute("UPDATE ledger SET shift_ns = ?", (shift_ns,))
+        salvage_production(moved, connection)
     message = (
         f"{path}: it was damaged ({why}) and was moved to {moved.parent}; a new one continues after record "
         f"{sums.number} with the same totals, older records are in the day files"

@@ -1,0 +1,98 @@
+"""Sums of records with σ: independent errors add in squares, common ones linearly, over any choice of records."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass, fields
+
+from beltscape.core.belt.ledger_entries import BeltRecord
+
+
+@dataclass(frozen=True, slots=True)
+class ProductionSums:
+    """What records add up to; sums of sums are sums of all their records.
+
+    The common part of a strip's σ (edges, holes, slow drift, faults) is the same error in all strips, so these parts
+    add linearly and do not average out; so does the error of a density (as in `measure.flow.records.totals`).
+    """
+
+    records: int = 0
+    volume_mm3: float = 0.0
+    variance_mm6: float = 0.0
+    """Sum of the variances of the strips' own errors."""
+    common_mm3: float = 0.0
+    """Sum of the common parts of their σ."""
+    weighed_kg: float = 0.0
+    """Mass of the records with a known density."""
+    unweighed: int = 0
+    """Number of records with a load of unknown density."""
+    mass_variance_kg2: float = 0.0
+    mass_common_kg: float = 0.0
+    density_common_kg: float = 0.0
+    """Sum of volume × σ of the density."""
+    valid_mm: float = 0.0
+    degraded_mm: float = 0.0
+    missing_mm: float = 0.0
+
+    def __add__(self, other: ProductionSums) -> ProductionSums:
+        """Return the sums of both."""
+        return ProductionSums(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    @property
+    def sigma_mm3(self) -> float:
+        """Return one standard deviation of the volume."""
+        return math.sqrt(self.variance_mm6 + self.common_mm3**2)
+
+    @property
+    def mass_kg(self) -> float:
+        """Return the mass; NaN as soon as one load's density is not known."""
+        return math.nan if self.unweighed else self.weighed_kg
+
+    @property
+    def mass_sigma_kg(self) -> float:
+        """Return one standard deviation of the mass: volume and density; NaN as the mass."""
+        if self.unweighed:
+            return math.nan
+        return math.sqrt(self.mass_variance_kg2 + self.mass_common_kg**2 + self.density_common_kg**2)
+
+    @property
+    def volume_mass_sigma_kg(self) -> float:
+        """Return the part of the mass's σ that is due to the volume."""
+        return math.sqrt(self.mass_variance_kg2 + self.mass_common_kg**2)
+
+    @property
+    def length_mm(self) -> float:
+        """Return the length of all belt that passed."""
+        return self.valid_mm + self.degraded_mm + self.missing_mm
+
+
+COLUMNS = tuple(field.name for field in fields(ProductionSums))
+"""Names of the sums, in order."""
+
+
+def sum_record(record: BeltRecord) -> ProductionSums:
+    """Return what one record adds."""
+    lengths = {f"{record.standing}_mm": float(record.length_mm)}
+    strip = record.strip
+    volume = record.volume_mm3
+    if strip is None or record.standing == "missing" or not math.isfinite(volume):
+        return ProductionSums(records=1, **lengths)
+    sigma = strip.sigma_mm3 if math.isfinite(strip.sigma_mm3) else 0.0
+    common = min(strip.common_sigma_mm3, sigma) if math.isfinite(strip.common_sigma_mm3) else sigma
+    variance = max(sigma**2 - common**2, 0.0)
+    density = strip.density_kg_m3 * 1e-9
+    if not math.isfinite(density):
+        unweighed = int(volume != 0.0)
+        return ProductionSums(1, volume, variance, common, unweighed=unweighed, **lengths)
+    density_sigma = strip.density_sigma_kg_m3 if math.isfinite(strip.density_sigma_kg_m3) else 0.0
+    return ProductionSums(
+        records=1,
+        volume_mm3=volume,
+        variance_mm6=variance,
+        common_mm3=common,
+        weighed_kg=volume * density,
+        mass_variance_kg2=variance * density**2,
+        mass_common_kg=common * density,
+        density_common_kg=volume * density_sigma * 1e-9,
+        **lengths,
+    )

@@ -1,0 +1,105 @@
+"""Reading of production: sums of periods and batches, the present product and batch, readings of a belt scale."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from beltscape.production.batches import Batch
+from beltscape.production.scale import ScaleReading
+from beltscape.production.sums import COLUMNS, ProductionSums
+from beltscape.sinks.historian.writing.production import MINUTE_NS
+
+_TOTALS = ", ".join(f"{'sum' if name in ('records', 'unweighed') else 'total'}({name})" for name in COLUMNS)
+_BATCH = "SELECT batch, name, started_ns, started_by, ended_ns, ended_by FROM batches"
+
+
+@dataclass(frozen=True, slots=True)
+class ProductChange:
+    """A change of the present product."""
+
+    wall_ns: int
+    product: str
+    by: str
+
+
+def read_product_sums(
+    connection: sqlite3.Connection, since_ns: int, until_ns: int
+) -> dict[str, ProductionSums]:
+    """Return the sums of every product in the minutes that begin in a period."""
+    rows = connection.execute(
+        f"SELECT product, {_TOTALS} FROM production_sums WHERE minute >= ? AND minute < ? GROUP BY product",
+        (-(-since_ns // MINUTE_NS), -(-until_ns // MINUTE_NS)),
+    )
+    return {row[0]: ProductionSums(*row[1:]) for row in rows}
+
+
+def read_last_change(connection: sqlite3.Connection) -> ProductChange | None:
+    """Return the last change of the product; None before the first."""
+    row = connection.execute(
+        "SELECT wall_ns, product, by FROM product_changes ORDER BY change DESC LIMIT 1"
+    ).fetchone()
+    return None if row is None else ProductChange(*row)
+
+
+def read_changes(connection: sqlite3.Connection, since_ns: int, until_ns: int) -> tuple[ProductChange, ...]:
+    """Return the changes of the product in a period, oldest first."""
+    rows = connection.execute(
+        "SELECT wall_ns, product, by FROM product_changes WHERE wall_ns >= ? AND wall_ns < ? ORDER BY change",
+        (since_ns, until_ns),
+    )
+    return tuple(ProductChange(*row) for row in rows)
+
+
+def read_batches(
+    connection: sqlite3.Connection, since_ns: int, until_ns: int, limit: int
+) -> tuple[Batch, ...]:
+    """Return the batches that touch a period, newest first."""
+    rows = connection.execute(
+        f"{_BATCH} WHERE started_ns < ? AND coalesce(ended_ns, ?) >= ? ORDER BY batch DESC LIMIT ?",
+        (until_ns, until_ns, since_ns, limit),
+    ).fetchall()
+    return tuple(_make_batch(connection, row) for row in rows)
+
+
+def read_open_batch(connection: sqlite3.Connection) -> Batch | None:
+    """Return the open batch; None without one."""
+    row = connection.execute(f"{_BATCH} WHERE ended_ns IS NULL").fetchone()
+    return None if row is None else _make_batch(connection, row)
+
+
+def _make_batch(connection: sqlite3.Connection, row: Sequence[Any]) -> Batch:
+    sums = connection.execute(
+        f"SELECT product, {_TOTALS} FROM production_sums WHERE batch = ? AND batch > 0 GROUP BY product ORDER BY 1",
+        (row[0],),
+    )
+    by_product = tuple((each[0], ProductionSums(*each[1:])) for each in sums)
+    is_complete = row[4] is not None and _has_passed(connection, row[0])
+    return Batch(*row, by_product, is_complete)
+
+
+def _has_passed(connection: sqlite3.Connection, batch: int) -> bool:
+    """Return whether the newest record belongs to another batch or none."""
+    newest = connection.execute("SELECT batch FROM records ORDER BY number DESC LIMIT 1").fetchone()
+    return newest is None or newest[0] != batch
+
+
+def read_readings(connection: sqlite3.Connection, since_ns: int, until_ns: int) -> tuple[ScaleReading, ...]:
+    """Return the readings of the scale in a period and the ones right before and after it, in the order of time."""
+    rows = connection.execute(
+        "SELECT wall_ns, kg, source, by FROM scale_readings WHERE wall_ns BETWEEN "
+        "coalesce((SELECT max(wall_ns) FROM scale_readings WHERE wall_ns <= ?1), ?1) AND "
+        "coalesce((SELECT min(wall_ns) FROM scale_readings WHERE wall_ns >= ?2), ?2) ORDER BY wall_ns",
+        (since_ns, until_ns),
+    )
+    return tuple(ScaleReading(*row) for row in rows)
+
+
+def read_last_reading(connection: sqlite3.Connection) -> ScaleReading | None:
+    """Return the newest reading of the scale; None without one."""
+    row = connection.execute(
+        "SELECT wall_ns, kg, source, by FROM scale_readings ORDER BY wall_ns DESC LIMIT 1"
+    ).fetchone()
+    return None if row is None else ScaleReading(*row)

@@ -32,7 +32,7 @@ class FakePlant:
         self.state = PlantState(
             10**18, "valid", 123.4, 0.5, 104.9, 0.4, 10_000.0, 0.97, float("nan"), 0, Totals(),
             (CameraHealth("cam0", "ok", 9, 0, 5.0, 0.0),),
-            (Alarm("overload", "warning", "clear", float("nan"), 500.0, "m³/h", None),), "", "", "",
+            (Alarm("overload", "warning", "clear", float("nan"), 500.0, "m³/h", None),), "", float("nan"), (), "", "",
         )  # fmt: skip
 
     def add(self, count: int) -> None:
@@ -54,6 +54,12 @@ class FakePlant:
         """Return records with numbers above ``after``."""
         with self._lock:
             return self._records[after : after + limit]
+
+    def read_period(self, since_ns: int, until_ns: int, limit: int, after: int) -> Sequence[BeltRecord]:
+        """Return records of a period with numbers above ``after``."""
+        with self._lock:
+            found = [one for one in self._records[after:] if since_ns <= one.wall_ns < until_ns]
+        return found[:limit]
 
     def read_last_number(self) -> int:
         """Return the newest number."""

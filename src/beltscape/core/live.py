@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -70,6 +71,8 @@ class FrameEvent:
     """Share of the core's pixels that were measured; 0 where the frame gave none."""
     speed_mm_s: float
     """Speed of the belt; NaN: not known."""
+    largest_lump_mm: float = math.nan
+    """Sieve size of the largest lump at the last search; 0: there was none; NaN: none was made."""
 
 
 @dataclass(frozen=True, slots=True)

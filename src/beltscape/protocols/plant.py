@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import BeltRecord, Standing, Totals
+from beltscape.core.findings import Finding
 from beltscape.core.live import CameraHealth
+
+Provenance = Mapping[str, str]
+"""What the values come from: key, such as "Program" or "Rig" → its name, version or hash."""
+UserRole = Literal["viewer", "operator", "engineer"]
+"""The roles of the service's users, from least to most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +45,10 @@ class PlantState:
     alarms: tuple[Alarm, ...]
     maintenance: str
     """Reason of the present maintenance; empty: there is none."""
+    largest_lump_mm: float
+    """Sieve size of the largest lump at the last search; 0: there was none."""
+    findings: tuple[Finding, ...]
+    """Newest finding of every check of the system about itself."""
     product: str
     """Name of the present product; empty: none."""
     batch: str
@@ -58,6 +68,10 @@ class Plant(Protocol):
 
     def read_last_number(self) -> int:
         """Return the number of the newest stored record; 0 while there is none."""
+        ...
+
+    def read_period(self, since_ns: int, until_ns: int, limit: int, after: int) -> Sequence[BeltRecord]:
+        """Return at most ``limit`` records of a period (its end excluded) with numbers above ``after``, in order."""
         ...
 
 
@@ -81,4 +95,20 @@ class PlantCommands(Protocol):
 
     def change_product(self, name: str, user: str) -> None:
         """Make a product the present one."""
+        ...
+
+
+class PlantUsers(Protocol):
+    """The users of the service and its audit log; every method may be called from any thread."""
+
+    def find_by_password(self, name: str, password: str, address: str) -> str | None:
+        """Return the user's stored name; None if name or password is wrong, or the caller must wait."""
+        ...
+
+    def has_role(self, user: str, role: UserRole) -> bool:
+        """Return whether there is that user, and its present role includes ``role``."""
+        ...
+
+    def write_audit(self, action: str, user: str, address: str, detail: Mapping[str, str]) -> None:
+        """Add an entry to the audit log."""
         ...

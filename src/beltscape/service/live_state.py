@@ -55,6 +55,8 @@ class FrameStatistics:
     """Share of the last one that was measured."""
     speed_mm_s: float = nan
     """Speed of the belt at the last one; NaN: not known."""
+    largest_lump_mm: float = nan
+    """Sieve size of the largest lump at the last search; NaN: none was made."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +148,13 @@ class LiveState:
         with self._lock:
             self._frame_s = now_s
             self._frames = FrameStatistics(
-                event.done, event.dropped, event.waiting, event.seconds, event.coverage, event.speed_mm_s
+                event.done,
+                event.dropped,
+                event.waiting,
+                event.seconds,
+                event.coverage,
+                event.speed_mm_s,
+                event.largest_lump_mm,
             )
             self.durations.add(event.seconds)
             for name, image in islice(event.frames.images.items(), _CAMERAS):

@@ -61,6 +61,8 @@ class ServedPlant:
             cameras=now.cameras,
             alarms=now.alarms,
             maintenance="" if now.maintenance is None else now.maintenance.reason,
+            largest_lump_mm=now.frames.largest_lump_mm if is_current else nan,
+            findings=tuple(check.finding for check in self._live_state.list_checks()),
             product="",
             batch="",
         )
@@ -72,6 +74,10 @@ class ServedPlant:
     def read_last_number(self) -> int:
         """Return the number of the newest stored record; 0 while there is none."""
         return self._historian.ledger_end.number
+
+    def read_period(self, since_ns: int, until_ns: int, limit: int, after: int) -> Sequence[BeltRecord]:
+        """Return at most ``limit`` records of a period with numbers above ``after``."""
+        return self._historian.records(since_ns, until_ns, limit, after)
 
     def acknowledge(self, alarm: str, user: str) -> None:
         """Acknowledge the alarm of that name; InputError if it does not wait for that."""

@@ -157,6 +157,7 @@ class Engine(OperatorControls):
                 monotonic() - began,
                 0.0 if depth is None else depth.coverage,
                 outcome.speed_mm_s,
+                gauges.last_lump_mm,
             )
         )
 

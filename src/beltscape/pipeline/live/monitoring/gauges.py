@@ -43,6 +43,8 @@ class Gauges:
     """Of the last frame; None once it was inspected."""
     lump_mm: tuple[float, float] = (_NAN, _NAN)
     """Largest lump and its σ, until the board has them."""
+    last_lump_mm: float = _NAN
+    """Largest lump at the last search."""
     offset_mm: tuple[float, float] = (_NAN, _NAN)
     """Misalignment of the belt and its σ."""
     dropped: deque[tuple[float, int]] = field(default_factory=deque)

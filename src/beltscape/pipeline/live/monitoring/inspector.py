@@ -44,6 +44,6 @@ class PeriodicInspector:
                 value = (_NAN, _NAN)
             with gauges.lock:
                 if name == "lumps":
-                    gauges.lump_mm = value
+                    gauges.lump_mm, gauges.last_lump_mm = value, value[0]
                 else:
                     gauges.offset_mm = value

@@ -33,7 +33,7 @@ GOOD = Readings(
     largest_lump_sigma_mm=9,
     belt_offset_mm=3,
     belt_offset_sigma_mm=2,
-    cameras={"cam2": camera()},
+    cameras={"cam2": camera(), "cam3": camera("cam3")},
     dropped_per_minute=0,
     history_trouble="",
     history_repair="",
@@ -50,8 +50,11 @@ BAD = {
     "oversize_lump": {"largest_lump_mm": 230.0},
     "misaligned_belt": {"belt_offset_mm": -70.0},
     "low_coverage": {"coverage": 0.4},
-    "camera_lost:cam2": {"cameras": {"cam2": camera(state="lost", message="silent for 1.0 s; check its cable")}},
-    "camera_skew": {"cameras": {"cam2": camera(skew_ms=-5.0)}},
+    "cameras_off": {"cameras": {name: camera(name, state="lost") for name in ("cam2", "cam3")}},
+    "camera_lost:cam2": {
+        "cameras": {"cam2": camera(state="lost", message="silent for 1.0 s; check its cable"), "cam3": camera("cam3")}
+    },
+    "camera_skew": {"cameras": {"cam2": camera(skew_ms=-5.0), "cam3": camera("cam3")}},
     "frames_dropped": {"dropped_per_minute": 30.0},
     "disk_full": {"history_trouble": "no space left; free some"},
     "history_repaired": {"history_repair": "it was deleted; written again"},
@@ -75,12 +78,18 @@ class Plant:
         self.second = 0
 
     def run(self, readings, seconds):
-        """Update once a second; return every alarm that changed."""
+        """Update once a second; return every alarm whose shown state changed."""
+        return [alarm for alarm, before in self.run_all(readings, seconds) if alarm.state != before]
+
+    def run_all(self, readings, seconds):
+        """Update once a second; return every alarm that changed, also while hidden, and the state shown before."""
         changed = []
         for _ in range(seconds):
             self.second += 1
             now = replace(readings, belt_mm=1500.0 * self.second)
-            changed += self.board.update(now, 10**18 + self.second * SECOND, self.second * SECOND)
+            shown = self.states()
+            for alarm in self.board.update(now, 10**18 + self.second * SECOND, self.second * SECOND):
+                changed.append((alarm, shown.get(alarm.name, "clear")))
         return changed
 
     def states(self):

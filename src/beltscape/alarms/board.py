@@ -3,133 +3,93 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from threading import Lock
 
 from beltscape.alarms.condition import AlarmCondition, condition_from_finding
+from beltscape.alarms.entry import Entry, make_name
+from beltscape.alarms.management.custom_texts import CustomTexts
+from beltscape.alarms.management.groups import FirstOut, Member, find_group
+from beltscape.alarms.management.priorities import select_priority
+from beltscape.alarms.management.suppression import BELT_STOPPED, CAMERAS_OFF, MAINTENANCE, select_state
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES, Conditions
-from beltscape.alarms.settings import AlarmSettings, CommonSettings, LoadSettings, NoMeasurement
-from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
-from beltscape.alarms.texts import format_detail
-from beltscape.core.alarms import Alarm, Severity
+from beltscape.alarms.settings import AlarmSettings, CommonSettings, NoMeasurement
+from beltscape.alarms.state_machine import Elapsed
+from beltscape.core.alarms import Alarm, Suppression
 
 _NAN = float("nan")
-_ALWAYS = ("disk_full", "recording_paused", "certificate_expiring")
-"""Alarms that are evaluated during maintenance as well: they do not depend on what the cameras see."""
+_State = tuple[str, str]
+"""State that is shown, state of the machine."""
 
 
 @dataclass(slots=True)
-class _Entry:
-    """One alarm: its state machine and its last known condition."""
+class _Clock:
+    """Time and belt travel between updates; a belt at an unknown position has not moved."""
 
-    kind: str
-    subject: str
-    settings: CommonSettings
-    machine: AlarmStateMachine = field(default_factory=AlarmStateMachine)
-    was_off: bool = False
-    """Whether its condition has ever been off."""
-    condition: AlarmCondition = field(default_factory=lambda: AlarmCondition("unknown"))
-    detail: str = ""
-    """The text of ``condition``."""
-    severity: Severity = "warning"
+    steady_ns: int | None = None
+    belt_mm: float = _NAN
 
-    @property
-    def name(self) -> str:
-        return _make_name(self.kind, self.subject)
+    def advance(self, belt_mm: float, steady_ns: int) -> Elapsed:
+        """Return what has passed since the previous update."""
+        time_ns = 0 if self.steady_ns is None else max(0, steady_ns - self.steady_ns)
+        self.steady_ns = steady_ns if self.steady_ns is None else max(steady_ns, self.steady_ns)
+        travel_mm = belt_mm - self.belt_mm
+        if math.isfinite(belt_mm):
+            self.belt_mm = belt_mm
+        return Elapsed(time_ns, max(0.0, travel_mm) if math.isfinite(travel_mm) else 0.0)
 
-    def update(self, condition: AlarmCondition, elapsed: Elapsed, wall_ns: int) -> bool:
-        """Add a condition; return whether the alarm's state changed."""
-        if self.machine.state == "clear" or self._is_worse(condition):
-            self._show(condition)
-        self.was_off = self.was_off or condition.state == "off"
-        return self.machine.update(
-            condition.state, elapsed, self._delays(condition), wall_ns, latched=self.settings.latched
-        )
 
-    def _is_worse(self, condition: AlarmCondition) -> bool:
-        """Return whether an active alarm shows a condition: not the present value, but the worst past the limit."""
-        if condition.state != "on":
-            return False
-        is_new = self.machine.state == "gone" or self.condition.state != "on"
-        has_changed = (condition.limit, condition.unit) != (self.condition.limit, self.condition.unit)
-        return is_new or has_changed or not condition.excess < self.condition.excess
+@dataclass(slots=True)
+class _Changes:
+    """The entries of the board with their states before an update."""
 
-    def _show(self, condition: AlarmCondition) -> None:
-        self.condition = condition
-        if condition.state != "on":
-            return
-        self.detail = condition.text or format_detail(
-            self.kind, self.subject, condition.value, condition.limit, condition.unit
-        )
-        is_set = condition.severity is None or "severity" in self.settings.model_fields_set
-        self.severity = self.settings.severity if is_set else condition.severity or "warning"
+    before: dict[str, _State] = field(default_factory=dict[str, _State])
 
-    def _delays(self, condition: AlarmCondition) -> tuple[Delay, Delay]:
-        settings = self.settings
-        after_s = settings.after_s if condition.after_s is None else condition.after_s
-        clear_after_s = settings.clear_after_s if condition.clear_after_s is None else condition.clear_after_s
-        travel = (
-            (settings.after_mm, settings.clear_after_mm) if isinstance(settings, LoadSettings) else (0.0, 0.0)
-        )
-        return Delay(_ns(after_s), travel[0]), Delay(_ns(clear_after_s), travel[1])
+    def note(self, entries: Mapping[str, Entry]) -> None:
+        """Take the states before the update."""
+        self.before = {name: (entry.state, entry.machine.state) for name, entry in entries.items()}
 
-    def to_alarm(self) -> Alarm:
-        """Return the alarm in its present state."""
-        clear = self.machine.state == "clear"
-        return Alarm(
-            name=self.name,
-            severity=self.severity,
-            state=self.machine.state,
-            value=self.condition.value,
-            limit=self.condition.limit,
-            unit=self.condition.unit,
-            since_ns=self.machine.since_ns,
-            detail="" if clear else self.detail,
-            by=self.machine.by,
-        )
+    def has(self, entry: Entry) -> bool:
+        """Return whether an entry has another state now."""
+        return (entry.state, entry.machine.state) != self.before.get(entry.name, ("clear", "clear"))
 
 
 class AlarmBoard:
-    """All alarms; updated with readings by one thread, read and acknowledged from any.
+    """All alarms; updated with readings by one thread, read, acknowledged and hidden from any.
 
-    Delays run by the monotonic clock and the belt's travel; the system clock is only recorded. Nothing is kept over
+    Delays run by the monotonic clock and the belt's travel; the system clock is only recorded. No state is kept over
     a restart: alarms whose condition still holds are raised again.
     """
 
-    def __init__(self, settings: AlarmSettings) -> None:
-        self._settings = settings
+    def __init__(self, settings: AlarmSettings, texts: CustomTexts | None = None) -> None:
+        self._settings, self._texts = settings, texts or CustomTexts()
         self._lock = Lock()
-        self._entries: dict[str, _Entry] = {}
+        self._entries: dict[str, Entry] = {}
         self._alarms: dict[str, Alarm] = {}
-        self._steady_ns: int | None = None
-        self._belt_mm = _NAN
+        self._clock = _Clock()
+        self._changes = _Changes()
+        self._first_out = FirstOut()
+        self._suppressed = settings.suppression.by_state()
+        self._hidden: Mapping[str, Suppression] = {}
+        self._state_of: dict[str, Suppression | None] = {}
 
     def update(self, readings: Readings, wall_ns: int, steady_ns: int) -> tuple[Alarm, ...]:
-        """Apply the readings of one moment; return the alarms whose state they changed."""
+        """Apply the readings of one moment; return the alarms whose state they changed, also a hidden one."""
         with self._lock:
-            elapsed = self._elapsed(readings, steady_ns)
-            changed: list[Alarm] = []
+            elapsed = self._clock.advance(readings.belt_mm, steady_ns)
+            self._changes.note(self._entries)
             updated: set[str] = set()
-            for kind, rule in RULES.items():
-                settings: CommonSettings = getattr(self._settings, kind)
-                is_evaluated = settings.enabled and (kind in _ALWAYS or not readings.is_maintained)
-                conditions: Conditions = rule(readings, self._settings) if is_evaluated else {}
-                for subject, condition in conditions.items():
-                    entry = self._entry(kind, subject, settings)
-                    updated.add(entry.name)
-                    if entry.update(_without_unmeasured(entry, condition), elapsed, wall_ns):
-                        changed.append(entry.to_alarm())
-            for kind, subject, condition in self._list_faults(readings):
-                entry = self._entry(kind, subject, self._settings.select_fault(kind))
+            for entry, condition in self._evaluate(readings):
                 updated.add(entry.name)
-                if entry.update(condition, elapsed, wall_ns):
-                    changed.append(entry.to_alarm())
+                entry.update(condition, elapsed, wall_ns, steady_ns)
             for name, entry in self._entries.items():
                 if name not in updated:  # a camera without health in these readings
-                    entry.update(AlarmCondition("unknown"), elapsed, wall_ns)
+                    entry.update(AlarmCondition("unknown"), elapsed, wall_ns, steady_ns)
+            self._suppress_by_state(readings)
             self._refresh_alarms()
-            return tuple(changed)
+            return tuple(self._alarms[e.name] for e in self._entries.values() if self._changes.has(e))
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
@@ -137,57 +97,104 @@ class AlarmBoard:
         with self._lock:
             return tuple(self._alarms.values())
 
+    def get(self, name: str) -> Alarm | None:
+        """Return an alarm; None if it is not known."""
+        with self._lock:
+            return self._alarms.get(name)
+
     def acknowledge(self, name: str, by: str, wall_ns: int) -> bool:  # noqa: ARG002  (for the caller's log)
-        """Acknowledge the alarm ``name``; return False if it is clear, acknowledged already, or unknown."""
+        """Acknowledge the alarm ``name``; return False if it is clear, hidden, acknowledged already, or unknown."""
         with self._lock:
             entry = self._entries.get(name)
-            if entry is None or not entry.machine.acknowledge(by):
+            if entry is None or entry.suppression is not None or not entry.machine.acknowledge(by):
                 return False
             self._refresh_alarms()
             return True
 
-    def _list_faults(self, readings: Readings) -> list[tuple[str, str, AlarmCondition]]:
-        """Return check, subject and condition of the findings that are, or were, faults."""
-        if readings.is_maintained:
-            return []
-        return [
-            (finding.check, finding.subject, condition_from_finding(finding))
-            for finding in readings.findings
-            if self._settings.select_fault(finding.check).enabled
-            and (finding.is_fault or _make_name(finding.check, finding.subject) in self._entries)
-        ]
+    def reset(self, name: str) -> bool:
+        """Reset the alarm ``name``; return False unless it has latched and is acknowledged and shown."""
+        with self._lock:
+            entry = self._entries.get(name)
+            if entry is None or entry.suppression is not None or not entry.machine.reset():
+                return False
+            self._refresh_alarms()
+            return True
 
-    def _entry(self, kind: str, subject: str, settings: CommonSettings) -> _Entry:
-        entry = _Entry(kind, subject, settings, severity=settings.severity)
-        return self._entries.setdefault(entry.name, entry)
+    def hide(self, hidden: Mapping[str, Suppression]) -> None:
+        """Hide the alarms of these names, and no others, because people want it."""
+        with self._lock:
+            self._hidden = dict(hidden)
+            for entry in self._entries.values():
+                entry.suppress(self._select_suppression(entry.name))
+            self._refresh_alarms()
 
-    def _elapsed(self, readings: Readings, steady_ns: int) -> Elapsed:
-        """Return time and travel since the previous update; a belt at an unknown position has not moved."""
-        time_ns = 0 if self._steady_ns is None else max(0, steady_ns - self._steady_ns)
-        self._steady_ns = steady_ns if self._steady_ns is None else max(steady_ns, self._steady_ns)
-        travel_mm = readings.belt_mm - self._belt_mm
-        if math.isfinite(readings.belt_mm):
-            self._belt_mm = readings.belt_mm
-        return Elapsed(time_ns, max(0.0, travel_mm) if math.isfinite(travel_mm) else 0.0)
+    def _evaluate(self, readings: Readings) -> Iterator[tuple[Entry, AlarmCondition]]:
+        """Yield every alarm that the readings say something about, with its condition."""
+        for kind, rule in RULES.items():
+            settings: CommonSettings = getattr(self._settings, kind)
+            conditions: Conditions = rule(readings, self._settings) if settings.enabled else {}
+            for subject, condition in conditions.items():
+                entry = self._entry(kind, subject, settings)
+                yield entry, _without_unmeasured(entry, condition)
+        for finding in readings.findings:
+            settings = self._settings.select_fault(finding.check)
+            is_known = make_name(finding.check, finding.subject) in self._entries
+            if settings.enabled and (finding.is_fault or is_known):
+                yield self._entry(finding.check, finding.subject, settings), condition_from_finding(finding)
+
+    def _entry(self, kind: str, subject: str, settings: CommonSettings) -> Entry:
+        name = make_name(kind, subject)
+        if name not in self._entries:
+            priority = select_priority(name, self._settings.priorities)
+            group, place = find_group(name, self._settings.groups)
+            self._entries[name] = Entry(
+                kind, subject, settings, priority, group, place, self._texts, severity=settings.severity
+            )
+            self._entries[name].suppress(self._hidden.get(name))
+        return self._entries[name]
+
+    def _suppress_by_state(self, readings: Readings) -> None:
+        """Suppress the alarms that the present state of the plant explains, and show the others again."""
+        off_banks = {
+            entry.subject
+            for entry in self._entries.values()
+            if entry.kind == CAMERAS_OFF and entry.machine.is_on
+        }
+        banks = self._settings.cameras_off.banks or {"": tuple(readings.cameras)}
+        off_cameras = {name for bank in off_banks for name in banks.get(bank, ())}
+        stopped = self._entries.get(BELT_STOPPED)
+        present = {
+            MAINTENANCE: readings.is_maintained,
+            BELT_STOPPED: stopped is not None and stopped.machine.is_on,
+            CAMERAS_OFF: bool(off_banks),
+        }
+        states = [state for state, is_present in present.items() if is_present]
+        for name, entry in self._entries.items():
+            state = select_state(name, states, self._suppressed, off_cameras, readings.cameras)
+            self._state_of[name] = Suppression("by_state", state) if state else None
+            entry.suppress(self._select_suppression(name))
+
+    def _select_suppression(self, name: str) -> Suppression | None:
+        """Return why an alarm is hidden: a person's reason stands before a state of the plant."""
+        return self._hidden.get(name) or self._state_of.get(name)
 
     def _refresh_alarms(self) -> None:
+        self._first_out.update(
+            Member(entry.name, entry.group, entry.place, entry.onset_ns)
+            for entry in self._entries.values()
+            if entry.state != "clear"
+        )
         order = {kind: index for index, kind in enumerate(RULES)}
         entries = sorted(self._entries.values(), key=lambda entry: order.get(entry.kind, len(order)))
-        self._alarms = {entry.name: entry.to_alarm() for entry in entries}
+        self._alarms = {
+            entry.name: entry.to_alarm(is_first=self._first_out.has(entry.name)) for entry in entries
+        }
 
 
-def _without_unmeasured(entry: _Entry, condition: AlarmCondition) -> AlarmCondition:
+def _without_unmeasured(entry: Entry, condition: AlarmCondition) -> AlarmCondition:
     """Return the condition; unknown for a quantity, other than the load, that has never been measured."""
     if not isinstance(entry.settings, NoMeasurement) or entry.was_off or condition.state == "off":
         return condition
     if entry.subject == "load":
         return replace(condition, after_s=entry.settings.start_after_s)
     return AlarmCondition("unknown")
-
-
-def _make_name(kind: str, subject: str) -> str:
-    return f"{kind}:{subject}" if subject else kind
-
-
-def _ns(seconds: float) -> int:
-    return round(seconds * 1e9)

@@ -96,6 +96,23 @@ def _low_coverage(now: Readings, settings: AlarmSettings) -> Conditions:
     return {"": AlarmCondition(state, 100 * now.coverage, 100 * own.coverage, "%")}
 
 
+def _cameras_off(now: Readings, settings: AlarmSettings) -> Conditions:
+    """Return the conditions by bank; a bank of one camera, or with a camera that is not known, has none."""
+    banks = settings.cameras_off.banks or {"": tuple(now.cameras)}
+    return {
+        bank: _bank([now.cameras[name] for name in names], settings)
+        for bank, names in banks.items()
+        if len(names) > 1 and all(name in now.cameras for name in names)
+    }
+
+
+def _bank(cameras: Sequence[CameraHealth], settings: AlarmSettings) -> AlarmCondition:
+    if any(camera.state not in ("lost", "waiting") for camera in cameras):
+        return AlarmCondition("off")
+    is_waiting = any(camera.state == "waiting" for camera in cameras)
+    return AlarmCondition("on", after_s=settings.cameras_off.waiting_s if is_waiting else None)
+
+
 def _camera_lost(now: Readings, settings: AlarmSettings) -> Conditions:
     return {name: _camera(camera, settings) for name, camera in now.cameras.items()}
 
@@ -156,6 +173,7 @@ RULES: Mapping[str, Rule] = {
     "belt_stopped": _belt_stopped,
     "empty": _empty,
     "low_coverage": _low_coverage,
+    "cameras_off": _cameras_off,
     "camera_lost": _camera_lost,
     "camera_skew": _camera_skew,
     "frames_dropped": _frames_dropped,
@@ -167,4 +185,4 @@ RULES: Mapping[str, Rule] = {
     "encoder_wrong": lambda now, _: {"": condition_from_text(now.encoder_trouble)},
     "certificate_expiring": _certificate_expiring,
 }
-"""The rule of every alarm, in the order of display; each name is that of its settings."""
+"""The rule of every alarm, in the order of display; each name is that of its settings, as in `names.KINDS`."""

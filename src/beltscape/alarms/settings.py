@@ -1,4 +1,4 @@
-"""Settings of the alarms: limits, hysteresis, delays and severity.
+"""Settings of the alarms: limits, hysteresis, delays, severity and, for all of them, their management.
 
 Default delays and limits are chosen for plants in general: long enough that a single lump, a restart or a late frame
 raises no alarm, short enough for a person to act. ``docs/reference/alarms.md`` lists them.
@@ -7,12 +7,16 @@ raises no alarm, short enough for a person to act. ``docs/reference/alarms.md`` 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from beltscape.alarms.checks import require_check
-from beltscape.core.alarms import Severity
+from beltscape.alarms.management.groups import GROUPS
+from beltscape.alarms.management.settings import Groups, ShelvingSettings, SuppressionSettings
+from beltscape.alarms.names import AlarmKey
+from beltscape.core.alarms import Priority, Severity
 
 Seconds = Annotated[float, Field(ge=0, le=86_400, allow_inf_nan=False)]
 """A time, up to a day."""
@@ -42,6 +46,8 @@ class CommonSettings(BaseModel):
     """"info", "warning" or "critical"."""
     latched: bool = True
     """Whether the alarm stays on the list after its condition has ended until it is acknowledged."""
+    needs_reset: bool = False
+    """Whether it stays until it is acknowledged and, after its condition has ended, reset by a person."""
     after_s: Seconds = 0.0
     """Raised once the value has been past the limit for this time without a break."""
     clear_after_s: Seconds = 5.0
@@ -137,6 +143,17 @@ class LowCoverage(LoadSettings):
     """Share of the view, 0..1."""
     hysteresis: Above = 0.1
     """Over above limit·(1 + hysteresis)."""
+
+
+class CamerasOff(CommonSettings):
+    """All cameras of a bank are silent: one cause, such as their supply; one alarm per bank."""
+
+    severity: Severity = "critical"
+    clear_after_s: Seconds = 3.0
+    waiting_s: Seconds = 30.0
+    """Cameras without an image since the start count as off after this time."""
+    banks: Mapping[str, tuple[str, ...]] = Field(default_factory=dict[str, tuple[str, ...]])
+    """Cameras by the name of their bank: what shares a supply or a switch; none: all cameras are one bank."""
 
 
 class CameraLost(CommonSettings):
@@ -238,6 +255,7 @@ class AlarmSettings(BaseModel):
     oversize_lump: OversizeLump = OversizeLump()
     misaligned_belt: MisalignedBelt = MisalignedBelt()
     low_coverage: LowCoverage = LowCoverage()
+    cameras_off: CamerasOff = CamerasOff()
     camera_lost: CameraLost = CameraLost()
     camera_skew: CameraSkew = CameraSkew()
     frames_dropped: FramesDropped = FramesDropped()
@@ -253,6 +271,14 @@ class AlarmSettings(BaseModel):
     """Of the faults of all checks that have no settings of their own."""
     checks: Mapping[CheckName, Fault] = Field(default_factory=dict[str, Fault])
     """Of the faults of one check, by its name: ``[alarms.checks.zero_shift]``."""
+    priorities: Mapping[AlarmKey, Priority] = Field(default_factory=dict[str, Priority])
+    """Priorities that replace the defaults, by alarm or kind: ``"camera_lost:cam2" = "low"``."""
+    groups: Groups = GROUPS
+    """Groups for first-out, which replace the default groups."""
+    suppression: SuppressionSettings = SuppressionSettings()
+    shelving: ShelvingSettings = ShelvingSettings()
+    texts: Path | None = None
+    """TOML file with the plant's own texts of alarms."""
 
     def select_fault(self, check: str) -> Fault:
         """Return the settings of a check's alarms."""

@@ -1,4 +1,9 @@
-"""The state machine of one alarm: raised after a delay, acknowledged, cleared after a delay."""
+"""The state machine of one alarm: raised after a delay, acknowledged, cleared after a delay, reset.
+
+Its states are those of the diagram in ANSI/ISA-18.2-2016 and IEC 62682: clear is normal (A), raised is
+unacknowledged (B), acknowledged is C, gone is returned to normal unacknowledged (D) or, where the alarm must be
+reset, latched unacknowledged (E), latched is latched acknowledged (F). G, H and I are suppressions: see `entry`.
+"""
 
 from __future__ import annotations
 
@@ -37,6 +42,11 @@ class _Persistence:
     _time_ns: int = 0
     _belt_mm: float = 0.0
 
+    @property
+    def lasted_ns(self) -> int:
+        """Return for how long the condition has been present; 0 where it is not."""
+        return self._time_ns if self._is_present else 0
+
     def update(self, state: ConditionState, elapsed: Elapsed, delay: Delay) -> bool:
         """Add one update; return whether the condition is present and has lasted for ``delay``."""
         self._time_ns += elapsed.time_ns
@@ -51,12 +61,16 @@ class _Persistence:
 
 @dataclass(slots=True)
 class AlarmStateMachine:
-    """clear → raised → acknowledged → clear; raised → gone → clear once acknowledged, gone → raised again."""
+    """clear → raised → acknowledged → clear; raised → gone → clear once acknowledged, gone → raised again.
+
+    An alarm that must be reset goes to latched instead of clear, and from there to clear by a reset.
+    """
 
     state: AlarmState = "clear"
     since_ns: int | None = None
     """System clock when it was raised last; None while clear."""
     by: str = ""
+    _needs_reset: bool = False
     _on: _Persistence = field(default_factory=lambda: _Persistence("on"))
     _off: _Persistence = field(default_factory=lambda: _Persistence("off"))
 
@@ -68,19 +82,34 @@ class AlarmStateMachine:
         wall_ns: int,
         *,
         latched: bool,
+        needs_reset: bool = False,
     ) -> bool:
-        """Add one update, with the delays to raise and to clear; return whether the alarm's state changed."""
+        """Add one update, with the delays to raise and to clear; return whether the alarm's state changed.
+
+        ``latched``: the alarm stays until it is acknowledged. ``needs_reset``: until it is acknowledged and reset.
+        """
+        self._needs_reset = needs_reset
         on = self._on.update(state, elapsed, delays[0])
         off = self._off.update(state, elapsed, delays[1])
-        if on and self.state in ("clear", "gone"):
+        if on and self.state in ("clear", "gone", "latched"):
             self.state, self.since_ns, self.by = "raised", wall_ns, ""
-        elif off and self.state == "raised" and latched:
+        elif off and self.state == "raised" and (latched or needs_reset):
             self.state = "gone"
         elif off and self.state in ("raised", "acknowledged"):
-            self._clear()
+            self._end()
         else:
             return False
         return True
+
+    @property
+    def is_on(self) -> bool:
+        """Return whether the alarm's condition holds, by its delays."""
+        return self.state in ("raised", "acknowledged")
+
+    @property
+    def on_for_ns(self) -> int:
+        """Return the time for which the condition has been on; 0 where it is not."""
+        return self._on.lasted_ns
 
     def acknowledge(self, by: str) -> bool:
         """Acknowledge the alarm; return whether there was anything to acknowledge."""
@@ -88,9 +117,36 @@ class AlarmStateMachine:
             self.state, self.by = "acknowledged", by
             return True
         if self.state == "gone":
-            self._clear()
+            self._end(by)
             return True
         return False
 
-    def _clear(self) -> None:
+    def reset(self) -> bool:
+        """Clear an alarm that has latched and is acknowledged; return whether it was one."""
+        if self.state != "latched":
+            return False
+        self.clear()
+        return True
+
+    def annunciate_again(self) -> None:
+        """Ask for a new acknowledgement while the condition holds; otherwise clear."""
+        if self.is_on:
+            self.state, self.by = "raised", ""
+        else:
+            self.clear()
+
+    def restart(self) -> None:
+        """Clear, and demand that a condition lasts anew for its delay."""
+        self.clear()
+        self._on, self._off = _Persistence("on"), _Persistence("off")
+
+    def clear(self) -> None:
+        """Return to the state without an alarm."""
         self.state, self.since_ns, self.by = "clear", None, ""
+
+    def _end(self, by: str = "") -> None:
+        """Clear, or latch an alarm that must be reset; it keeps who acknowledged it."""
+        if self._needs_reset:
+            self.state, self.by = "latched", by or self.by
+        else:
+            self.clear()

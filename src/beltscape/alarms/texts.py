@@ -11,6 +11,7 @@ TEXTS = {
     "oversize_lump": "a lump of {value}, limit {limit}: take it off before the next transfer",
     "misaligned_belt": "{value} off the middle, limit {limit}: align the belt",
     "low_coverage": "{value} of the view measured, limit {limit}: check light and dust, and the other alarms",
+    "cameras_off": "no camera of the bank gives an image: check supply, network switch and trigger",
     "camera_lost": "{subject} gives no image: check its power, cable and address",
     "camera_skew": "{value}, limit {limit}: check the trigger line and the cameras' clocks",
     "frames_dropped": "{value}, limit {limit}: lower the frame rate or choose a faster preset",
@@ -29,11 +30,12 @@ TEXTS = {
 def format_detail(kind: str, subject: str, value: float, limit: float, unit: str) -> str:
     """Return the fault and the fix in one line."""
     return TEXTS[kind].format(
-        subject=subject, value=_format_amount(value, unit), limit=_format_amount(limit, unit)
+        subject=subject, value=format_amount(value, unit), limit=format_amount(limit, unit)
     )
 
 
-def _format_amount(value: float, unit: str) -> str:
+def format_amount(value: float, unit: str) -> str:
+    """Return a value with its unit for a text."""
     if not math.isfinite(value):
         return "unknown"
     size = abs(value)

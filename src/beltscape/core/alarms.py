@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol
 
 AlarmState = Literal["clear", "raised", "acknowledged", "gone", "latched"]
-"""no alarm; on and not acknowledged; on and acknowledged; over and not acknowledged; over and acknowledged, to be reset"""
+"""no alarm; on and not acknowledged; on and acknowledged; over and not acknowledged; acknowledged, to be reset"""
 IsaState = Literal[
     "normal",
     "unacknowledged",
@@ -24,7 +24,7 @@ Priority = Literal["low", "medium", "high", "urgent"]
 PRIORITIES: tuple[Priority, ...] = ("low", "medium", "high", "urgent")
 """All priorities, from least to most."""
 SuppressionKind = Literal["by_state", "shelved", "out_of_service"]
-"""suppressed by design because of a state of the plant; by an operator for a time; by an engineer until further notice"""
+"""because of a state of the plant, by design; by an operator for a time; by an engineer until further notice"""
 
 
 @dataclass(frozen=True, slots=True)

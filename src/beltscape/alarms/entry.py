@@ -1,0 +1,141 @@
+"""One alarm of the board: its state machine, its last condition, its text and its suppression."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from beltscape.alarms.condition import AlarmCondition
+from beltscape.alarms.management.custom_texts import CustomTexts
+from beltscape.alarms.settings import CommonSettings, LoadSettings
+from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
+from beltscape.alarms.texts import format_amount, format_detail
+from beltscape.core.alarms import Alarm, AlarmState, Priority, Severity, Suppression
+
+
+@dataclass(slots=True)
+class Entry:
+    """One alarm: its state machine and its last known condition."""
+
+    kind: str
+    subject: str
+    settings: CommonSettings
+    priority: Priority
+    group: str
+    """Name of its group for first-out; empty: none."""
+    place: int
+    """Its place in the group's list."""
+    texts: CustomTexts
+    machine: AlarmStateMachine = field(default_factory=AlarmStateMachine)
+    was_off: bool = False
+    """Whether its condition has ever been off."""
+    condition: AlarmCondition = field(default_factory=lambda: AlarmCondition("unknown"))
+    detail: str = ""
+    """The text of ``condition``."""
+    severity: Severity = "warning"
+    suppression: Suppression | None = None
+    onset_ns: int = 0
+    """Steady clock when the condition that raised it began."""
+    _state_before: AlarmState = "clear"
+    """Its machine's state before the last update."""
+    _was_clear: bool = False
+    """Whether it was clear before the present suppression began."""
+
+    @property
+    def name(self) -> str:
+        """Return the alarm's name."""
+        return make_name(self.kind, self.subject)
+
+    @property
+    def state(self) -> AlarmState:
+        """Return the state that is shown: "clear" while suppressed."""
+        return self.machine.state if self.suppression is None else "clear"
+
+    def update(self, condition: AlarmCondition, elapsed: Elapsed, wall_ns: int, steady_ns: int) -> None:
+        """Add a condition."""
+        self._state_before = self.machine.state
+        if self.machine.state == "clear" or self._is_worse(condition):
+            self._show(condition)
+        self.was_off = self.was_off or condition.state == "off"
+        changed = self.machine.update(
+            condition.state,
+            elapsed,
+            self._delays(condition),
+            wall_ns,
+            latched=self.settings.latched,
+            needs_reset=self.settings.needs_reset,
+        )
+        if changed and self.machine.state == "raised":
+            self.onset_ns = steady_ns - self.machine.on_for_ns
+
+    def suppress(self, suppression: Suppression | None) -> None:
+        """Begin, change or end the suppression.
+
+        After a suppression by a state of the plant, an alarm from before goes on, and one that came meanwhile must
+        prove itself anew: its values may still be those of that state. After a suppression by a person an alarm whose
+        condition holds is unacknowledged, and one that is over is clear, as in the diagram of ANSI/ISA-18.2.
+        """
+        before, self.suppression = self.suppression, suppression
+        if before is None:
+            self._was_clear = self._state_before == "clear"
+        elif suppression is None and before.kind != "by_state":
+            self.machine.annunciate_again()
+        elif suppression is None and self._was_clear and self.machine.state != "clear":
+            self.machine.restart()
+
+    def _is_worse(self, condition: AlarmCondition) -> bool:
+        """Return whether an active alarm shows a condition: not the present value, but the worst past the limit."""
+        if condition.state != "on":
+            return False
+        is_new = self.machine.state in ("gone", "latched") or self.condition.state != "on"
+        has_changed = (condition.limit, condition.unit) != (self.condition.limit, self.condition.unit)
+        return is_new or has_changed or not condition.excess < self.condition.excess
+
+    def _show(self, condition: AlarmCondition) -> None:
+        self.condition = condition
+        if condition.state != "on":
+            return
+        value, limit, unit = condition.value, condition.limit, condition.unit
+        own = condition.text or format_detail(self.kind, self.subject, value, limit, unit)
+        amounts = format_amount(value, unit), format_amount(limit, unit)
+        self.detail = self.texts.compose_detail(self.name, self.subject, *amounts, own)
+        is_set = condition.severity is None or "severity" in self.settings.model_fields_set
+        self.severity = self.settings.severity if is_set else condition.severity or "warning"
+
+    def _delays(self, condition: AlarmCondition) -> tuple[Delay, Delay]:
+        settings = self.settings
+        after_s = settings.after_s if condition.after_s is None else condition.after_s
+        clear_after_s = settings.clear_after_s if condition.clear_after_s is None else condition.clear_after_s
+        travel = (
+            (settings.after_mm, settings.clear_after_mm) if isinstance(settings, LoadSettings) else (0.0, 0.0)
+        )
+        return Delay(_ns(after_s), travel[0]), Delay(_ns(clear_after_s), travel[1])
+
+    def to_alarm(self, *, is_first: bool) -> Alarm:
+        """Return the alarm in its present state; ``is_first``: it came first in its group."""
+        machine, state = self.machine, self.state
+        return Alarm(
+            name=self.name,
+            severity=self.severity,
+            state=state,
+            value=self.condition.value,
+            limit=self.condition.limit,
+            unit=self.condition.unit,
+            since_ns=None if state == "clear" else machine.since_ns,
+            detail="" if machine.state == "clear" else self.detail,
+            by="" if state == "clear" else machine.by,
+            priority=self.priority,
+            group=self.group,
+            is_first=is_first and state != "clear",
+            needs_reset=self.settings.needs_reset,
+            suppression=self.suppression,
+            hidden_state="clear" if self.suppression is None else machine.state,
+        )
+
+
+def make_name(kind: str, subject: str) -> str:
+    """Return the name of an alarm."""
+    return f"{kind}:{subject}" if subject else kind
+
+
+def _ns(seconds: float) -> int:
+    return round(seconds * 1e9)

@@ -1,0 +1,59 @@
+"""The names by which settings refer to alarms: a kind, a check, or one of them for a subject, such as a camera."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+from beltscape.alarms.checks import CHECKS
+
+KINDS = (
+    "no_measurement",
+    "overload",
+    "oversize_lump",
+    "misaligned_belt",
+    "belt_stopped",
+    "empty",
+    "low_coverage",
+    "cameras_off",
+    "camera_lost",
+    "camera_skew",
+    "frames_dropped",
+    "disk_full",
+    "history_repaired",
+    "users_unreadable",
+    "recording_paused",
+    "encoder_silent",
+    "encoder_wrong",
+    "certificate_expiring",
+)
+"""Kinds of the alarms that are not those of checks, in the order of display; each has settings and a rule."""
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """Return kind and subject of an alarm's name: "camera_lost:cam2" has both, "overload" has no subject."""
+    kind, _, subject = name.partition(":")
+    return kind, subject
+
+
+def list_keys(name: str) -> tuple[str, ...]:
+    """Return the keys under which a table may have an alarm, the most specific first: its name, its kind."""
+    kind = split_name(name)[0]
+    return (name,) if kind == name else (name, kind)
+
+
+def require_alarm(name: str) -> str:
+    """Return the name of an alarm; ValueError with the most similar kind if its kind does not exist."""
+    kind = split_name(name)[0]
+    known = (*KINDS, *CHECKS)
+    if kind in known:
+        return name
+    similar = get_close_matches(kind, known, 1)
+    hint = f"did you mean {similar[0]!r}?" if similar else f"give one of {', '.join(known)}"
+    raise ValueError(f"no alarm is called {name!r}; {hint}")
+
+
+AlarmKey = Annotated[str, AfterValidator(require_alarm)]
+"""Name of an alarm, or of a kind of alarms: "camera_lost:cam2" or "camera_lost"."""

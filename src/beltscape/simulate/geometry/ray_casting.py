@@ -24,8 +24,8 @@ _OFFSET_MM = 0.005
 """Distance by which a surface point is moved outward before a test of its visibility."""
 _EDGE_TOLERANCE = 1e-9
 """Tolerance of the barycentric coordinates, so that no ray passes between two adjacent triangles."""
-_BLOCK = 1 << 18
-"""Rays traced at once, which bounds the memory."""
+_BLOCK = 1 << 16
+"""Rays traced at once, which bounds the memory; four times as many leave the cache and take a quarter more time."""
 _PASSES = 4
 """Surfaces of one label that a ray may pass."""
 
@@ -186,15 +186,27 @@ def _intersect(
     origins: NDArray[np.float64], directions: NDArray[np.float64], corners: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Return (N,) steps along (N, 3) to the planes of triangles (N, 3, 3), and (N,) whether the points lie within."""
-    a = corners[:, 0]
-    ab, ac = corners[:, 1] - a, corners[:, 2] - a
-    normal_of_ray = np.cross(directions, ac)
+    a, b, c = np.ascontiguousarray(corners.transpose(1, 2, 0))
+    along = np.ascontiguousarray(directions.T)
+    ab, ac = b - a, c - a
+    normal_of_ray = _cross(along, ac)
     with np.errstate(divide="ignore", invalid="ignore"):  # for a ray parallel to a face NaN counts as outside
-        scale = 1 / (ab * normal_of_ray).sum(axis=1)
-        from_a = origins - a
-        u = (from_a * normal_of_ray).sum(axis=1) * scale
-        normal_of_ab = np.cross(from_a, ab)
-        v = (directions * normal_of_ab).sum(axis=1) * scale
-        return (ac * normal_of_ab).sum(axis=1) * scale, (u >= -_EDGE_TOLERANCE) & (v >= -_EDGE_TOLERANCE) & (
+        scale = 1 / _dot(ab, normal_of_ray)
+        from_a = origins.T - a
+        u = _dot(from_a, normal_of_ray) * scale
+        normal_of_ab = _cross(from_a, ab)
+        v = _dot(along, normal_of_ab) * scale
+        return _dot(ac, normal_of_ab) * scale, (u >= -_EDGE_TOLERANCE) & (v >= -_EDGE_TOLERANCE) & (
             u + v <= 1 + _EDGE_TOLERANCE
         )
+
+
+def _dot(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the scalar products (N,) of vectors (3, N); sums by row are several times as fast as by column."""
+    return first[0] * second[0] + first[1] * second[1] + first[2] * second[2]
+
+
+def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the vector products (3, N) of vectors (3, N)."""
+    (ax, ay, az), (bx, by, bz) = first, second
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])

@@ -12,6 +12,7 @@ from beltscape.simulate.geometry.world import Label, World
 
 _ABOVE_MM = 100.0
 """Height of the ray origins above the highest vertex."""
+_DOWN = (0.0, 0.0, -1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,23 +73,24 @@ def compute_true_area_mm2(
 
 def _load_heights(world: World, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (Ny, Nx) heights of the load above the belt."""
-    belt = [solid for solid in world.solids if solid.label == Label.BELT]
+    x, y = np.meshgrid(x_mm, y_mm)
     high = max(float(solid.vertices_mm[:, 2].max()) for solid in world.solids) + _ABOVE_MM
-    empty, loaded = (_top_heights(RayScene(solids), x_mm, y_mm, high) for solids in (belt, world.solids))
-    return np.where(np.isfinite(empty), np.maximum(loaded - empty, 0.0), 0.0)
+    eyes = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, high)])
+    scene = RayScene(world.solids)
+    loaded = scene.cast(eyes, np.broadcast_to(_DOWN, eyes.shape))
+    is_covered = loaded.face >= 0
+    is_covered[is_covered] = scene.label_of_face[loaded.face[is_covered]] != Label.BELT
+    rest = eyes[is_covered]
+    belt = RayScene([solid for solid in world.solids if solid.label == Label.BELT])
+    below = belt.cast(rest, np.broadcast_to(_DOWN, rest.shape)).distance
+    height = np.zeros(x.size)
+    height[is_covered] = np.where(
+        np.isfinite(below), np.maximum(below - loaded.distance[is_covered], 0.0), 0.0
+    )
+    return height.reshape(x.shape)
 
 
 def _cell_centres(first: float, last: float, step_mm: float) -> NDArray[np.float64]:
     """Return (N,) centres of an even number of equal cells."""
     count = 2 * max(1, int(np.ceil((last - first) / step_mm / 2 - 1e-9)))
     return first + (np.arange(count, dtype=np.float64) + 0.5) / count * (last - first)
-
-
-def _top_heights(
-    scene: RayScene, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], high_mm: float
-) -> NDArray[np.float64]:
-    """Return (Ny, Nx) height of the highest surface; -inf where there is none."""
-    x, y = np.meshgrid(x_mm, y_mm)
-    eyes = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, high_mm)])
-    hits = scene.cast(eyes, np.broadcast_to([0.0, 0.0, -1.0], eyes.shape))
-    return (high_mm - hits.distance).reshape(x.shape)

@@ -32,6 +32,7 @@ EXAMPLES = {
     ),
     "evaluate": ("evaluate depth depth_loaded --truth loaded/truth",),
     "run": ("run project.toml --check", "run project.toml"),
+    "site": ("site site.toml --check", "site site.toml"),
     "replay": ("replay project.toml --capture moving --out replayed",),
     "cameras": ("cameras --check project.toml",),
     "record": (

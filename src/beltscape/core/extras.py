@@ -5,6 +5,7 @@ from __future__ import annotations
 EXTRAS = {
     "simulate": ("drjit", "embreex", "mitsuba"),
     "live": ("fastapi", "prometheus_client", "pyarrow", "starlette", "uvicorn", "websockets"),
+    "site": ("httpx",),
     "modbus": ("pymodbus",),
     "mqtt": ("paho",),
     "viewer": ("rerun",),

@@ -12,7 +12,7 @@ _MASK = 0o027
 _OTHERS = 0o007
 """Rights of other users, which are removed from files of the data folder."""
 _OWN = (
-    *("history.db*", "history.*", "totals.json", "users.db*", "audit*.jsonl", "reserve"),
+    *("history.db*", "history.*", "totals.json", "users.db*", "site.db*", "audit*.jsonl", "reserve"),
     *("days", "csv", "recordings", "damaged"),
 )
 """Files and folders that the program writes into its data folder."""

@@ -21,10 +21,11 @@ for _ending, _kind in ((".js", "text/javascript"), (".woff2", "font/woff2"), (".
     mimetypes.add_type(_kind, _ending)
 
 
-class _RevalidatedFiles(StaticFiles):
+class RevalidatedFiles(StaticFiles):
     """Static files that a browser revalidates each time, so that a new version is used at once."""
 
     async def get_response(self, path: str, scope: Scope) -> Response:
+        """Return the answer to a request for a file, or the list of the languages."""
         if path == _LANGUAGES:
             response: Response = JSONResponse([asdict(language) for language in list_languages()])
         else:
@@ -35,4 +36,4 @@ class _RevalidatedFiles(StaticFiles):
 
 def make_static_files() -> StaticFiles:
     """Return the application that serves the folder, and the libraries that other pages use too."""
-    return _RevalidatedFiles(directory=FOLDER, packages=[("beltscape", "data/web")])
+    return RevalidatedFiles(directory=FOLDER, packages=[("beltscape", "data/web")])

@@ -39,10 +39,23 @@ def describe_origin(manifest: dict[str, Any] | None) -> str:
             "training captures were not recorded, so they cannot be reproduced to the byte.\n"
         )
     first, last = manifest["scenarios"]["training"]
-    held_out = manifest["scenarios"]["held_out_from"]
+    first_held_out, last_held_out = manifest["scenarios"]["held_out"]
     return (
         f"Trained on the scenarios {first} to {last} of `tools/training/scenarios.py`, each drawn from the\n"
-        f"seed of its number, at commit {manifest['commit'][:9]}. Scenarios from {held_out} on were held out.\n"
+        f"seed of its number, at commit {manifest['commit'][:9]}. Scenarios {first_held_out} to "
+        f"{last_held_out} were held out.\n\n" + format_scores(manifest["reconstruction"])
+    )
+
+
+def format_scores(scores: dict[str, dict[str, float]]) -> str:
+    """Return the table of the reconstruction's mean scores on the held-out scenarios."""
+    columns = list(next(iter(scores.values())))
+    rows = [
+        f"| `{preset}` | " + " | ".join(f"{row[what]:.4g}" for what in columns) + " |"
+        for preset, row in scores.items()
+    ]
+    return "\n".join(
+        ["| preset | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|", *rows, ""]
     )
 
 

@@ -153,3 +153,24 @@ def test_every_recipe_gives_a_network_like_the_shipped_one(load, capture, tmp_pa
         assert sorted(network.features) == sorted(shipped.features)
         assert network.outputs == shipped.outputs
         assert all(np.isfinite(layer).all() for layer in network.layers)
+
+
+def test_the_assessment_judges_the_networks_in_use(load, capture, tmp_path, monkeypatch) -> None:
+    pytest.importorskip("torch", reason=WITHOUT_TORCH)
+    assessment = load("assessment")
+    limit_frames(monkeypatch, load("samples.pixels"))
+    metrics = assessment.assess_networks([capture], load("cache").SampleCache(tmp_path, Silent()))
+    assert metrics.keys() <= PURPOSES.keys()
+    assert metrics["confidence"]["area under the ROC curve"] > 0.8
+    assert 0.5 < metrics["confidence"]["sigma ratio"] < 2
+    score = assessment.assess_reconstruction([capture], "standard")
+    assert 0 < score["within 0.25 mm"] < score["within 1 mm"] <= 1
+    assert 0 <= score["gross"] < 0.1
+
+
+def test_the_area_under_the_roc_curve_is_the_share_of_ordered_pairs(load) -> None:
+    pytest.importorskip("torch", reason=WITHOUT_TORCH)
+    compute_auc = load("assessment").compute_auc
+    score, right = np.array([0.1, 0.2, 0.3, 0.4, 0.4]), np.array([False, True, False, True, False])
+    assert compute_auc(score, right) == pytest.approx((1 + 2.5) / 6)
+    assert np.isnan(compute_auc(score, np.ones(5, bool)))

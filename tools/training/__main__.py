@@ -19,20 +19,23 @@ from beltscape.core.progress import Reporter
 from beltscape.learned.network import Network
 from beltscape.learned.registry import PURPOSES, use_networks
 from beltscape.learned.weights_file import write_network
+from training.assessment import assess_networks, assess_reconstruction
 from training.cache import SampleCache
 from training.confidence import train_candidates, train_pixels
 from training.holes import train_measuring
 from training.lumps import train_lumps
-from training.manifest import write_manifest
+from training.manifest import Assessment, write_manifest
 from training.perceptron import set_deterministic
 from training.progress import PrintedProgress
 from training.refinement import train_refinement
-from training.scenarios import render_scenario
+from training.scenarios import HELD_OUT, render_scenario
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(beltscape.__file__).parent / "data" / "networks"
 CAPTURES = 64
-"""Number of scenarios that the shipped networks are trained on."""
+"""Number of scenarios that the shipped networks are trained on ..."""
+ASSESSED = 8
+"""... and of those that they are assessed on: one of each kind in turn."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,15 @@ def list_recipes(training: Training) -> list[tuple[tuple[str, ...], Callable[[],
     ]
 
 
+def render_all(work: Path, numbers: range, reporter: Reporter) -> list[Path]:
+    """Return the captures of scenarios, rendered where they are missing."""
+    captures: list[Path] = []
+    for done, number in enumerate(numbers, 1):
+        captures.append(render_scenario(number, work / "captures"))
+        reporter.step("captures", done, len(numbers))
+    return captures
+
+
 def main() -> None:
     """Train what is missing; write all networks and their manifest when none is."""
     parser = argparse.ArgumentParser(
@@ -98,17 +110,18 @@ def main() -> None:
     arguments = parser.parse_args()
     set_deterministic()
     reporter = PrintedProgress()
-    captures: list[Path] = []
-    for number in range(arguments.captures):
-        captures.append(render_scenario(number, arguments.work / "captures"))
-        reporter.step("captures", number + 1, arguments.captures)
+    captures = render_all(arguments.work, range(arguments.captures), reporter)
     training = Training(arguments.work, captures, reporter)
     training.keep({})
     for names, train in list_recipes(training):
         if not training.is_done(*names) and (not arguments.only or set(names) & set(arguments.only)):
             training.keep(train())
     if training.is_done(*PURPOSES):
-        write_manifest(training.networks, arguments.out, arguments.captures)
+        held_out = render_all(arguments.work, range(HELD_OUT, HELD_OUT + ASSESSED), reporter)
+        cache = SampleCache(arguments.work / "held_out", reporter)
+        scores = {preset: assess_reconstruction(held_out, preset) for preset in ("standard", "fast")}
+        assessment = Assessment(arguments.captures, ASSESSED, assess_networks(held_out, cache), scores)
+        write_manifest(training.networks, arguments.out, assessment)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from beltscape.learned.network import Network
 from training.cache import SampleCache
 from training.losses import make_absolute_deviation, make_cross_entropy
 from training.perceptron import Schedule, fit_perceptron, join_outputs
-from training.samples.pixels import Sample, SelectionSamples, draw_pixel_samples, draw_selection_samples
+from training.samples.pixels import Sample, draw_pixel_samples, draw_selection_samples
 
 GROSS_MM = 4.0
 """Error from which on a surface is false."""
@@ -40,16 +39,30 @@ SIGMA_BLIND = "log grid scale"
 """Feature that sigma does not use: with it, sigma would fit single captures of that size."""
 
 
-def train_pixels(name: str, captures: list[Path], cache: SampleCache) -> Network:
-    """Train the logit of a pixel's confidence and, except for the initial one, the logarithm of its sigma."""
+def collect_pixels(name: str, captures: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
+    """Return the samples of pixels for a network."""
 
     def draw(folder: Path, turn: int) -> dict[str, np.ndarray]:
         return _stack(list(draw_pixel_samples(folder, turn, name)))
 
-    samples = cache.collect(name, captures, draw)
-    features = tuple(map(str, samples.pop("names")))
-    x, dz = samples["features"], np.abs(samples["dz_mm"])
-    right = ((dz <= GROSS_MM) & ~samples["occluded"])[:, None]
+    return cache.collect(name, captures, draw)
+
+
+def collect_candidates(captures: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
+    """Return the samples of candidate surfaces."""
+    return cache.collect("candidates", captures, _draw_candidates)
+
+
+def mask_right(samples: dict[str, np.ndarray]) -> np.ndarray:
+    """Return the mask (N,) of pixels whose surface is right and seen by an auxiliary."""
+    return (np.abs(samples["dz_mm"]) <= GROSS_MM) & ~samples["occluded"]
+
+
+def train_pixels(name: str, captures: list[Path], cache: SampleCache) -> Network:
+    """Train the logit of a pixel's confidence and, except for the initial one, the logarithm of its sigma."""
+    samples = collect_pixels(name, captures, cache)
+    features = tuple(map(str, samples["names"]))
+    x, right = samples["features"], mask_right(samples)[:, None]
     weight = np.where(samples["occluded"], OCCLUDED, 1)[:, None]
     confidence = fit_perceptron(features, ("logit",), x, make_cross_entropy(right, weight), SCHEDULES[name])
     if name == "initial_confidence":
@@ -61,7 +74,7 @@ def _train_sigma(samples: dict[str, np.ndarray], confidence: Network) -> Network
     """Train the logarithm of sigma, px, on accepted pixels that are not false."""
     x, features = samples["features"], confidence.features
     logit = confidence.evaluate_values(dict(zip(features, x.T, strict=True)))[0]
-    used = (np.abs(samples["dz_mm"]) <= MOST_MM) & (logit > np.log(ACCEPTED / (1 - ACCEPTED)))
+    used = mask_measured(samples, logit)
     sizes = np.log(MAD_TO_SIGMA * np.maximum(np.abs(samples["centred_px"][used]), 1e-6))
     weight = np.where(samples["interior"][used], 1, NEAR)
     seen = [name for name in features if name != SIGMA_BLIND]
@@ -75,42 +88,31 @@ def _train_sigma(samples: dict[str, np.ndarray], confidence: Network) -> Network
     return replace(fitted, features=features, limits=confidence.limits, layers=(blind, *fitted.layers[1:]))
 
 
+def mask_measured(samples: dict[str, np.ndarray], logit: np.ndarray) -> np.ndarray:
+    """Return the mask (N,) of accepted pixels that are not false, whose errors sigma describes."""
+    return (np.abs(samples["dz_mm"]) <= MOST_MM) & (logit > np.log(ACCEPTED / (1 - ACCEPTED)))
+
+
 def train_candidates(captures: list[Path], cache: SampleCache) -> Network:
     """Train the logit of the probability that a candidate is right."""
-
-    def draw(folder: Path, turn: int) -> dict[str, np.ndarray]:
-        return _draw_selection(folder, turn, _draw_candidates)
-
-    samples = cache.collect("candidates", captures, draw)
+    samples = collect_candidates(captures, cache)
     loss = make_cross_entropy(samples["right"])
     names = tuple(map(str, samples["names"]))
     return fit_perceptron(names, ("logit",), samples["features"], loss, SCHEDULES["candidates"])
 
 
-Drawn = tuple[tuple[str, ...], np.ndarray, np.ndarray]
-"""Names, features (N, n) and what is right (N, m)."""
-
-
-def _draw_selection(
-    folder: Path, turn: int, draw: Callable[[SelectionSamples], list[Drawn]]
-) -> dict[str, np.ndarray]:
-    drawn = [part for frame in draw_selection_samples(folder, turn) for part in draw(frame)]
+def _draw_candidates(folder: Path, turn: int) -> dict[str, np.ndarray]:
+    names: tuple[str, ...] = ()
+    drawn: list[tuple[np.ndarray, np.ndarray]] = []
+    for frame in draw_selection_samples(folder, turn):
+        for _, candidates, values, ds in frame.draw():
+            names, finite = tuple(values), np.isfinite(candidates.s)
+            features = np.stack([plane[finite] for plane in values.values()], -1).astype(np.float32)
+            drawn.append((features, (np.abs(ds[finite]) <= RIGHT_PX)[:, None]))
     if not drawn:
         return {}
-    return {
-        "names": np.array(drawn[0][0]),
-        "features": np.concatenate([features for _, features, _ in drawn]),
-        "right": np.concatenate([right for _, _, right in drawn]),
-    }
-
-
-def _draw_candidates(frame: SelectionSamples) -> list[Drawn]:
-    drawn: list[Drawn] = []
-    for _, candidates, values, ds in frame.draw():
-        finite = np.isfinite(candidates.s)
-        features = np.stack([plane[finite] for plane in values.values()], -1).astype(np.float32)
-        drawn.append((tuple(values), features, (np.abs(ds[finite]) <= RIGHT_PX)[:, None]))
-    return drawn
+    features, right = (np.concatenate(part) for part in zip(*drawn, strict=True))
+    return {"names": np.array(names), "features": features, "right": right}
 
 
 def _stack(samples: list[Sample]) -> dict[str, np.ndarray]:

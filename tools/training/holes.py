@@ -27,9 +27,14 @@ SMOOTH_SURFACES = 160
 """Number of simulated smooth surfaces and piles, which keep the prediction of such holes unbiased."""
 
 
+def collect_cells(name: str, captures: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
+    """Return the samples of cells for a network."""
+    return cache.collect(name, captures, lambda capture, _: _draw(name, capture))
+
+
 def train_measuring(name: str, captures: list[Path], cache: SampleCache) -> Network:
     """Train ``holes`` or ``edge_fattening``: the mean by least squares, the spread by the residuals' likelihood."""
-    samples = cache.collect(name, captures, lambda capture, _: _draw(name, capture))
+    samples = collect_cells(name, captures, cache)
     names = tuple(map(str, samples.pop("names")))
     parts = [samples, *(_as_arrays(_draw_smooth(seed, name)) for seed in range(SMOOTH_SURFACES))]
     x, y, weight = (np.concatenate([part[key] for part in parts if part]) for key in ("x", "y", "weight"))

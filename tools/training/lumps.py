@@ -24,9 +24,14 @@ _TRUE_SIGMA_MM = 0.01
 """σ of a true depth: negligible."""
 
 
+def collect_lumps(captures: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
+    """Return the samples of cells with their outlines and lumps."""
+    return cache.collect("lumps", captures, lambda folder, _: _draw(folder))
+
+
 def train_lumps(captures: list[Path], cache: SampleCache) -> Network:
     """Train the logits of the probabilities of an outline and of a lump, on true and on measured depth."""
-    samples = cache.collect("lumps", captures, lambda folder, _: _draw(folder))
+    samples = collect_lumps(captures, cache)
     names = tuple(map(str, samples["names"]))
     loss = make_cross_entropy(samples["target"])
     return fit_perceptron(names, ("outline", "lump"), samples["features"], loss, SCHEDULE)

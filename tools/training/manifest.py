@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,21 @@ from beltscape.learned.weights_file import read_network
 from training.scenarios import HELD_OUT
 
 
-def write_manifest(
-    networks: Path, out: Path, captures: int, metrics: dict[str, dict[str, float]] | None = None
-) -> None:
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """What the networks were trained and assessed on, and the metrics."""
+
+    trained: int
+    """Number of training scenarios, from 0 on."""
+    held_out: int
+    """Number of held-out scenarios, from `HELD_OUT` on."""
+    networks: dict[str, dict[str, float]]
+    """Metrics by network."""
+    reconstruction: dict[str, dict[str, float]]
+    """Scores of the reconstruction with all of them, by preset."""
+
+
+def write_manifest(networks: Path, out: Path, assessment: Assessment) -> None:
     """Copy the networks of a training to a folder, with manifest.json."""
     out.mkdir(parents=True, exist_ok=True)
     entries: dict[str, Any] = {}
@@ -27,16 +40,24 @@ def write_manifest(
             "features": len(network.features),
             "units": [len(layer) for layer in network.layers],
             "parameters": network.parameters,
-            "metrics": (metrics or {}).get(name, {}),
+            "metrics": _round(assessment.networks.get(name, {})),
         }
         shutil.copyfile(path, out / path.name)
     document = {
         "made_by": "make train",
         "commit": _read_commit(),
-        "scenarios": {"training": [0, captures - 1], "held_out_from": HELD_OUT},
+        "scenarios": {
+            "training": [0, assessment.trained - 1],
+            "held_out": [HELD_OUT, HELD_OUT + assessment.held_out - 1],
+        },
+        "reconstruction": {preset: _round(scores) for preset, scores in assessment.reconstruction.items()},
         "networks": entries,
     }
     (out / "manifest.json").write_text(json.dumps(document, indent=1, ensure_ascii=False) + "\n", "utf-8")
+
+
+def _round(metrics: dict[str, float]) -> dict[str, float]:
+    return {what: float(f"{value:.4g}") for what, value in metrics.items()}
 
 
 def _read_commit() -> str:

@@ -14,7 +14,7 @@ from beltscape.stereo.multiview.settings import MultiviewSettings
 from training.samples.augmentation import read_simulated
 
 
-def reconstruct_capture(folder: Path) -> DepthMap | None:
+def reconstruct_capture(folder: Path, preset: str = "standard") -> DepthMap | None:
     """Return the depth map of a capture's first frame; None where no surface is found."""
     capture = read_simulated(folder)
     frame = FrameSet("000", capture.images)
@@ -22,5 +22,5 @@ def reconstruct_capture(folder: Path) -> DepthMap | None:
         near_far = find_depth_range(capture.rig, frame, Silent())
     except ReconstructionError:
         return None
-    matcher = MultiviewReconstructor(capture.rig, near_far, MultiviewSettings.preset("standard"))
+    matcher = MultiviewReconstructor(capture.rig, near_far, MultiviewSettings.preset(preset))
     return matcher.reconstruct(frame, Silent())

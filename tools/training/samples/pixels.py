@@ -164,7 +164,7 @@ def read_truth(training: TrainingFrame, step: int) -> Truth:
     inside = slice(step // 2, height * step, step), slice(step // 2, width * step, step)
     depth, label = training.depth_mm[inside], training.label[inside]
     near = np.abs(training.rig.core_camera.rays()[inside][..., 1] * depth) <= ALONG_MM
-    scene = label >= 10 if (label >= 10).any() else label == (2 if (label == 2).any() else 1)
+    scene = mask_scene(label)
     return Truth(
         depth,
         scene & near,
@@ -172,3 +172,8 @@ def read_truth(training: TrainingFrame, step: int) -> Truth:
         interior_mask(training.depth_mm.astype(float))[inside],
         training.views[inside] == 0,
     )
+
+
+def mask_scene(label: np.ndarray) -> np.ndarray:
+    """Return the mask of the material or the module, or of the belt where there is neither."""
+    return label >= 10 if (label >= 10).any() else label == (2 if (label == 2).any() else 1)

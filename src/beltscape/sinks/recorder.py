@@ -45,7 +45,7 @@ class Recorder:
         self._folder, self._settings = folder, settings
         self._store = CaptureStore(folder)
         self._ring = self._make_ring()
-        self._queue: deque[FrameSet | Path] = deque()
+        self._queue: deque[FrameSet | Path | RecordingSettings] = deque()
         self._wake = threading.Condition()
         self._closing = False
         self._capture: CaptureWriter | None = None
@@ -100,6 +100,12 @@ class Recorder:
             self._wake.notify()
             return target
 
+    def set_settings(self, settings: RecordingSettings) -> None:
+        """Record by other settings after the frame sets that are queued; what is recorded stays."""
+        with self._wake:
+            self._queue.append(settings)
+            self._wake.notify()
+
     def close(self) -> None:
         """Write the queued frame sets, then end."""
         with self._wake:
@@ -120,6 +126,10 @@ class Recorder:
             try:
                 if isinstance(item, FrameSet):
                     self._record(item)
+                elif isinstance(item, RecordingSettings):
+                    self._settings, self._capture = item, None
+                    self._ring = self._make_ring()
+                    self._check_folder()
                 else:
                     self._keep(item)
             finally:  # what fails is not tried again: the next frame set is as good

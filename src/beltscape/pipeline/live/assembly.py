@@ -2,57 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import time_ns
-
-import numpy as np
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import scale_rig
-from beltscape.core.live import LiveSource, Observer, Observers, RecordSink
+from beltscape.core.live import LiveSource, Observer, Observers
 from beltscape.core.progress import Reporter
 from beltscape.files.folders.atomic import ensure_output_folder
-from beltscape.files.rig_json import read_rig
-from beltscape.measure.volume.capacity import compute_capacity_mm2
+from beltscape.pipeline.live.alarm_settings import read_alarm_texts, require_cameras_of_banks
+from beltscape.pipeline.live.csv_table import CsvTable
 from beltscape.pipeline.live.engine import Engine
-from beltscape.pipeline.live.engine_components import EngineComponents
-from beltscape.pipeline.live.images.image_monitors import make_image_monitors
+from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts
 from beltscape.pipeline.live.intake.exposure_control import ExposureControl
 from beltscape.pipeline.live.intake.frame_queue import FrameQueue
 from beltscape.pipeline.live.measurement.ledger import LedgerState
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
+from beltscape.pipeline.live.measuring_parts import make_measuring_parts, read_run_rig
 from beltscape.pipeline.live.monitoring.gauges import Gauges
-from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
-from beltscape.pipeline.live.operation import zero
 from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
 from beltscape.pipeline.live.operation.production import ProductionControl
-from beltscape.pipeline.live.project import Project, RunSettings, read_density
+from beltscape.pipeline.live.operation.shelf import Shelf
+from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.pipeline.live.writer import Writer, notify_records
-from beltscape.pipeline.measuring.belt import hash_empty_belt
-from beltscape.pipeline.measuring.flow import Instant, list_instants, scale_rig_to_capture
-from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
-from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
-from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
+from beltscape.pipeline.measuring.flow import Instant, list_instants
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
-from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
-from beltscape.sinks.csv_sink import CsvSink
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
-from beltscape.sinks.settings import CsvSettings
 from beltscape.sources.encoder.opening import open_encoder
 from beltscape.sources.encoder.protocol import Encoder
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import GenicamSource, open_cameras
 from beltscape.sources.replay import FrameTime, ReplaySource
-
-_END_OF_TIME_NS, _PAGE = 1 << 62, 5000
-"""A time after every record, and the number of records read at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,19 +60,20 @@ class RunOptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AssembledRun:
-    """An engine and the sinks that stay readable while it runs."""
+    """An engine, its parts at the start, and the sinks that stay readable while it runs."""
 
     engine: Engine
     historian: Historian
-    tables: Sequence[RecordSink]
-    """Further sinks."""
+    table: CsvTable
+    components: EngineComponents
+    parts: MeasuringParts
     production: ProductionControl
     """The present product and batch."""
 
     def close(self) -> None:
         """Close all sinks; call it after the engine has stopped and the last reader is done."""
-        for sink in (*self.tables, self.historian):
-            sink.close()
+        self.table.close()
+        self.historian.close()
 
 
 def assemble(project: Project[RunSettings], options: RunOptions, observer: Observer) -> AssembledRun:
@@ -97,10 +84,8 @@ def assemble(project: Project[RunSettings], options: RunOptions, observer: Obser
     InputError, SettingsError, MeasureError, OutputError
         With one line that names the fault and the fix.
     """
-    settings, reporter = project.settings, DeduplicatingReporter(observer)
-    rig = read_rig(project.resolve(settings.rig))
-    if settings.capture is not None:
-        rig = scale_rig_to_capture(rig, project.resolve(settings.capture.folder), reporter)
+    reporter = DeduplicatingReporter(observer)
+    rig = read_run_rig(project, reporter)
     # first: cameras take seconds to answer, in which the rest is loaded
     source = open_source(project, rig, reporter, paced=options.paced)
     try:
@@ -120,28 +105,25 @@ def _assemble_around(
 ) -> AssembledRun:
     """Open the other parts of a run; see ``assemble``."""
     settings = project.settings
-    context = build_context(project, rig, reporter, options.data)
+    require_cameras_of_banks(project, rig.cameras)
+    parts = make_measuring_parts(project, rig, reporter, options.data)
+    context = parts.context
     if options.learn_images:
         context.learned_images.learn_anew()
-    learned, digest = context.empty_belt, context.empty_belt_sha256
-    zero_file = options.data / zero.FILE
-    context = replace(context, empty_belt=zero.read_zero(zero_file, learned, digest, reporter))
     check_encoder(project)
     historian = Historian(ensure_output_folder(options.data), settings.history)
     observer = _add_exposure_control(observer, settings.cameras, source, rig, context, historian, reporter)
     resume = historian.ledger_end
     ended = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
     encoder = _open_encoder(project, options, ended)
-    state = LedgerState(historian.begin_run(), resume.number + 1, resume.end_mm, resume.offset_mm)
+    run = historian.begin_run(parts.provenance)
+    state = LedgerState(run, resume.number + 1, resume.end_mm, resume.offset_mm)
     writers = [Writer("historian", historian, notify_records(observer, historian))]
-    tables = [_open_table(options.data / "csv", settings.csv, historian)] if settings.csv.enabled else []
-    writers += [Writer("csv", table) for table in tables]
+    table = CsvTable(options.data / "csv", settings.csv, historian)
+    writers.append(Writer("csv", table))
     production = ProductionControl(
         settings.products, settings.production, historian.production, EventLog(historian, reporter)
     )
-    recording = options.record and settings.recording.mode != "off"
-    watch = settings.watch
-    belt, camera = context.empty_belt.belt, context.rig.core_camera
     components = EngineComponents(
         source=source,
         encoder=encoder,
@@ -149,14 +131,16 @@ def _assemble_around(
         measurement=MeasurementRun(context, state, source.cameras, time_ns, reporter),
         historian=historian,
         writers=writers,
-        recorder=Recorder(options.data / "recordings", settings.recording) if recording else None,
-        board=AlarmBoard(settings.alarms),
-        inspector=PeriodicInspector(belt, camera, watch.lumps_every_s, watch.edges_every_s),
-        gauges=Gauges(compute_capacity_mm2(belt, float(np.deg2rad(watch.surcharge_deg))), watch.stale_s),
+        recorder=Recorder(options.data / "recordings", settings.recording) if options.record else None,
+        board=AlarmBoard(settings.alarms, read_alarm_texts(project)),
+        shelf=Shelf(options.data),
+        shelving=settings.alarms.shelving,
+        inspector=parts.inspector,
+        gauges=Gauges(parts.full_area_mm2, parts.stale_s),
         observer=observer,
         reporter=reporter,
         polls_encoder=settings.cameras is not None,
-        zero=zero.ZeroControl(learned, settings.health.belt, zero_file, digest),
+        zero=parts.zero,
         certificate_days=options.certificate_days,
         users_trouble=options.users_trouble,
         heartbeat=options.heartbeat,
@@ -165,7 +149,7 @@ def _assemble_around(
         read_tag=lambda: production.tag,
         follow_timetable=production.follow_timetable,
     )
-    return AssembledRun(Engine(components), historian, tables, production)
+    return AssembledRun(Engine(components), historian, table, components, parts, production)
 
 
 def _add_exposure_control(
@@ -189,42 +173,6 @@ def _add_exposure_control(
 
     control = ExposureControl(settings, source, rig.core, pixel_mm, log)
     return Observers((observer, control))
-
-
-def _open_table(folder: Path, settings: CsvSettings, historian: Historian) -> CsvSink:
-    """Open the CSV sink and add the historian's records that it lacks, such as those lost in a power cut."""
-    table = CsvSink(folder, settings)
-    while missing := historian.records(0, _END_OF_TIME_NS, limit=_PAGE, after=table.last):
-        table.write(missing)
-    return table
-
-
-def build_context(
-    project: Project[RunSettings],
-    rig: Rig,
-    reporter: Reporter,
-    data: Path | None = None,
-) -> MeasurementContext:
-    """Return rig, empty belt and matcher for the settings' image width.
-
-    ``data`` is the folder for the rig with the estimated pose of a camera that moved, and for what is learned of the
-    images; None: nothing is read or kept.
-    """
-    settings, matching = project.settings, project.settings.matching
-    propose_rig = None if data is None else make_rig_writer(data, rig, reporter)
-    width = rig.core_camera.size_px[0]
-    if matching.width_px is not None and matching.width_px < width:
-        rig = scale_rig(rig, matching.width_px / width)
-    empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
-    near_far = compute_depth_range(empty_belt, matching.load_mm)
-    matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
-    digest = hash_empty_belt(project.resolve(settings.empty))
-    monitor, images, learned = make_image_monitors(project, rig, empty_belt, digest, reporter, data)
-    matcher = MonitoredMatcher(matcher, monitor)
-    density, limits = read_density(project), settings.health.belt
-    return MeasurementContext(
-        rig, empty_belt, matcher, settings.flow, density, limits, images, digest, learned
-    )
 
 
 def check_encoder(project: Project[RunSettings]) -> None:

@@ -11,10 +11,10 @@ from beltscape.core.errors import InputError, OutputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.core.system_calls import lock_file
-from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.live.assembly import build_context, check_encoder, open_source
+from beltscape.pipeline.live.alarm_settings import describe_alarms
+from beltscape.pipeline.live.assembly import check_encoder, open_source
+from beltscape.pipeline.live.measuring_parts import build_context, read_run_rig
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
-from beltscape.pipeline.measuring.flow import scale_rig_to_capture
 from beltscape.sinks.historian.storage.schema import open_reader, require_known
 from beltscape.sinks.historian.writing.recovery import DATABASE
 from beltscape.sinks.settings import RecordingSettings
@@ -26,7 +26,8 @@ Check = tuple[str, Callable[[], str]]
 def list_checks(project: Project[RunSettings], reporter: Reporter) -> Iterator[Check]:
     """Yield the checks of all parts except the page, in the order in which a run opens them."""
     settings = project.settings
-    yield "rig", lambda: _describe_rig(_read_rig(project, reporter))
+    yield "rig", lambda: _describe_rig(read_run_rig(project, reporter))
+    yield "alarms", lambda: describe_alarms(project, read_run_rig(project, reporter).cameras)
     yield "density", lambda: _describe_density(project)
     yield "empty", lambda: _describe_empty_belt(project, reporter)
     yield "source", lambda: _describe_source(project, reporter)
@@ -78,12 +79,6 @@ def _check_database(path: Path) -> None:
         connection.close()
 
 
-def _read_rig(project: Project[RunSettings], reporter: Reporter) -> Rig:
-    rig = read_rig(project.resolve(project.settings.rig))
-    capture = project.settings.capture
-    return rig if capture is None else scale_rig_to_capture(rig, project.resolve(capture.folder), reporter)
-
-
 def _describe_rig(rig: Rig) -> str:
     width, height = rig.core_camera.size_px
     return f"{len(rig.cameras)} cameras about {rig.core}, {width}×{height} px"
@@ -102,13 +97,13 @@ def _describe_density(project: Project[RunSettings]) -> str:
 
 
 def _describe_empty_belt(project: Project[RunSettings], reporter: Reporter) -> str:
-    belt = build_context(project, _read_rig(project, reporter), reporter).empty_belt.belt
+    belt = build_context(project, read_run_rig(project, reporter), reporter).empty_belt.belt
     x0, x1 = belt.across_mm
     return f"x {x0:.0f} to {x1:.0f} mm, {belt.frames} frames"
 
 
 def _describe_source(project: Project[RunSettings], reporter: Reporter) -> str:
-    settings, rig = project.settings, _read_rig(project, reporter)
+    settings, rig = project.settings, read_run_rig(project, reporter)
     if settings.cameras is not None:
         missing = [name for name in rig.cameras if name not in settings.cameras.devices]
         if missing:

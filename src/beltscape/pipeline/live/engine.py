@@ -51,6 +51,9 @@ class Engine(OperatorControls):
         present = self._components.maintenance.current
         if present is not None:
             self._components.observer.on_maintenance(present)
+        if trouble := self._components.shelf.trouble:
+            self._components.reporter.warn(trouble)
+        self._alarms.start()
         for thread in self._threads:
             thread.start()
 
@@ -236,13 +239,9 @@ class Engine(OperatorControls):
     def _update_alarms(self) -> None:
         components = self._components
         components.inspector.inspect(components.gauges)
-        readings, wall = self._collect_readings(), time_ns()
+        readings = self._collect_readings()
         components.observer.on_health(readings.cameras)
-        for alarm in components.board.update(readings, wall, monotonic_ns()):
-            self._events.add_alarm(alarm, wall)
-            if alarm.state == "raised" and alarm.severity == "critical" and components.recorder is not None:
-                components.recorder.keep(alarm.name)
-        components.observer.on_alarms(components.board.alarms)
+        self._alarms.update(readings)
 
     def _collect_readings(self) -> Readings:
         """Return the readings of the measurement with the states of the components."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from beltscape.alarms.board import AlarmBoard
+from beltscape.alarms.management.settings import ShelvingSettings
 from beltscape.core.belt.ledger_entries import RecordTag
+from beltscape.core.geometry.rig import Rig
 from beltscape.core.live import LiveSource, Observer
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.images.learned_images import LearnedImages
@@ -15,6 +17,7 @@ from beltscape.pipeline.live.measurement.measurement_run import MeasurementConte
 from beltscape.pipeline.live.monitoring.gauges import Gauges
 from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
 from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
+from beltscape.pipeline.live.operation.shelf import Shelf
 from beltscape.pipeline.live.operation.zero import ZeroControl
 from beltscape.pipeline.live.reporting.finding_log import FindingLog
 from beltscape.pipeline.live.writer import Writer
@@ -28,6 +31,10 @@ class MeasuringParts:
     """The parts that belong to one rig and one empty belt; a running engine exchanges them between two records."""
 
     context: MeasurementContext
+    rig: Rig
+    """At the size of the cameras' images."""
+    provenance: Mapping[str, str]
+    """What is measured by: version, and the SHA-256 of rig, empty belt and settings."""
     inspector: PeriodicInspector
     zero: ZeroControl
     full_area_mm2: float
@@ -67,5 +74,7 @@ class EngineComponents:
     follow_timetable: Callable[[], None] = lambda: None
     """Called twice a second: changes the product by the timetable."""
     learned_images: LearnedImages = field(default_factory=LearnedImages)
+    shelf: Shelf = field(default_factory=lambda: Shelf(None))
+    shelving: ShelvingSettings = field(default_factory=ShelvingSettings)
     maintenance: MaintenanceMode = field(default_factory=lambda: MaintenanceMode(None))
     finding_log: FindingLog = field(default_factory=FindingLog)

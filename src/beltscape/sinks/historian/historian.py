@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -21,6 +22,7 @@ from beltscape.sinks.historian.reading.findings import (
     read_finding_series,
 )
 from beltscape.sinks.historian.reading.periods import DaySum, read_day_sums, read_records, read_section
+from beltscape.sinks.historian.reading.runs import Run, read_runs
 from beltscape.sinks.historian.reading.series import Series, read_series
 from beltscape.sinks.historian.storage.finding_rows import StoredFinding
 from beltscape.sinks.historian.writing.findings import append_findings
@@ -71,6 +73,11 @@ class Historian:
         self._noted = ""
         self._note_repair()
 
+    def set_settings(self, settings: HistorySettings) -> None:
+        """Keep by other settings from now on; the reserve and the hour at which days begin stay until a restart."""
+        for part in (self._store, self._findings, self._retention):
+            part.set_settings(settings)
+
     @property
     def repair_message(self) -> str:
         """Line that describes the last repair of the database, also stored as an event; empty without a repair.
@@ -114,18 +121,24 @@ class Historian:
         """Totals of the ledger, including records that were removed since."""
         return self._store.sums.totals
 
-    def begin_run(self) -> int:
-        """Store a new start of the program; return its number, which is higher than all earlier ones.
+    def begin_run(self, provenance: Mapping[str, str] | None = None) -> int:
+        """Store a new run and return its number, which is higher than all earlier ones.
+
+        A run is the program's work with one rig, empty belt and settings of measuring, which ``provenance`` names.
 
         Raises
         ------
         OutputError
             When it cannot be written.
         """
-        row = "INSERT INTO runs (wall_ns) VALUES (?)"
-        return self._store.transact(
-            lambda connection: connection.execute(row, (time.time_ns(),)).lastrowid or 0
-        )
+        values = time.time_ns(), json.dumps(dict(provenance or {}))
+        row = "INSERT INTO runs (wall_ns, provenance) VALUES (?, ?)"
+        return self._store.transact(lambda connection: connection.execute(row, values).lastrowid or 0)
+
+    def list_runs(self, limit: int) -> list[Run]:
+        """Return the newest runs, the newest first. InputError if they cannot be read."""
+        with self._store.readers.borrow() as connection:
+            return read_runs(connection, limit)
 
     def write(self, records: Sequence[BeltRecord]) -> None:
         """Store records with their sections and update the totals; they are on disk when the call returns.

@@ -49,6 +49,10 @@ class MeasurementContext:
     learned_images: LearnedImages = field(default_factory=LearnedImages)
     """What is learned of the images."""
 
+    def with_empty_belt(self, empty_belt: EmptyBeltReference) -> MeasurementContext:
+        """Return the context with another empty belt of the same camera."""
+        return replace(self, empty_belt=empty_belt)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
@@ -101,7 +105,7 @@ class MeasurementRun:
 
     def set_empty_belt(self, empty_belt: EmptyBeltReference) -> None:
         """Measure against another empty belt, of the same camera, from the next frame on."""
-        self.context = replace(self.context, empty_belt=empty_belt)
+        self.context = self.context.with_empty_belt(empty_belt)
         self._needs_new_meter = True
 
     def push(

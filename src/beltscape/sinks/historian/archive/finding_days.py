@@ -25,6 +25,10 @@ class FindingArchive:
         self.folder, self._store, self._settings = folder, store, settings
         self._adopted = -1
 
+    def set_settings(self, settings: HistorySettings) -> None:
+        """Keep by other settings from the next call on."""
+        self._settings = settings
+
     def maintain(self, wall_ns: int) -> None:
         """Adopt unknown files, close past days, remove old findings and files."""
         self._adopt()

@@ -43,6 +43,10 @@ class Retention:
         with suppress(OutputError):  # ``maintain`` tries again
             self._archive.adopt()
 
+    def set_settings(self, settings: HistorySettings) -> None:
+        """Keep by other settings from the next call on."""
+        self._settings = settings
+
     def maintain(self, wall_ns: int) -> str:
         """Close days, adopt files, remove old data; return the failures in one line, empty without any.
 

@@ -207,7 +207,11 @@ CREATE TABLE scale_readings (
     by          TEXT NOT NULL
 )"""
 
-MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET, _FINDINGS, _PRODUCTION)
+_PROVENANCE = (
+    "ALTER TABLE runs ADD COLUMN provenance TEXT NOT NULL DEFAULT '{}'"  # JSON object; empty: not known
+)
+
+MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET, _FINDINGS, _PRODUCTION, _PROVENANCE)
 """The script at index n migrates version n to n + 1; scripts are only added, never changed."""
 
 

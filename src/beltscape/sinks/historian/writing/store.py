@@ -85,6 +85,10 @@ class Store:
         if time.monotonic() - self._saved_s >= _SNAPSHOT_S:
             self.save_totals()
 
+    def set_settings(self, settings: HistorySettings) -> None:
+        """Keep by other settings from the next call on."""
+        self._settings = settings
+
     def transact(self, work: Callable[[sqlite3.Connection], Result]) -> Result:
         """Call ``work`` with the writing connection; its changes are on disk when this returns.
 

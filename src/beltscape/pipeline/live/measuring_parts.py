@@ -1,0 +1,130 @@
+"""The parts of a run that belong to one rig and one empty belt, made anew for a restart or between two records."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+
+from beltscape import __version__
+from beltscape.core.errors import InputError
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import scale_rig
+from beltscape.core.progress import Reporter
+from beltscape.files.documents.digest import hash_file
+from beltscape.files.rig_json import read_rig
+from beltscape.measure.volume.capacity import compute_capacity_mm2
+from beltscape.pipeline.live.engine_components import MeasuringParts
+from beltscape.pipeline.live.images.image_monitors import make_image_monitors
+from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext
+from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
+from beltscape.pipeline.live.operation import zero
+from beltscape.pipeline.live.project import Project, RunSettings, read_density
+from beltscape.pipeline.measuring.belt import hash_empty_belt
+from beltscape.pipeline.measuring.flow import scale_rig_to_capture
+from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
+from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
+from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
+from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
+
+TABLES = ("matching", "flow", "density", "watch", "health")
+"""Tables of project.toml on which the parts depend, beside rig and empty belt."""
+
+
+def describe_provenance(project: Project[RunSettings]) -> dict[str, str]:
+    """Return what a run measures by: the program's version, and the SHA-256 of rig, empty belt and settings.
+
+    Raises
+    ------
+    InputError
+        If one of the files cannot be read.
+    """
+    settings, density = project.settings, project.settings.density
+    tables = settings.model_dump(mode="json", include=set(TABLES))
+    files = [project.resolve(path) for path in (density.table, density.products) if path is not None]
+    try:
+        texts = [json.dumps(tables, sort_keys=True), *(hash_file(path) for path in files)]
+        return {
+            "program": __version__,
+            "rig": hash_file(project.resolve(settings.rig)),
+            "empty": hash_empty_belt(project.resolve(settings.empty)),
+            "settings": hashlib.sha256("".join(texts).encode()).hexdigest(),
+        }
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read ({error.strerror})") from error
+
+
+def read_run_rig(project: Project[RunSettings], reporter: Reporter) -> Rig:
+    """Return the project's rig at the size of the images: of the cameras, or of the recorded capture."""
+    rig, capture = read_rig(project.resolve(project.settings.rig)), project.settings.capture
+    return rig if capture is None else scale_rig_to_capture(rig, project.resolve(capture.folder), reporter)
+
+
+def require_same_cameras(project: Project[RunSettings], rig: Rig, present: Rig) -> None:
+    """Raise InputError unless a rig has the cameras that the run has open, with the same image sizes."""
+    path, fix = project.resolve(project.settings.rig), "the run's cameras change by a restart only"
+    if rig.core != present.core:
+        raise InputError(f"{path}: its core camera is {rig.core}, the run's is {present.core}; {fix}")
+    if set(rig.cameras) != set(present.cameras):
+        names, others = ", ".join(rig.cameras), ", ".join(present.cameras)
+        raise InputError(f"{path}: has the cameras {names}, the run has {others}; {fix}")
+    for name, camera in rig.cameras.items():
+        size, other = tuple(camera.size_px), tuple(present.cameras[name].size_px)
+        if size != other:
+            raise InputError(f"{path}: {name} has {size} px, in the run {other}; {fix}")
+
+
+def make_measuring_parts(
+    project: Project[RunSettings], rig: Rig, reporter: Reporter, data: Path
+) -> MeasuringParts:
+    """Return the parts for a rig at the size of the images; ``data`` is the folder of what is learned and set.
+
+    Raises
+    ------
+    InputError, SettingsError, MeasureError
+        With one line that names the fault and the fix.
+    """
+    settings, watch = project.settings, project.settings.watch
+    context = build_context(project, rig, reporter, data)
+    learned, digest, path = context.empty_belt, context.empty_belt_sha256, data / zero.FILE
+    present = zero.read_zero(path, learned, digest, reporter)
+    belt, camera = present.belt, context.rig.core_camera
+    return MeasuringParts(
+        context=context.with_empty_belt(present),
+        rig=rig,
+        provenance=describe_provenance(project),
+        inspector=PeriodicInspector(belt, camera, watch.lumps_every_s, watch.edges_every_s),
+        zero=zero.ZeroControl(learned, settings.health.belt, path, digest),
+        full_area_mm2=compute_capacity_mm2(belt, float(np.deg2rad(watch.surcharge_deg))),
+        stale_s=watch.stale_s,
+    )
+
+
+def build_context(
+    project: Project[RunSettings],
+    rig: Rig,
+    reporter: Reporter,
+    data: Path | None = None,
+) -> MeasurementContext:
+    """Return rig, empty belt and matcher for the settings' image width.
+
+    ``data`` is the folder for the rig with the estimated pose of a camera that moved, and for what is learned of the
+    images; None: nothing is read or kept.
+    """
+    settings, matching = project.settings, project.settings.matching
+    propose_rig = None if data is None else make_rig_writer(data, rig, reporter)
+    width = rig.core_camera.size_px[0]
+    if matching.width_px is not None and matching.width_px < width:
+        rig = scale_rig(rig, matching.width_px / width)
+    empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
+    near_far = compute_depth_range(empty_belt, matching.load_mm)
+    matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
+    digest = hash_empty_belt(project.resolve(settings.empty))
+    monitor, images, learned = make_image_monitors(project, rig, empty_belt, digest, reporter, data)
+    matcher = MonitoredMatcher(matcher, monitor)
+    density, limits = read_density(project), settings.health.belt
+    return MeasurementContext(
+        rig, empty_belt, matcher, settings.flow, density, limits, images, digest, learned
+    )

@@ -11,8 +11,14 @@ HEAVY = replace(GOOD, **BAD["overload"])
 SETTINGS = AlarmSettings.model_validate({"overload": {"needs_reset": True}})
 
 
+def get(plant):
+    alarm = plant.board.get("overload")
+    assert alarm is not None
+    return alarm
+
+
 def isa_state(plant):
-    return plant.board.get("overload").isa_state
+    return get(plant).isa_state
 
 
 def test_states_from_unacknowledged_over_latched_to_normal():
@@ -23,7 +29,7 @@ def test_states_from_unacknowledged_over_latched_to_normal():
     assert isa_state(plant) == "latched_unacknowledged"
     assert not plant.board.reset("overload")
     assert plant.board.acknowledge("overload", "ada", 1)
-    assert (isa_state(plant), plant.board.get("overload").by) == ("latched_acknowledged", "ada")
+    assert (isa_state(plant), get(plant).by) == ("latched_acknowledged", "ada")
     assert not plant.board.acknowledge("overload", "ada", 1)
     assert plant.board.reset("overload") and not plant.board.reset("overload")
     assert isa_state(plant) == "normal"

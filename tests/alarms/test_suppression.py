@@ -17,7 +17,9 @@ SHELVED = {"overload": Suppression("shelved", "scale under test", "ada", 1, 2)}
 
 
 def get(plant, name):
-    return plant.board.get(name)
+    alarm = plant.board.get(name)
+    assert alarm is not None
+    return alarm
 
 
 def test_a_stopped_belt_suppresses_what_it_explains_and_shows_itself():

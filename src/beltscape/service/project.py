@@ -5,9 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from beltscape.core.errors import InputError
+from beltscape.pipeline.live.alarm_settings import read_alarm_texts
 from beltscape.pipeline.live.project import CaptureSettings, Project, RunSettings, read_project
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
+from beltscape.service.languages import require_language
 from beltscape.service.settings import WebSettings
 from beltscape.sources.encoder.settings import EncoderSettings
 
@@ -26,6 +28,7 @@ class ProjectSettings(RunSettings):
 def open_project(path: Path) -> Project[ProjectSettings]:
     """Read and validate project.toml; InputError with one line that names the key, its value and the fix."""
     project = read_project(path, ProjectSettings)
+    _require_languages(project)
     web = project.settings.web
     files = {key: getattr(web, key) for key in ("tls_certificate", "tls_key")}
     paths = {key: file and project.resolve(file) for key, file in files.items()}
@@ -33,6 +36,17 @@ def open_project(path: Path) -> Project[ProjectSettings]:
     if settings.mqtt is not None:
         settings = settings.model_copy(update={"mqtt": _resolve_mqtt(project, settings.mqtt)})
     return Project(project.path, settings)
+
+
+def _require_languages(project: Project[ProjectSettings]) -> None:
+    """Raise InputError where the plant's own texts of alarms are in a language that the page does not have."""
+    for code in read_alarm_texts(project).by_language:
+        try:
+            require_language(code)
+        except ValueError as error:
+            raise InputError(
+                f"{project.resolve(project.settings.alarms.texts or Path())}: {error}"
+            ) from error
 
 
 def _resolve_mqtt(project: Project[ProjectSettings], mqtt: MqttSettings) -> MqttSettings:

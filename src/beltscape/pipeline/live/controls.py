@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from time import time_ns
 
+from beltscape.core.alarms import AlarmControls
 from beltscape.core.live import ZeroProposal
 from beltscape.pipeline.live.engine_components import EngineComponents
+from beltscape.pipeline.live.operation.alarm_control import AlarmControl
 from beltscape.pipeline.live.reporting.event_log import EventLog
 
 
@@ -15,15 +17,24 @@ class OperatorControls:
     def __init__(self, components: EngineComponents) -> None:
         self._components = components
         self._events = EventLog(components.historian, components.reporter)
+        recorder = components.recorder
+        self._alarms = AlarmControl(
+            components.board,
+            components.shelf,
+            components.shelving,
+            self._events,
+            components.observer,
+            (lambda _: None) if recorder is None else recorder.keep,
+        )
+
+    @property
+    def alarm_controls(self) -> AlarmControls:
+        """The further actions on alarms."""
+        return self._alarms
 
     def acknowledge(self, alarm: str, by: str) -> bool:
         """Acknowledge an alarm; return whether there was one to acknowledge."""
-        board, wall = self._components.board, time_ns()
-        if not board.acknowledge(alarm, by, wall):
-            return False
-        self._events.add("alarm", alarm, "acknowledged", wall, by, {"state": "acknowledged"})
-        self._components.observer.on_alarms(board.alarms)
-        return True
+        return self._alarms.acknowledge(alarm, by)
 
     def keep_recording(self, reason: str, by: str) -> bool:
         """Keep the frames that the recording ring holds now; return whether there were any."""

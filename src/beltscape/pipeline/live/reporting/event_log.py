@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from beltscape.core.alarms import Alarm
+from beltscape.core.alarms import Alarm, AlarmState
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
 from beltscape.core.translatable_message import get_key, get_values
@@ -35,14 +35,20 @@ class EventLog:
 
     def add_alarm(self, alarm: Alarm, wall_ns: int) -> None:
         """Store the change of an alarm."""
-        text = f"{alarm.state}: {alarm.detail}" if alarm.detail else alarm.state
-        self.add("alarm", alarm.name, text, wall_ns, parameters=_list_parts(alarm))
+        state = alarm.state if alarm.suppression is None else alarm.hidden_state
+        hidden = "" if alarm.suppression is None else f" ({alarm.isa_state}: {alarm.suppression.reason})"
+        text = f"{state}{hidden}: {alarm.detail}" if alarm.detail else f"{state}{hidden}"
+        self.add("alarm", alarm.name, text, wall_ns, parameters=_list_parts(alarm, state))
 
 
-def _list_parts(alarm: Alarm) -> dict[str, object]:
+def _list_parts(alarm: Alarm, state: AlarmState) -> dict[str, object]:
     numbers = {"value": alarm.value, "limit": alarm.limit}
     known = {name: value for name, value in numbers.items() if math.isfinite(value)}
-    parts: dict[str, object] = {"state": alarm.state, **known}
+    parts: dict[str, object] = {"state": state, **known, "priority": alarm.priority}
+    if alarm.suppression is not None:
+        parts |= {"suppression": alarm.isa_state, "suppressed_by": alarm.suppression.reason}
+    if alarm.is_first:
+        parts |= {"first": True, "group": alarm.group}
     if known:
         parts["unit"] = alarm.unit
     if get_key(alarm.detail):

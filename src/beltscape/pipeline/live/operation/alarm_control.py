@@ -1,0 +1,129 @@
+"""The alarms of a run: evaluated from readings, acknowledged and hidden by people, and journalled in the history."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import monotonic_ns, time_ns
+
+from beltscape.alarms.board import AlarmBoard
+from beltscape.alarms.management.settings import ShelvingSettings
+from beltscape.alarms.names import list_keys
+from beltscape.alarms.readings import Readings
+from beltscape.core.alarms import Alarm
+from beltscape.core.errors import InputError
+from beltscape.core.live import Observer
+from beltscape.pipeline.live.operation.shelf import Shelf
+from beltscape.pipeline.live.reporting.event_log import EventLog
+
+
+class AlarmControl:
+    """Connects the board of alarms with the journal, the shelf and the observers; implements `AlarmControls`."""
+
+    def __init__(
+        self,
+        board: AlarmBoard,
+        shelf: Shelf,
+        settings: ShelvingSettings,
+        events: EventLog,
+        observer: Observer,
+        keep_frames: Callable[[str], object],
+    ) -> None:
+        """Join them; ``keep_frames`` keeps the recording ring for a critical alarm."""
+        self._board, self._shelf, self._settings = board, shelf, settings
+        self._events, self._observer, self._keep_frames = events, observer, keep_frames
+        board.hide(shelf.hidden)
+
+    def start(self) -> None:
+        """Note the start of the program in the journal: alarms begin clear, hidden ones stay hidden."""
+        hidden = ", ".join(sorted(self._shelf.hidden)) or "none"
+        text = f"alarms are evaluated from the start; hidden: {hidden}"
+        self._events.add(
+            "alarm", "journal", text, time_ns(), parameters={"action": "start", "hidden": hidden}
+        )
+
+    def update(self, readings: Readings) -> None:
+        """Evaluate the alarms and journal every change, also of a hidden one."""
+        wall_ns = time_ns()
+        for name in self._shelf.remove_ended():
+            self._events.add("alarm", name, "shelving ends", wall_ns, parameters={"action": "unshelved"})
+            self._show(name)
+        for alarm in self._board.update(readings, wall_ns, monotonic_ns()):
+            self._events.add_alarm(alarm, wall_ns)
+            if alarm.state == "raised" and alarm.severity == "critical":
+                self._keep_frames(alarm.name)
+        self._observer.on_alarms(self._board.alarms)
+
+    def acknowledge(self, alarm: str, by: str) -> bool:
+        """Acknowledge an alarm; return whether there was one to acknowledge."""
+        wall_ns = time_ns()
+        if not self._board.acknowledge(alarm, by, wall_ns):
+            return False
+        self._events.add("alarm", alarm, "acknowledged", wall_ns, by, {"state": "acknowledged"})
+        self._observer.on_alarms(self._board.alarms)
+        return True
+
+    @property
+    def shelving_max_min(self) -> float:
+        """Longest time for which an alarm may be shelved, in minutes."""
+        return self._settings.max_min
+
+    def shelve(self, alarm: str, reason: str, minutes: float, by: str) -> None:
+        """Hide an alarm for a time, or set reason and end anew; InputError where it must not be."""
+        present = self._require(alarm)
+        if any(key in self._settings.never for key in list_keys(alarm)):
+            raise InputError(f"{alarm}: must not be shelved: [alarms.shelving] never has it")
+        if not 0 < minutes <= self._settings.max_min:
+            raise InputError(
+                f"{minutes:g} min: longer than [alarms.shelving] max_min = {self._settings.max_min:g}"
+            )
+        if present.suppression is not None and present.suppression.kind == "out_of_service":
+            raise InputError(f"{alarm}: is out of service; return it to service first")
+        shelved = self._shelf.shelve(alarm, reason, minutes, by)
+        until_ms = (shelved.until_ns or 0) // 1_000_000
+        parameters = {"action": "shelved", "reason": reason, "minutes": minutes, "until_ms": until_ms}
+        self._events.add("alarm", alarm, f"shelved for {minutes:g} min: {reason}", time_ns(), by, parameters)
+        self._hide()
+
+    def take_out_of_service(self, alarm: str, reason: str, by: str) -> None:
+        """Hide an alarm until it is returned to service."""
+        self._require(alarm)
+        self._shelf.take_out_of_service(alarm, reason, by)
+        parameters = {"action": "out_of_service", "reason": reason}
+        self._events.add("alarm", alarm, f"out of service: {reason}", time_ns(), by, parameters)
+        self._hide()
+
+    def return_to_service(self, alarm: str, by: str) -> None:
+        """Show an alarm again; InputError if it is not hidden by a person."""
+        removed = self._shelf.remove(alarm)
+        if removed is None:
+            raise InputError(f"{alarm}: is neither shelved nor out of service")
+        action = "unshelved" if removed.kind == "shelved" else "in_service"
+        text = "shelving ended" if removed.kind == "shelved" else "in service again"
+        self._events.add("alarm", alarm, text, time_ns(), by, {"action": action})
+        self._show(alarm)
+        self._observer.on_alarms(self._board.alarms)
+
+    def reset(self, alarm: str, by: str) -> None:
+        """Reset an alarm that has latched and is acknowledged; InputError if it is not such a one."""
+        self._require(alarm)
+        if not self._board.reset(alarm):
+            raise InputError(f"{alarm}: has not latched, or is not acknowledged yet")
+        self._events.add("alarm", alarm, "reset", time_ns(), by, {"action": "reset", "state": "clear"})
+        self._observer.on_alarms(self._board.alarms)
+
+    def _require(self, alarm: str) -> Alarm:
+        present = self._board.get(alarm)
+        if present is None:
+            raise InputError(f"{alarm}: there is no alarm of that name")
+        return present
+
+    def _hide(self) -> None:
+        self._board.hide(self._shelf.hidden)
+        self._observer.on_alarms(self._board.alarms)
+
+    def _show(self, alarm: str) -> None:
+        """Show an alarm that was hidden, and journal it where its condition holds."""
+        self._board.hide(self._shelf.hidden)
+        present = self._board.get(alarm)
+        if present is not None and present.state != "clear":
+            self._events.add_alarm(present, time_ns())

@@ -81,7 +81,7 @@ bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md, a
 
 train: dev ## fit every network that ships to simulated captures, from their seeds (hours; goes on where it was)
 	$(BIN)/python -m pip install --quiet 'torch>=2.5'
-	cd tools && ../$(BIN)/python -m training
+	cd tools && ../$(BIN)/python -m training $(if $(ONLY),--only $(ONLY))
 
 faults: dev ## play every fault to the running system, against exact truth; writes benchmarks/FAULTS.md (an hour)
 	cd benchmarks && ../$(BIN)/python -m faults

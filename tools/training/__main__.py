@@ -3,16 +3,20 @@
     cd tools && python -m training [--work FOLDER] [--captures N] [--only NETWORK …] [--out FOLDER]
 
 Captures, samples and networks are kept in the work folder (default: out/train); a run that was stopped goes on where
-it was. When all networks are trained they are written to the package's data with their manifest. The whole takes
-some hours on two cores. It needs PyTorch: pip install 'beltscape[train]'.
+it was. With --only some networks are fitted, from samples that the networks that ship gave; each fit says whether it
+gave the network that ships. When all networks are trained they are written to the package's data with their manifest.
+The whole takes some hours on two cores. It needs PyTorch: pip install 'beltscape[train]'.
 """
 
 from __future__ import annotations
 
 import argparse
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 import beltscape
 from beltscape.core.progress import Reporter
@@ -61,11 +65,36 @@ class Training:
         return all((self.networks / f"{name}.npz").is_file() for name in names)
 
     def keep(self, networks: dict[str, Network]) -> None:
-        """Write trained networks, from where those that follow read them."""
+        """Write trained networks, and say how far they are from those that ship."""
         self.networks.mkdir(parents=True, exist_ok=True)
         for name, network in networks.items():
             write_network(self.networks / f"{name}.npz", network)
-        use_networks(self.networks)
+            print(compare_with_shipped(name, self.networks), flush=True)
+
+    def use(self, *, shipped: bool) -> None:
+        """Let samples be drawn with the networks trained so far; with those that ``shipped`` for the missing ones."""
+        folder = self.work / "in_use"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        for source in (DATA, self.networks) if shipped else (self.networks,):
+            for path in sorted(source.glob("*.npz")):
+                shutil.copyfile(path, folder / path.name)
+        use_networks(folder)
+
+
+def compare_with_shipped(name: str, folder: Path) -> str:
+    """Return a line on whether a trained network is that of the package, and how far from it otherwise."""
+    trained, shipped = folder / f"{name}.npz", DATA / f"{name}.npz"
+    if not shipped.is_file():
+        return f"{name}: no such network ships"
+    if trained.read_bytes() == shipped.read_bytes():
+        return f"{name}: the same bytes as the network that ships"
+    with np.load(trained) as one, np.load(shipped) as other:
+        if {key: one[key].shape for key in one} != {key: other[key].shape for key in other}:
+            return f"{name}: has other features or units than the network that ships"
+        numbers = [key for key in one if one[key].dtype.kind == "f"]
+        most = max(float(np.abs(one[key] - other[key]).max()) for key in numbers)
+    return f"{name}: differs from the network that ships by at most {most:.3g} in a weight"
 
 
 def list_recipes(training: Training) -> list[tuple[tuple[str, ...], Callable[[], dict[str, Network]]]]:
@@ -112,10 +141,11 @@ def main() -> None:
     reporter = PrintedProgress()
     captures = render_all(arguments.work, range(arguments.captures), reporter)
     training = Training(arguments.work, captures, reporter)
-    training.keep({})
     for names, train in list_recipes(training):
         if not training.is_done(*names) and (not arguments.only or set(names) & set(arguments.only)):
+            training.use(shipped=bool(arguments.only))
             training.keep(train())
+    training.use(shipped=False)
     if training.is_done(*PURPOSES):
         held_out = render_all(arguments.work, range(HELD_OUT, HELD_OUT + ASSESSED), reporter)
         cache = SampleCache(arguments.work / "held_out", reporter)

@@ -16,6 +16,8 @@ from beltscape.site.store import SiteStore
 
 _MARGIN_S = 10
 """Seconds beyond a window that are read with it, for the flow at its edges."""
+_DUE_MS = 20_000
+"""A ledger that is not known this long after a window is late: a belt that runs or stands is known within 10 s."""
 _MOST_WINDOWS = 200
 """Windows that are balanced in one call, so that making up for a long absence does not stop the rest."""
 
@@ -49,7 +51,7 @@ class Balancer:
                 return BalanceStatus(self.settings, self._last, ())
             late = self._list_late(start_ms)
             if late and start_ms > now_ms - self._site.keep_days * 86_400_000:
-                is_due = now_ms > start_ms + self._window_ms + self._longest_delay_ms() + 60_000
+                is_due = now_ms > start_ms + self._window_ms + self._longest_delay_ms() + _DUE_MS
                 return BalanceStatus(self.settings, self._last, late if is_due else ())
             self._close_window(start_ms, late)
         return BalanceStatus(self.settings, self._last, ())

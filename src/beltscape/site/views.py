@@ -101,10 +101,8 @@ def list_alarms(belts: Iterable[BeltView], balances: Iterable[BalanceStatus]) ->
     """Return the site's own alarms that are on."""
     alarms: list[SiteAlarm] = []
     for view in belts:
-        if view.is_away:
-            alarms.append(SiteAlarm("away", view.settings.name, "warning"))
-        faults = [fault for fault in view.faults if fault.key != "version"]
-        alarms += [SiteAlarm(fault.key, view.settings.name, "warning") for fault in faults]
+        kinds = ["away"] if view.is_away else [fault.key for fault in view.faults if fault.key != "version"]
+        alarms += [SiteAlarm(kind, view.settings.name, "warning") for kind in kinds]
     for status in balances:
         if status.last is not None and status.last.state == "imbalance":
             alarms.append(SiteAlarm("imbalance", status.settings.name, "critical"))
@@ -163,6 +161,7 @@ def _show_site(belts: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return the sums of the belts that count; σ in squares, as the machines' errors are independent."""
     masses = [belt["mass_t"] for belt in belts]
     return {
+        "records": sum(belt["records"] for belt in belts),
         "volume_m3": sum(belt["volume_m3"] for belt in belts),
         "sigma_m3": math.hypot(*(belt["sigma_m3"] for belt in belts)),
         "mass_t": None if None in masses else sum(masses),

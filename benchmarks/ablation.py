@@ -57,6 +57,15 @@ def _only_own_messages(address, uncertain, spacing):  # noqa: ARG001
     return np.repeat(address[uncertain][None], len(OFFSETS), 0)
 
 
+def _refine_everywhere() -> AbstractContextManager[object]:
+    """Let one network, that of the refinement, judge every pixel."""
+    return patch.multiple(
+        refiner,
+        mask_uncertain=lambda logit: np.ones(logit.shape, bool),
+        mask_accepted=lambda logit: np.zeros(logit.shape, bool),
+    )
+
+
 def _no_discs(surface, _information, _prepared):
     return FilledDiscs(surface, np.zeros(surface.s.shape, bool))
 
@@ -73,6 +82,7 @@ ROWS = (
         "without refinement and messages",
         patched=lambda: patch.object(estimate, "refine_uncertain_pixels", lambda found, _: found),
     ),
+    Row("refinement of every pixel", patched=_refine_everywhere),
     Row(
         "without textureless discs",
         patched=lambda: patch(f"{_RECONSTRUCTOR}.fill_textureless_discs", _no_discs),

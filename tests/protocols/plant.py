@@ -30,7 +30,7 @@ class FakePlant:
         self._records: list[BeltRecord] = []
         self._lock = threading.Lock()
         self.state = PlantState(
-            10**18, "valid", 123.4, 0.5, 104.9, 0.4, 10_000.0, 0.97, float("nan"), 0, Totals(),
+            10**18, "valid", 123.4, 0.5, 104.9, 0.4, 10_000.0, 40_000.0, 0.97, float("nan"), 0, Totals(),
             (CameraHealth("cam0", "ok", 9, 0, 5.0, 0.0),),
             (Alarm("overload", "warning", "clear", float("nan"), 500.0, "m³/h", None),), "", float("nan"), (), "", "",
         )  # fmt: skip

@@ -8,6 +8,8 @@ EXTRAS = {
     "site": ("httpx",),
     "modbus": ("pymodbus",),
     "mqtt": ("paho",),
+    "reports": ("weasyprint",),
+    "opcua": ("asyncua", "cryptography"),
     "viewer": ("rerun",),
     "export": ("laspy", "lazrs"),
     "cameras": ("gi",),

@@ -73,6 +73,8 @@ class FrameEvent:
     """Speed of the belt; NaN: not known."""
     largest_lump_mm: float = math.nan
     """Sieve size of the largest lump at the last search; 0: there was none; NaN: none was made."""
+    full_area_mm2: float = math.nan
+    """Cross-section of the fully loaded belt; NaN: not known."""
 
 
 @dataclass(frozen=True, slots=True)

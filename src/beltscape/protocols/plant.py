@@ -34,6 +34,8 @@ class PlantState:
     """One standard deviation, from the volume alone."""
     area_mm2: float
     """Mean cross-section of the load."""
+    full_area_mm2: float
+    """Cross-section of the fully loaded belt."""
     coverage: float
     """Share of the load that was measured, 0..1."""
     speed_m_s: float

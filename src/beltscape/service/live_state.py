@@ -57,6 +57,8 @@ class FrameStatistics:
     """Speed of the belt at the last one; NaN: not known."""
     largest_lump_mm: float = nan
     """Sieve size of the largest lump at the last search; NaN: none was made."""
+    full_area_mm2: float = nan
+    """Cross-section of the fully loaded belt; NaN: not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,10 +137,24 @@ class LiveState:
         self._frame_s = self._health_s = -inf
         self._findings: dict[tuple[str, str], tuple[Finding, int, float]] = {}
         self._maintenance: Maintenance | None = None
-        self._flow = FlowAverage(self.settings.flow_window_s, self.settings.stale_s, monotonic_s=monotonic_s)
-        self._belt = BeltWindow(self.settings.belt_m, self.settings.belt_cell_mm)
+        self._flow, self._belt = self._make_views(self.settings)
         self.durations = DurationHistogram()
         """Histogram of the processing times of frame sets."""
+
+    def _make_views(self, settings: WebSettings) -> tuple[FlowAverage, BeltWindow]:
+        flow = FlowAverage(settings.flow_window_s, settings.stale_s, monotonic_s=self._monotonic_s)
+        return flow, BeltWindow(settings.belt_m, settings.belt_cell_mm)
+
+    def set_settings(self, settings: WebSettings) -> None:
+        """Show the state by other settings from now on; flow and belt begin anew where theirs have changed."""
+        with self._lock:
+            before, self.settings = self.settings, settings
+            flow, belt = self._make_views(settings)
+            if (before.flow_window_s, before.stale_s) != (settings.flow_window_s, settings.stale_s):
+                flow.add(self._records)
+                self._flow = flow
+            if (before.belt_m, before.belt_cell_mm) != (settings.belt_m, settings.belt_cell_mm):
+                self._belt = belt
 
     # events of the engine
 
@@ -155,6 +171,7 @@ class LiveState:
                 event.coverage,
                 event.speed_mm_s,
                 event.largest_lump_mm,
+                event.full_area_mm2,
             )
             self.durations.add(event.seconds)
             for name, image in islice(event.frames.images.items(), _CAMERAS):

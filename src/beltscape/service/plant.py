@@ -22,6 +22,8 @@ from beltscape.service.lifecycle import log_address
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
 from beltscape.service.project import ProjectSettings
+from beltscape.service.production.serving import ServedProduction, serve_production
+from beltscape.service.protocol_users import ServedUsers, describe_provenance
 from beltscape.service.protocols import ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.service.server import RunningServer, check_listening, serve
 
@@ -50,19 +52,35 @@ def run_plant(
     if page:
         check_listening(project.settings.web)  # before the history is opened
     live_state = LiveState(project.settings.web)
-    access = Access(options.data, project.settings.web.access) if page else None
+    has_users = page or project.settings.opcua is not None
+    access = Access(options.data, project.settings.web.access) if has_users else None
     if access is not None:
         options = replace(options, users_trouble=lambda: access.trouble)
     assembled = assemble(project, options, Observers([live_state, LogObserver()]))
     totals_before = assembled.historian.totals
+    users = None if access is None else ServedUsers(access)
+    provenance = describe_provenance(project)
     with (
+        nullcontext() if access is None else closing(access),
+        serve_production(
+            assembled.production, assembled.historian, project, options.data, live_state.on_message
+        ) as made,
         serve_protocols(
-            ProtocolSettings(project.settings.mqtt, project.settings.modbus),
-            ServedPlant(live_state, assembled.historian, assembled.engine.acknowledge),
+            ProtocolSettings(project.settings.mqtt, project.settings.modbus, project.settings.opcua),
+            ServedPlant(
+                live_state,
+                assembled.historian,
+                assembled.engine.acknowledge,
+                users,
+                provenance,
+                assembled.production,
+            ),
             options.data,
             live_state.on_message,
         ),
-        _serve_page(project, access, live_state, assembled) if access else nullcontext() as running,
+        _serve_page(project, access, live_state, assembled, made)
+        if access and page
+        else nullcontext() as running,
     ):
         assembled.engine.start()
         notify("READY=1")
@@ -80,15 +98,19 @@ def run_plant(
 
 @contextmanager
 def _serve_page(
-    project: Project[ProjectSettings], access: Access, live_state: LiveState, assembled: AssembledRun
+    project: Project[ProjectSettings],
+    access: Access,
+    live_state: LiveState,
+    assembled: AssembledRun,
+    production: ServedProduction,
 ) -> Generator[RunningServer]:
     web = project.settings.web
-    with closing(access):
-        running = serve(create_app(live_state, assembled.historian, access, assembled.engine, web), web)
-        try:
-            yield running
-        finally:
-            running.close()
+    app = create_app(live_state, assembled.historian, access, assembled.engine, web, production=production)
+    running = serve(app, web)
+    try:
+        yield running
+    finally:
+        running.close()
 
 
 def make_expiry_counter(certificate: Path | None, key: Path | None) -> Callable[[], float]:

@@ -9,6 +9,7 @@ from beltscape.pipeline.live.alarm_settings import read_alarm_texts
 from beltscape.pipeline.live.project import CaptureSettings, Project, RunSettings, read_project
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
+from beltscape.protocols.opcua.settings import OpcUaSettings
 from beltscape.service.languages import require_language
 from beltscape.service.settings import WebSettings
 from beltscape.sources.encoder.settings import EncoderSettings
@@ -23,6 +24,8 @@ class ProjectSettings(RunSettings):
     """Records, state and alarms to a broker: the table [mqtt]."""
     modbus: ModbusSettings | None = None
     """State and totals as registers: the table [modbus]."""
+    opcua: OpcUaSettings | None = None
+    """State, totals, alarms and history as a server: the table [opcua]."""
 
 
 def open_project(path: Path) -> Project[ProjectSettings]:
@@ -33,8 +36,13 @@ def open_project(path: Path) -> Project[ProjectSettings]:
     files = {key: getattr(web, key) for key in ("tls_certificate", "tls_key")}
     paths = {key: file and project.resolve(file) for key, file in files.items()}
     settings = project.settings.model_copy(update={"web": web.model_copy(update=paths)})
+    settings = settings.model_copy(update=_resolve_production(project))
     if settings.mqtt is not None:
         settings = settings.model_copy(update={"mqtt": _resolve_mqtt(project, settings.mqtt)})
+    if (opcua := settings.opcua) is not None:
+        keys = ("certificate", "key")
+        own = {key: project.resolve(file) for key in keys if (file := getattr(opcua, key))}
+        settings = settings.model_copy(update={"opcua": opcua.model_copy(update=own)})
     return Project(project.path, settings)
 
 
@@ -47,6 +55,19 @@ def _require_languages(project: Project[ProjectSettings]) -> None:
             raise InputError(
                 f"{project.resolve(project.settings.alarms.texts or Path())}: {error}"
             ) from error
+
+
+def _resolve_production(project: Project[ProjectSettings]) -> dict[str, object]:
+    """Return the tables of scale and reports with paths relative to the project's folder made absolute."""
+    scale, reports = project.settings.scale, project.settings.reports
+    if scale is not None and scale.csv is not None:
+        scale = scale.model_copy(update={"csv": project.resolve(scale.csv)})
+    if reports is not None and reports.mail is not None:
+        mail = reports.mail
+        files = {key: getattr(mail, key) for key in ("password_file", "tls_ca")}
+        paths = {key: file and project.resolve(file) for key, file in files.items()}
+        reports = reports.model_copy(update={"mail": mail.model_copy(update=paths)})
+    return {"scale": scale, "reports": reports}
 
 
 def _resolve_mqtt(project: Project[ProjectSettings], mqtt: MqttSettings) -> MqttSettings:

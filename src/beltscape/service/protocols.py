@@ -14,10 +14,13 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError
 from beltscape.core.extras import describe_missing_library
 from beltscape.files.folders.atomic import write_text
+from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
-from beltscape.protocols.plant import PlantState
+from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.plant import PlantState, PlantUsers, Provenance
 from beltscape.service.live_state import LiveState
+from beltscape.service.protocol_users import NoUsers
 from beltscape.sinks.historian import Historian
 
 _END_OF_TIME_NS = 1 << 62
@@ -30,16 +33,29 @@ class ProtocolSettings:
 
     mqtt: MqttSettings | None = None
     modbus: ModbusSettings | None = None
+    opcua: OpcUaSettings | None = None
 
 
 class ServedPlant:
     """The running system as the protocols see it: the live state, the records that are on the disk, and commands."""
 
     def __init__(
-        self, live_state: LiveState, historian: Historian, acknowledge: Callable[[str, str], bool]
+        self,
+        live_state: LiveState,
+        historian: Historian,
+        acknowledge: Callable[[str, str], bool],
+        users: PlantUsers | None = None,
+        provenance: Provenance | None = None,
+        production: ProductionControl | None = None,
     ) -> None:
-        """Join them; ``acknowledge`` takes alarm and user and returns whether the alarm waited for it."""
+        """Join them; ``acknowledge`` takes alarm and user and returns whether the alarm waited for it.
+
+        Without ``users`` nobody can sign in; without ``production`` there are no products and batches.
+        """
+        self.production = production
         self._live_state, self._historian, self._acknowledge = live_state, historian, acknowledge
+        self.users: PlantUsers = users or NoUsers()
+        self.provenance: Provenance = provenance or {}
 
     def read_state(self) -> PlantState:
         """Return the present state."""
@@ -54,6 +70,7 @@ class ServedPlant:
             mass_flow_t_h=flow.mass_t_h,
             mass_flow_sigma_t_h=flow.mass_sigma_t_h,
             area_mm2=flow.area_mm2,
+            full_area_mm2=now.frames.full_area_mm2,
             coverage=flow.coverage,
             speed_m_s=speed * 1e-3 if is_current else nan,
             record=self.read_last_number(),
@@ -63,8 +80,8 @@ class ServedPlant:
             maintenance="" if now.maintenance is None else now.maintenance.reason,
             largest_lump_mm=now.frames.largest_lump_mm if is_current else nan,
             findings=tuple(check.finding for check in self._live_state.list_checks()),
-            product="",
-            batch="",
+            product="" if self.production is None else self.production.tag.product,
+            batch="" if self.production is None else self.production.batch_name,
         )
 
     def read_records(self, after: int, limit: int) -> Sequence[BeltRecord]:
@@ -86,17 +103,22 @@ class ServedPlant:
         if not self._acknowledge(alarm, user):
             raise InputError(f"alarm {alarm!r}: is not waiting to be acknowledged")
 
-    def start_batch(self, name: str, product: str, user: str) -> None:  # noqa: ARG002
-        """Refuse: there are no batches."""
-        raise InputError(f"batch {name!r}: this project has no batches")
+    def start_batch(self, name: str, product: str, user: str) -> None:
+        """Start a batch; ``product`` empty: the present product. InputError if it is refused."""
+        self._require_production().start_batch(name, product, user)
 
-    def stop_batch(self, user: str) -> None:  # noqa: ARG002
-        """Refuse: there are no batches."""
-        raise InputError("batch: this project has no batches")
+    def stop_batch(self, user: str) -> None:
+        """Stop the present batch; InputError if there is none."""
+        self._require_production().stop_batch(user)
 
-    def change_product(self, name: str, user: str) -> None:  # noqa: ARG002
-        """Refuse: there are no products."""
-        raise InputError(f"product {name!r}: this project has no products")
+    def change_product(self, name: str, user: str) -> None:
+        """Make a product the present one; InputError if there is no such product."""
+        self._require_production().change_product(name, user)
+
+    def _require_production(self) -> ProductionControl:
+        if self.production is None:
+            raise InputError("this system has neither products nor batches")
+        return self.production
 
 
 class Served(Protocol):
@@ -179,9 +201,20 @@ def _start_mqtt(
     return publisher
 
 
+def _start_opcua(
+    settings: OpcUaSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
+) -> Served:
+    with _name_library("opcua"):
+        from beltscape.protocols.opcua.server import OpcUaServer
+    server = OpcUaServer(settings, plant, data, tell)
+    server.start()
+    return server
+
+
 STARTERS: Mapping[str, Callable[[Any, ServedPlant, Path, Callable[[str], None]], Served]] = {
     "modbus": _start_modbus,
     "mqtt": _start_mqtt,
+    "opcua": _start_opcua,
 }
 """By the name of its table in project.toml: what serves a protocol."""
 
@@ -204,6 +237,23 @@ def check_modbus(modbus: ModbusSettings) -> str:
     registers = place_registers(modbus)
     last = registers[-1].address + registers[-1].words - 1
     return f"{modbus.host} port {modbus.port}, registers {registers[0].address} to {last}"
+
+
+def check_opcua(opcua: OpcUaSettings) -> str:
+    """Return what would be served; InputError where it cannot be."""
+    with _name_library("opcua"):
+        from beltscape.protocols.opcua.security.certificates import read_certificate
+    given = read_certificate(opcua)
+    own = "a certificate of its own" if given is None else given.describe()
+    return f"{opcua.host} port {opcua.port}, least security {opcua.security}, {own}"
+
+
+CHECKS: Mapping[str, Callable[[Any], str]] = {
+    "mqtt": check_mqtt,
+    "modbus": check_modbus,
+    "opcua": check_opcua,
+}
+"""By the name of its table: returns one line about a protocol; InputError where it cannot be served."""
 
 
 @contextmanager

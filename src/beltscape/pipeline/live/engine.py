@@ -161,6 +161,7 @@ class Engine(OperatorControls):
                 0.0 if depth is None else depth.coverage,
                 outcome.speed_mm_s,
                 gauges.last_lump_mm,
+                gauges.full_area_mm2,
             )
         )
 

@@ -57,6 +57,13 @@ class Access:
             )
         return self._setup_token
 
+    def set_settings(self, settings: AccessSettings) -> None:
+        """Hold sessions, requests and the audit log to other settings from now on."""
+        self.settings = settings
+        self.sessions.set_lives(settings.session_idle_hours * 3600, settings.session_days * 86_400)
+        self.requests.set_rate(settings.requests_per_s, settings.requests_burst)
+        self.audit.set_size(int(settings.audit_file_mb * 1e6), settings.audit_files)
+
     @property
     def trouble(self) -> str:
         """Why nobody can sign in, in one line; empty without a fault."""
@@ -86,11 +93,15 @@ class Access:
 
     def log_in(self, name: str, password: str, address: str) -> str | None:
         """Return a new session's token; None if name or password is wrong. Check ``throttle.wait_s`` first."""
+        user = self.verify_login(name, password, address)
+        return None if user is None else self._open_session(user, address)
+
+    def verify_login(self, name: str, password: str, address: str) -> User | None:
+        """Return the user; None if name or password is wrong. Check ``throttle.wait_s`` first."""
         user = self._verify_password(name, password, address, "login")
-        if user is None:
-            return None
-        self.audit.write("login", user.name, address)
-        return self._open_session(user, address)
+        if user is not None:
+            self.audit.write("login", user.name, address)
+        return user
 
     def change_password(self, user: User, old: str, new: str, address: str) -> str | None:
         """Change the password, end all sessions and return a new one's token; None if ``old`` is wrong."""

@@ -1,0 +1,115 @@
+"""Writes the present state and the new records to the nodes, with status and source timestamp."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
+
+from asyncua import ua
+from asyncua.server.internal_server import InternalServer
+
+from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.protocols.opcua.model.namespaces import CONVEYING, own_id
+from beltscape.protocols.opcua.model.quantities import QUANTITIES, RECORD_QUANTITIES
+from beltscape.protocols.plant import Plant, PlantState
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_BATCH = 200
+"""Records that are read at once; all new ones are shown one after the other."""
+_STATES = {"NotAvailable": 5134, "OutOfService": 5135, "Executing": 5136, "NotExecuting": 5137}
+"""States of the conveyor's state machine and their numbers in OPC 40563-4."""
+_STILL_M_S = 0.001
+"""Speed below which the belt stands: far below any conveying speed."""
+
+
+def to_datetime(wall_ns: int) -> datetime:
+    """Return a time of the system clock, to 1 µs."""
+    return _EPOCH + timedelta(microseconds=wall_ns // 1000)
+
+
+def make_value(value: float, status: int, wall_ns: int) -> ua.DataValue:
+    """Return a number with status and source timestamp."""
+    variant = ua.Variant(value, ua.VariantType.Double)
+    return ua.DataValue(variant, ua.StatusCode(status), SourceTimestamp=to_datetime(wall_ns))
+
+
+def make_count(value: int, wall_ns: int) -> ua.DataValue:
+    """Return a whole number, 64 bits, with source timestamp."""
+    return ua.DataValue(ua.Variant(value, ua.VariantType.UInt64), SourceTimestamp=to_datetime(wall_ns))
+
+
+class Publication:
+    """Shows the plant's state; all values of one update are written before any request is answered."""
+
+    def __init__(self, server: InternalServer, plant: Plant) -> None:
+        self._server, self._plant = server, plant
+        self._record = max(plant.read_last_number() - 1, 0)
+
+    async def update(self, state: PlantState) -> None:
+        """Show a state and the records since the last update."""
+        for path, value in self._list_values(state):
+            await self._write(path, value)
+        await self._show_records()
+
+    def _list_values(self, state: PlantState) -> Iterator[tuple[str, ua.DataValue]]:
+        for quantity in QUANTITIES:
+            value = quantity.read(state)
+            yield quantity.path, make_value(value, quantity.find_status(state, value), state.wall_ns)
+        time = to_datetime(state.wall_ns)
+        for path, variant in _list_facts(state):
+            yield path, ua.DataValue(variant, SourceTimestamp=time)
+
+    async def _show_records(self) -> None:
+        """Write each new record in turn, so that a subscription with a queue misses none."""
+        if self._plant.read_last_number() < self._record:  # another ledger
+            self._record = 0
+        while records := self._plant.read_records(self._record, _BATCH):
+            for record in records:
+                for path, value in _list_record_values(record):
+                    await self._write(path, value)
+            self._record = records[-1].number
+
+    async def _write(self, path: str, value: ua.DataValue) -> None:
+        await self._server.write_attribute_value(own_id(path), value)
+
+
+def _list_record_values(record: BeltRecord) -> Iterator[tuple[str, ua.DataValue]]:
+    for quantity in RECORD_QUANTITIES:
+        value = quantity.read(record)
+        if quantity.is_count:
+            yield quantity.path, make_count(int(value), record.wall_ns)
+        else:
+            yield quantity.path, make_value(value, quantity.find_status(record, value), record.wall_ns)
+
+
+def _list_facts(state: PlantState) -> Iterator[tuple[str, ua.Variant]]:
+    """Yield the values without a unit."""
+    texts = {"Quality": state.standing, "Maintenance": state.maintenance}
+    texts |= {"Product": state.product, "Batch": state.batch}
+    for name, text in texts.items():
+        yield f"Belt.Monitoring.Status.{name}", ua.Variant(text, ua.VariantType.String)
+    active = sum(alarm.state in ("raised", "acknowledged") for alarm in state.alarms)
+    waiting = sum(alarm.state in ("raised", "gone") for alarm in state.alarms)
+    counts = {
+        "Belt.Monitoring.Health.CamerasOk": sum(camera.state == "ok" for camera in state.cameras),
+        "Belt.Monitoring.Health.Cameras": len(state.cameras),
+        "Belt.Monitoring.Health.Faults": sum(finding.is_fault for finding in state.findings),
+        "Belt.Alarms.Active": active,
+        "Belt.Alarms.Unacknowledged": waiting,
+    }
+    for path, count in counts.items():
+        yield path, ua.Variant(count, ua.VariantType.UInt32)
+    yield "Belt.Totals.Records", ua.Variant(state.totals.records, ua.VariantType.UInt64)
+    name = _find_machine_state(state)
+    path = "Belt.Monitoring.Status.MachineryItemState.CurrentState"
+    yield path, ua.Variant(ua.LocalizedText(name), ua.VariantType.LocalizedText)
+    yield f"{path}.Id", ua.Variant(ua.NodeId(_STATES[name], CONVEYING), ua.VariantType.NodeId)
+
+
+def _find_machine_state(state: PlantState) -> str:
+    if state.maintenance:
+        return "OutOfService"
+    if not math.isfinite(state.speed_m_s):
+        return "NotAvailable"
+    return "Executing" if abs(state.speed_m_s) > _STILL_M_S else "NotExecuting"

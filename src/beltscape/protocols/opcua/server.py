@@ -1,0 +1,192 @@
+"""The server: an event loop in a thread of its own, which reads the plant's ready state and answers clients.
+
+No frame waits for it: it shares nothing with the measurement but the state's lock, which is held for microseconds.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Protocol
+
+from asyncua import ua
+
+from beltscape.core.errors import InputError
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.protocols.opcua.commands import Commands
+from beltscape.protocols.opcua.conditions import Conditions
+from beltscape.protocols.opcua.findings import Findings
+from beltscape.protocols.opcua.history import RecordHistory
+from beltscape.protocols.opcua.model.belt import add_belt
+from beltscape.protocols.opcua.model.builder import Builder
+from beltscape.protocols.opcua.model.namespaces import URIS
+from beltscape.protocols.opcua.model.types import add_types
+from beltscape.protocols.opcua.publication import Publication
+from beltscape.protocols.opcua.security.certificates import ClientCertificates, open_own_certificate
+from beltscape.protocols.opcua.security.sessions import GuardedServer
+from beltscape.protocols.opcua.security.transport import BoundedServer, make_limits
+from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.plant import Plant, PlantCommands, PlantUsers, Provenance
+
+_START_S = 60.0
+"""Time for the server to listen: the standard nodes take a second of a free core."""
+_USERS_S = 5.0
+"""Interval at which sessions of removed users are ended."""
+_POLICIES = {
+    "encrypt": [ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt],
+    "sign": [
+        ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+        ua.SecurityPolicyType.Basic256Sha256_Sign,
+    ],
+    "none": [
+        ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt,
+        ua.SecurityPolicyType.Basic256Sha256_Sign,
+        ua.SecurityPolicyType.NoSecurity,
+    ],
+}
+"""Policies by the least security of the settings."""
+
+
+class ServedPlant(Plant, PlantCommands, Protocol):
+    """The running system, its commands and its users."""
+
+    @property
+    def users(self) -> PlantUsers:
+        """Return the users of the service."""
+        ...
+
+    @property
+    def provenance(self) -> Provenance:
+        """Return what the values come from."""
+        ...
+
+
+class OpcUaServer:
+    """Serves a plant until it is closed."""
+
+    def __init__(
+        self,
+        settings: OpcUaSettings,
+        plant: ServedPlant,
+        data: Path,
+        on_message: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """Prepare; ``data`` is the service's data folder.
+
+        Raises
+        ------
+        InputError
+            If the certificate or key of the settings cannot be used.
+        OutputError
+            If the certificate that the service makes cannot be written.
+        """
+        self._settings, self._plant, self._on_message = settings, plant, on_message
+        self.own = open_own_certificate(settings, data)
+        """The server's certificate."""
+        self._clients = ClientCertificates(data, any_valid=settings.clients == "any")
+        self._stop, self._listening = threading.Event(), threading.Event()
+        self._thread = make_supervised_thread("opcua", self._run, self._on_failure, self._stop.wait)
+        self._failure = ""
+        self.port = settings.port
+        """TCP port that is listened on, once it is."""
+
+    def start(self) -> None:
+        """Start listening.
+
+        Raises
+        ------
+        InputError
+            If the address is in use or not allowed.
+        """
+        # the library logs every malformed request with its traceback, which would let anybody fill the log
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL)
+        self._thread.start()
+        if not self._listening.wait(_START_S) or self._failure:
+            self._stop.set()
+            raise InputError(
+                f"[opcua]: {self._settings.host} port {self._settings.port} cannot be listened on"
+                f" ({self._failure or 'no answer'}); choose another port or address"
+            )
+
+    def close(self, patience_s: float = 5.0) -> None:
+        """Stop listening; the sessions end."""
+        self._stop.set()
+        self._thread.join(patience_s)
+
+    def _run(self) -> None:
+        asyncio.run(self._serve())
+
+    async def _serve(self) -> None:
+        guarded = GuardedServer(self._settings, self._clients, self._plant.users)
+        guarded.history_manager = RecordHistory(self._plant)
+        server = BoundedServer(iserver=guarded)
+        await self._configure(server)
+        builder = Builder(guarded)
+        add_types(builder)
+        add_belt(builder, self._settings, self.own.application, self._plant.provenance)
+        commands = Commands(guarded, builder, self._plant, self._plant.users)
+        publication = Publication(guarded, self._plant)
+        conditions = Conditions(guarded, builder, commands)
+        findings = Findings(guarded, builder)
+        await publication.update(self._plant.read_state())
+        try:
+            await server.start()
+        except OSError as error:
+            self._failure = str(error)
+            self._listening.set()
+            return
+        self.port = server.bserver.port if server.bserver is not None else self._settings.port
+        self._listening.set()
+        try:
+            users_s = 0.0
+            while not self._stop.is_set():
+                state = self._plant.read_state()
+                await publication.update(state)
+                await conditions.update(state)
+                await findings.update(state)
+                users_s += self._settings.update_every_s
+                if users_s >= _USERS_S:
+                    users_s = 0.0
+                    await guarded.end_orphaned_sessions()
+                await self._pause()
+        finally:
+            await server.stop()
+
+    async def _configure(self, server: BoundedServer) -> None:
+        """Set names, certificate and policies, and register the namespaces in their order."""
+        from beltscape import __version__
+
+        server.limits = make_limits()
+        await server.init()
+        await server.set_application_uri(self.own.application)
+        server.set_server_name(f"Beltscape {self._settings.name}")
+        server.product_uri, server.manufacturer_name = "urn:beltscape", "Beltscape"
+        server.application_type = ua.ApplicationType.Server
+        name = f"Beltscape {self._settings.name}"
+        await server.set_build_info(
+            "urn:beltscape", "Beltscape", name, __version__, __version__, datetime.now(UTC)
+        )
+        server.set_endpoint(f"opc.tcp://{self._settings.host}:{self._settings.port}/")
+        server.iserver.certificate, server.iserver.private_key = self.own.certificate, self.own.key
+        server.set_security_policy(_POLICIES[self._settings.security])
+        tokens: list[type] = [ua.UserNameIdentityToken]
+        if self._settings.anonymous_role is not None:
+            tokens.append(ua.AnonymousIdentityToken)
+        server.set_identity_tokens(tokens)
+        for uri in URIS.values():
+            await server.register_namespace(uri)
+
+    async def _pause(self) -> None:
+        """Wait for the period, or until the end."""
+        left_s = self._settings.update_every_s
+        while left_s > 0 and not self._stop.is_set():
+            step_s = min(left_s, 0.5)
+            await asyncio.sleep(step_s)
+            left_s -= step_s
+
+    def _on_failure(self, failure: str) -> None:
+        self._on_message(f"opcua: {failure}; it starts again")

@@ -130,7 +130,8 @@ def compare(weighing: Weighing, sums: ProductionSums, product: ProductSettings |
     if not reason and (missing > _MOST_MISSING or sums.volume_mm3 <= 0):
         reason = "no load was measured" if sums.volume_mm3 <= 0 else "too much belt was not measured"
     if reason:
-        return Comparison(weighing, *6 * (math.nan,), reason)
+        nan = math.nan
+        return Comparison(weighing, nan, nan, nan, nan, nan, nan, reason)
     whole = 1 / (1 - missing)
     guess = 2 * _UNIFORM * missing * whole
     volume_m3 = sums.volume_mm3 * whole * 1e-9

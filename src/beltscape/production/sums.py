@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, fields
+from dataclasses import astuple, dataclass, fields, replace
+from operator import add
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 
@@ -36,7 +37,7 @@ class ProductionSums:
 
     def __add__(self, other: ProductionSums) -> ProductionSums:
         """Return the sums of both."""
-        return ProductionSums(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+        return ProductionSums(*map(add, astuple(self), astuple(other)))
 
     @property
     def sigma_mm3(self) -> float:
@@ -72,21 +73,24 @@ COLUMNS = tuple(field.name for field in fields(ProductionSums))
 
 def sum_record(record: BeltRecord) -> ProductionSums:
     """Return what one record adds."""
-    lengths = {f"{record.standing}_mm": float(record.length_mm)}
+    passed = ProductionSums(records=1)
+    passed = replace(passed, **{f"{record.standing}_mm": float(record.length_mm)})
     strip = record.strip
     volume = record.volume_mm3
     if strip is None or record.standing == "missing" or not math.isfinite(volume):
-        return ProductionSums(records=1, **lengths)
+        return passed
     sigma = strip.sigma_mm3 if math.isfinite(strip.sigma_mm3) else 0.0
     common = min(strip.common_sigma_mm3, sigma) if math.isfinite(strip.common_sigma_mm3) else sigma
     variance = max(sigma**2 - common**2, 0.0)
     density = strip.density_kg_m3 * 1e-9
     if not math.isfinite(density):
         unweighed = int(volume != 0.0)
-        return ProductionSums(1, volume, variance, common, unweighed=unweighed, **lengths)
+        return replace(
+            passed, volume_mm3=volume, variance_mm6=variance, common_mm3=common, unweighed=unweighed
+        )
     density_sigma = strip.density_sigma_kg_m3 if math.isfinite(strip.density_sigma_kg_m3) else 0.0
-    return ProductionSums(
-        records=1,
+    return replace(
+        passed,
         volume_mm3=volume,
         variance_mm6=variance,
         common_mm3=common,
@@ -94,5 +98,4 @@ def sum_record(record: BeltRecord) -> ProductionSums:
         mass_variance_kg2=variance * density**2,
         mass_common_kg=common * density,
         density_common_kg=volume * density_sigma * 1e-9,
-        **lengths,
     )

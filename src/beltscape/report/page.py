@@ -82,9 +82,24 @@ class Section:
     items: Sequence[Item]
 
 
-def render(title: str, verdict: str, sections: Sequence[Section], *, warnings: Sequence[str] = ()) -> str:
-    """Return the page as text."""
-    return _template().render(title=title, verdict=verdict, sections=sections, warnings=warnings)
+def render(
+    title: str,
+    verdict: str,
+    sections: Sequence[Section],
+    *,
+    warnings: Sequence[str] = (),
+    language: str = "en",
+    warnings_title: str = "Worth knowing",
+) -> str:
+    """Return the page as text; ``language`` is that of its texts."""
+    return _template().render(
+        title=title,
+        verdict=verdict,
+        sections=sections,
+        warnings=warnings,
+        language=language,
+        warnings_title=warnings_title,
+    )
 
 
 @cache

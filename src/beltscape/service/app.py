@@ -9,20 +9,35 @@ from beltscape import __version__
 from beltscape.core.live import Controls
 from beltscape.service import live_stream, metrics
 from beltscape.service.access import Access, install_access
+from beltscape.service.api import alarms, export, health, images, pictures, state, zero
 from beltscape.service.api import controls as controls_api
-from beltscape.service.api import export, health, images, pictures, state, zero
 from beltscape.service.api import history as history_api
+from beltscape.service.api import production as production_api
+from beltscape.service.api import reports as reports_api
+from beltscape.service.api import settings as settings_api
 from beltscape.service.api.common import AppContext
+from beltscape.service.changes.reloader import SettingsReloader
 from beltscape.service.live_state import LiveState
+from beltscape.service.production.serving import ServedProduction
 from beltscape.service.settings import WebSettings
 from beltscape.service.static import FOLDER, make_static_files
 from beltscape.sinks.historian import Historian
 
 
 def create_app(
-    live_state: LiveState, history: Historian, access: Access, controls: Controls, settings: WebSettings
+    live_state: LiveState,
+    history: Historian,
+    access: Access,
+    controls: Controls,
+    settings: WebSettings,
+    reloader: SettingsReloader | None = None,
+    production: ServedProduction | None = None,
 ) -> FastAPI:
-    """Return the application: page, API (described at /api/openapi.json), WebSocket, metrics and access."""
+    """Return the application: page, API (described at /api/openapi.json), WebSocket, metrics and access.
+
+    ``reloader`` reads the settings again for engineers; None: the page's part for it stays away;
+    without ``production`` so do products, batches and reports.
+    """
     app = FastAPI(
         title="Beltscape",
         version=__version__,
@@ -32,9 +47,14 @@ def create_app(
         redoc_url=None,
     )
     live_state.restore_totals(history.totals)
-    context = AppContext(live_state, history, controls, settings)
-    for module in (state, pictures, controls_api, history_api, export, health, images, zero, metrics):
+    live_state.set_settings(settings)
+    context = AppContext(live_state, history, controls, production)
+    for module in (state, pictures, alarms, controls_api, history_api, export, health, images, zero, metrics):
         app.include_router(module.make_router(context))
+    for module in (production_api, reports_api):
+        app.include_router(module.make_router(context))
+    if reloader is not None:
+        app.include_router(settings_api.make_router(reloader))
     live_stream.add_live_route(app, context)
     app.mount("/page", make_static_files(), name="page")
 

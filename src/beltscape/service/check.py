@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from contextlib import closing
+from functools import partial
 
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.check import is_running, list_checks
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access.identity.database import FILE, Database
+from beltscape.service.production.reports import check_reports
 from beltscape.service.project import ProjectSettings
-from beltscape.service.protocols import check_modbus, check_mqtt
+from beltscape.service.protocols import CHECKS
 from beltscape.service.server import check_listening
 
 
@@ -28,10 +30,13 @@ def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: 
     if page:
         checks.append(("page", lambda: _page_line(project)))
         checks.append(("users", lambda: _users_line(project)))
-    if (mqtt := project.settings.mqtt) is not None:
-        checks.append(("mqtt", lambda: check_mqtt(mqtt)))
-    if (modbus := project.settings.modbus) is not None:
-        checks.append(("modbus", lambda: check_modbus(modbus)))
+    reports = project.settings.reports
+    if reports is not None:
+        zone = project.settings.production.time_zone
+        checks.append(("reports", lambda: check_reports(reports, zone)))
+    for table, check_protocol in CHECKS.items():
+        if (settings := getattr(project.settings, table)) is not None:
+            checks.append((table, partial(check_protocol, settings)))
     for name, check in checks:
         try:
             lines[name] = check()

@@ -21,8 +21,8 @@ from beltscape.service.app import create_app
 from beltscape.service.lifecycle import log_address
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
-from beltscape.service.project import ProjectSettings
 from beltscape.service.production.serving import ServedProduction, serve_production
+from beltscape.service.project import ProjectSettings
 from beltscape.service.protocol_users import ServedUsers, describe_provenance
 from beltscape.service.protocols import ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.service.server import RunningServer, check_listening, serve

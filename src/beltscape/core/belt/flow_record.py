@@ -56,7 +56,7 @@ class FlowRecord:
     reason: str = ""
     """The faults that were found in its frames, in one line; empty without a fault."""
     common_sigma_mm3: float = math.nan
-    """The part of ``sigma_mm3`` that other strips share; it does not average out. NaN: not known, all of it may be."""
+    """The part of ``sigma_mm3`` that other strips share; it does not average out. NaN: not known, up to all."""
     density_sigma_kg_m3: float = math.nan
     """One standard deviation of the density, common to all strips of a product; NaN: not known."""
 

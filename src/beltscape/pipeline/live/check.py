@@ -86,7 +86,9 @@ def _describe_rig(rig: Rig) -> str:
 
 def _describe_density(project: Project[RunSettings]) -> str:
     density = read_density(project)
-    given = project.settings.density
+    given, products = project.settings.density, project.settings.products
+    if products:
+        return f"{len(products)} products: {', '.join(product.name for product in products)}"
     if given.kg_m3 is not None:
         return f"{given.kg_m3:g} kg/m³"
     return (

@@ -33,13 +33,14 @@ class Entry:
 
     text: str
     role: str
-    """Role of its colour in the palette."""
+    """Role of its colour in the palette, or a colour "#rrggbb" of its own."""
     mark: Mark = "line"
 
     @property
     def sample(self) -> str:
         """Return the mark as an SVG element."""
-        body = _MARKS[self.mark].replace('"C"', f'"{variable(self.role)}"')
+        colour = self.role if self.role.startswith("#") else variable(self.role)
+        body = _MARKS[self.mark].replace('"C"', f'"{colour}"')
         return f'<svg class="sample" viewBox="0 0 22 14" aria-hidden="true">{body}</svg>'
 
 

@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from beltscape.report.drawing.palette import css_color, light
+from beltscape.report.drawing.panel_layout import PanelLayout
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,8 +40,6 @@ class Form:
 WIDE, NARROW = Form(800.0, narrow=False), Form(300.0, narrow=True)
 """For screens from 900 px and paper, and for phones."""
 
-_LAYOUT_PASSES = 2
-"""Layout passes before drawing, because ticks and the space for them depend on each other."""
 _TALLEST = 420.0
 """Largest height of a map, points, so that it fits on a screen."""
 _FADED_ALPHA = 90
@@ -84,7 +83,7 @@ def make_panels(
     rows = -(-count // columns)
     each = narrow_height if form.narrow and narrow_height is not None else height
     with mpl.rc_context(dict(STYLE)):
-        figure = Figure(figsize=(form.width / 72, each * rows / 72), layout="constrained")
+        figure = Figure(figsize=(form.width / 72, each * rows / 72), layout=PanelLayout())
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
     for unused in axes[count:]:
         unused.set_visible(False)
@@ -129,9 +128,6 @@ def to_svg(plot: Callable[[Form], Figure], form: Form) -> str:
     """Return a plot as an SVG element whose text is text and whose colours follow the page's scheme."""
     with mpl.rc_context(dict(STYLE)):
         figure, buffer = plot(form), StringIO()
-        if layout := figure.get_layout_engine():
-            for _ in range(_LAYOUT_PASSES):
-                layout.execute(figure)
         nothing: dict[str, None] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)
     svg = buffer.getvalue()

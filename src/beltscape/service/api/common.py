@@ -11,6 +11,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from beltscape.core.live import Controls
 from beltscape.service.live_state import LiveState
+from beltscape.service.production.serving import ServedProduction
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 
@@ -29,7 +30,13 @@ class AppContext:
     live_state: LiveState
     history: Historian
     controls: Controls
-    settings: WebSettings
+    production: ServedProduction | None = None
+    """Products, batches, shifts and reports; None: there are none."""
+
+    @property
+    def settings(self) -> WebSettings:
+        """The page's settings, which may change while it is served."""
+        return self.live_state.settings
 
 
 class ResponseModel(BaseModel):

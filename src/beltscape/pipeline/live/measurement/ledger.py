@@ -40,7 +40,7 @@ class _PendingFrame:
     """Belt position by the meter; None if it has none."""
     is_encoder_trusted: bool = True
     """Whether encoder and material agree as far as both are known."""
-    tag: RecordTag = RecordTag()
+    tag: RecordTag = _NO_TAG
 
 
 class Ledger:

@@ -24,8 +24,9 @@ def build_policy(script_hashes: tuple[str, ...] = ()) -> str:
 
 
 def add_security_headers(send: Send, content_policy: str, *, https: bool) -> Send:
-    """Return ``send`` that adds the headers to every response; a response's own caching header is kept."""
-    added = {**_ALWAYS, "content-security-policy": content_policy}
+    """Return ``send`` that adds the headers to every response; its own caching header and content policy are kept."""
+    policy = (b"content-security-policy", content_policy.encode())
+    added = dict(_ALWAYS)
     if https:
         added["strict-transport-security"] = "max-age=31536000"
     pairs = [(name.encode(), value.encode()) for name, value in added.items()]
@@ -35,6 +36,8 @@ def add_security_headers(send: Send, content_policy: str, *, https: bool) -> Sen
             own = [(name, value) for name, value in message.get("headers", []) if name.lower() != b"server"]
             if not any(name.lower() == b"cache-control" for name, _ in own):
                 own.append((b"cache-control", b"no-store"))
+            if not any(name.lower() == policy[0] for name, _ in own):
+                own.append(policy)
             message = {**message, "headers": [*own, *pairs]}
         await send(message)
 

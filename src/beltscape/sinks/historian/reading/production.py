@@ -77,7 +77,8 @@ def _make_batch(connection: sqlite3.Connection, row: Sequence[Any]) -> Batch:
     )
     by_product = tuple((each[0], ProductionSums(*each[1:])) for each in sums)
     is_complete = row[4] is not None and _has_passed(connection, row[0])
-    return Batch(*row, by_product, is_complete)
+    number, name, started_ns, started_by, ended_ns, ended_by = row
+    return Batch(number, name, started_ns, started_by, ended_ns, ended_by, by_product, is_complete)
 
 
 def _has_passed(connection: sqlite3.Connection, batch: int) -> bool:

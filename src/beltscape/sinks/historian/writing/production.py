@@ -73,7 +73,7 @@ def forget_production(connection: sqlite3.Connection, until_ns: int) -> None:
 
 
 def salvage_production(damaged: Path, connection: sqlite3.Connection) -> None:
-    """Copy what can still be read of a damaged database's batches, product changes and readings; within a transaction."""
+    """Copy what is readable of a damaged database's batches, product changes and readings; within a transaction."""
     with (
         suppress(sqlite3.Error),
         closing(sqlite3.connect(f"{damaged.absolute().as_uri()}?mode=ro", uri=True)) as old,

@@ -1,0 +1,75 @@
+"""The words of a report in a language, and numbers and times as they are written in it.
+
+A language is a file ``languages/<code>.json``; another one is added by adding its file.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cache
+from importlib.resources import files
+from math import floor, isfinite, log10
+from zoneinfo import ZoneInfo
+
+from beltscape.core.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Texts:
+    """The words of one language, with the time zone of its times."""
+
+    words: Mapping[str, str]
+    zone: ZoneInfo
+
+    def __call__(self, key: str, **values: str) -> str:
+        """Return a text with its values."""
+        return self.words[key].format(**values)
+
+    def number(self, value: float | None, digits: int) -> str:
+        """Return a number with that many digits behind the point; a dash where it is not known."""
+        if value is None or not isfinite(value):
+            return "–"
+        text = f"{value:,.{digits}f}".replace("-", "−")
+        marks = str.maketrans({",": self.words["group"], ".": self.words["decimal"]})
+        return text.translate(marks)
+
+    def with_sigma(self, value: float | None, sigma: float | None) -> str:
+        """Return value ± σ to two significant digits of σ (GUM 7.2.6)."""
+        if value is None or sigma is None or not (isfinite(value) and isfinite(sigma)):
+            return "–"
+        digits = 3 if sigma <= 0 else min(max(1 - floor(log10(sigma)), 0), 6)
+        return f"{self.number(value, digits)} ± {self.number(sigma, digits)}"
+
+    def moment(self, wall_ms: int) -> str:
+        """Return local date and time to the minute."""
+        return f"{self._local(wall_ms):{self.words['moment']}}"
+
+    def clock(self, wall_ms: int) -> str:
+        """Return the local time of day."""
+        return f"{self._local(wall_ms):%H:%M}"
+
+    def _local(self, wall_ms: int) -> datetime:
+        return datetime.fromtimestamp(wall_ms / 1000, UTC).astimezone(self.zone)
+
+
+def open_texts(language: str, zone: str) -> Texts:
+    """Return the texts of a language; InputError with the languages that there are if it is none of them."""
+    languages = list_languages()
+    if language not in languages:
+        raise InputError(f"[reports] language = {language!r}: there are {', '.join(languages)}")
+    return Texts(_read(language), ZoneInfo(zone))
+
+
+def list_languages() -> list[str]:
+    """Return the codes of all languages."""
+    folder = files("beltscape.report.production") / "languages"
+    return sorted(file.name.removesuffix(".json") for file in folder.iterdir() if file.name.endswith(".json"))
+
+
+@cache
+def _read(language: str) -> Mapping[str, str]:
+    file = files("beltscape.report.production") / "languages" / f"{language}.json"
+    return json.loads(file.read_text(encoding="utf-8"))

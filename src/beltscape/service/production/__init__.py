@@ -1,0 +1,1 @@
+"""Production beside the measurement: figures, the belt scale's counter, reports and their mail."""

@@ -1,0 +1,239 @@
+"""The reports of shifts and days: written when they are over, rendered by a process of its own, and mailed."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from time import monotonic, time_ns
+
+from beltscape.core.errors import BeltscapeError, InputError, OutputError
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.files.folders.atomic import ensure_output_folder, write_text
+from beltscape.production.settings import ReportSettings
+from beltscape.production.shifts import Period, PeriodKind
+from beltscape.report.production.document import ChangeOut, FlowOut, ReportDocument
+from beltscape.report.production.pdf import require_pdf
+from beltscape.report.production.summary import make_title, summarise
+from beltscape.report.production.texts import open_texts
+from beltscape.service.production.figures import ProductionFigures
+from beltscape.service.production.mail import (
+    UNSENT,
+    MailError,
+    Report,
+    make_context,
+    read_password,
+    send_unsent,
+)
+from beltscape.sinks.historian import Historian
+
+_POLL_S = 10.0
+"""Interval at which finished shifts are looked for. Chosen."""
+_SETTLE_NS = 60 * 10**9
+"""Wait after the end of a shift, until its last records are written."""
+_CATCH_UP_NS = 7 * 86_400 * 10**9
+"""Shifts that ended while nothing ran get their reports up to this age. Chosen."""
+_RENDER_S = 300.0
+"""Time for rendering a report; it takes some seconds."""
+_FLOW_POINTS = 96
+"""Bars of the flow: quarters of an hour of a day."""
+_KEY = re.compile(r"\d{8}T\d{4}Z_(shift|day)")
+_MS_NS = 1_000_000
+_DAY_NS = 86_400 * 10**9
+_NICE = 10
+"""Priority of rendering below the measurement."""
+
+
+def check_reports(settings: ReportSettings, zone: str) -> str:
+    """Return what would be reported; InputError where it cannot be."""
+    open_texts(settings.language, zone)
+    if settings.pdf:
+        require_pdf()
+    what = " and ".join(name for name in ("shifts", "days") if getattr(settings, name)) or "nothing"
+    if settings.mail is None:
+        return f"{what}, in {settings.folder}"
+    read_password(settings.mail)
+    make_context(settings.mail)
+    return f"{what}, in {settings.folder}, mailed by {settings.mail.host} port {settings.mail.server_port}"
+
+
+class ReportWriter:
+    """Writes and mails the reports that are due, in a thread of its own, until it is closed."""
+
+    def __init__(
+        self,
+        settings: ReportSettings,
+        figures: ProductionFigures,
+        historian: Historian,
+        data: Path,
+        plant: str,
+        on_message: Callable[[str], None],
+    ) -> None:
+        """Prepare; ``data`` is the folder of a relative ``settings.folder``.
+
+        Raises
+        ------
+        InputError
+            If the language, the PDF library or a file of the mail is missing.
+        """
+        check_reports(settings, figures.control.settings.time_zone)
+        self.folder = ensure_output_folder(data / settings.folder)
+        self._settings, self._figures, self._historian = settings, figures, historian
+        self._plant, self._on_message = plant, on_message
+        kinds: Sequence[tuple[PeriodKind, bool]] = (
+            ("shift", settings.shifts and bool(figures.control.settings.shifts)),
+            ("day", settings.days),
+        )
+        self._kinds = [kind for kind, is_on in kinds if is_on]
+        self._empty: set[str] = set()
+        """Shifts and days in which nothing ran."""
+        self._stop, self._trouble, self._next_mail_s = threading.Event(), "", 0.0
+        self._thread = make_supervised_thread("reports", self._run, self._tell, self._stop.wait)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def close(self, patience_s: float = 5.0) -> None:
+        """Stop it; a mail that is not sent waits for the next start."""
+        self._stop.set()
+        self._thread.join(patience_s)
+
+    def list_keys(self) -> list[str]:
+        """Return the names of all reports, newest first."""
+        return sorted((path.stem for path in self.folder.glob("*.html")), reverse=True)
+
+    def find_file(self, key: str, ending: str) -> Path | None:
+        """Return a file of a report; None if there is none of that name."""
+        if not _KEY.fullmatch(key):
+            return None
+        path = self.folder / f"{key}{ending}"
+        return path if path.is_file() else None
+
+    def is_mailed(self, key: str) -> bool:
+        """Return whether a report was handed to the mail server."""
+        return self._settings.mail is not None and not (self.folder / f"{key}{UNSENT}").exists()
+
+    def read(self, key: str) -> ReportDocument:
+        """Return the figures of a report; InputError if its file is damaged."""
+        path = self.folder / f"{key}.json"
+        try:
+            return ReportDocument.model_validate_json(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())[:200]})") from error
+
+    def write_due(self, now_ns: int) -> list[str]:
+        """Write the reports of all shifts and days that are over and have none; return their names."""
+        written: list[str] = []
+        first_ns = self._historian.totals.since_ns
+        if first_ns is None:
+            return written
+        for kind in self._kinds:
+            for period in self._figures.list_periods(kind, max(first_ns, now_ns - _CATCH_UP_NS), now_ns):
+                if self._is_due(period, now_ns) and self._write(period, now_ns):
+                    written.append(period.key)
+        if written:
+            self._remove_old(now_ns)
+        return written
+
+    def _is_due(self, period: Period, now_ns: int) -> bool:
+        is_over = period.until_ns + _SETTLE_NS <= now_ns
+        return is_over and period.key not in self._empty and self.find_file(period.key, ".html") is None
+
+    def compose(self, period: Period, now_ns: int) -> ReportDocument:
+        """Return the figures of a shift or a day."""
+        control, since, until = self._figures.control, period.since_ns, period.until_ns
+        shifts = self._figures.list_periods("shift", since, until) if period.kind == "day" else []
+        changes = [*control.history.changes(0, since)[-1:], *control.history.changes(since, until)]
+        series = self._historian.series(since, until, _FLOW_POINTS)
+        return ReportDocument(
+            plant=self._plant,
+            language=self._settings.language,
+            time_zone=control.settings.time_zone,
+            made_ms=now_ns // _MS_NS,
+            period=self._figures.count_period(period),
+            shifts=[self._figures.count_period(shift) for shift in shifts],
+            batches=self._figures.list_batches(since, until)[::-1],
+            changes=[ChangeOut(at_ms=c.wall_ns // _MS_NS, product=c.product, by=c.by) for c in changes],
+            flow=FlowOut(
+                width_ms=series.width_ns // _MS_NS,
+                start_ms=[int(each) // _MS_NS for each in series.start_ns],
+                m3_h=[float(each) for each in series.flow_m3_h],
+            ),
+            colours={product.name: product.colour for product in control.products},
+        )
+
+    def _write(self, period: Period, now_ns: int) -> bool:
+        """Write the report of a period; return whether it has any records to report."""
+        document = self.folder / f"{period.key}.json"
+        figures = self.compose(period, now_ns)
+        if not figures.period.totals.records:
+            self._empty.add(period.key)
+            return False
+        write_text(document, figures.model_dump_json(indent=1) + "\n")
+        if self._settings.mail is not None:
+            write_text(self.folder / f"{period.key}{UNSENT}", "")
+        command = [sys.executable, "-m", "beltscape.report.production", str(document)]
+        command += ["--pdf"] if self._settings.pdf else []
+        self._render(command)
+        self._historian.add_event("report", period.key, make_title(figures))
+        return True
+
+    def _render(self, command: list[str]) -> None:
+        """Render in a process of its own, so that no frame waits for it."""
+        if os.name == "posix":
+            command = ["nice", "-n", str(_NICE), *command]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=_RENDER_S, check=False, text=True)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise OutputError(f"[reports]: {command[-1]}: cannot be rendered ({error})") from error
+        if done.returncode:
+            lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+            raise OutputError(f"[reports]: {command[-1]}: cannot be rendered ({lines[-1][:200]})")
+
+    def mail(self) -> None:
+        """Offer the reports that are not mailed yet. MailError if one is not taken."""
+        if self._settings.mail is None:
+            return
+        refused = send_unsent(self._settings.mail, self.folder, self._summarise)
+        if refused:
+            self._on_message(f"[reports.mail] to: the server refused {', '.join(sorted(set(refused)))}")
+
+    def _summarise(self, key: str) -> Report:
+        document = self.read(key)
+        return Report(key, make_title(document), summarise(document), document.made_ms)
+
+    def _remove_old(self, now_ns: int) -> None:
+        oldest_s = (now_ns - self._settings.keep_days * _DAY_NS) / 1e9
+        for path in self.folder.iterdir():
+            if path.suffix in (".html", ".pdf", ".json") and path.stat().st_mtime < oldest_s:
+                path.unlink(missing_ok=True)
+
+    def _run(self) -> None:
+        while True:
+            try:
+                self.write_due(time_ns())
+                self._mail_when_due()
+                self._trouble = ""
+            except (BeltscapeError, OSError) as error:
+                self._tell(str(error))
+            if self._stop.wait(_POLL_S):
+                return
+
+    def _mail_when_due(self) -> None:
+        if self._settings.mail is None or monotonic() < self._next_mail_s:
+            return
+        try:
+            self.mail()
+        except MailError:
+            self._next_mail_s = monotonic() + self._settings.mail.retry_s
+            raise
+
+    def _tell(self, trouble: str) -> None:
+        if trouble != self._trouble:
+            self._trouble = trouble
+            self._on_message(trouble)

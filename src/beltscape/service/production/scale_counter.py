@@ -1,0 +1,116 @@
+"""The counter of a belt scale: from a growing table or from the registers of its controller."""
+
+from __future__ import annotations
+
+import csv
+import math
+import struct
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Protocol
+
+from beltscape.core.errors import BeltscapeError, InputError
+from beltscape.core.extras import describe_missing_library
+from beltscape.production.scale import ScaleReading
+from beltscape.production.settings import ScaleModbusSettings
+
+_FORMS: Mapping[str, tuple[int, str]] = {
+    "uint16": (1, ">H"),
+    "uint32": (2, ">I"),
+    "uint64": (4, ">Q"),
+    "float32": (2, ">f"),
+    "float64": (4, ">d"),
+}
+"""Number of registers and packing of a form."""
+_TIMEOUT_S = 3.0
+"""Time for the controller to answer."""
+_ROWS = 5000
+"""Most rows of a table that are read at once."""
+
+
+class ScaleError(BeltscapeError):
+    """The counter cannot be read now; the next attempt may succeed."""
+
+
+class ScaleCounter(Protocol):
+    """A source of readings."""
+
+    def read(self) -> list[ScaleReading]:
+        """Return the new readings; ScaleError if there are none because of a fault."""
+        ...
+
+
+class TableCounter:
+    """The rows ``timestamp_s,kg`` of a table that another program appends to."""
+
+    def __init__(self, path: Path, after_ns: int) -> None:
+        """Begin behind the reading at ``after_ns``."""
+        self._path, self._after_ns, self._offset = path, after_ns, 0
+
+    def read(self) -> list[ScaleReading]:
+        """Return the readings of whole new rows."""
+        try:
+            with self._path.open("rb") as file:
+                if file.seek(0, 2) < self._offset:
+                    self._offset = 0  # a new table in its place
+                file.seek(self._offset)
+                data = file.read(_ROWS * 64)
+        except OSError as error:
+            raise ScaleError(f"[scale] csv: {self._path}: {error.strerror or error}") from error
+        whole = data[: data.rfind(b"\n") + 1]
+        self._offset += len(whole)
+        rows = csv.reader(whole.decode("utf-8", "replace").splitlines())
+        found = [self._parse(row) for row in rows if row and row != ["timestamp_s", "kg"]]
+        new = [reading for reading in found if reading.wall_ns > self._after_ns]
+        if new:
+            self._after_ns = max(reading.wall_ns for reading in new)
+        return new
+
+    def _parse(self, row: list[str]) -> ScaleReading:
+        try:
+            seconds, kg = map(float, row)
+        except ValueError:
+            seconds = kg = math.nan
+        if not (math.isfinite(seconds) and math.isfinite(kg) and 0 <= seconds < 4.2e9 and abs(kg) < 1e15):
+            text = ",".join(row)[:60]
+            raise ScaleError(f"[scale] csv: {self._path}: {text!r} is no row timestamp_s,kg; it is left out")
+        return ScaleReading(round(seconds * 1e9), kg, "csv")
+
+
+class ModbusCounter:
+    """The counter in the registers of a scale's controller, read as a client."""
+
+    def __init__(self, settings: ScaleModbusSettings) -> None:
+        """Prepare; InputError if the library is missing."""
+        try:
+            from pymodbus.client import ModbusTcpClient
+        except ImportError as error:
+            raise InputError(f"[scale.modbus]: {describe_missing_library(error) or error}") from error
+        self._settings = settings
+        self._client = ModbusTcpClient(settings.host, port=settings.port, timeout=_TIMEOUT_S, retries=0)
+
+    def read(self) -> list[ScaleReading]:
+        """Return the present reading."""
+        from pymodbus.exceptions import ModbusException
+
+        settings = self._settings
+        words, packing = _FORMS[settings.form]
+        read = self._client.read_holding_registers
+        if settings.kind == "input":
+            read = self._client.read_input_registers
+        where = f"[scale.modbus] {settings.host} port {settings.port}"
+        try:
+            if not self._client.connected and not self._client.connect():
+                raise ScaleError(f"{where}: no answer")
+            answer = read(settings.address, count=words, device_id=settings.unit)
+        except (ModbusException, OSError) as error:
+            self._client.close()
+            raise ScaleError(f"{where}: {' '.join(str(error).split())}") from error
+        if answer.isError() or len(answer.registers) != words:
+            raise ScaleError(f"{where}: register {settings.address} is refused")
+        registers = answer.registers if settings.words == "big" else answer.registers[::-1]
+        (count,) = struct.unpack(packing, struct.pack(f">{words}H", *registers))
+        if not math.isfinite(count):
+            raise ScaleError(f"{where}: register {settings.address} holds {count}, no count")
+        return [ScaleReading(time.time_ns(), count * settings.kg_per_count, "modbus")]

@@ -33,6 +33,8 @@ class AblationScene:
     scene: Scene
     belt: Belt | None
     """None where there is no load whose volume is known."""
+    views: np.ndarray | None
+    """(H, W) number of auxiliaries that truly see a pixel's point; None where the truth does not say."""
 
 
 def read_scenes(cache: Path, rendered: Path | None) -> list[AblationScene]:
@@ -42,7 +44,7 @@ def read_scenes(cache: Path, rendered: Path | None) -> list[AblationScene]:
     if rendered is not None and rendered.is_dir():
         for name in ("belt_loaded", "module", "belt_empty"):
             scene = read_rendered(rendered, name, 0)
-            scenes.append(AblationScene(replace(scene, name=f"{name}, other renderer"), None))
+            scenes.append(AblationScene(replace(scene, name=f"{name}, other renderer"), None, None))
     return scenes
 
 
@@ -63,12 +65,14 @@ def _read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:
     region, unseen = np.isin(label, LABELS[kind]) & lit, lit & (views == 0) & np.isfinite(depth)
     scene = Scene(name, rig, FrameSet("000", images), depth, region, unseen)
     if kind != "belt_loaded":
-        return AblationScene(scene, None)
+        return AblationScene(scene, None, views)
     belt = _find_true_belt(plant)
     volume = read_json(truth / f"{kind}_scene.json")["volume"]
     offset = float((belt.belt_from_core @ world_from_core.inverse()).translation_mm[1])
     first, last = (float(end) + offset for end in volume["along_mm"])
-    return AblationScene(replace(scene, true_volume_mm3=volume["volume_mm3"], along_mm=(first, last)), belt)
+    return AblationScene(
+        replace(scene, true_volume_mm3=volume["volume_mm3"], along_mm=(first, last)), belt, views
+    )
 
 
 def _find_true_belt(plant: SimulatedScene) -> Belt:

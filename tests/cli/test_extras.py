@@ -38,6 +38,7 @@ import beltscape
 apart = (
     "beltscape.service", "beltscape.simulate", "beltscape.kernels._native",
     "beltscape.protocols.modbus.server", "beltscape.protocols.mqtt.connection", "beltscape.protocols.mqtt.publisher",
+    "beltscape.protocols.opcua",
 )
 for module in pkgutil.walk_packages(beltscape.__path__, "beltscape."):
     if not module.name.startswith(apart):

@@ -24,6 +24,7 @@ from beltscape.core.live import (
     Observer,
     ZeroProposal,
 )
+from tests.service.alarm_controls import SimulatedAlarmControls
 
 CAMERAS = ("cam1", "cam2", "cam3", "cam4", "cam5")
 _CELL_MM = 5.0
@@ -109,6 +110,7 @@ class SimulatedPlant:
         """Why the zero cannot be measured; empty: it can."""
         self.degraded = self.stopped = False
         self.alarms: dict[str, Alarm] = {}
+        self.alarm_controls = SimulatedAlarmControls(self.alarms, self._send_alarms)
         self.maintenance: Maintenance | None = None
 
     def step(self, wall_ns: int | None = None) -> None:

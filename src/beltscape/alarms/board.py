@@ -64,7 +64,9 @@ class AlarmBoard:
     """
 
     def __init__(self, settings: AlarmSettings, texts: CustomTexts | None = None) -> None:
-        self._settings, self._texts = settings, texts or CustomTexts()
+        self._settings = settings
+        self.texts = texts or CustomTexts()
+        """The plant's own texts."""
         self._lock = Lock()
         self._entries: dict[str, Entry] = {}
         self._alarms: dict[str, Alarm] = {}
@@ -74,6 +76,24 @@ class AlarmBoard:
         self._suppressed = settings.suppression.by_state()
         self._hidden: Mapping[str, Suppression] = {}
         self._state_of: dict[str, Suppression | None] = {}
+
+    @property
+    def settings(self) -> AlarmSettings:
+        """The settings by which alarms are evaluated."""
+        return self._settings
+
+    def set_settings(self, settings: AlarmSettings, texts: CustomTexts) -> None:
+        """Evaluate by other settings and texts from now on; an alarm that they switch off is gone."""
+        with self._lock:
+            self._settings, self.texts = settings, texts
+            self._suppressed = settings.suppression.by_state()
+            before, self._entries = self._entries, {}
+            for entry in before.values():
+                is_fault = entry.kind not in RULES
+                own = settings.select_fault(entry.kind) if is_fault else getattr(settings, entry.kind)
+                if own.enabled:
+                    self._entry(entry.kind, entry.subject, own).take_over(entry)
+            self._refresh_alarms()
 
     def update(self, readings: Readings, wall_ns: int, steady_ns: int) -> tuple[Alarm, ...]:
         """Apply the readings of one moment; return the alarms whose state they changed, also a hidden one."""
@@ -148,7 +168,7 @@ class AlarmBoard:
             priority = select_priority(name, self._settings.priorities)
             group, place = find_group(name, self._settings.groups)
             self._entries[name] = Entry(
-                kind, subject, settings, priority, group, place, self._texts, severity=settings.severity
+                kind, subject, settings, priority, group, place, self.texts, severity=settings.severity
             )
             self._entries[name].suppress(self._hidden.get(name))
         return self._entries[name]

@@ -50,6 +50,13 @@ class Entry:
         """Return the state that is shown: "clear" while suppressed."""
         return self.machine.state if self.suppression is None else "clear"
 
+    def take_over(self, other: Entry) -> None:
+        """Continue the state of another entry of the same alarm, by own settings."""
+        self.machine, self.was_off, self.condition = other.machine, other.was_off, other.condition
+        self.detail, self.severity, self.onset_ns = other.detail, other.severity, other.onset_ns
+        self.suppression, self._was_clear = other.suppression, other._was_clear
+        self._state_before = other._state_before
+
     def update(self, condition: AlarmCondition, elapsed: Elapsed, wall_ns: int, steady_ns: int) -> None:
         """Add a condition."""
         self._state_before = self.machine.state

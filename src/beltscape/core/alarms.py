@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -109,6 +110,11 @@ class AlarmControls(Protocol):
     @property
     def shelving_max_min(self) -> float:
         """Longest time for which an alarm may be shelved, in minutes."""
+        ...
+
+    @property
+    def own_texts(self) -> Mapping[str, Mapping[str, Mapping[str, str]]]:
+        """The plant's own texts: title and detail by language and alarm; empty: the program's."""
         ...
 
     def shelve(self, alarm: str, reason: str, minutes: float, by: str) -> None:

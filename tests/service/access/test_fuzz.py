@@ -26,6 +26,7 @@ from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian, StoredFinding
 from beltscape.sinks.settings import HistorySettings
 from tests.service.access.sample_app import CHEAP, PASSWORD
+from tests.service.alarm_controls import SimulatedAlarmControls
 from tests.service.feeder import SimulatedPlant
 
 with warnings.catch_warnings():
@@ -41,6 +42,9 @@ HEALTH_CHECKS = cast("list[HealthCheck]", list(HealthCheck))
 
 class AcceptingControls:
     """Controls that accept every request."""
+
+    def __init__(self) -> None:
+        self.alarm_controls = SimulatedAlarmControls({}, lambda: None)
 
     def acknowledge(self, alarm: str, by: str) -> bool:
         return len(alarm) % 2 == 0

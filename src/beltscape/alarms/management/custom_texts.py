@@ -50,6 +50,13 @@ class CustomTexts:
         default_factory=dict[str, Mapping[str, AlarmText]]
     )
 
+    def to_mapping(self) -> dict[str, dict[str, dict[str, str]]]:
+        """Return title and detail by language and alarm."""
+        return {
+            language: {name: {"title": text.title, "detail": text.detail} for name, text in alarms.items()}
+            for language, alarms in self.by_language.items()
+        }
+
     def compose_detail(self, name: str, subject: str, value: str, limit: str, detail: str) -> str:
         """Return the English line of an alarm: the engineer's, or ``detail``. The key for translations is kept."""
         texts = self.by_language.get("en", {})

@@ -7,11 +7,11 @@ from typing import Annotated
 from fastapi import APIRouter, Depends
 from pydantic import Field
 
-from beltscape.core.alarms import Alarm, AlarmState, Severity
 from beltscape.core.belt.ledger_entries import Standing, Totals
 from beltscape.core.live import CameraHealth, CameraState
 from beltscape.core.translatable_message import get_key, get_values
 from beltscape.service.access import User, require_role
+from beltscape.service.api.alarm_models import AlarmOut
 from beltscape.service.api.common import AppContext, Number, ResponseModel, describe_refusals
 from beltscape.service.live_state import Snapshot
 from beltscape.service.view_models.flow import Trend
@@ -102,41 +102,6 @@ class CameraOut(ResponseModel):
         )
 
 
-class AlarmOut(ResponseModel):
-    """The current state of one alarm."""
-
-    name: str
-    severity: Severity
-    state: AlarmState
-    value: Number
-    limit: Number
-    unit: str
-    since_ms: Annotated[int | None, Field(description="System clock when it was raised")]
-    detail: Annotated[str, Field(description="The fault and the fix, in English")]
-    cause: Annotated[
-        str, Field(description="Key of the fault among the alarm's, for translations; empty: none")
-    ]
-    values: Annotated[dict[str, float | int | str], Field(description="Values in the detail")]
-    by: Annotated[str, Field(description="Who acknowledged it")]
-
-    @classmethod
-    def from_alarm(cls, alarm: Alarm) -> AlarmOut:
-        """Return the alarm with its time in ms."""
-        return cls(
-            name=alarm.name,
-            severity=alarm.severity,
-            state=alarm.state,
-            value=alarm.value,
-            limit=alarm.limit,
-            unit=alarm.unit,
-            since_ms=None if alarm.since_ns is None else alarm.since_ns // 1_000_000,
-            detail=alarm.detail,
-            cause=get_key(alarm.detail),
-            values=get_values(alarm.detail),
-            by=alarm.by,
-        )
-
-
 class MaintenanceOut(ResponseModel):
     """The present maintenance: the belt that passes is missing."""
 
@@ -162,6 +127,7 @@ class StateOut(ResponseModel):
     totals: TotalsOut
     cameras: tuple[CameraOut, ...]
     alarms: Annotated[tuple[AlarmOut, ...], Field(description="All that are not clear")]
+    hidden_alarms: Annotated[tuple[AlarmOut, ...], Field(description="Shelved or out of service")]
     notes: tuple[NoteOut, ...]
     record: Annotated[int | None, Field(description="Number of the newest record")]
     health_age_s: Annotated[Number, Field(description="Since the cameras' health was reported")]
@@ -200,6 +166,11 @@ class StateOut(ResponseModel):
                 for camera in snapshot.cameras
             ),
             alarms=tuple(AlarmOut.from_alarm(alarm) for alarm in snapshot.alarms if alarm.state != "clear"),
+            hidden_alarms=tuple(
+                AlarmOut.from_alarm(alarm)
+                for alarm in snapshot.alarms
+                if alarm.is_listed and alarm.state == "clear"
+            ),
             notes=tuple(NoteOut(wall_ms=wall_ms, text=text) for wall_ms, text in snapshot.notes),
             record=snapshot.record,
             health_age_s=snapshot.health_age_s,
@@ -224,6 +195,10 @@ class PageOut(ResponseModel):
     version: str
     user: str
     role: str
+    shelving_max_min: Annotated[float, Field(description="Longest time for which an alarm may be shelved")]
+    alarm_texts: Annotated[
+        dict[str, dict[str, dict[str, str]]], Field(description="The plant's own texts by language and alarm")
+    ]
 
 
 def make_router(context: AppContext) -> APIRouter:
@@ -249,6 +224,11 @@ def make_router(context: AppContext) -> APIRouter:
             version=__version__,
             user=user.name,
             role=user.role,
+            shelving_max_min=context.controls.alarm_controls.shelving_max_min,
+            alarm_texts={
+                code: {name: dict(text) for name, text in alarms.items()}
+                for code, alarms in context.controls.alarm_controls.own_texts.items()
+            },
         )
 
     return router

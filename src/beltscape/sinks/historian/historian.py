@@ -14,7 +14,7 @@ from beltscape.core.errors import OutputError
 from beltscape.sinks.historian.archive.finding_days import FindingArchive
 from beltscape.sinks.historian.archive.retention import Retention
 from beltscape.sinks.historian.production_history import ProductionHistory
-from beltscape.sinks.historian.reading.events import Event, insert_event, read_events
+from beltscape.sinks.historian.reading.events import Event, insert_event, read_events, read_journal
 from beltscape.sinks.historian.reading.findings import (
     CheckKey,
     FindingSeries,
@@ -203,6 +203,13 @@ class Historian:
         """Return the events of a period (its end excluded), newest first."""
         with self._store.readers.borrow() as connection:
             return read_events(connection, since_ns, until_ns, limit)
+
+    def alarm_journal(
+        self, since_ns: int, until_ns: int, after: int = 0, limit: int = 1000, name: str = ""
+    ) -> tuple[Event, ...]:
+        """Return events about alarms with numbers above ``after``, oldest first; ``name``: of this alarm alone."""
+        with self._store.readers.borrow() as connection:
+            return read_journal(connection, since_ns, until_ns, after, limit, name)
 
     def records(
         self, since_ns: int, until_ns: int, limit: int = 1000, after: int = 0, *, sections: bool = False

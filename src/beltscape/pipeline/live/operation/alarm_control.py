@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from time import monotonic_ns, time_ns
 
 from beltscape.alarms.board import AlarmBoard
@@ -66,6 +66,11 @@ class AlarmControl:
     def shelving_max_min(self) -> float:
         """Longest time for which an alarm may be shelved, in minutes."""
         return self._settings.max_min
+
+    @property
+    def own_texts(self) -> Mapping[str, Mapping[str, Mapping[str, str]]]:
+        """The plant's own texts: title and detail by language and alarm; empty: the program's."""
+        return self._board.texts.to_mapping()
 
     def shelve(self, alarm: str, reason: str, minutes: float, by: str) -> None:
         """Hide an alarm for a time, or set reason and end anew; InputError where it must not be."""

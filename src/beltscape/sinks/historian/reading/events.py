@@ -44,6 +44,19 @@ def insert_event(
     )
 
 
+def read_journal(
+    connection: sqlite3.Connection, since_ns: int, until_ns: int, after: int, limit: int, name: str = ""
+) -> tuple[Event, ...]:
+    """Return events about alarms with numbers above ``after``, oldest first; ``name``: of this alarm alone."""
+    rows = connection.execute(
+        "SELECT event, wall_ns, kind, name, text, by, parameters FROM events "
+        "WHERE event > ? AND wall_ns >= ? AND wall_ns < ? AND kind = 'alarm' AND (? = '' OR name = ?) "
+        "ORDER BY event LIMIT ?",
+        (after, since_ns, until_ns, name, name, limit),
+    )
+    return tuple(Event(*row) for row in rows)
+
+
 def read_events(
     connection: sqlite3.Connection, since_ns: int, until_ns: int, limit: int
 ) -> tuple[Event, ...]:

@@ -28,6 +28,7 @@ COMMANDS = {
     "evaluate": "the paper's experiments side by side, a depth map against its truth",
     "run": "live: cameras → records → history, alarms and the operator's page",
     "site": "several belts, each measured by its own run: one page, balances over transfer points, totals",
+    "reload": "a running plant reads its settings, rig and empty belt again, without a stop",
     "replay": "a recorded capture through the running system, at full or at its own speed",
     "cameras": "cameras on the network, and whether a project's settings fit them",
     "record": "images from a project's cameras: views of the board by key or timer, sequences of the belt",

@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.service.check import check_plant
     from beltscape.service.data_rights import restrict_rights
     from beltscape.service.lifecycle import log_to_stderr, make_stop_event, make_watchdog
-    from beltscape.service.plant import make_expiry_counter, run_plant
+    from beltscape.service.plant import run_plant
     from beltscape.service.project import open_project
 
     project = open_project(arguments.project)
@@ -41,10 +41,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         settings = project.settings.model_dump(mode="json")
         return {"project": project.path, "settings": settings, "checked": True, "parts": parts}
     log_to_stderr()
-    web = project.settings.web
     options = RunOptions(
         data=project.resolve(project.settings.data),
-        certificate_days=make_expiry_counter(web.tls_certificate, web.tls_key),
         heartbeat=make_watchdog(),
         learn_images=arguments.learn_images,
     )

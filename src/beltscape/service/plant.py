@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
 from threading import Event
-from time import time
 from typing import Any
 
 from beltscape.core.belt.ledger_entries import Totals
 from beltscape.core.live import Observers
 from beltscape.files.systemd import notify
-from beltscape.pipeline.live.assembly import AssembledRun, RunOptions, assemble
+from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.live.project import Project
+from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.service.access import Access
-from beltscape.service.access.tls import read_expiry
+from beltscape.service.access.tls import CertificateExpiry
 from beltscape.service.app import create_app
+from beltscape.service.changes.parts import RunningPlant
+from beltscape.service.changes.reloader import SettingsReloader
+from beltscape.service.changes.requests import answer_requests, discard_requests
 from beltscape.service.lifecycle import log_address
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
@@ -27,10 +30,8 @@ from beltscape.service.protocol_users import ServedUsers, describe_provenance
 from beltscape.service.protocols import ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.service.server import RunningServer, check_listening, serve
 
-_DAY_S = 86_400.0
-"""Seconds of a day."""
 _POLL_S = 0.1
-"""Interval at which the stop event is checked."""
+"""Interval at which the stop event and requests of the command `reload` are looked for."""
 
 
 def run_plant(
@@ -51,43 +52,41 @@ def run_plant(
     """
     if page:
         check_listening(project.settings.web)  # before the history is opened
-    live_state = LiveState(project.settings.web)
-    has_users = page or project.settings.opcua is not None
-    access = Access(options.data, project.settings.web.access) if has_users else None
-    if access is not None:
-        options = replace(options, users_trouble=lambda: access.trouble)
+    live_state, web = LiveState(project.settings.web), project.settings.web
+    access = Access(options.data, web.access)
+    expiry = CertificateExpiry(web.tls_certificate, web.tls_key) if page else CertificateExpiry(None, None)
+    options = replace(options, users_trouble=lambda: access.trouble, certificate_days=expiry)
     assembled = assemble(project, options, Observers([live_state, LogObserver()]))
     totals_before = assembled.historian.totals
-    users = None if access is None else ServedUsers(access)
-    provenance = describe_provenance(project)
+    served = ServedPlant(
+        live_state,
+        assembled.historian,
+        assembled.engine.acknowledge,
+        ServedUsers(access),
+        describe_provenance(project),
+        assembled.production,
+    )
+    plant = RunningPlant(project, assembled, assembled.parts, live_state, access, expiry, served)
+    reloader = _make_reloader(plant, options.data)
     with (
-        nullcontext() if access is None else closing(access),
+        closing(access),
         serve_production(
             assembled.production, assembled.historian, project, options.data, live_state.on_message
         ) as made,
         serve_protocols(
             ProtocolSettings(project.settings.mqtt, project.settings.modbus, project.settings.opcua),
-            ServedPlant(
-                live_state,
-                assembled.historian,
-                assembled.engine.acknowledge,
-                users,
-                provenance,
-                assembled.production,
-            ),
+            served,
             options.data,
             live_state.on_message,
-        ),
-        _serve_page(project, access, live_state, assembled, made)
-        if access and page
-        else nullcontext() as running,
+        ) as plant.protocols,
+        _serve_page(plant, made, reloader) if page else nullcontext() as plant.server,
     ):
         assembled.engine.start()
         notify("READY=1")
-        log_address(running)
+        log_address(plant.server)
         try:
             while not stop.is_set() and not assembled.engine.wait(_POLL_S):
-                pass
+                answer_requests(options.data, reloader)
         finally:
             notify("STOPPING=1")
             unwritten = assembled.engine.stop()
@@ -96,29 +95,32 @@ def run_plant(
     return summary
 
 
+def _make_reloader(plant: RunningPlant, data: Path) -> SettingsReloader:
+    """Return what reads the settings again on request; requests from before this run are forgotten."""
+    discard_requests(data)
+    reporter = plant.assembled.components.reporter
+    return SettingsReloader(plant, EventLog(plant.assembled.historian, reporter), reporter)
+
+
 @contextmanager
 def _serve_page(
-    project: Project[ProjectSettings],
-    access: Access,
-    live_state: LiveState,
-    assembled: AssembledRun,
-    production: ServedProduction,
+    plant: RunningPlant, production: ServedProduction, reloader: SettingsReloader
 ) -> Generator[RunningServer]:
-    web = project.settings.web
-    app = create_app(live_state, assembled.historian, access, assembled.engine, web, production=production)
+    web, assembled = plant.project.settings.web, plant.assembled
+    app = create_app(
+        plant.live_state,
+        assembled.historian,
+        plant.access,
+        assembled.engine,
+        web,
+        production=production,
+        reloader=reloader,
+    )
     running = serve(app, web)
     try:
         yield running
     finally:
         running.close()
-
-
-def make_expiry_counter(certificate: Path | None, key: Path | None) -> Callable[[], float]:
-    """Return a function that gives the days until the certificate expires; NaN without a certificate."""
-    if certificate is None or key is None:
-        return lambda: float("nan")
-    expiry_s = read_expiry(certificate, key)
-    return lambda: (expiry_s - time()) / _DAY_S
 
 
 def _make_summary(

@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
+from ssl import SSLContext
 from typing import Protocol
 
 from starlette.types import ASGIApp
@@ -65,11 +66,18 @@ class RunningServer:
     """Warnings about its settings, one line each."""
     _server: Server
     _thread: threading.Thread
+    _tls: SSLContext | None = None
 
     @property
     def is_alive(self) -> bool:
         """True while the server answers requests."""
         return self._thread.is_alive()
+
+    def exchange_certificate(self, certificate: Path, key: Path) -> None:
+        """Serve new connections with another certificate; open ones go on. InputError if it cannot be used."""
+        create_tls_context(certificate, key)
+        if self._tls is not None:
+            self._tls.load_cert_chain(certificate, key)
 
     def close(self) -> None:
         """Stop within two seconds: WebSockets are closed, running requests are finished."""
@@ -120,7 +128,7 @@ def serve(app: ASGIApp, settings: ListenSettings) -> RunningServer:
     if ip_address(host).is_unspecified:
         host = socket.gethostname()
     host_part = f"[{host}]" if ":" in host else host
-    return RunningServer(f"{'https' if tls else 'http'}://{host_part}:{port}", warnings, server, thread)
+    return RunningServer(f"{'https' if tls else 'http'}://{host_part}:{port}", warnings, server, thread, tls)
 
 
 def _run(server: Server, listener: socket.socket) -> None:

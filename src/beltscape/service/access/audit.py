@@ -30,6 +30,10 @@ class Audit:
         self.lost_entries = 0
         """Entries that could not be written."""
 
+    def set_size(self, file_bytes: int, files: int) -> None:
+        """Rotate at another size, and keep another number of files."""
+        self._file_bytes, self._files = file_bytes, files
+
     def write(
         self,
         action: str,

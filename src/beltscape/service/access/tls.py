@@ -10,6 +10,8 @@ from beltscape.core.errors import InputError
 
 SOON_DAYS = 30
 """A certificate that expires within this time is reported, as by the alarm's default."""
+_DAY_S = 86_400.0
+"""Seconds of a day."""
 _NO_CHECK_TIME = 0x200000
 """X509_V_FLAG_NO_CHECK_TIME of OpenSSL (x509_vfy.h)."""
 
@@ -57,6 +59,24 @@ def read_expiry(certificate: Path, key: Path) -> float:
     if not isinstance(ends, str):
         raise InputError(f"{certificate}: cannot be used for TLS; make a new certificate")
     return ssl.cert_time_to_seconds(ends)
+
+
+class CertificateExpiry:
+    """The days until the served certificate expires; NaN without one."""
+
+    def __init__(self, certificate: Path | None, key: Path | None) -> None:
+        """Read the certificate; InputError if it cannot be used."""
+        self.expiry_s = self.read(certificate, key)
+        """When it expires, seconds since 1970; NaN without one."""
+
+    @staticmethod
+    def read(certificate: Path | None, key: Path | None) -> float:
+        """Return when a certificate expires, seconds since 1970; NaN without one. InputError if it cannot be used."""
+        return float("nan") if certificate is None or key is None else read_expiry(certificate, key)
+
+    def __call__(self) -> float:
+        """Return the days from now."""
+        return (self.expiry_s - time.time()) / _DAY_S
 
 
 def describe_expiry(certificate: Path, key: Path, now_s: float | None = None) -> str | None:

@@ -38,7 +38,7 @@ class FrameQueue:
                 self._changed.wait()
             if self._closed:
                 return
-            if len(self._waiting) >= self._capacity:
+            while len(self._waiting) >= self._capacity:
                 self._waiting.popleft()
                 self.dropped += 1
             self._waiting.append(frames)
@@ -54,6 +54,12 @@ class FrameQueue:
             frames = self._waiting.popleft()
             self._changed.notify_all()
             return frames
+
+    def set_capacity(self, capacity: int) -> None:
+        """Hold at most that many frame sets from the next one on."""
+        with self._changed:
+            self._capacity = capacity
+            self._changed.notify_all()
 
     def close(self) -> None:
         """Accept no further frame sets; those that wait can still be taken."""

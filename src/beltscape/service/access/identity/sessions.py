@@ -35,6 +35,10 @@ class Sessions:
         self._ended: set[str] = set()
         self._in_memory: dict[str, tuple[User, int]] = {}
 
+    def set_lives(self, idle_s: float, life_s: float) -> None:
+        """End sessions after another time without a request, and after another life."""
+        self._idle_s, self._life_s = idle_s, life_s
+
     def open(self, user: User, address: str) -> str:
         """Open a session and return its token of 256 random bits. OutputError if it cannot be written."""
         token, now = secrets.token_urlsafe(32), int(self._clock())

@@ -96,6 +96,11 @@ class TokenBuckets:
         self._lock = threading.Lock()
         self._left: OrderedDict[str, tuple[float, float]] = OrderedDict()
 
+    def set_rate(self, rate_hz: float, burst: int) -> None:
+        """Allow another rate and burst from now on."""
+        with self._lock:
+            self._rate_hz, self._burst = rate_hz, burst
+
     def take(self, key: str) -> float:
         """Take a token of ``key``; return 0 if there was one, else the seconds until the next."""
         with self._lock:

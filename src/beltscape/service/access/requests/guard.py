@@ -61,7 +61,8 @@ class Guard:
     ) -> None:
         self._app, self._access, self._public = app, access, public
         self._policy, self._audited = policy, audited
-        self._names = list_own_names(access.settings.allowed_hosts)
+        self._allowed_hosts = access.settings.allowed_hosts
+        self._names = list_own_names(self._allowed_hosts)
         self._sockets = WebSocketLimiter(access)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -92,6 +93,9 @@ class Guard:
         headers = Headers(scope=scope)
         method = scope.get("method", "GET")
         self._check_rate("from " + get_address(HTTPConnection(scope)))
+        if self._allowed_hosts != self._access.settings.allowed_hosts:
+            self._allowed_hosts = self._access.settings.allowed_hosts
+            self._names = list_own_names(self._allowed_hosts)
         if not is_host_allowed(headers.get("host", ""), self._names) or len(headers.getlist("host")) != 1:
             raise RequestRefused(
                 400, "unknown host name; call the service by its address, or list the name in allowed_hosts"

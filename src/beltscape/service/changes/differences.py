@@ -1,0 +1,123 @@
+"""The settings of a project as single keys: their values, the files that they name, and what differs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel
+
+from beltscape.core.errors import InputError
+from beltscape.files.documents.digest import hash_file
+from beltscape.pipeline.live.project import Project, RunSettings
+from beltscape.pipeline.measuring.belt import hash_empty_belt
+
+Model = TypeVar("Model", bound=BaseModel)
+_LONGEST = 80
+"""Characters of a value in an answer: a line of a terminal."""
+_LARGEST_BYTES = 64 << 20
+"""Larger files are no settings and are not read."""
+_EMPTY = "empty"
+"""The key of the empty belt, which may be a folder."""
+
+
+@dataclass(frozen=True, slots=True)
+class Changed:
+    """A setting that differs."""
+
+    key: str
+    """Such as "alarms.overload.mass_flow_t_h"."""
+    before: str
+    after: str
+
+
+def list_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Yield the keys of all settings of a model, those of its tables with the table's name and a dot before them."""
+    for name, field in model.model_fields.items():
+        table = _find_table(field.annotation)
+        if table is None:
+            yield prefix + name
+        else:
+            yield from list_keys(table, f"{prefix}{name}.")
+
+
+def compare(
+    before: BaseModel,
+    after: BaseModel,
+    contents_before: Mapping[str, str],
+    contents_after: Mapping[str, str],
+    prefix: str = "",
+) -> Iterator[Changed]:
+    """Yield the settings that differ, also where only the content of the file that one names differs."""
+    for name in type(before).model_fields:
+        key, old, new = prefix + name, getattr(before, name), getattr(after, name)
+        if isinstance(old, BaseModel) and isinstance(new, BaseModel):
+            yield from compare(old, new, contents_before, contents_after, f"{key}.")
+        elif old != new:
+            yield Changed(key, _describe(key, old), _describe(key, new))
+        elif contents_before.get(key) != contents_after.get(key):
+            shorts = [
+                contents.get(key, "")[:8] or "no file" for contents in (contents_before, contents_after)
+            ]
+            yield Changed(key, f"{old} ({shorts[0]})", f"{new} ({shorts[1]})")
+
+
+def hash_contents(project: Project[RunSettings]) -> dict[str, str]:
+    """Return the SHA-256 of the files that settings name, by the key; InputError if one cannot be read."""
+    contents: dict[str, str] = {}
+    for key, value in _walk(project.settings):
+        if not isinstance(value, Path):
+            continue
+        path = project.resolve(value)
+        try:
+            if key == _EMPTY:
+                contents[key] = hash_empty_belt(path)
+            elif path.is_file() and path.stat().st_size <= _LARGEST_BYTES:
+                contents[key] = hash_file(path)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror or error}); {key} names it") from error
+    return contents
+
+
+def keep_values(settings: Model, present: Model, keys: set[str], prefix: str = "") -> Model:
+    """Return the settings with the present values of some keys."""
+    update: dict[str, object] = {}
+    for name in type(settings).model_fields:
+        key, old, new = prefix + name, getattr(present, name), getattr(settings, name)
+        if key in keys:
+            update[name] = old
+        elif isinstance(old, BaseModel) and isinstance(new, BaseModel):
+            update[name] = keep_values(new, old, keys, f"{key}.")
+    return settings.model_copy(update=update)
+
+
+def _walk(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, object]]:
+    for name in type(settings).model_fields:
+        value = getattr(settings, name)
+        if isinstance(value, BaseModel):
+            yield from _walk(value, f"{prefix}{name}.")
+        else:
+            yield prefix + name, value
+
+
+def _find_table(annotation: Any) -> type[BaseModel] | None:
+    """Return the model of a setting that is a table, also of one that may be absent."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    if get_origin(annotation) in (Union, UnionType):
+        return next((table for part in get_args(annotation) if (table := _find_table(part))), None)
+    return None
+
+
+def _describe(key: str, value: object) -> str:
+    if value is None:
+        return "not given"
+    if isinstance(value, BaseModel):
+        return "given"
+    if "password" in key and not isinstance(value, Path):
+        return "…"
+    text = str(value)
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…"

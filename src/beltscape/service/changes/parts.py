@@ -1,0 +1,152 @@
+"""The parts of a running plant that take other settings while it runs: each first prepares its change.
+
+A part of another package joins by an entry in ``PARTS``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from beltscape.pipeline.live.alarm_settings import read_alarm_texts
+from beltscape.pipeline.live.assembly import AssembledRun
+from beltscape.pipeline.live.engine_components import MeasuringParts
+from beltscape.pipeline.live.measuring_parts import make_measuring_parts, read_run_rig, require_same_cameras
+from beltscape.pipeline.live.project import Project
+from beltscape.protocols.plant import Provenance
+from beltscape.service.access import Access
+from beltscape.service.access.tls import CertificateExpiry
+from beltscape.service.changes.effects import CERTIFICATE, MEASURING, SINKS
+from beltscape.service.live_state import LiveState
+from beltscape.service.project import ProjectSettings
+from beltscape.service.protocol_users import describe_provenance
+from beltscape.service.protocols import CHECKS, STARTERS, ServedPlant, ServedProtocols
+from beltscape.service.server import RunningServer
+from beltscape.service.settings import WebSettings
+
+
+@dataclass(slots=True)
+class RunningPlant:
+    """What a change may exchange; the fields that are None are not served."""
+
+    project: Project[ProjectSettings]
+    assembled: AssembledRun
+    parts: MeasuringParts
+    """Those in use, or about to be."""
+    live_state: LiveState
+    access: Access
+    expiry: CertificateExpiry
+    served: ServedPlant
+    server: RunningServer | None = None
+    protocols: ServedProtocols | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A change that is checked and ready."""
+
+    apply: Callable[[], None]
+    revert: Callable[[], None]
+    """Restores what was, also after ``apply`` has failed."""
+
+
+Prepare = Callable[[RunningPlant, Project[ProjectSettings]], Change]
+"""Checks and loads all that a change needs; raises a BeltscapeError with one line where it cannot be."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReloadablePart:
+    """A part that takes over the settings of some tables."""
+
+    tables: tuple[str, ...]
+    """Keys or tables of project.toml."""
+    prepare: Prepare
+
+
+def _prepare_measuring(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+    reporter, data = plant.assembled.components.reporter, project.resolve(project.settings.data)
+    rig = read_run_rig(project, reporter)
+    require_same_cameras(project, rig, plant.parts.rig)
+    before, after = plant.parts, make_measuring_parts(project, rig, reporter, data)
+    described = plant.served.provenance, describe_provenance(project)
+
+    def exchange(parts: MeasuringParts, provenance: Provenance) -> None:
+        run = plant.assembled.historian.begin_run(parts.provenance)
+        plant.assembled.engine.exchange(parts, run)
+        plant.parts, plant.served.provenance = parts, provenance
+
+    return Change(lambda: exchange(after, described[1]), lambda: exchange(before, described[0]))
+
+
+def _prepare_alarms(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+    board, texts = plant.assembled.components.board, read_alarm_texts(project)
+    before, texts_before = board.settings, board.texts
+    return Change(
+        lambda: board.set_settings(project.settings.alarms, texts),
+        lambda: board.set_settings(before, texts_before),
+    )
+
+
+def _prepare_sinks(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+    assembled, before = plant.assembled, plant.project.settings
+    exchange, restore = (assembled.table.prepare(one.csv) for one in (project.settings, before))
+
+    def use(settings: ProjectSettings, exchange_table: Callable[[], None]) -> None:
+        exchange_table()
+        assembled.historian.set_settings(settings.history)
+        if assembled.components.recorder is not None:
+            assembled.components.recorder.set_settings(settings.recording)
+
+    return Change(lambda: use(project.settings, exchange), lambda: use(before, restore))
+
+
+def _prepare_queue(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+    queue, before = plant.assembled.components.queue, plant.project.settings.queue.frames
+    frames = project.settings.queue.frames
+    return Change(lambda: queue.set_capacity(frames), lambda: queue.set_capacity(before))
+
+
+def _prepare_page(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+    def use(settings: ProjectSettings) -> None:
+        plant.live_state.set_settings(settings.web)
+        plant.access.set_settings(settings.web.access)
+
+    return Change(lambda: use(project.settings), lambda: use(plant.project.settings))
+
+
+def _prepare_certificate(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+    web = project.settings.web
+    expiry, expiry_before = plant.expiry.read(web.tls_certificate, web.tls_key), plant.expiry.expiry_s
+    server = plant.server
+
+    def use(one: WebSettings, expiry_s: float) -> None:
+        if server is not None and one.tls_certificate and one.tls_key:
+            server.exchange_certificate(one.tls_certificate, one.tls_key)
+        plant.expiry.expiry_s = expiry_s
+
+    return Change(lambda: use(web, expiry), lambda: use(plant.project.settings.web, expiry_before))
+
+
+def _prepare_protocol(name: str) -> Prepare:
+    def prepare(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+        settings, before = getattr(project.settings, name), getattr(plant.project.settings, name)
+        if settings is not None:
+            CHECKS[name](settings)
+        protocols = plant.protocols
+        if protocols is None:
+            return Change(lambda: None, lambda: None)
+        return Change(lambda: protocols.exchange(name, settings), lambda: protocols.exchange(name, before))
+
+    return prepare
+
+
+PARTS: tuple[ReloadablePart, ...] = (
+    *(ReloadablePart((name,), _prepare_protocol(name)) for name in STARTERS),
+    ReloadablePart(CERTIFICATE, _prepare_certificate),
+    ReloadablePart(MEASURING, _prepare_measuring),
+    ReloadablePart(SINKS, _prepare_sinks),
+    ReloadablePart(("queue",), _prepare_queue),
+    ReloadablePart(("alarms",), _prepare_alarms),
+    ReloadablePart(("web",), _prepare_page),
+)
+"""In the order in which they change: first what may still fail, as a port that another program holds."""

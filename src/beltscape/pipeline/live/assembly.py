@@ -134,7 +134,6 @@ def _assemble_around(
         recorder=Recorder(options.data / "recordings", settings.recording) if options.record else None,
         board=AlarmBoard(settings.alarms, read_alarm_texts(project)),
         shelf=Shelf(options.data),
-        shelving=settings.alarms.shelving,
         inspector=parts.inspector,
         gauges=Gauges(parts.full_area_mm2, parts.stale_s),
         observer=observer,

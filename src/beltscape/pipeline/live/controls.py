@@ -21,7 +21,6 @@ class OperatorControls:
         self._alarms = AlarmControl(
             components.board,
             components.shelf,
-            components.shelving,
             self._events,
             components.observer,
             (lambda _: None) if recorder is None else recorder.keep,

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from beltscape.alarms.board import AlarmBoard
-from beltscape.alarms.management.settings import ShelvingSettings
 from beltscape.core.belt.ledger_entries import RecordTag
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live import LiveSource, Observer
@@ -75,6 +74,5 @@ class EngineComponents:
     """Called twice a second: changes the product by the timetable."""
     learned_images: LearnedImages = field(default_factory=LearnedImages)
     shelf: Shelf = field(default_factory=lambda: Shelf(None))
-    shelving: ShelvingSettings = field(default_factory=ShelvingSettings)
     maintenance: MaintenanceMode = field(default_factory=lambda: MaintenanceMode(None))
     finding_log: FindingLog = field(default_factory=FindingLog)

@@ -40,10 +40,10 @@ class Run:
 
 
 def open_run(folder: Path, shelving: ShelvingSettings | None = None) -> Run:
+    settings = SETTINGS.model_copy(update={"shelving": shelving or ShelvingSettings()})
     historian, watcher, kept = Historian(folder, HistorySettings(reserve_mib=1)), Watcher(), []
     control = AlarmControl(
-        AlarmBoard(SETTINGS), Shelf(folder), shelving or ShelvingSettings(), EventLog(historian, Silent()), watcher,
-        kept.append,
+        AlarmBoard(settings), Shelf(folder), EventLog(historian, Silent()), watcher, kept.append
     )  # fmt: skip
     control.start()
     control.update(GOOD)

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from time import monotonic_ns, time_ns
 
 from beltscape.alarms.board import AlarmBoard
-from beltscape.alarms.management.settings import ShelvingSettings
 from beltscape.alarms.names import list_keys
 from beltscape.alarms.readings import Readings
 from beltscape.core.alarms import Alarm
@@ -23,13 +22,12 @@ class AlarmControl:
         self,
         board: AlarmBoard,
         shelf: Shelf,
-        settings: ShelvingSettings,
         events: EventLog,
         observer: Observer,
         keep_frames: Callable[[str], object],
     ) -> None:
         """Join them; ``keep_frames`` keeps the recording ring for a critical alarm."""
-        self._board, self._shelf, self._settings = board, shelf, settings
+        self._board, self._shelf = board, shelf
         self._events, self._observer, self._keep_frames = events, observer, keep_frames
         board.hide(shelf.hidden)
 
@@ -65,7 +63,7 @@ class AlarmControl:
     @property
     def shelving_max_min(self) -> float:
         """Longest time for which an alarm may be shelved, in minutes."""
-        return self._settings.max_min
+        return self._board.settings.shelving.max_min
 
     @property
     def own_texts(self) -> Mapping[str, Mapping[str, Mapping[str, str]]]:
@@ -75,11 +73,11 @@ class AlarmControl:
     def shelve(self, alarm: str, reason: str, minutes: float, by: str) -> None:
         """Hide an alarm for a time, or set reason and end anew; InputError where it must not be."""
         present = self._require(alarm)
-        if any(key in self._settings.never for key in list_keys(alarm)):
+        if any(key in self._board.settings.shelving.never for key in list_keys(alarm)):
             raise InputError(f"{alarm}: must not be shelved: [alarms.shelving] never has it")
-        if not 0 < minutes <= self._settings.max_min:
+        if not 0 < minutes <= self._board.settings.shelving.max_min:
             raise InputError(
-                f"{minutes:g} min: longer than [alarms.shelving] max_min = {self._settings.max_min:g}"
+                f"{minutes:g} min: longer than [alarms.shelving] max_min = {self._board.settings.shelving.max_min:g}"
             )
         if present.suppression is not None and present.suppression.kind == "out_of_service":
             raise InputError(f"{alarm}: is out of service; return it to service first")

@@ -1,0 +1,299 @@
+"""OPC UA: what a client reads, browses, subscribes to and calls."""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from beltscape.core.alarms import Alarm
+from beltscape.core.belt.ledger_entries import Totals
+from beltscape.core.findings import Finding
+
+pytest.importorskip("asyncua", reason="asyncua is not installed; pip install 'beltscape[opcua]' brings it")
+
+from asyncua import Client, ua
+
+from tests.protocols.opcua import Running, call, find, make_certificate, wait_for
+
+CODES = ua.StatusCodes
+CLOCK_NS = itertools.count(10**18 + 10**9, 10**9)
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """Start a server that anybody may read, once for the module; it takes a second."""
+    one = Running(tmp_path_factory.mktemp("opcua"), security="none", anonymous_role="viewer", clients="any")
+    one.plant.add(3)
+    yield one
+    one.server.close()
+
+
+@pytest.fixture(scope="module")
+def operator(tmp_path_factory: pytest.TempPathFactory) -> tuple:
+    return make_certificate(tmp_path_factory.mktemp("client"), "operator")
+
+
+@pytest.fixture(autouse=True)
+def _restore(running: Running) -> Iterator[None]:
+    before = running.plant.state
+    yield
+    running.plant.state = before
+
+
+async def read(client: Client, path: str) -> ua.DataValue:
+    return await find(client, path).read_data_value(raise_on_bad_status=False)
+
+
+async def set_state(running: Running, client: Client, **changes: object) -> None:
+    """Change the state and wait until it is shown."""
+    running.plant.state = replace(running.plant.state, wall_ns=next(CLOCK_NS), **changes)
+    expected = running.plant.state.wall_ns // 1000
+    for _ in range(500):
+        value = await read(client, "Belt.Monitoring.Process.VolumeFlowRate")
+        if round(value.SourceTimestamp.timestamp() * 1e6) == expected:
+            return
+        await asyncio.sleep(0.02)
+    raise AssertionError("the state was not shown")
+
+
+PROCESS = "Belt.Monitoring.Process"
+
+
+def test_a_client_reads_values_with_status_and_time(running: Running) -> None:
+    async def work() -> None:
+        async with await running.make_client() as client:
+            totals = Totals(7, 6e12, 1e9, 5_000_000_123.4, 6_000_000.0, 20_000.0, 30.0)
+            await set_state(running, client, totals=totals)
+            expected = {
+                f"{PROCESS}.VolumeFlowRate": 123.4,
+                f"{PROCESS}.MassFlowRate": 104.9,
+                f"{PROCESS}.CrossSection": 0.01,
+                f"{PROCESS}.Load": 0.01 * 104.9 / 123.4 * 1000,
+                f"{PROCESS}.Filling": 25.0,
+                f"{PROCESS}.Coverage": 97.0,
+                "Belt.Components.BeltScale.Monitoring.Process.MassFlowRate": 104.9,
+                "Belt.Components.Scale.FlowRate": 104.9,
+                "Belt.Components.Scale.MasterTotalizer.TotalizedValue": 5_000_000.1234,
+                "Belt.Totals.Volume": 6000.0,
+                "Belt.Totals.ValidLength": 6000.0,
+                "Belt.Totals.DegradedLength": 20.0,
+                "Belt.Totals.MissingLength": 0.03,
+                "Belt.Totals.Records": 7,
+                "Belt.Monitoring.Health.CamerasOk": 1,
+            }
+            for path, value in expected.items():
+                shown = await read(client, path)
+                assert shown.Value.Value == pytest.approx(value), path
+                assert shown.StatusCode.is_good()
+            assert (await read(client, f"{PROCESS}.BeltSpeed")).StatusCode.value == CODES.BadSensorFailure
+            lump = await read(client, f"{PROCESS}.LargestLump")
+            assert lump.StatusCode.value == CODES.BadWaitingForInitialData
+
+    call(work)
+
+
+@pytest.mark.parametrize(
+    ("changes", "flow", "total"),
+    [
+        ({"standing": "valid"}, CODES.Good, CODES.Good),
+        ({"standing": "degraded"}, CODES.UncertainSensorNotAccurate, CODES.Good),
+        ({"standing": "missing"}, CODES.BadSensorFailure, CODES.Good),
+        ({"standing": "missing", "maintenance": "cleaning"}, CODES.BadOutOfService, CODES.Good),
+        ({"mass_flow_t_h": math.nan, "totals": Totals(mass_kg=math.nan)}, CODES.BadConfigurationError,
+         CODES.BadConfigurationError),
+    ],
+)  # fmt: skip
+def test_the_status_is_the_ledgers_quality(running: Running, changes, flow: int, total: int) -> None:
+    async def work() -> None:
+        async with await running.make_client() as client:
+            await set_state(running, client, **changes)
+            shown = await read(client, f"{PROCESS}.MassFlowRate")
+            assert shown.StatusCode.value == flow
+            assert (shown.Value.Value is None) == shown.StatusCode.is_bad()
+            assert (await read(client, "Belt.Totals.Mass")).StatusCode.value == total
+
+    call(work)
+
+
+def test_values_of_one_read_belong_together(running: Running) -> None:
+    async def work() -> None:
+        paths = ("Belt.Totals.Volume", "Belt.Totals.ValidLength", f"{PROCESS}.VolumeFlowRate")
+        async with await running.make_client() as client:
+            await set_state(running, client, volume_flow_m3_h=0.0)
+            nodes, seen = [find(client, path) for path in paths], set[int]()
+            for turn in range(60):
+                number = float(turn)
+                running.plant.state = replace(
+                    running.plant.state,
+                    totals=Totals(1, number * 1e9, 0.0, 0.0, number * 1e3),
+                    volume_flow_m3_h=number,
+                )
+                values = await client.read_values(nodes)
+                assert values[0] == pytest.approx(values[1])
+                assert values[0] == pytest.approx(values[2])
+                seen.add(round(values[0]))
+                await asyncio.sleep(0.01)
+            assert len(seen) > 3
+
+    call(work)
+
+
+def test_types_and_units_are_those_of_the_companion_specifications(running: Running) -> None:
+    async def work() -> None:
+        async with await running.make_client() as client:
+            spaces = await client.get_namespace_array()
+            conveying = spaces.index("http://opcfoundation.org/UA/Mining/TransportDumping/Conveying/")
+            scales = spaces.index("http://opcfoundation.org/UA/Scales/V2/")
+            machines = spaces.index("http://opcfoundation.org/UA/Machinery/")
+            belt = await client.nodes.objects.get_child([f"{machines}:Machines", "2:Belt"])
+            kinds = {
+                "Belt": ua.NodeId(1003, conveying),
+                "Belt.Components.BeltScale": ua.NodeId(1011, conveying),
+                "Belt.Components.Scale": ua.NodeId(10, scales),
+                "Belt.Components.Scale.FlowRate": ua.NodeId(52, scales),
+            }
+            for path, kind in kinds.items():
+                assert await find(client, path).read_type_definition() == kind
+            names = [f"{machines}:Components", f"{conveying}:BeltScale", f"{machines}:Monitoring",
+                     f"{machines}:Process", f"{conveying}:MassFlowRate"]  # fmt: skip
+            rate = await belt.get_child(names)
+            unit = await (await rate.get_child("0:EngineeringUnits")).read_value()
+            assert (unit.DisplayName.Text, unit.UnitId) == ("t/h", 0x453138)  # "E18"
+            metadata = await client.nodes.server.get_child(
+                ["0:Namespaces", f"{conveying}:{spaces[conveying]}", "0:IsNamespaceSubset"]
+            )
+            assert await metadata.read_value() is True
+            text = await find(client, "Belt.Provenance.RigSha256").read_value()
+            assert text == "ab" * 32
+
+    call(work)
+
+
+def test_a_subscription_receives_every_record(running: Running) -> None:
+    async def work() -> None:
+        numbers: list[int] = []
+        async with await running.make_client() as client:
+            handler = SimpleNamespace(datachange_notification=lambda _n, value, _d: numbers.append(value))
+            subscription = await client.create_subscription(50, handler)
+            await subscription.subscribe_data_change(find(client, "Belt.Records.Number"), queuesize=1000)
+            await wait_for(lambda: bool(numbers))
+            for count in (1, 250, 7):
+                running.plant.add(count)
+                await asyncio.sleep(0.05)
+            last = running.plant.read_last_number()
+            await wait_for(lambda: bool(numbers) and numbers[-1] == last)
+        assert numbers == list(range(numbers[0], last + 1))
+
+    call(work)
+
+
+def test_findings_appear_with_limit_and_fault(running: Running) -> None:
+    async def work() -> None:
+        findings = (
+            Finding("zero_shift", 1.5, 0.1, 2.0, "mm"),
+            Finding("sharpness", math.nan, math.nan, 0.5, "", "cam0", "blurred: clean the lens", "degraded"),
+        )
+        async with await running.make_client() as client:
+            await set_state(running, client, findings=findings)
+            await asyncio.sleep(0.2)
+            health = "Belt.Monitoring.Health"
+            assert await find(client, f"{health}.zero_shift").read_value() == 1.5
+            assert await find(client, f"{health}.zero_shift.Limit").read_value() == 2.0
+            shown = await read(client, f"{health}.sharpness.cam0")
+            assert shown.StatusCode.is_bad()
+            assert await find(client, f"{health}.sharpness.cam0.Fault").read_value() == "blurred: clean the lens"
+            assert await find(client, f"{health}.Faults").read_value() == 1
+
+    call(work)
+
+
+def test_nothing_can_be_written_or_added(running: Running) -> None:
+    async def work() -> None:
+        async with await running.make_client() as client:
+            with pytest.raises(ua.UaStatusCodeError):
+                await find(client, "Belt.Totals.Volume").write_value(1.0)
+            with pytest.raises(ua.UaStatusCodeError):
+                await client.nodes.objects.add_variable(2, "mine", 1.0)
+            with pytest.raises(ua.UaStatusCodeError):
+                await client.delete_nodes([find(client, "Belt.Totals")])
+            assert await find(client, "Belt.Totals.Volume").read_value() == 0.0
+
+    call(work)
+
+
+def make_alarm(state: Any, **changes: object) -> tuple[Alarm, ...]:
+    alarm = Alarm("overload", "critical", state, 600.0, 500.0, "m³/h", 1, "slow the feed")
+    return (replace(alarm, **changes),)
+
+
+def test_an_alarm_is_a_condition_that_is_acknowledged_and_refreshed(running: Running, operator) -> None:
+    async def work() -> None:
+        events: list[Any] = []
+        handler = SimpleNamespace(event_notification=events.append, datachange_notification=None)
+        client = await running.make_client(operator, "otto")
+        async with client:
+            subscription = await client.create_subscription(50, handler)
+            kind = client.get_node(ua.ObjectIds.AlarmConditionType)
+            await subscription.subscribe_alarms_and_conditions(client.nodes.server, [kind])
+            await set_state(running, client, alarms=make_alarm("raised"))
+            await wait_for(lambda: any(getattr(e, "ActiveState/Id", None) for e in events))
+            event = [e for e in events if getattr(e, "ActiveState/Id", None)][-1]
+            assert (event.Severity, event.Message.Text) == (800, "slow the feed")
+            assert getattr(event, "AckedState/Id") is False
+            assert event.Retain is True
+            condition = client.get_node(event.NodeId)
+            acknowledge = ua.NodeId(ua.ObjectIds.AcknowledgeableConditionType_Acknowledge)
+            comment = ua.LocalizedText("seen")
+            with pytest.raises(ua.UaStatusCodeError, match="BadEventIdUnknown"):
+                await condition.call_method(acknowledge, b"another", comment)
+            await condition.call_method(acknowledge, event.EventId, comment)
+            assert running.plant.commands[-1] == ("acknowledge", "overload", "otto")
+            events.clear()
+            refresh = ua.NodeId(ua.ObjectIds.ConditionType_ConditionRefresh)
+            refreshed = client.get_node(ua.ObjectIds.ConditionType)
+            await refreshed.call_method(refresh, ua.Variant(subscription.subscription_id, ua.VariantType.UInt32))
+            await wait_for(lambda: any(getattr(e, "ActiveState/Id", None) for e in events))
+            await set_state(running, client, alarms=make_alarm("acknowledged", by="otto"))
+            await wait_for(lambda: bool(getattr(events[-1], "AckedState/Id", False)))
+            await set_state(running, client, alarms=make_alarm("clear"))
+            await wait_for(lambda: events[-1].Retain is False)
+            assert await find(client, "Belt.Alarms.overload.ActiveState").read_value() == ua.LocalizedText(
+                "Inactive"
+            )
+
+    call(work)
+
+
+def test_methods_are_done_for_operators_and_audited(running: Running, operator) -> None:
+    async def work() -> None:
+        plant, commands = running.plant, "Belt.Commands"
+        async with await running.make_client(operator, "otto") as client:
+            folder = find(client, commands)
+            await folder.call_method("2:StartBatch", "truck 7", "gravel")
+            await folder.call_method("2:ChangeProduct", "sand 0/2")
+            assert plant.commands[-2:] == [("start", "truck 7", "gravel", "otto"), ("product", "sand 0/2", "otto")]
+            with pytest.raises(ua.UaStatusCodeError, match="BadInvalidState"):
+                await folder.call_method("2:StopBatch")
+            assert await find(client, f"{commands}.LastRefusal").read_value() == "StopBatch: batch: there is none"
+            for arguments in ((), ("a", "b", "c"), (1, 2), ("x" * 500, "")):
+                with pytest.raises(ua.UaStatusCodeError):
+                    await folder.call_method("2:StartBatch", *arguments)
+        actions = [(entry[0], entry[1]) for entry in plant.users.entries]
+        assert ("opcua StartBatch", "otto") in actions
+        assert ("opcua StopBatch refused", "otto") in actions
+        before = list(plant.commands)
+        for client in (await running.make_client(operator, "vera"), await running.make_client()):
+            async with client:
+                with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
+                    await find(client, commands).call_method("2:StartBatch", "truck 8", "")
+        assert plant.commands == before
+        assert ("opcua StartBatch refused", "anonymous") in [(e[0], e[1]) for e in plant.users.entries]
+
+    call(work)

@@ -23,6 +23,8 @@ TEXTS = {
     "no_frames": "sends no frames for {age_s:.0f} s; see its own page",
 }
 """Key → the fault and its fix, in English."""
+ALARMS = ("clock", "replaced", "pruned", "no_frames")
+"""Faults of a belt that answers, which are alarms of the site; the others are one once the belt counts as away."""
 
 
 @dataclass(frozen=True, slots=True)

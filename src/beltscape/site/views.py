@@ -12,7 +12,7 @@ from beltscape.core.alarms import Severity
 from beltscape.site.balance import BalanceResult
 from beltscape.site.balancing import BalanceStatus
 from beltscape.site.catch_up import Sums
-from beltscape.site.faults import Fault
+from beltscape.site.faults import ALARMS, Fault
 from beltscape.site.follower import BeltView
 from beltscape.site.periods import Kind, list_periods
 from beltscape.site.settings import SiteSettings
@@ -20,7 +20,7 @@ from beltscape.site.store import SiteStore
 
 _WINDOWS = 24
 """Windows of a balance that the page draws."""
-_LATE_S = 60.0
+_LATE_S = 20.0
 """A ledger that is known up to less than this before now is complete so far; a stopped belt's settles within it."""
 _ON = ("raised", "acknowledged", "gone")
 
@@ -101,7 +101,7 @@ def list_alarms(belts: Iterable[BeltView], balances: Iterable[BalanceStatus]) ->
     """Return the site's own alarms that are on."""
     alarms: list[SiteAlarm] = []
     for view in belts:
-        kinds = ["away"] if view.is_away else [fault.key for fault in view.faults if fault.key != "version"]
+        kinds = ["away"] if view.is_away else [fault.key for fault in view.faults if fault.key in ALARMS]
         alarms += [SiteAlarm(kind, view.settings.name, "warning") for kind in kinds]
     for status in balances:
         if status.last is not None and status.last.state == "imbalance":

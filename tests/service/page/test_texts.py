@@ -28,15 +28,17 @@ TEXTS = read_texts("en")
 SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "script").glob("*.js"))}
 PAGE = (FOLDER / "index.html").read_text(encoding="utf-8")
 ACCESS_PAGE = FOLDER.parent / "access" / "page"
+SITE_PAGE = FOLDER.parents[1] / "site" / "page"
 CODE = (
     PAGE
     + "".join(SCRIPTS.values())
     + "".join(
         path.read_text(encoding="utf-8")
-        for path in sorted(ACCESS_PAGE.rglob("*"))
+        for path in sorted([*ACCESS_PAGE.rglob("*"), *SITE_PAGE.rglob("*")])
         if path.suffix in (".js", ".html")
     )
 )
+SITE_CODE = [path.read_text(encoding="utf-8") for path in sorted(SITE_PAGE.rglob("*.*"))]
 KEY = r"[a-z]+(?:\.[a-z0-9_]+)+"
 
 
@@ -84,7 +86,8 @@ def test_a_language_is_one_file_that_is_found_by_itself(tmp_path, monkeypatch):
 
 def test_every_used_key_exists():
     used = set(re.findall(r'data-(?:text|label|title|hint)="([^"]+)"', PAGE))
-    for script in SCRIPTS.values():
+    for script in (*SCRIPTS.values(), *SITE_CODE):
+        used |= set(re.findall(r'data-(?:text|label|title|hint)="([^"]+)"', script))
         used |= set(re.findall(rf'\bt\("({KEY})"', script)) | set(
             re.findall(rf'"data-(?:text|label|title|hint)": "({KEY})"', script)
         )

@@ -4,13 +4,15 @@ import { $, create_element, create_icon, set_text, sync_children } from "/page/s
 import { format_moment, format_number, t } from "/page/script/texts.js";
 import { explain_fault } from "./belts.js";
 
+const SILENT = ["unreachable", "timeout"]; // faults of a machine that may go on measuring
 const SEVERITY_ORDER = { critical: 0, warning: 1, info: 2 };
 
 function find_help(kind, belt) {
   if (kind === "imbalance") return t("site.help_imbalance");
   const fault = belt?.faults.find(({ key }) => key === kind) ?? belt?.faults[0];
   const text = fault ? explain_fault(fault) : "";
-  return kind === "away" ? `${text} ${t("site.help_away")}`.trim() : text;
+  const is_silent = kind === "away" && (!fault || SILENT.includes(fault.key));
+  return is_silent ? `${text} ${t("site.help_away")}`.trim() : text;
 }
 
 function list_alarms({ alarms, belts }) {

@@ -35,7 +35,7 @@ function describe_state(last) {
 }
 
 function list_values({ last, unit, sigmas, window_min }) {
-  const rows = [["site.window", last ? `${format_time(last.start_ms, false)}–${format_time(last.end_ms, false)}` : format_duration(window_min * 60)]];
+  const rows = [["site.window", last ? `${format_time(last.start_ms, window_min < 2)}–${format_time(last.end_ms, window_min < 2)}` : format_duration(window_min * 60)]];
   if (last?.difference != null) {
     const digits = last.inflow < 100 ? 2 : 1;
     rows.push(["site.inflow", format_unit(format_number(last.inflow, digits), unit)], ["site.outflow", format_unit(format_number(last.outflow, digits), unit)]);

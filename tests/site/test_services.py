@@ -1,0 +1,243 @@
+"""A site on real services over HTTP: stopped and started, with a wrong key, certificate, address or version."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from beltscape.service.app import create_app
+from beltscape.service.server import RunningServer, serve
+from beltscape.site.faults import BeltFaultError
+from beltscape.site.run import RunningSite, check_site, serve_site
+from beltscape.site.settings import BeltSettings, read_site
+from tests.protocols.broker import find_port, wait_until
+from tests.service.access.certificates import make_certificate
+from tests.service.access.sample_app import CHEAP, PASSWORD
+from tests.service.plants import ServiceParts, make_service
+
+pytest.importorskip("httpx", reason="httpx is not installed; pip install 'beltscape[site]' brings it")
+
+from beltscape.site.client import BeltClient
+
+
+@dataclass
+class Belt:
+    """A service with its own port, which can be stopped and started again."""
+
+    folder: Path
+    parts: ServiceParts
+    key: str
+    port: int = field(default_factory=find_port)
+    server: RunningServer | None = None
+    tls: dict[str, Path] = field(default_factory=dict)
+
+    def start(self) -> None:
+        parts = self.parts
+        web = parts.settings.model_copy(update={"port": self.port, **self.tls})
+        app = create_app(parts.live_state, parts.history, parts.access, parts.plant, web)
+        self.server = serve(app, web)
+
+    def stop(self) -> None:
+        if self.server is not None:
+            self.server.close()
+            self.server = None
+
+    def measure(self, records: int) -> None:
+        for _ in range(records):
+            self.parts.plant.step()
+
+
+@pytest.fixture
+def belts(tmp_path: Path) -> Iterator[dict[str, Belt]]:
+    """Return three belts that answer."""
+    made: dict[str, Belt] = {}
+    for name in "abc":
+        parts = make_service(tmp_path / name)
+        made[name] = Belt(tmp_path / name, parts, parts.access.keys.create("site"))
+        made[name].start()
+    yield made
+    for belt in made.values():
+        belt.stop()
+        belt.parts.access.close()
+        belt.parts.history.close()
+
+
+def write_site(folder: Path, belts: dict[str, Belt], lines: str = "", **urls: str) -> Path:
+    """Write a site.toml."""
+    text = f'poll_s = 0.2\naway_s = 1\n{lines}\n[web]\nport = 0\nplant = "Quarry"\n'
+    for name, belt in belts.items():
+        (folder / f"{name}.key").write_text(belt.key + "\n")
+        url = urls.get(name, f"http://127.0.0.1:{belt.port}")
+        text += f'[[belts]]\nname = "{name}"\nurl = "{url}"\nkey_file = "{name}.key"\n'
+    path = folder / "site.toml"
+    path.write_text(text)
+    return path
+
+
+@contextmanager
+def run(path: Path) -> Iterator[tuple[RunningSite, Callable[[str], dict[str, Any]]]]:
+    """Run a site; yield it and a function that gives what the page shows of a belt."""
+    with ExitStack() as stack:
+        running = stack.enter_context(serve_site(read_site(path)))
+
+        def show(name: str) -> dict[str, Any]:
+            return next(belt for belt in running.state.take_snapshot()["belts"] if belt["name"] == name)
+
+        yield running, show
+
+
+def count(running: RunningSite, name: str) -> int:
+    store = running.state.store
+    return sum(sums.records for sums in store.read_quarters(name, 0, 1 << 40).values())
+
+
+def list_alarms(running: RunningSite) -> list[tuple[str, str]]:
+    return [(one["kind"], one["subject"]) for one in running.state.take_snapshot()["alarms"]]
+
+
+def test_three_belts_one_away_and_back(belts: dict[str, Belt], tmp_path: Path) -> None:
+    path = write_site(tmp_path, belts)
+    for belt in belts.values():
+        belt.measure(20)
+    with run(path) as (running, show):
+        wait_until(lambda: [count(running, name) for name in "abc"] == [20, 20, 20])
+        wait_until(lambda: show("a")["flow"] is not None)
+        assert show("a")["totals"]["records"] == 20
+        assert show("a")["cameras"] == {"ok": 5, "all": 5}
+        belts["b"].stop()
+        belts["b"].measure(30)  # it goes on by itself
+        belts["a"].measure(7)
+        wait_until(lambda: show("b")["is_away"])
+        shown = show("b")
+        assert shown["flow"] is None
+        assert shown["age_s"] > 1
+        assert shown["faults"][0]["key"] == "unreachable"
+        assert shown["totals"]["records"] == 20  # the last that is known
+        wait_until(lambda: count(running, "a") == 27)
+        wait_until(lambda: list_alarms(running) == [("away", "b")])
+        assert show("b")["age_s"] > shown["age_s"]
+        belts["b"].start()
+        wait_until(lambda: not show("b")["is_away"] and count(running, "b") == 50)
+        assert show("b")["faults"] == []
+    belts["c"].measure(5)  # the site was away, too
+    with run(path) as (running, _):
+        wait_until(lambda: [count(running, name) for name in "abc"] == [27, 50, 25])
+
+
+def test_signed_in_users_only(belts: dict[str, Belt], tmp_path: Path) -> None:
+    import httpx
+
+    from beltscape.service.access import Access, AccessSettings
+
+    path = write_site(tmp_path, {"a": belts["a"]})
+    site = read_site(path)
+    site.data.mkdir()
+    access = Access(site.data, AccessSettings(), CHEAP)
+    access.accounts.add("anna", "viewer", PASSWORD)
+    access.close()
+    with run(path) as (running, _), httpx.Client(base_url=running.server.address) as client:
+        assert client.get("/api/site").status_code == 401
+        assert client.get("/api/site/totals").status_code == 401
+        assert (
+            client.post("/api/access/login", json={"name": "anna", "password": PASSWORD}).status_code == 200
+        )
+        shown = client.get("/api/site").json()
+        assert [belt["name"] for belt in shown["belts"]] == ["a"]
+        assert belts["a"].key not in client.get("/api/site").text
+        for kind in ("hour", "shift", "day"):
+            totals = client.get("/api/site/totals", params={"kind": kind, "count": 3}).json()
+            assert len(totals["periods"]) == 3
+        assert client.get("/api/site/totals", params={"kind": "week"}).status_code == 422
+        assert client.get("/").text.startswith("<!doctype html>")
+        for name in ("main", "belts", "balances", "alarms", "totals"):
+            assert client.get(f"/site/{name}.js").status_code == 200
+
+
+def find_fault(folder: Path, url: str, key: str, ca: Path | None = None) -> str:
+    """Return the key of the fault of reading a belt."""
+    (folder / "one.key").write_text(key)
+    client = BeltClient(BeltSettings(name="a", url=url, key_file=folder / "one.key", ca=ca))
+    try:
+        client.read_page()
+        client.read_state()
+        client.read_records(0, 0)
+    except BeltFaultError as error:
+        assert "\n" not in error.fault.text
+        assert key not in error.fault.text
+        return error.fault.key
+    finally:
+        client.close()
+    return ""
+
+
+def test_what_is_wrong_with_a_belt_is_one_clear_line(belts: dict[str, Belt], tmp_path: Path) -> None:
+    belt = belts["a"]
+    url = f"http://127.0.0.1:{belt.port}"
+    assert find_fault(tmp_path, url, belt.key) == ""
+    assert find_fault(tmp_path, url, "another") == "key"
+    assert find_fault(tmp_path, f"http://127.0.0.1:{find_port()}", belt.key) == "unreachable"
+    assert find_fault(tmp_path, "http://no-such-host.invalid", belt.key) == "unreachable"
+    assert find_fault(tmp_path, url.replace("http", "https"), belt.key) == "not_tls"
+    belt.stop()
+    certificate, private = make_certificate(tmp_path, "belt")
+    other, _ = make_certificate(tmp_path, "other")
+    belt.tls = {"tls_certificate": certificate, "tls_key": private}
+    belt.start()
+    secure = url.replace("http", "https")
+    assert find_fault(tmp_path, secure, belt.key, certificate) == ""
+    assert find_fault(tmp_path, secure, belt.key, other) == "certificate"
+    assert find_fault(tmp_path, secure, belt.key) == "certificate"
+    assert find_fault(tmp_path, url, belt.key) == "needs_tls"
+
+
+def test_check_names_every_belt(belts: dict[str, Belt], tmp_path: Path) -> None:
+    belts["a"].measure(3)
+    lines = check_site(read_site(write_site(tmp_path, belts, c=f"http://127.0.0.1:{find_port()}")))
+    assert "3 records" in lines["a"]
+    assert "cannot be reached" in lines["c"]
+    assert lines["page"] == "127.0.0.1 port 0"
+
+
+def test_another_version_is_marked_and_read_nevertheless(
+    belts: dict[str, Belt], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from beltscape.site import follower
+
+    monkeypatch.setattr(follower, "__version__", "9.4.0")
+    belts["a"].measure(2)
+    with run(write_site(tmp_path, {"a": belts["a"]})) as (running, show):
+        wait_until(lambda: count(running, "a") == 2)
+        fault = show("a")["faults"][0]
+        assert fault["key"] == "version"
+        assert fault["values"]["own"] == "9.4.0"
+        assert running.state.take_snapshot()["alarms"] == []
+
+
+def test_a_foreign_server_is_named(tmp_path: Path) -> None:
+    import threading
+    from http.server import BaseHTTPRequestHandler, HTTPServer
+
+    class Foreign(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            body = b'{"wall_ms": 1}' if "page" in self.path else b"<html>"
+            self.send_response(200 if "nothing" not in self.headers.get("Authorization", "") else 404)
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, format: str, *args: object) -> None:  # noqa: A002
+            """Print nothing."""
+
+    with HTTPServer(("127.0.0.1", 0), Foreign) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        url = f"http://127.0.0.1:{server.server_port}"
+        assert find_fault(tmp_path, url, "some-key") == "foreign"
+        assert find_fault(tmp_path, url, "nothing-here") == "status"
+        server.shutdown()
+        thread.join()

@@ -133,7 +133,8 @@ class ReportSettings(_Table):
     """Whether every day gets a report; it begins with the first shift."""
     pdf: bool = False
     """Whether each is also written as PDF; needs beltscape[reports]."""
-    language: Literal["en", "de", "zh"] = "en"
+    language: Annotated[str, Field(pattern=r"^[a-z]{2}(-[A-Z]{2})?$")] = "en"
+    """Code of a language that reports have, such as "de"."""
     keep_days: Annotated[int, Field(ge=1, le=36_500)] = 3650
     """Age at which reports are removed."""
     mail: MailSettings | None = None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-import time
 from collections.abc import Sequence
 
 from beltscape.production.batches import Batch
@@ -25,19 +24,17 @@ class ProductionHistory:
     def __init__(self, store: Store) -> None:
         self._store = store
 
-    def change_product(self, product: str, by: str) -> None:
+    def change_product(self, product: str, by: str, wall_ns: int) -> None:
         """Make a product the present one."""
-        wall_ns = time.time_ns()
         self._store.transact(lambda c: writing.insert_product_change(c, wall_ns, product, by))
 
-    def start_batch(self, name: str, by: str) -> int:
+    def start_batch(self, name: str, by: str, wall_ns: int) -> int:
         """Open a batch, where none is open; return its number."""
-        wall_ns, first = time.time_ns(), self._store.sums.number + 1
+        first = self._store.sums.number + 1
         return self._store.transact(lambda c: writing.insert_batch(c, first, name, wall_ns, by))
 
-    def end_batch(self, by: str) -> None:
+    def end_batch(self, by: str, wall_ns: int) -> None:
         """End the open batch, if there is one."""
-        wall_ns = time.time_ns()
         self._store.transact(lambda c: writing.end_batch(c, wall_ns, by))
 
     def add_readings(self, readings: Sequence[ScaleReading]) -> None:

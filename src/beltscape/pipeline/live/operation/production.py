@@ -85,7 +85,7 @@ class ProductionControl:
                 raise InputError(f"batch {self._batch_name} is open; stop it first")
             if product:
                 self._change_product(product, by)
-            number = self.history.start_batch(name, by)
+            number = self.history.start_batch(name, by, self._wall_ns())
             self._batch_name = name
             self._set_tag(self.tag.product, number)
         self._events.add("batch", name, "started", self._wall_ns(), by, {"action": "start"})
@@ -100,7 +100,7 @@ class ProductionControl:
             batch = self.history.open_batch
             if batch is None or not self.tag.batch:
                 raise InputError("no batch is open")
-            self.history.end_batch(by)
+            self.history.end_batch(by, self._wall_ns())
             self._batch_name = ""
             self._set_tag(self.tag.product, 0)
         self._events.add("batch", batch.name, "stopped", self._wall_ns(), by, {"action": "stop"})
@@ -130,7 +130,7 @@ class ProductionControl:
         if due is None or (last is not None and last.wall_ns >= due.wall_ns):
             return
         if not self._change_product(due.product, TIMETABLE):
-            self.history.change_product(due.product, TIMETABLE)  # it is done: a later change by hand holds
+            self.history.change_product(due.product, TIMETABLE, self._wall_ns())  # it is done: a later change by hand holds
 
     def _change_product(self, name: str, by: str) -> bool:
         if name not in self._by_name:
@@ -143,7 +143,7 @@ class ProductionControl:
         before = self.tag.product
         if name == before:
             return False
-        self.history.change_product(name, by)
+        self.history.change_product(name, by, self._wall_ns())
         self._set_tag(name, self.tag.batch)
         text = f"{name} instead of {before}" if before else name
         self._events.add("product", name, text, self._wall_ns(), by, {"before": before} if before else None)

@@ -75,7 +75,9 @@ def make_certificate(
     key = rsa.generate_private_key(65537, bits)
     subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
     now = datetime.now(UTC)
-    uri = x509.SubjectAlternativeName([x509.UniformResourceIdentifier(application), x509.DNSName("localhost")])
+    uri = x509.SubjectAlternativeName(
+        [x509.UniformResourceIdentifier(application), x509.DNSName("localhost")]
+    )
     usage = x509.KeyUsage(True, True, True, True, False, False, False, False, False)  # noqa: FBT003
     certificate = (
         x509.CertificateBuilder()

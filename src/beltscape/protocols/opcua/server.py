@@ -8,7 +8,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
@@ -28,9 +29,11 @@ from beltscape.protocols.opcua.model.types import add_types
 from beltscape.protocols.opcua.publication import Publication
 from beltscape.protocols.opcua.security.certificates import ClientCertificates, open_own_certificate
 from beltscape.protocols.opcua.security.sessions import GuardedServer
-from beltscape.protocols.opcua.security.transport import BoundedServer, make_limits
+from beltscape.protocols.opcua.security.transport import BoundedServer, open_listener
 from beltscape.protocols.opcua.settings import OpcUaSettings
-from beltscape.protocols.plant import Plant, PlantCommands, PlantUsers, Provenance
+from beltscape.protocols.plant import Plant, PlantCommands, PlantState, PlantUsers, Provenance
+
+Update = Callable[[PlantState], Awaitable[None]]
 
 _START_S = 60.0
 """Time for the server to listen: the standard nodes take a second of a free core."""
@@ -121,46 +124,53 @@ class OpcUaServer:
         asyncio.run(self._serve())
 
     async def _serve(self) -> None:
-        guarded = GuardedServer(self._settings, self._clients, self._plant.users)
-        guarded.history_manager = RecordHistory(self._plant)
-        server = BoundedServer(iserver=guarded)
-        await self._configure(server)
+        try:
+            listener = open_listener(self._settings.host, self._settings.port)
+        except OSError as error:
+            self._failure = str(error)
+            self._listening.set()
+            return
+        with closing(listener):
+            guarded = GuardedServer(self._settings, self._clients, self._plant.users)
+            guarded.history_manager = RecordHistory(self._plant)
+            server = BoundedServer(guarded, listener)
+            await self._configure(server)
+            updates = await self._add_nodes(guarded)
+            await server.start()
+            self.port = listener.getsockname()[1]
+            self._listening.set()
+            try:
+                await self._run_updates(guarded, updates)
+            finally:
+                await server.stop()
+
+    async def _add_nodes(self, guarded: GuardedServer) -> list[Update]:
+        """Add all nodes, with their first values, and return what shows a new state."""
         builder = Builder(guarded)
         add_types(builder)
         add_belt(builder, self._settings, self.own.application, self._plant.provenance)
         commands = Commands(guarded, builder, self._plant, self._plant.users)
         publication = Publication(guarded, self._plant)
-        conditions = Conditions(guarded, builder, commands)
-        findings = Findings(guarded, builder)
         await publication.update(self._plant.read_state())
-        try:
-            await server.start()
-        except OSError as error:
-            self._failure = str(error)
-            self._listening.set()
-            return
-        self.port = server.bserver.port if server.bserver is not None else self._settings.port
-        self._listening.set()
-        try:
-            users_s = 0.0
-            while not self._stop.is_set():
-                state = self._plant.read_state()
-                await publication.update(state)
-                await conditions.update(state)
-                await findings.update(state)
-                users_s += self._settings.update_every_s
-                if users_s >= _USERS_S:
-                    users_s = 0.0
-                    await guarded.end_orphaned_sessions()
-                await self._pause()
-        finally:
-            await server.stop()
+        conditions, findings = Conditions(guarded, builder, commands), Findings(guarded, builder)
+        return [publication.update, conditions.update, findings.update]
+
+    async def _run_updates(self, guarded: GuardedServer, updates: list[Update]) -> None:
+        users_s = 0.0
+        while not self._stop.is_set():
+            state = self._plant.read_state()
+            for update in updates:
+                await update(state)
+            users_s += self._settings.update_every_s
+            if users_s >= _USERS_S:
+                users_s = 0.0
+                await guarded.end_orphaned_sessions()
+            await self._pause()
 
     async def _configure(self, server: BoundedServer) -> None:
         """Set names, certificate and policies, and register the namespaces in their order."""
         from beltscape import __version__
 
-        server.limits = make_limits()
         await server.init()
         await server.set_application_uri(self.own.application)
         server.set_server_name(f"Beltscape {self._settings.name}")

@@ -129,6 +129,8 @@ class LiveState:
         self._frames, self._totals = FrameStatistics(), Totals()
         self._cameras: dict[str, CameraHealth] = {}
         self._alarms: tuple[Alarm, ...] = ()
+        self.alarm_followers: list[Callable[[Sequence[Alarm]], None]] = []
+        """Called with all alarms after every update; each must return at once."""
         self._notes: deque[tuple[int, str]] = deque(maxlen=_NOTES)
         self._records: deque[BeltRecord] = deque(maxlen=_RECORDS)
         self._points: deque[FlowPoint] = deque(maxlen=_POINTS)
@@ -207,6 +209,8 @@ class LiveState:
         """Update the alarms."""
         with self._lock:
             self._alarms = tuple(alarms)
+        for follow in tuple(self.alarm_followers):
+            follow(alarms)
 
     def on_findings(self, findings: Sequence[Finding]) -> None:
         """Update the checks; one that was not made this time keeps its newest finding."""

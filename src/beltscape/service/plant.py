@@ -74,7 +74,12 @@ def run_plant(
             assembled.production, assembled.historian, project, options.data, live_state.on_message
         ) as made,
         serve_protocols(
-            ProtocolSettings(project.settings.mqtt, project.settings.modbus, project.settings.opcua),
+            ProtocolSettings(
+                project.settings.mqtt,
+                project.settings.modbus,
+                project.settings.opcua,
+                project.settings.syslog,
+            ),
             served,
             options.data,
             live_state.on_message,

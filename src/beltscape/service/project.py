@@ -10,6 +10,7 @@ from beltscape.pipeline.live.project import CaptureSettings, Project, RunSetting
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.syslog.settings import SyslogSettings
 from beltscape.service.languages import require_language
 from beltscape.service.settings import WebSettings
 from beltscape.sources.encoder.settings import EncoderSettings
@@ -26,6 +27,8 @@ class ProjectSettings(RunSettings):
     """State and totals as registers: the table [modbus]."""
     opcua: OpcUaSettings | None = None
     """State, totals, alarms and history as a server: the table [opcua]."""
+    syslog: SyslogSettings | None = None
+    """Changes of alarms to a syslog server: the table [syslog]."""
 
 
 def open_project(path: Path) -> Project[ProjectSettings]:
@@ -43,6 +46,10 @@ def open_project(path: Path) -> Project[ProjectSettings]:
         keys = ("certificate", "key")
         own = {key: project.resolve(file) for key in keys if (file := getattr(opcua, key))}
         settings = settings.model_copy(update={"opcua": opcua.model_copy(update=own)})
+    if (syslog := settings.syslog) is not None:
+        keys = ("tls_ca", "tls_certificate", "tls_key")
+        own = {key: project.resolve(file) for key in keys if (file := getattr(syslog, key))}
+        settings = settings.model_copy(update={"syslog": syslog.model_copy(update=own)})
     return Project(project.path, settings)
 
 

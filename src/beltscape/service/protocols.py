@@ -10,6 +10,7 @@ from math import nan
 from pathlib import Path
 from typing import Any, Protocol
 
+from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError
 from beltscape.core.extras import describe_missing_library
@@ -19,6 +20,7 @@ from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.opcua.settings import OpcUaSettings
 from beltscape.protocols.plant import PlantState, PlantUsers, Provenance
+from beltscape.protocols.syslog.settings import SyslogSettings
 from beltscape.service.live_state import LiveState
 from beltscape.service.protocol_users import NoUsers
 from beltscape.sinks.historian import Historian
@@ -34,6 +36,7 @@ class ProtocolSettings:
     mqtt: MqttSettings | None = None
     modbus: ModbusSettings | None = None
     opcua: OpcUaSettings | None = None
+    syslog: SyslogSettings | None = None
 
 
 class ServedPlant:
@@ -83,6 +86,13 @@ class ServedPlant:
             product="" if self.production is None else self.production.tag.product,
             batch="" if self.production is None else self.production.batch_name,
         )
+
+    def follow_alarms(self, follow: Callable[[Sequence[Alarm]], None]) -> Callable[[], None]:
+        """Call ``follow`` with all alarms now and after every update; return the function that ends it."""
+        followers = self._live_state.alarm_followers
+        follow(self._live_state.take_snapshot().alarms)
+        followers.append(follow)
+        return lambda: followers.remove(follow)
 
     def read_records(self, after: int, limit: int) -> Sequence[BeltRecord]:
         """Return at most ``limit`` stored records with numbers above ``after``."""
@@ -211,10 +221,35 @@ def _start_opcua(
     return server
 
 
+def _start_syslog(
+    settings: SyslogSettings, plant: ServedPlant, _data: Path, tell: Callable[[str], None]
+) -> Served:
+    from beltscape.protocols.syslog.sender import SyslogSender, check_settings
+
+    check_settings(settings)
+    sender = SyslogSender(settings, tell)
+    sender.start()
+    return _FollowingSender(sender, plant.follow_alarms(sender.on_alarms))
+
+
+@dataclass(frozen=True, slots=True)
+class _FollowingSender:
+    """A sender that gets the plant's alarms until it is closed."""
+
+    sender: Served
+    end: Callable[[], None]
+
+    def close(self) -> None:
+        """End both."""
+        self.end()
+        self.sender.close()
+
+
 STARTERS: Mapping[str, Callable[[Any, ServedPlant, Path, Callable[[str], None]], Served]] = {
     "modbus": _start_modbus,
     "mqtt": _start_mqtt,
     "opcua": _start_opcua,
+    "syslog": _start_syslog,
 }
 """By the name of its table in project.toml: what serves a protocol."""
 
@@ -248,10 +283,18 @@ def check_opcua(opcua: OpcUaSettings) -> str:
     return f"{opcua.host} port {opcua.port}, least security {opcua.security}, {own}"
 
 
+def check_syslog(syslog: SyslogSettings) -> str:
+    """Return where alarms would go; InputError where they cannot."""
+    from beltscape.protocols.syslog.sender import check_settings
+
+    return check_settings(syslog)
+
+
 CHECKS: Mapping[str, Callable[[Any], str]] = {
     "mqtt": check_mqtt,
     "modbus": check_modbus,
     "opcua": check_opcua,
+    "syslog": check_syslog,
 }
 """By the name of its table: returns one line about a protocol; InputError where it cannot be served."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ssl
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -13,6 +12,7 @@ import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
+from beltscape.protocols.client_tls import make_client_context
 from beltscape.protocols.mqtt.settings import MqttSettings
 
 _ACKNOWLEDGED_S = 20.0
@@ -37,7 +37,8 @@ class Connection:
         if settings.user:
             client.username_pw_set(settings.user, password)
         if settings.is_encrypted:
-            client.tls_set_context(_make_tls_context(settings))  # pyright: ignore[reportUnknownMemberType]
+            files = settings.tls_ca, settings.tls_certificate, settings.tls_key
+            client.tls_set_context(make_client_context(*files))  # pyright: ignore[reportUnknownMemberType]
         client.will_set(f"{settings.topic}/status", "offline", qos=1, retain=True)
         client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
         self._client = client
@@ -120,14 +121,6 @@ class Connection:
     def _lose(self, reason: str) -> None:
         self.reason = self.reason or reason
         self._lost.set()
-
-
-def _make_tls_context(settings: MqttSettings) -> ssl.SSLContext:
-    """Return TLS that checks the broker's certificate and name."""
-    context = ssl.create_default_context(cafile=None if settings.tls_ca is None else str(settings.tls_ca))
-    if settings.tls_certificate is not None:
-        context.load_cert_chain(settings.tls_certificate, settings.tls_key)
-    return context
 
 
 def list_tls_files(settings: MqttSettings) -> tuple[Path | None, Path | None, Path | None]:

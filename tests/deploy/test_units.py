@@ -24,7 +24,7 @@ def test_systemd_understands_it(unit, tmp_path):
     if program is None:
         pytest.skip("systemd-analyze is not there")
     for one in UNITS:  # the programs themselves need not be installed here
-        text = re.sub(r"^ExecStart=\S+", "ExecStart=/bin/true", one.read_text(), flags=re.MULTILINE)
+        text = re.sub(r"^(Exec\w+)=\S+", r"\1=/bin/true", one.read_text(), flags=re.MULTILINE)
         (tmp_path / one.name).write_text(text)
     done = subprocess.run(
         [program, "verify", str(tmp_path / unit.name)],
@@ -56,10 +56,20 @@ def test_the_command_it_starts_is_one_of_ours(capsys):
     assert parser["Service"]["Type"] == "notify"
 
 
-def test_the_backup_it_starts_is_there():
-    text = (DEPLOY / "beltscape-backup.service").read_text()
-    assert re.search(r"^ExecStart=\S+python \S+/deploy/backup\.py ", text, re.MULTILINE)
-    assert (DEPLOY / "backup.py").is_file()
+@pytest.mark.parametrize(
+    ("unit", "key", "command"),
+    [("beltscape-backup", "ExecStart", "backup"), ("beltscape", "ExecReload", "reload")],
+)
+def test_backup_and_reload_are_commands_with_these_options(unit, key, command, capsys):
+    parser = CaseSensitiveParser(strict=False)
+    parser.read(DEPLOY / f"{unit}.service")
+    _, *words = parser["Service"][key].split()
+    assert words[0] == command
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    options = [word for word in words if word.startswith("--")]
+    text = capsys.readouterr().out
+    assert all(option in text for option in options)
 
 
 def test_the_container_runs_the_service_without_rights():

@@ -33,7 +33,13 @@ EXAMPLES = {
     "evaluate": ("evaluate depth depth_loaded --truth loaded/truth",),
     "run": ("run project.toml --check", "run project.toml"),
     "site": ("site site.toml --check", "site site.toml"),
+    "reload": ("reload project.toml", "reload project.toml --list"),
     "replay": ("replay project.toml --capture moving --out replayed",),
+    "backup": ("backup project.toml /var/backups/beltscape --archive tar.zst --keep 14",),
+    "restore": (
+        "restore /var/backups/beltscape/2026-11-21T024000Z.tar.zst --check",
+        "restore /var/backups/beltscape/2026-11-21T024000Z.tar.zst restored",
+    ),
     "cameras": ("cameras --check project.toml",),
     "record": (
         "record project.toml --out calibration --board board.toml   (space or Enter takes a shot, q ends)",

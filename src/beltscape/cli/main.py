@@ -30,6 +30,8 @@ COMMANDS = {
     "site": "several belts, each measured by its own run: one page, balances over transfer points, totals",
     "reload": "a running plant reads its settings, rig and empty belt again, without a stop",
     "replay": "a recorded capture through the running system, at full or at its own speed",
+    "backup": "history, users, settings, rig, belt and certificates of a plant, while it runs",
+    "restore": "a backup back in its place, on this machine or an empty one",
     "cameras": "cameras on the network, and whether a project's settings fit them",
     "record": "images from a project's cameras: views of the board by key or timer, sequences of the belt",
     "users": "who may open the operator's page: list, add, remove, passwords, roles",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +34,6 @@ SCHEDULES = {
     "fast_confidence": Schedule((64,), 16, 8192, 4e-3),
     "sigma": Schedule((32,), 16, 8192, 4e-3),
 }
-SIGMA_BLIND = "log grid scale"
-"""Feature that sigma does not use: with it, sigma would fit single captures of that size."""
 
 
 def collect_pixels(name: str, captures: list[Path], cache: SampleCache) -> dict[str, np.ndarray]:
@@ -77,15 +74,11 @@ def _train_sigma(samples: dict[str, np.ndarray], confidence: Network) -> Network
     used = mask_measured(samples, logit)
     sizes = np.log(MAD_TO_SIGMA * np.maximum(np.abs(samples["centred_px"][used]), 1e-6))
     weight = np.where(samples["interior"][used], 1, NEAR)
-    seen = [name for name in features if name != SIGMA_BLIND]
-    columns = [features.index(name) for name in seen]
     loss = make_absolute_deviation(sizes, weight, ROUND)
-    fitted = fit_perceptron(
-        tuple(seen), ("log sigma",), x[used][:, columns], loss, SCHEDULES["sigma"],
-        limits=confidence.limits[:, columns], start=float(np.median(sizes)),
+    return fit_perceptron(
+        features, ("log sigma",), x[used], loss, SCHEDULES["sigma"],
+        limits=confidence.limits, start=float(np.median(sizes)),
     )  # fmt: skip
-    blind = np.insert(fitted.layers[0], features.index(SIGMA_BLIND), 0, axis=1)
-    return replace(fitted, features=features, limits=confidence.limits, layers=(blind, *fitted.layers[1:]))
 
 
 def mask_measured(samples: dict[str, np.ndarray], logit: np.ndarray) -> np.ndarray:

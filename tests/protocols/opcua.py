@@ -78,7 +78,7 @@ def make_certificate(
     uri = x509.SubjectAlternativeName(
         [x509.UniformResourceIdentifier(application), x509.DNSName("localhost")]
     )
-    usage = x509.KeyUsage(True, True, True, True, False, False, False, False, False)  # noqa: FBT003
+    usage = x509.KeyUsage(True, True, True, True, False, False, False, False, False)
     certificate = (
         x509.CertificateBuilder()
         .subject_name(subject)

@@ -208,7 +208,9 @@ def test_findings_appear_with_limit_and_fault(running: Running) -> None:
             assert await find(client, f"{health}.zero_shift.Limit").read_value() == 2.0
             shown = await read(client, f"{health}.sharpness.cam0")
             assert shown.StatusCode.is_bad()
-            assert await find(client, f"{health}.sharpness.cam0.Fault").read_value() == "blurred: clean the lens"
+            assert (
+                await find(client, f"{health}.sharpness.cam0.Fault").read_value() == "blurred: clean the lens"
+            )
             assert await find(client, f"{health}.Faults").read_value() == 1
 
     call(work)
@@ -258,7 +260,9 @@ def test_an_alarm_is_a_condition_that_is_acknowledged_and_refreshed(running: Run
             events.clear()
             refresh = ua.NodeId(ua.ObjectIds.ConditionType_ConditionRefresh)
             refreshed = client.get_node(ua.ObjectIds.ConditionType)
-            await refreshed.call_method(refresh, ua.Variant(subscription.subscription_id, ua.VariantType.UInt32))
+            await refreshed.call_method(
+                refresh, ua.Variant(subscription.subscription_id, ua.VariantType.UInt32)
+            )
             await wait_for(lambda: any(getattr(e, "ActiveState/Id", None) for e in events))
             await set_state(running, client, alarms=make_alarm("acknowledged", by="otto"))
             await wait_for(lambda: bool(getattr(events[-1], "AckedState/Id", False)))
@@ -278,10 +282,16 @@ def test_methods_are_done_for_operators_and_audited(running: Running, operator) 
             folder = find(client, commands)
             await folder.call_method("2:StartBatch", "truck 7", "gravel")
             await folder.call_method("2:ChangeProduct", "sand 0/2")
-            assert plant.commands[-2:] == [("start", "truck 7", "gravel", "otto"), ("product", "sand 0/2", "otto")]
+            assert plant.commands[-2:] == [
+                ("start", "truck 7", "gravel", "otto"),
+                ("product", "sand 0/2", "otto"),
+            ]
             with pytest.raises(ua.UaStatusCodeError, match="BadInvalidState"):
                 await folder.call_method("2:StopBatch")
-            assert await find(client, f"{commands}.LastRefusal").read_value() == "StopBatch: batch: there is none"
+            assert (
+                await find(client, f"{commands}.LastRefusal").read_value()
+                == "StopBatch: batch: there is none"
+            )
             for arguments in ((), ("a", "b", "c"), (1, 2), ("x" * 500, "")):
                 with pytest.raises(ua.UaStatusCodeError):
                     await folder.call_method("2:StartBatch", *arguments)

@@ -36,7 +36,9 @@ def at(wall_ns: int) -> datetime:
     return EPOCH + timedelta(microseconds=wall_ns // 1000)
 
 
-def read_page(served: RecordHistory, node: str, start: datetime, end: datetime, number: int, point: bytes | None):
+def read_page(
+    served: RecordHistory, node: str, start: datetime, end: datetime, number: int, point: bytes | None
+):
     details = ua.ReadRawModifiedDetails(IsReadModified=False)
     details.StartTime, details.EndTime, details.NumValuesPerNode = start, end, number
     value = ua.HistoryReadValueId()
@@ -101,7 +103,8 @@ def test_a_missing_time_means_the_newest_or_the_oldest() -> None:
 
 def test_values_bear_the_records_status_and_time() -> None:
     records = [
-        replace(make_record(n, standing), wall_ns=10**18 + n * 10**9) for n, standing in enumerate(STANDINGS, 1)
+        replace(make_record(n, standing), wall_ns=10**18 + n * 10**9)
+        for n, standing in enumerate(STANDINGS, 1)
     ]
     served = RecordHistory(Ledger(records))
     result = read_page(served, "Belt.Monitoring.Process.MassFlowRate", NONE, NONE, 9, None)

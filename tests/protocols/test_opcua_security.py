@@ -21,7 +21,7 @@ from asyncua import Client, ua
 from beltscape.protocols.opcua.security.certificates import open_own_certificate
 from beltscape.protocols.opcua.server import OpcUaServer
 from beltscape.protocols.opcua.settings import OpcUaSettings
-from tests.protocols.opcua import APPLICATION, CommandedPlant, Running, call, find, make_certificate, wait_for
+from tests.protocols.opcua import APPLICATION, CommandedPlant, Running, call, find, make_certificate
 
 VOLUME = "Belt.Totals.Volume"
 SIGN = ua.MessageSecurityMode.Sign
@@ -272,7 +272,9 @@ def test_the_private_key_is_private(running: Running) -> None:
     assert (running.data / "opcua/key.pem").stat().st_mode & 0o077 == 0
 
 
-def test_a_restart_keeps_certificate_port_and_trust_and_takes_other_security(running: Running, trusted) -> None:
+def test_a_restart_keeps_certificate_port_and_trust_and_takes_other_security(
+    running: Running, trusted
+) -> None:
     port, certificate = running.server.port, running.server.own.describe()
     began = time.monotonic()
     running.server.close()

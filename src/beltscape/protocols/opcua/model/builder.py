@@ -28,7 +28,6 @@ class Builder:
     ) -> ua.NodeId:
         """Add an object of a type."""
         attributes = ua.ObjectAttributes()
-        attributes.SpecifiedAttributes = ua.ObjectAttributes().SpecifiedAttributes
         attributes.DisplayName = ua.LocalizedText(name.Name)
         return self._add(node, parent, name, reference, ua.NodeClass.Object, attributes, _identify(kind))
 

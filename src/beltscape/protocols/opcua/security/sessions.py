@@ -107,8 +107,7 @@ class GuardedSession(InternalSession):
     @property
     def address(self) -> str:
         """Return the address that the client calls from."""
-        peer: Any = self.name
-        return str(peer[0]) if isinstance(peer, tuple) else str(peer)
+        return self.name if isinstance(self.name, str) else self.name[0]
 
     async def create_session(
         self, params: ua.CreateSessionParameters, sockname: tuple[str, int] | None = None

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 from typing import Any
@@ -11,6 +13,7 @@ from typing import Any
 import paho.mqtt.client as mqtt
 from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
+from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from beltscape.protocols.client_tls import make_client_context
 from beltscape.protocols.mqtt.settings import MqttSettings
@@ -25,12 +28,33 @@ _KEEP_ALIVE_S = 15
 """One and a half times this silence is a broken connection to the broker. Chosen."""
 
 
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A message to publish."""
+
+    topic: str
+    payload: str | bytes
+    qos: int = 1
+    """1: the broker acknowledges it; 0: it does not."""
+    retain: bool = False
+    """Whether the broker keeps it for those who come later."""
+
+
 class Connection:
     """One connection to the broker; after it is lost a new one is made, so that nothing is sent twice by itself."""
 
-    def __init__(self, settings: MqttSettings, password: str | None) -> None:
+    def __init__(
+        self,
+        settings: MqttSettings,
+        password: str | None,
+        will: Message,
+        on_message: Callable[[str, bytes], None] = lambda _topic, _payload: None,
+    ) -> None:
+        """Prepare; the broker publishes ``will`` if the connection breaks; ``on_message`` gets topic and payload."""
         self._settings = settings
         self._answered, self._lost = threading.Event(), threading.Event()
+        self._subscribed: set[int | None] = set()
+        self._subscription = threading.Condition()
         self.reason = ""
         client = mqtt.Client(CallbackAPIVersion.VERSION2, settings.client_id, protocol=mqtt.MQTTv5)
         client.max_queued_messages_set(0)
@@ -39,8 +63,10 @@ class Connection:
         if settings.is_encrypted:
             files = settings.tls_ca, settings.tls_certificate, settings.tls_key
             client.tls_set_context(make_client_context(*files))  # pyright: ignore[reportUnknownMemberType]
-        client.will_set(f"{settings.topic}/status", "offline", qos=1, retain=True)
+        client.will_set(will.topic, will.payload, qos=will.qos, retain=will.retain)
         client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
+        client.on_subscribe = self._on_subscribe
+        client.on_message = lambda _client, _data, message: on_message(message.topic, bytes(message.payload))
         self._client = client
 
     @property
@@ -59,41 +85,76 @@ class Connection:
         self._client.loop_start()
         if not self._answered.wait(_CONNECT_S):
             return self.reason or "not connected (no answer)"
-        if not self.is_up:
-            return self.reason
-        self._client.publish(f"{self._settings.topic}/status", "online", qos=1, retain=True)
-        return ""
+        return "" if self.is_up else self.reason
 
-    def publish_retained(self, name: str, text: str) -> None:
-        """Publish a message that the broker keeps for those who come later; it may be lost."""
-        self._client.publish(f"{self._settings.topic}/{name}", text, qos=0, retain=True)
+    def subscribe(self, topics: Sequence[str], *, retained: bool = True) -> bool:
+        """Subscribe, and wait until the broker has confirmed it; return whether it has.
 
-    def publish_all(self, messages: list[tuple[str, str]]) -> int:
+        The broker confirms in the order in which it was sent messages, so that it has received all earlier ones then.
+        ``retained``: whether it sends the messages that it keeps of these topics.
+        """
+        handling = (
+            SubscribeOptions.RETAIN_SEND_ON_SUBSCRIBE if retained else SubscribeOptions.RETAIN_DO_NOT_SEND
+        )
+        options = SubscribeOptions(qos=1, retainHandling=handling)
+        _, number = self._client.subscribe([(topic, options) for topic in topics])
+        deadline_s = monotonic() + _ACKNOWLEDGED_S
+        with self._subscription:
+            while number not in self._subscribed:
+                if self._lost.is_set() or monotonic() > deadline_s:
+                    self.lose("the broker does not confirm a subscription")
+                    return False
+                self._subscription.wait(_POLL_S)
+            self._subscribed.discard(number)
+        return True
+
+    def publish(self, message: Message) -> None:
+        """Publish a message without waiting; it may be lost."""
+        self._client.publish(message.topic, message.payload, message.qos, message.retain)
+
+    def publish_all(self, messages: Sequence[Message]) -> int:
         """Publish messages; return how many of them, from the first on, the broker has acknowledged."""
-        sent = [
-            self._client.publish(f"{self._settings.topic}/{name}", text, qos=1) for name, text in messages
-        ]
+        sent = [self._client.publish(one.topic, one.payload, one.qos, one.retain) for one in messages]
         deadline_s = monotonic() + _ACKNOWLEDGED_S
         for i, message in enumerate(sent):
             while not message.is_published():
                 if self._lost.is_set() or monotonic() > deadline_s:
-                    self._lose("the broker does not acknowledge records")
+                    self.lose("the broker does not acknowledge records")
                     return i
                 try:
                     message.wait_for_publish(_POLL_S)
                 except (RuntimeError, ValueError) as error:
-                    self._lose(str(error))
+                    self.lose(str(error))
                     return i
         return len(sent)
 
-    def close(self) -> None:
-        """Say goodbye where the connection still stands, and end the library's thread."""
-        if self.is_up:
-            goodbye = self._client.publish(f"{self._settings.topic}/status", "offline", qos=1, retain=True)
+    def lose(self, reason: str) -> None:
+        """Count the connection as lost."""
+        self.reason = self.reason or reason
+        self._lost.set()
+
+    def close(self, goodbye: Message) -> None:
+        """Publish ``goodbye`` where the connection still stands, and end the library's thread."""
+        if self._client.is_connected():
+            sent = self._client.publish(goodbye.topic, goodbye.payload, goodbye.qos, goodbye.retain)
             with suppress(RuntimeError, ValueError):
-                goodbye.wait_for_publish(1.0)
+                sent.wait_for_publish(1.0)
         self._client.disconnect()
         self._client.loop_stop()
+
+    def _on_subscribe(
+        self,
+        _client: mqtt.Client,
+        _data: Any,
+        number: int,
+        reasons: list[ReasonCode],
+        _properties: Any,
+    ) -> None:
+        if any(reason.is_failure for reason in reasons):
+            self.lose(f"subscription refused ({reasons[0]})")
+        with self._subscription:
+            self._subscribed.add(number)
+            self._subscription.notify_all()
 
     def _on_connect(
         self,
@@ -104,7 +165,7 @@ class Connection:
         _properties: Any,
     ) -> None:
         if reason.is_failure:
-            self._lose(f"refused ({reason})")
+            self.lose(f"refused ({reason})")
         self._answered.set()
 
     def _on_disconnect(
@@ -115,12 +176,8 @@ class Connection:
         reason: ReasonCode,
         _properties: Any,
     ) -> None:
-        self._lose(f"connection lost ({reason})")
+        self.lose(f"connection lost ({reason})")
         self._answered.set()
-
-    def _lose(self, reason: str) -> None:
-        self.reason = self.reason or reason
-        self._lost.set()
 
 
 def list_tls_files(settings: MqttSettings) -> tuple[Path | None, Path | None, Path | None]:

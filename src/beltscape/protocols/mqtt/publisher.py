@@ -1,27 +1,27 @@
 """The publisher: a thread that keeps a connection to the broker and publishes every record at least once, in order.
 
-The ledger is the outbox: records wait in the historian's database, and the cursor on the disk says which the broker
-has acknowledged (MQTT 5, quality of service 1). After a lost connection, a restart or a kill, publishing goes on
-behind the cursor; a record whose acknowledgement was lost comes again, with the same number.
-
-Topics below the settings' topic: ``records`` (one message a record), ``state`` and ``alarms/NAME`` (retained), and
-``status``, retained "online" or "offline"; the broker itself sends "offline" when the connection breaks.
+The ledger is the outbox: records wait in the historian's database, and the cursor on the disk says which have arrived
+at the broker. After a lost connection, a restart or a kill, publishing goes on behind the cursor; a record that may
+have arrived or not comes again, with the same number. A channel is one session with the broker in one form of
+messages: `json_channel` or `sparkplug`.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic
+from typing import Protocol
 
-from beltscape.core.errors import InputError
+from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.errors import InputError, OutputError
 from beltscape.core.supervision import make_supervised_thread
-from beltscape.protocols.mqtt.connection import Connection, list_tls_files
+from beltscape.protocols.mqtt.connection import list_tls_files
 from beltscape.protocols.mqtt.cursor import read_cursor
-from beltscape.protocols.mqtt.payloads import format_alarm, format_record, format_state
+from beltscape.protocols.mqtt.json_channel import JsonChannel
 from beltscape.protocols.mqtt.settings import MqttSettings
-from beltscape.protocols.plant import Plant
+from beltscape.protocols.plant import Plant, PlantState
 
 _BATCH = 200
 """Records that wait for their acknowledgement at once; the broker's own limit is respected by the library."""
@@ -29,6 +29,46 @@ _PAUSES_S = (1.0, 2.0, 5.0, 10.0, 30.0)
 """Pauses between attempts to connect; the last one repeats."""
 _POLL_S = 0.1
 """Interval at which new records are looked for."""
+
+
+class Channel(Protocol):
+    """One session with the broker."""
+
+    @property
+    def is_up(self) -> bool:
+        """Return whether the connection stands."""
+        ...
+
+    @property
+    def reason(self) -> str:
+        """Return why it was lost."""
+        ...
+
+    @property
+    def needs_state(self) -> bool:
+        """Return whether the state is to be published at once."""
+        ...
+
+    @property
+    def republish_after(self) -> int | None:
+        """Return the number behind which records are published again after the session; None: none are."""
+        ...
+
+    def open(self) -> str:
+        """Connect; return why that failed, or an empty text."""
+        ...
+
+    def publish_state(self, state: PlantState) -> None:
+        """Publish the state and the alarms; it may be lost."""
+        ...
+
+    def publish_records(self, records: Sequence[BeltRecord]) -> int:
+        """Publish records; return how many of them, from the first on, have arrived."""
+        ...
+
+    def close(self) -> None:
+        """Say goodbye, and end."""
+        ...
 
 
 class Publisher:
@@ -49,12 +89,12 @@ class Publisher:
             If a file of the settings or the cursor cannot be read.
         """
         self._settings, self._plant, self._on_message = settings, plant, on_message
+        self._data = data
         self._password = _read_password(settings.password_file)
         self._cursor = read_cursor(
-            data / "mqtt.json", f"{settings.host}:{settings.broker_port}/{settings.topic}"
+            data / "mqtt.json", f"{settings.host}:{settings.broker_port}/{settings.place}"
         )
         self._stop = threading.Event()
-        self._alarms: dict[str, str] = {}
         self._thread = make_supervised_thread("mqtt", self._run, on_message, self._stop.wait)
         self.trouble = ""
         """Why there is no connection; empty while there is one."""
@@ -87,30 +127,44 @@ class Publisher:
                 return
             attempt += 1
 
+    def _make_channel(self) -> Channel:
+        if self._settings.payload == "json":
+            return JsonChannel(self._settings, self._password)
+        from beltscape.protocols.mqtt.sparkplug.channel import SparkplugChannel
+
+        return SparkplugChannel(self._settings, self._password, self._data)
+
     def _publish_until_lost(self) -> str:
         """Connect and publish until the end or until the connection is lost; return why it was lost."""
-        connection = Connection(self._settings, self._password)
         try:
-            trouble = connection.open()
+            channel = self._make_channel()
+        except OutputError as error:
+            return str(error)
+        try:
+            trouble = channel.open()
             if trouble:
                 return trouble
             self._set_trouble("")
-            self._alarms.clear()
-            next_state_s = 0.0
-            while connection.is_up:
-                if monotonic() >= next_state_s:
-                    next_state_s = monotonic() + self._settings.state_every_s
-                    self._publish_state(connection)
-                if not self._publish_records(connection):
-                    if self._stop.is_set():
-                        return ""
-                    self._stop.wait(_POLL_S)
-            return connection.reason
+            self._publish_while_up(channel)
+            return "" if self._stop.is_set() else channel.reason
         finally:
-            connection.close()
+            channel.close()
+            if channel.republish_after is not None:
+                self._cursor.keep(min(channel.republish_after, self._cursor.number or 0))
 
-    def _publish_records(self, connection: Connection) -> bool:
-        """Publish a batch of records and advance the cursor; return whether there were any."""
+    def _publish_while_up(self, channel: Channel) -> None:
+        next_state_s = 0.0
+        while channel.is_up:
+            if channel.needs_state or monotonic() >= next_state_s:
+                next_state_s = monotonic() + self._settings.state_every_s
+                channel.publish_state(self._plant.read_state())
+            if not self._publish_records(channel):
+                if self._stop.is_set():
+                    return
+                self._stop.wait(_POLL_S)
+
+    def _publish_records(self, channel: Channel) -> bool:
+        """Publish a batch of records and advance the cursor; return whether any arrived."""
         after = self._cursor.number or 0
         if self._plant.read_last_number() < after:
             self._on_message(
@@ -120,21 +174,10 @@ class Publisher:
             self._cursor.keep(0)
             return True
         records = self._plant.read_records(after, _BATCH)
-        if not records:
-            return False
-        acknowledged = connection.publish_all([("records", format_record(record)) for record in records])
-        if acknowledged:
-            self._cursor.keep(records[acknowledged - 1].number)
-        return connection.is_up
-
-    def _publish_state(self, connection: Connection) -> None:
-        state = self._plant.read_state()
-        connection.publish_retained("state", format_state(state))
-        for alarm in state.alarms:
-            text = format_alarm(alarm)
-            if self._alarms.get(alarm.name) != text:
-                self._alarms[alarm.name] = text
-                connection.publish_retained(f"alarms/{alarm.name.replace(':', '/')}", text)
+        arrived = channel.publish_records(records) if records else 0
+        if arrived:
+            self._cursor.keep(records[arrived - 1].number)
+        return arrived > 0
 
     def _set_trouble(self, trouble: str) -> None:
         if trouble != self.trouble:

@@ -7,6 +7,23 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+_Id = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^+#/\x00]+$")]
+
+
+class SparkplugSettings(BaseModel):
+    """Names of Sparkplug B: the table [mqtt.sparkplug]."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    group: _Id = "Beltscape"
+    """Group of edge nodes, such as the plant."""
+    node: _Id = "beltscape"
+    """This edge node; give every machine its own."""
+    device: _Id = "belt"
+    """The belt as a device of the node."""
+    primary_host: Annotated[str, Field(max_length=100, pattern=r"^[^+#/\x00]*$")] = ""
+    """Host application for which records wait while it is offline; empty: there is none."""
+
 
 class MqttSettings(BaseModel):
     """Broker, topics and what is published."""
@@ -17,6 +34,9 @@ class MqttSettings(BaseModel):
     """Name or address of the broker."""
     port: Annotated[int, Field(ge=1, le=65_535)] | None = None
     """TCP port; None: 8883 with TLS, else 1883."""
+    payload: Literal["json", "sparkplug"] = "json"
+    """Form of the messages: JSON below ``topic``, or Sparkplug B below spBv1.0."""
+    sparkplug: SparkplugSettings = SparkplugSettings()
     topic: Annotated[str, Field(min_length=1, max_length=200)] = "beltscape/belt"
     """First part of all topics; give every belt its own."""
     client: Annotated[str, Field(min_length=1, max_length=60)] | None = None
@@ -65,4 +85,10 @@ class MqttSettings(BaseModel):
     @property
     def client_id(self) -> str:
         """Return the client identifier."""
-        return self.client or self.topic.replace("/", "-")
+        return self.client or self.place.replace("/", "-")
+
+    @property
+    def place(self) -> str:
+        """Return the part of the topics that is this belt's own."""
+        own = self.sparkplug
+        return self.topic if self.payload == "json" else f"spBv1.0/{own.group}/{own.node}/{own.device}"

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from fastapi import FastAPI
 
+from beltscape.core.belt.ledger_entries import BeltRecord, Totals
+from beltscape.pipeline.live.measurement.ledger import add_tag
+from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.service.access import Access, AccessSettings
 from beltscape.service.access.identity.roles import Role
 from beltscape.service.app import create_app
 from beltscape.service.live_state import LiveState
+from beltscape.service.production.figures import ProductionFigures
+from beltscape.service.production.reports import ReportWriter
+from beltscape.service.production.serving import ServedProduction
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
@@ -40,6 +47,32 @@ class ServiceParts:
             self.access.accounts.add(f"the-{role}", role, PASSWORD)
             assert browser.log_in(f"the-{role}").status_code == 200
         return browser
+
+
+class TaggingLedger:
+    """A history whose records are counted for the present product and batch."""
+
+    def __init__(self, history: Historian, control: ProductionControl) -> None:
+        self._history, self._control = history, control
+
+    @property
+    def totals(self) -> Totals:
+        return self._history.totals
+
+    def write(self, records: Sequence[BeltRecord]) -> None:
+        self._history.write([add_tag(record, self._control.tag) for record in records])
+
+
+def add_production(
+    parts: ServiceParts, figures: ProductionFigures, reports: ReportWriter | None = None
+) -> ServiceParts:
+    """Return the service with products and batches, for which its records are counted."""
+    parts.plant.ledger = TaggingLedger(parts.history, figures.control)
+    served = ServedProduction(figures.control, figures, reports)
+    parts.app = create_app(
+        parts.live_state, parts.history, parts.access, parts.plant, parts.settings, production=served
+    )
+    return parts
 
 
 def make_service(folder: Path, frames: int = 0, **settings) -> ServiceParts:

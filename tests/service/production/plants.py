@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from time import time_ns
 
 from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.pipeline.live.reporting.event_log import EventLog
@@ -33,8 +35,16 @@ class Silent:
     def __init__(self) -> None:
         self.warnings: list[str] = []
 
-    def warn(self, text: str) -> None:
-        self.warnings.append(text)
+    def warn(self, message: str) -> None:
+        self.warnings.append(message)
+
+    def step(self, stage: str, done: int, total: int) -> None:
+        """Nothing is shown."""
+
+
+def make_control(history: Historian, wall_ns: Callable[[], int] = time_ns) -> ProductionControl:
+    """Return the control of three products and three shifts."""
+    return ProductionControl(PRODUCTS, SETTINGS, history.production, EventLog(history, Silent()), wall_ns)
 
 
 def make_production(
@@ -44,13 +54,7 @@ def make_production(
     history = Historian(folder, HistorySettings())
     history.begin_run()
     history.production.change_product("ore", "anna", START_NS)
-    control = ProductionControl(
-        PRODUCTS,
-        SETTINGS,
-        history.production,
-        EventLog(history, Silent()),
-        lambda: START_NS,  # pyright: ignore[reportArgumentType]
-    )
+    control = make_control(history, lambda: START_NS)
     history.write([
         replace(record, product="ore")
         for record in ledger(records, every_ns=60 * 10**9, sections=False)

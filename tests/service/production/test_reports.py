@@ -96,7 +96,9 @@ def test_hostile_names_stay_text(written: ReportWriter) -> None:
 def test_a_missing_language_or_password_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there are de"):
         check_reports(ReportSettings(language="xx"), "UTC")
-    settings = MailSettings(host="m", sender="a@b.c", to=("d@e.f",), user="u", password_file=tmp_path / "none")
+    settings = MailSettings(
+        host="m", sender="a@b.c", to=("d@e.f",), user="u", password_file=tmp_path / "none"
+    )
     with pytest.raises(InputError, match="password_file"):
         check_reports(ReportSettings(mail=settings), "UTC")
     with pytest.raises(ValueError, match="readable"):
@@ -211,7 +213,9 @@ def test_a_server_that_is_away_is_named_and_the_mails_wait(written: ReportWriter
 def test_starttls_with_a_password(
     written: ReportWriter, certificate: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(mail, "_TIMEOUT_S", 1.0)  # the test's server never answers a second attempt to sign in
+    monkeypatch.setattr(
+        mail, "_TIMEOUT_S", 1.0
+    )  # the test's server never answers a second attempt to sign in
     inbox, password = Inbox(), tmp_path / "password"
     password.write_text("secret word\n")
     server = serve_mail(inbox, certificate)

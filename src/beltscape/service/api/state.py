@@ -195,6 +195,7 @@ class PageOut(ResponseModel):
     version: str
     user: str
     role: str
+    has_production: Annotated[bool, Field(description="Whether there are products, batches and shifts")]
     shelving_max_min: Annotated[float, Field(description="Longest time for which an alarm may be shelved")]
     alarm_texts: Annotated[
         dict[str, dict[str, dict[str, str]]], Field(description="The plant's own texts by language and alarm")
@@ -224,6 +225,7 @@ def make_router(context: AppContext) -> APIRouter:
             version=__version__,
             user=user.name,
             role=user.role,
+            has_production=context.production is not None,
             shelving_max_min=context.controls.alarm_controls.shelving_max_min,
             alarm_texts={
                 code: {name: dict(text) for name, text in alarms.items()}

@@ -88,7 +88,7 @@ class ReportWriter:
             ("shift", settings.shifts and bool(figures.control.settings.shifts)),
             ("day", settings.days),
         )
-        self._kinds = [kind for kind, is_on in kinds if is_on]
+        self._kinds: list[PeriodKind] = [kind for kind, is_on in kinds if is_on]
         self._empty: set[str] = set()
         """Shifts and days in which nothing ran."""
         self._stop, self._trouble, self._next_mail_s = threading.Event(), "", 0.0

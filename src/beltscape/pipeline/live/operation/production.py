@@ -19,8 +19,8 @@ TIMETABLE = "timetable"
 """Name under which the timetable changes the product."""
 _NAME_MAX = 60
 """Longest name of a batch, characters: two lines on a phone."""
-_MINUTE_NS = 60_000_000_000
-"""The timetable's resolution."""
+_MS_NS, _MINUTE_NS = 1_000_000, 60_000_000_000
+"""Resolution of the interface's times and of the timetable."""
 
 
 class ProductionControl:
@@ -85,7 +85,7 @@ class ProductionControl:
                 raise InputError(f"batch {self._batch_name} is open; stop it first")
             if product:
                 self._change_product(product, by)
-            number = self.history.start_batch(name, by, self._wall_ns())
+            number = self.history.start_batch(name, by, self._read_ms())
             self._batch_name = name
             self._set_tag(self.tag.product, number)
         self._events.add("batch", name, "started", self._wall_ns(), by, {"action": "start"})
@@ -100,7 +100,7 @@ class ProductionControl:
             batch = self.history.open_batch
             if batch is None or not self.tag.batch:
                 raise InputError("no batch is open")
-            self.history.end_batch(by, self._wall_ns())
+            self.history.end_batch(by, self._read_ms())
             self._batch_name = ""
             self._set_tag(self.tag.product, 0)
         self._events.add("batch", batch.name, "stopped", self._wall_ns(), by, {"action": "stop"})
@@ -113,6 +113,10 @@ class ProductionControl:
             self._minute = minute
             with self._lock:
                 self._apply_due_change()
+
+    def _read_ms(self) -> int:
+        """Return the clock in whole ms: a scale's reading that is typed for a batch has its very time."""
+        return self._wall_ns() // _MS_NS * _MS_NS
 
     def _restore_product(self) -> None:
         last = self.history.last_change
@@ -130,7 +134,9 @@ class ProductionControl:
         if due is None or (last is not None and last.wall_ns >= due.wall_ns):
             return
         if not self._change_product(due.product, TIMETABLE):
-            self.history.change_product(due.product, TIMETABLE, self._wall_ns())  # it is done: a later change by hand holds
+            self.history.change_product(
+                due.product, TIMETABLE, self._wall_ns()
+            )  # it is done: a later change by hand holds
 
     def _change_product(self, name: str, by: str) -> bool:
         if name not in self._by_name:

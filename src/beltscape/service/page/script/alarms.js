@@ -1,90 +1,94 @@
-// The list of alarms: unacknowledged and severe ones first, marked by shape, word and colour; acknowledged by button or keys A, Enter.
-import { post } from "./api.js";
+// The list of alarms: unacknowledged and urgent ones first, marked by shape, word and colour; those that people have hidden below.
+import { act, may_engineer, may_operate, open_dialog } from "./alarm_actions.js";
+import { explain, format_title, format_value_and_limit } from "./alarm_texts.js";
 import { $, create_element, create_icon, set_text, sync_children } from "./dom.js";
 import { store } from "./store.js";
-import { format_measured, format_moment, format_number, format_percent, format_plain, format_significant, get_language, has_text, t } from "./texts.js";
+import { format_moment, format_number, get_language, has_text, t } from "./texts.js";
 
+export const PRIORITY_ORDER = { urgent: 0, high: 1, medium: 2, low: 3 };
 const SEVERITY_ORDER = { critical: 0, warning: 1, info: 2 };
-const STATE_ORDER = { raised: 0, gone: 1, acknowledged: 2, clear: 3 };
+const STATE_ORDER = { raised: 0, gone: 1, acknowledged: 2, latched: 3, clear: 4 };
 const is_unacknowledged = (alarm) => alarm.state === "raised" || alarm.state === "gone";
 let raised_before = new Set();
 
-/** Return an alarm's title: "camera_lost:cam2" → "Camera lost: cam2"; an unknown name is kept. */
-export function format_title(name) {
-  const [kind, ...rest] = name.split(":");
-  const key = [`alarm.${kind}`, `check.${kind}`].find(has_text);
-  const text = key ? t(key) : kind.replaceAll("_", " ");
-  return rest.length ? `${text}: ${rest.join(":")}` : text;
-}
+export const format_group = (group) => (has_text(`group.${group}`) ? t(`group.${group}`) : group);
 
-export function format_value(value, unit) {
-  if (value == null) return "";
-  if (unit === "" || unit === "1") return format_significant(value);
-  return unit === "%" ? format_percent(value / 100, Math.abs(value) < 9.95 ? 1 : 0) : `${format_significant(value)}\u00a0${unit}`;
-}
-
-/** Return a check's value with its standard deviation, if it is known. */
-export function format_value_and_sigma(value, sigma, unit) {
-  if (!sigma) return format_value(value, unit);
-  return `${format_measured(value, sigma)}${unit && unit !== "1" ? `\u00a0${unit}` : ""}`;
-}
-
-export function format_limit(limit, unit) {
-  return `${format_plain(limit)}${unit && unit !== "1" ? `\u00a0${unit}` : ""}`;
-}
-
-function format_value_and_limit(alarm) {
-  if (alarm.value == null) return "";
-  const value = format_value(alarm.value, alarm.unit);
-  return alarm.limit == null ? value : t("alarms.limit", { value, limit: format_limit(alarm.limit, alarm.unit) });
-}
-
-/** Return a camera's or an alarm's cause in the chosen language; null without a text. */
-export function translate_cause(cause, values) {
-  if (!cause || !has_text(`cause.${cause}`)) return null;
-  const shown = Object.fromEntries(Object.entries(values ?? {}).map(([name, value]) => [name, typeof value === "number" ? format_plain(value) : value]));
-  return t(`cause.${cause}`, shown).replaceAll(" %", "\u00a0%");
-}
-
-/** Return the fault and the fix in the chosen language; a check's own text in English. */
-export function explain({ name, detail, cause, values }) {
-  const kind = name.split(":")[0];
-  const own = translate_cause(cause, values);
-  if (own) return own;
-  const help = [`help.${kind}_${cause}`, `help.${kind}`].find(has_text);
-  const is_check = has_text(`check.${kind}`) || !help;
-  return detail && (is_check && get_language() === "en" || !help) ? detail : t(help);
+/** Return the order of alarms in a list. */
+export function compare_alarms(a, b) {
+  return (is_unacknowledged(b) - is_unacknowledged(a)) || PRIORITY_ORDER[a.priority] - PRIORITY_ORDER[b.priority] || SEVERITY_ORDER[a.severity] - SEVERITY_ORDER[b.severity] || STATE_ORDER[a.state] - STATE_ORDER[b.state] || b.since_ms - a.since_ms;
 }
 
 function create_item(alarm) {
-  return create_element("li", { class: "alarm" }, create_icon(alarm.severity), create_element("h3"), create_element("span", { class: "when" }), create_element("p", { class: "value" }, create_element("b"), create_element("span")), create_element("p", { class: "help" }),
-    create_element("button", { type: "button", on: { click: () => acknowledge(alarm.name) } }));
+  const button = (name, key, click) => create_element("button", { type: "button", class: name, "data-key": key, on: { click } });
+  return create_element("li", { class: "alarm" }, create_icon(alarm.severity), create_element("h3"), create_element("span", { class: "when" }),
+    create_element("p", { class: "value" }, create_element("b"), create_element("span")), create_element("p", { class: "tags" }, create_element("span", { class: "priority" }), create_element("span", { class: "first" })), create_element("p", { class: "help" }),
+    create_element("div", { class: "acts" }, button("acknowledge", "alarms.acknowledge", () => acknowledge(alarm.name)), button("acknowledge", "alarms.reset", () => act(alarm.name, "reset")),
+      button("more", "alarms.shelve", () => open_dialog(alarm.name, "shelve")), button("more", "alarms.service", () => open_dialog(alarm.name, "out_of_service"))));
 }
 
 function update_item(item, alarm) {
-  const [, heading, when, value, advice, button] = item.children;
   if (item.dataset.severity && item.dataset.severity !== alarm.severity) item.replaceChild(create_icon(alarm.severity), item.firstChild);
-  item.dataset.severity = alarm.severity;
-  item.dataset.state = alarm.state;
+  Object.assign(item.dataset, { severity: alarm.severity, state: alarm.state, priority: alarm.priority });
+  const [heading, when, value, advice] = ["h3", ".when", ".value", ".help"].map((name) => item.querySelector(name));
   set_text(heading, format_title(alarm.name));
-  const by = alarm.by && alarm.state === "acknowledged" ? t("alarms.by", { name: alarm.by }) : "";
+  const by = alarm.by && (alarm.state === "acknowledged" || alarm.state === "latched") ? t("alarms.by", { name: alarm.by }) : "";
   set_text(when, alarm.since_ms ? t("alarms.since", { time: format_moment(alarm.since_ms) }) : "");
   set_text(value.firstChild, `${t(`severity.${alarm.severity}`)} · ${t(`alarm.${alarm.state}`)}`);
   set_text(value.lastChild, ["", format_value_and_limit(alarm), by].filter((part, i) => part || !i).join(" · "));
+  set_text(item.querySelector(".priority"), t("alarms.priority", { priority: t(`priority.${alarm.priority}`) }));
+  const first = item.querySelector(".first");
+  first.hidden = !alarm.first;
+  set_text(first, t("alarms.first"));
+  first.title = alarm.first ? t("alarms.first_of", { group: format_group(alarm.group) }) : "";
   set_text(advice, explain(alarm));
   item.title = get_language() === "en" ? alarm.detail : "";
   advice.hidden = !advice.textContent;
-  button.hidden = !is_unacknowledged(alarm) || store.page?.role === "viewer";
-  button.disabled = store.link === "lost";
-  set_text(button, t("alarms.acknowledge"));
-  button.setAttribute("aria-label", t("alarms.acknowledge_one", { alarm: format_title(alarm.name) }));
+  update_buttons(item, alarm);
+}
+
+function update_buttons(item, alarm) {
+  const is_shown = { "alarms.acknowledge": may_operate() && is_unacknowledged(alarm), "alarms.reset": may_operate() && alarm.state === "latched", "alarms.shelve": may_operate(), "alarms.service": may_engineer() };
+  const labels = { "alarms.acknowledge": "alarms.acknowledge_one", "alarms.reset": "alarms.reset_one", "alarms.shelve": "alarms.shelve_one", "alarms.service": "alarms.service_one" };
+  for (const button of item.querySelectorAll("button")) {
+    const key = button.dataset.key;
+    button.hidden = !is_shown[key];
+    button.disabled = store.link === "lost";
+    set_text(button, t(key));
+    button.setAttribute("aria-label", t(labels[key], { alarm: format_title(alarm.name) }));
+  }
+}
+
+function create_hidden(alarm) {
+  const end = () => act(alarm.name, alarm.suppression.kind === "shelved" ? "unshelve" : "return_to_service");
+  return create_element("li", {}, create_element("h3"), create_element("p"), create_element("button", { type: "button", class: "more", on: { click: end } }));
+}
+
+function update_hidden(item, alarm) {
+  const [heading, text, button] = item.children;
+  const { kind, reason, by, since_ms, until_ms } = alarm.suppression;
+  const is_shelved = kind === "shelved";
+  set_text(heading, format_title(alarm.name));
+  const why = is_shelved ? t("alarms.shelved_until", { time: format_moment(until_ms), by, reason }) : t("alarms.out_of_service", { time: format_moment(since_ms), by, reason });
+  const holds = alarm.hidden_state === "raised" || alarm.hidden_state === "acknowledged";
+  set_text(text, holds ? `${why} – ${t("alarms.holds")}` : why);
+  button.hidden = !(is_shelved ? may_operate() : may_engineer());
+  set_text(button, t(is_shelved ? "alarms.unshelve" : "alarms.return"));
+  button.setAttribute("aria-label", t(is_shelved ? "alarms.unshelve_one" : "alarms.return_one", { alarm: format_title(alarm.name) }));
+}
+
+function render_hidden() {
+  const hidden = store.state?.hidden_alarms ?? [];
+  $("alarms-hidden").hidden = !hidden.length;
+  set_text($("alarms-hidden-count"), t("alarms.hidden", { count: format_number(hidden.length) }));
+  sync_children($("alarms-hidden-list"), hidden, (alarm) => `${alarm.name} ${alarm.suppression.kind}`, create_hidden, update_hidden);
 }
 
 function render() {
   const is_connected = store.link === "live" || store.link === "stale";
-  const alarms = [...(store.state?.alarms ?? [])].sort((a, b) => (is_unacknowledged(b) - is_unacknowledged(a)) || SEVERITY_ORDER[a.severity] - SEVERITY_ORDER[b.severity] || STATE_ORDER[a.state] - STATE_ORDER[b.state] || b.since_ms - a.since_ms);
+  const alarms = [...(store.state?.alarms ?? [])].sort(compare_alarms);
   const unacknowledged = alarms.filter(is_unacknowledged);
   sync_children($("alarms"), alarms, (alarm) => alarm.name, create_item, update_item);
+  render_hidden();
   const none = $("alarms-none");
   none.hidden = alarms.length > 0;
   const key = is_connected ? "alarms.none" : "alarms.unknown";
@@ -100,23 +104,16 @@ function render() {
   document.title = `${unacknowledged.length ? `(${unacknowledged.length}) ` : ""}${store.page?.plant || t("title")}`;
 }
 
+const list_buttons = () => [...$("alarms").querySelectorAll("button.acknowledge:not([hidden])")];
+
 async function acknowledge(name) {
-  const problem = $("alarms-problem");
-  problem.hidden = true;
-  const next = [...$("alarms").querySelectorAll("button:not([hidden])")].find((button) => button.parentElement.dataset.key !== name);
-  try {
-    await post(`/api/alarms/${encodeURIComponent(name)}/acknowledge`);
-    (next ?? $("main")).focus({ preventScroll: true });
-  } catch (error) {
-    if (error.status === 409) return; // another user was faster; the next state shows it
-    set_text(problem, t(error.status === 403 || error.status === 401 ? "alarms.role" : "alarms.failed"));
-    problem.hidden = false;
-  }
+  const next = list_buttons().find((button) => button.closest("li").dataset.key !== name);
+  if (await act(name, "acknowledge")) (next ?? $("main")).focus({ preventScroll: true });
 }
 
 /** Focus the button of the next unacknowledged alarm. */
 export function focus_next_alarm() {
-  const buttons = [...$("alarms").querySelectorAll("button:not([hidden])")];
+  const buttons = list_buttons();
   if (!buttons.length) return;
   const at = buttons.indexOf(document.activeElement);
   buttons[(at + 1) % buttons.length].focus();

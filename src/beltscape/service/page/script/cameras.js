@@ -1,7 +1,7 @@
 // Pictures and health of the cameras; pictures are loaded only while the panel is visible.
 import { $, create_element, create_icon, set_text, sync_children } from "./dom.js";
 import { store } from "./store.js";
-import { translate_cause } from "./alarms.js";
+import { translate_cause } from "./alarm_texts.js";
 import { format_number, format_unit, get_language, t } from "./texts.js";
 
 const RELOAD_MS = 2000;

@@ -1,5 +1,5 @@
 // The engineer's view of the system's checks: state, trend and limit of each, and the cameras' pictures with the place of a fault.
-import { explain, format_limit, format_title, format_value, format_value_and_sigma } from "./alarms.js";
+import { explain, format_limit, format_title, format_value, format_value_and_sigma } from "./alarm_texts.js";
 import { get } from "./api.js";
 import { $, create_element, create_icon, create_svg, set_text, sync_children } from "./dom.js";
 import { store } from "./store.js";

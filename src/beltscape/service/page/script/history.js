@@ -1,11 +1,11 @@
 // The history view: a period chosen by preset or dates, with its curve, sums, days, events, cross-sections and exports.
-import { explain, format_title, format_value } from "./alarms.js";
+import { translate_entry } from "./alarm_texts.js";
 import { get } from "./api.js";
 import { $, create_element, set_text } from "./dom.js";
 import { is_empty, Plot, read_series } from "./plot.js";
 import { SectionPlot } from "./section.js";
 import { store } from "./store.js";
-import { apply_texts, format_date_time, format_day, format_number, format_unit, get_language, has_text, t } from "./texts.js";
+import { apply_texts, format_date_time, format_day, format_measured, format_number, format_unit, get_language, has_text, t } from "./texts.js";
 
 const PRESETS = { h1: 3600, h8: 8 * 3600, h24: 24 * 3600, d7: 7 * 86400, d30: 30 * 86400 };
 let plot = null, section_plot = null, period = null, results = null;
@@ -99,22 +99,15 @@ function translate_event(event) {
   const { kind, name, text, parameters } = event;
   if (kind === "maintenance") return t(`event.maintenance_${name}`, { reason: parameters.reason ?? text, minutes: format_number(parameters.minutes ?? null) });
   if (kind === "zero") return t("event.zero_set", Object.fromEntries(Object.entries(parameters).map(([part, value]) => [part, format_number(value, 2)])));
+  if (kind === "product") return t(parameters.before ? "event.product_instead" : "event.product", { name, before: parameters.before });
+  if (kind === "batch") return t(`event.batch_${parameters.action ?? "start"}`, { name });
+  if (kind === "scale") return t("event.scale", { batch: parameters.batch, deviation: format_measured(parameters.deviation, parameters.sigma) });
+  if (kind === "report") return t("event.report", { title: text });
   if (kind === "images") return t("event.images_learn");
   if (kind === "exposure") return t("event.exposure_changed", { exposure: format_number(parameters.exposure_us, 0), factor: format_number(parameters.factor, 2), level: format_number(parameters.level, 0) });
   if (kind === "recording") return `${t("event.recording")}: ${text} (${name})`;
   if (kind === "note") return get_language() !== "en" && has_text(`event.note_${name}`) ? t(`event.note_${name}`) : `${name} – ${text}`;
-  return kind === "alarm" ? translate_alarm(event) : `${name} – ${text}`;
-}
-
-/** Return an alarm's event: its title, its state, value and limit, and while it is raised the fix. */
-function translate_alarm({ name, text, parameters }) {
-  const state = parameters.state ?? /^(raised|acknowledged|gone|clear)\b/.exec(text)?.[0];
-  if (!state) return `${format_title(name)} – ${text}`;
-  const detail = text.slice(state.length).replace(/^: /, "");
-  const { value, limit, unit } = parameters;
-  const numbers = value == null ? "" : limit == null ? format_value(value, unit) : t("alarms.limit", { value: format_value(value, unit), limit: format_value(limit, unit) });
-  const help = state !== "raised" ? "" : get_language() === "en" ? detail : explain({ name, detail, cause: parameters.cause, values: parameters.values });
-  return `${format_title(name)} – ${[t(`alarm.${state}`), get_language() === "en" && help ? "" : numbers].filter(Boolean).join(": ")}${help ? `: ${help}` : ""}`;
+  return kind === "alarm" ? translate_entry(event) : `${name} – ${text}`;
 }
 
 function show_events(events) {

@@ -50,7 +50,7 @@ export function start() {
   document.addEventListener("keydown", (event) => {
     const typing = event.target.closest?.("input, select, textarea");
     const action = KEYS[event.key.toLowerCase()];
-    if (!action || typing || event.ctrlKey || event.metaKey || event.altKey || $("keep-dialog").open || $("maintenance-dialog").open || ($("keys").open && event.key !== "?")) return;
+    if (!action || typing || event.ctrlKey || event.metaKey || event.altKey || $("keep-dialog").open || $("maintenance-dialog").open || $("alarm-dialog").open || ($("keys").open && event.key !== "?")) return;
     event.preventDefault();
     action[1]();
   });

@@ -1,4 +1,5 @@
 // The entry point: loads settings and texts, starts the parts, connects.
+import * as alarm_journal from "./alarm_journal.js";
 import * as alarms from "./alarms.js";
 import { get, post } from "./api.js";
 import * as belt from "./belt.js";
@@ -10,6 +11,7 @@ import * as flow from "./flow.js";
 import * as health from "./health.js";
 import * as history from "./history.js";
 import * as maintenance from "./maintenance.js";
+import * as production from "./production.js";
 import * as recording from "./recording.js";
 import * as keys from "./keys.js";
 import { compute_area_m2, read_section, SectionPlot } from "./section.js";
@@ -60,14 +62,17 @@ function show_theme() {
 
 function show_view() {
   const is_wall = document.documentElement.classList.contains("wall");
-  const view = is_wall ? "live" : location.hash === "#history" ? "history" : location.hash === "#health" && health.is_allowed() ? "health" : "live";
-  for (const name of ["live", "history", "health"]) {
+  const view = is_wall ? "live" : location.hash === "#history" ? "history" : location.hash === "#alarms-view" ? "alarms" : location.hash === "#health" && health.is_allowed() ? "health" : location.hash === "#production" && production.is_served() ? "production" : "live";
+  for (const name of ["live", "production", "alarms", "history", "health"]) {
     $(`${name}-view`).hidden = name !== view;
     $(`to-${name}`).toggleAttribute("aria-current", name === view);
   }
   $("to-health").hidden = !health.is_allowed();
+  $("to-production").hidden = !production.is_served();
   if (view === "history") history.open();
+  else if (view === "alarms") alarm_journal.open();
   else if (view === "health") health.open();
+  else if (view === "production") production.open();
   else store.emit("layout");
 }
 
@@ -110,7 +115,7 @@ function go_to_login() {
 await load_page_settings();
 await load_texts(store.page?.language);
 start_tools();
-for (const part of [flow, alarms, cameras, chart, recording, maintenance, health, keys]) part.start();
+for (const part of [flow, alarms, cameras, chart, recording, maintenance, production, health, keys]) part.start();
 start_section();
 apply_texts(document);
 store.on("link", show_link);

@@ -1,5 +1,5 @@
 // The zero of the empty belt: an engineer measures it, sees the result, and confirms it.
-import { format_value_and_sigma, translate_cause } from "./alarms.js";
+import { format_value_and_sigma, translate_cause } from "./alarm_texts.js";
 import { post } from "./api.js";
 import { $, create_element, set_text } from "./dom.js";
 import { format_number, get_language, t } from "./texts.js";

@@ -1,0 +1,70 @@
+"""The production view: a product is changed, a batch is started and stopped, and a phone shows it all."""
+
+from __future__ import annotations
+
+import pytest
+
+from beltscape.production.settings import ScaleSettings
+from beltscape.service.production.figures import ProductionFigures
+from beltscape.service.server import serve
+from tests.service.page.site import Site, needs_chromium, read_text, wait_for
+from tests.service.plants import add_production
+from tests.service.production.plants import make_control
+
+pytestmark = needs_chromium
+
+
+@pytest.fixture(scope="module")
+def production_site(tmp_path_factory, browser):
+    made = Site(tmp_path_factory.mktemp("production"), browser)
+    made.server.close()
+    figures = ProductionFigures(make_control(made.works.history), ScaleSettings())
+    add_production(made.works, figures)
+    made.server = serve(made.works.app, made.works.settings)
+    made.address = made.server.address
+    yield made
+    made.close()
+
+
+def test_an_operator_changes_the_product_and_counts_a_batch(production_site):
+    page = production_site.page("/#production")
+    page.wait_for_selector("#products button[aria-pressed=true]")
+    assert read_text(page, "#products [aria-pressed=true] b") == "ore"
+    page.click("#products button[aria-pressed=false]")
+    page.click("#production-dialog .main")
+    wait_for(page, "document.querySelector('#products [aria-pressed=true] b').innerText === 'coal'")
+    page.fill("#batch-name", "<b>truck 7</b>")
+    page.click("#batch-form button")
+    wait_for(page, "document.querySelector('#batch-now .name')?.innerText === '<b>truck 7</b>'")
+    wait_for(page, "document.querySelector('#batch-now .sum-line').innerText.includes('±')")
+    page.click("#batch-stop")
+    wait_for(page, "document.querySelectorAll('#batches tbody tr').length === 1")
+    assert "coal" in read_text(page, "#batches tbody tr")
+    page.click("#batches tbody button")
+    page.fill("#counter-begin", "1000")
+    page.fill("#counter-end", "900000")
+    page.click("#production-dialog .main")
+    wait_for(page, "document.querySelector('#batches .disagrees') !== null")
+    page.evaluate("location.hash = '#live'")
+    wait_for(page, "document.querySelector('#flow-product').innerText === 'coal'")
+    page.evaluate("location.hash = '#history'")
+    wait_for(page, "document.querySelector('#history-events')?.innerText.includes('coal instead of ore')")
+    assert production_site.errors == []
+    page.context.close()
+
+
+@pytest.mark.parametrize("language", ["de", "zh"])
+def test_the_view_fits_a_phone(production_site, language):
+    page = production_site.page(f"/?lang={language}#production", wide=360, high=740, has_touch=True)
+    page.wait_for_selector("#periods td b")
+    assert page.evaluate("document.documentElement.scrollWidth") == 360
+    assert production_site.errors == []
+    page.context.close()
+
+
+def test_a_page_without_production_has_no_such_view(site):
+    page = site.page("/#production")
+    page.wait_for_selector("#flow-volume")
+    assert page.locator("#to-production").is_hidden()
+    assert page.locator("#production-view").is_hidden()
+    page.context.close()

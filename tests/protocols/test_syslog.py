@@ -17,7 +17,7 @@ from beltscape.core.alarms import Alarm, Suppression
 from beltscape.core.errors import InputError
 from beltscape.protocols.syslog.messages import (
     UDP_BYTES,
-    Message,
+    SyslogMessage,
     Origin,
     describe_change,
     format_message,
@@ -91,7 +91,7 @@ TEXTS = st.text(st.characters(codec="utf-8"), max_size=60)
 @given(TEXTS, TEXTS, TEXTS, st.integers(0, 2**33), st.sampled_from([None, 200, UDP_BYTES]))
 def test_any_text_gives_one_message_that_can_be_taken_apart(text, value, name, number, limit) -> None:
     origin = replace(ORIGIN, hostname=name)
-    raw = format_message(Message(0, 4, name, {"name": value}, text), origin, number, limit)
+    raw = format_message(SyslogMessage(0, 4, name, {"name": value}, text), origin, number, limit)
     got = parse(raw)
     assert 1 <= got.number <= 2**31 - 1
     if limit is None:
@@ -103,7 +103,7 @@ def test_any_text_gives_one_message_that_can_be_taken_apart(text, value, name, n
 
 
 def test_a_datagram_is_cut_between_letters() -> None:
-    raw = format_message(Message(0, 4, "overload", {}, "ü" * 2000), ORIGIN, 0, UDP_BYTES)
+    raw = format_message(SyslogMessage(0, 4, "overload", {}, "ü" * 2000), ORIGIN, 0, UDP_BYTES)
     assert UDP_BYTES - 2 <= len(raw) <= UDP_BYTES
     assert set(parse(raw).text) == {"ü"}
 

@@ -106,6 +106,8 @@ def test_journal_csv_and_key_figures(tmp_path):
     first = viewer("GET", f"/api/alarms/journal?{period}&limit=10").json()
     rest = viewer("GET", f"/api/alarms/journal?{period}&after={first[-1]['number']}").json()
     assert len(first) == 10 and [one["name"] for one in rest] == ["overload", "overload", "empty", "empty"]
+    newest = viewer("GET", f"/api/alarms/journal?{period}&limit=2&newest=true").json()
+    assert newest == rest[:1:-1]
     own = viewer("GET", f"/api/alarms/journal?{period}&name=empty").json()
     assert [one["by"] for one in own] == ["", "ada"]
     answer = viewer("GET", f"/api/alarms/journal.csv?{period}")

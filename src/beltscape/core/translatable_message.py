@@ -23,6 +23,11 @@ class Message(str):
         return message
 
 
+def reword(message: str, text: str) -> str:
+    """Return another text with the key and the values of a message; the text alone where it has no key."""
+    return type(message)(text, message.key, **message.values) if isinstance(message, Message) else text
+
+
 def get_key(text: str) -> str:
     """Return the key of a message; empty for a text that has none."""
     return text.key if isinstance(text, Message) else ""

@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from beltscape.alarms.names import list_keys, require_alarm
 from beltscape.core.errors import InputError
-from beltscape.core.translatable_message import Message, get_key, get_values
+from beltscape.core.translatable_message import reword
 from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.toml_text import describe_first_error, read_toml
 
@@ -64,8 +64,7 @@ class CustomTexts:
         if not line:
             return detail
         values = {"value": value, "limit": limit, "subject": subject, "detail": detail}
-        filled = _PLACEHOLDER.sub(lambda found: values[found[1]], line)
-        return Message(filled, get_key(detail), **get_values(detail)) if get_key(detail) else filled
+        return reword(detail, _PLACEHOLDER.sub(lambda found: values[found[1]], line))
 
 
 def read_custom_texts(path: Path) -> CustomTexts:

@@ -38,20 +38,20 @@ class Origin:
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class SyslogMessage:
     """One message before it has a number."""
 
     wall_ns: int
     """System clock."""
     severity: Severity
     kind: str
-    """Message identifier: the kind of the alarm."""
+    """SyslogMessage identifier: the kind of the alarm."""
     fields: Mapping[str, str]
     """Structured data."""
     text: str
 
 
-def describe_change(alarm: Alarm, wall_ns: int) -> Message:
+def describe_change(alarm: Alarm, wall_ns: int) -> SyslogMessage:
     """Return the message about an alarm's present state."""
     hidden = alarm.suppression
     is_raised = alarm.state == "raised"
@@ -63,7 +63,7 @@ def describe_change(alarm: Alarm, wall_ns: int) -> Message:
         parts.append(f"by {alarm.by}")
     text = " ".join(parts) + (f": {alarm.detail}" if alarm.detail else "")
     severity = _SEVERITIES[alarm.priority] if is_raised else _INFORMATIONAL
-    return Message(wall_ns, severity, alarm.name.partition(":")[0], _list_fields(alarm, state), text)
+    return SyslogMessage(wall_ns, severity, alarm.name.partition(":")[0], _list_fields(alarm, state), text)
 
 
 def _list_fields(alarm: Alarm, state: str) -> dict[str, str]:
@@ -85,13 +85,13 @@ def _list_fields(alarm: Alarm, state: str) -> dict[str, str]:
     return {name: value for name, value in fields.items() if value}
 
 
-def describe_losses(count: int, wall_ns: int) -> Message:
+def describe_losses(count: int, wall_ns: int) -> SyslogMessage:
     """Return the message that says how many messages were dropped before it."""
     text = f"{count} messages were dropped while the server was away"
-    return Message(wall_ns, 4, "losses", {"lost": str(count)}, text)
+    return SyslogMessage(wall_ns, 4, "losses", {"lost": str(count)}, text)
 
 
-def format_message(message: Message, origin: Origin, number: int, limit: int | None = None) -> bytes:
+def format_message(message: SyslogMessage, origin: Origin, number: int, limit: int | None = None) -> bytes:
     """Return a message by RFC 5424; its text is cut so that it has at most ``limit`` bytes.
 
     ``number`` counts the messages from 0, so that the server sees gaps (sequenceId).

@@ -14,7 +14,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.protocols.client_tls import make_client_context
 from beltscape.protocols.syslog.messages import (
-    Message,
+    SyslogMessage,
     Origin,
     describe_change,
     describe_losses,
@@ -42,7 +42,7 @@ class SyslogSender:
             settings.enterprise,
         )
         self._states: dict[str, _State] = {}
-        self._waiting: deque[Message] = deque()
+        self._waiting: deque[SyslogMessage] = deque()
         self._changed = threading.Condition()
         self._is_closing = False
         self._stop = threading.Event()
@@ -88,7 +88,7 @@ class SyslogSender:
     def _is_wanted(self, alarm: Alarm) -> bool:
         return PRIORITIES.index(alarm.priority) >= PRIORITIES.index(self._settings.least)
 
-    def _add(self, message: Message) -> None:
+    def _add(self, message: SyslogMessage) -> None:
         if len(self._waiting) >= self._settings.queue:
             self._waiting.popleft()
             self._number += 1  # its number is missing at the server

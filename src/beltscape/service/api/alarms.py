@@ -74,11 +74,13 @@ def _add_journal(router: APIRouter, history: Historian) -> None:
         after: RecordNumber = 0,
         limit: Annotated[int, Query(ge=1, le=1000)] = 200,
         name: Annotated[str, Query(max_length=160, description="Of this alarm alone")] = "",
+        newest: Annotated[bool, Query(description="The newest entries, the newest one first")] = False,
     ) -> list[EventOut]:
-        """Entries of the alarm journal with numbers above ``after``, oldest first."""
+        """Entries of the alarm journal with numbers above ``after``, the oldest one first."""
         check_period(since_ms, until_ms)
         with map_history_errors():
-            entries = history.alarm_journal(since_ms * MS_NS, until_ms * MS_NS, after, limit, name)
+            times_ns = since_ms * MS_NS, until_ms * MS_NS
+            entries = history.alarm_journal(*times_ns, after, limit, name, newest=newest)
         return [EventOut.from_event(event) for event in entries]
 
     @router.get(

@@ -205,11 +205,21 @@ class Historian:
             return read_events(connection, since_ns, until_ns, limit)
 
     def alarm_journal(
-        self, since_ns: int, until_ns: int, after: int = 0, limit: int = 1000, name: str = ""
+        self,
+        since_ns: int,
+        until_ns: int,
+        after: int = 0,
+        limit: int = 1000,
+        name: str = "",
+        *,
+        newest: bool = False,
     ) -> tuple[Event, ...]:
-        """Return events about alarms with numbers above ``after``, oldest first; ``name``: of this alarm alone."""
+        """Return events about alarms with numbers above ``after``: the oldest ones first, or the newest ones first.
+
+        ``name``: of this alarm alone.
+        """
         with self._store.readers.borrow() as connection:
-            return read_journal(connection, since_ns, until_ns, after, limit, name)
+            return read_journal(connection, (since_ns, until_ns), after, limit, name, newest=newest)
 
     def records(
         self, since_ns: int, until_ns: int, limit: int = 1000, after: int = 0, *, sections: bool = False

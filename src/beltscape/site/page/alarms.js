@@ -1,5 +1,5 @@
 // Alarms of the site and of its belts in one list, severe ones first; they are acknowledged on the belt's own page.
-import { explain, format_title } from "/page/script/alarms.js";
+import { explain, format_title } from "/page/script/alarm_texts.js";
 import { $, create_element, create_icon, set_text, sync_children } from "/page/script/dom.js";
 import { format_moment, format_number, t } from "/page/script/texts.js";
 import { explain_fault } from "./belts.js";

@@ -45,14 +45,23 @@ def insert_event(
 
 
 def read_journal(
-    connection: sqlite3.Connection, since_ns: int, until_ns: int, after: int, limit: int, name: str = ""
+    connection: sqlite3.Connection,
+    period_ns: tuple[int, int],
+    after: int,
+    limit: int,
+    name: str = "",
+    *,
+    newest: bool = False,
 ) -> tuple[Event, ...]:
-    """Return events about alarms with numbers above ``after``, oldest first; ``name``: of this alarm alone."""
+    """Return events about alarms with numbers above ``after``: the oldest ones first, or the newest ones first.
+
+    ``name``: of this alarm alone.
+    """
     rows = connection.execute(
         "SELECT event, wall_ns, kind, name, text, by, parameters FROM events "
         "WHERE event > ? AND wall_ns >= ? AND wall_ns < ? AND kind = 'alarm' AND (? = '' OR name = ?) "
-        "ORDER BY event LIMIT ?",
-        (after, since_ns, until_ns, name, name, limit),
+        f"ORDER BY event {'DESC' if newest else 'ASC'} LIMIT ?",
+        (after, *period_ns, name, name, limit),
     )
     return tuple(Event(*row) for row in rows)
 

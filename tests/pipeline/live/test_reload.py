@@ -1,0 +1,224 @@
+"""Settings, rig and empty belt of a running plant read again: all that can change changes, or nothing does."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from beltscape.cli.main import main
+from beltscape.core.errors import InputError, OutputError
+from beltscape.core.live import Observers
+from beltscape.core.progress import Silent
+from beltscape.pipeline.live.assembly import RunOptions, assemble
+from beltscape.pipeline.live.reporting.event_log import EventLog
+from beltscape.service.access import Access
+from beltscape.service.access.tls import CertificateExpiry
+from beltscape.service.changes.effects import AT_ONCE, RESTART, is_of, list_effects
+from beltscape.service.changes.parts import PARTS, Change, ReloadablePart, RunningPlant
+from beltscape.service.changes.reloader import SettingsReloader
+from beltscape.service.changes.requests import answer_requests, request_reload
+from beltscape.service.live_state import LiveState
+from beltscape.service.project import open_project
+from beltscape.service.protocols import ServedPlant
+from tests.pipeline.live.test_run_command import plant  # noqa: F401
+from tests.service.access.sample_app import CHEAP
+
+
+@pytest.fixture
+def running(plant: Path, tmp_path: Path) -> Iterator[RunningPlant]:  # noqa: F811
+    """The plant, assembled; no frame set has come yet."""
+    project, data = open_project(plant), tmp_path / "data"
+    live_state = LiveState(project.settings.web)
+    assembled = assemble(project, RunOptions(data), Observers([live_state]))
+    access = Access(data, project.settings.web.access, CHEAP)
+    served = ServedPlant(live_state, assembled.historian, assembled.engine.acknowledge)
+    yield RunningPlant(
+        project, assembled, assembled.parts, live_state, access, CertificateExpiry(None, None), served
+    )
+    components = assembled.components
+    components.source.close()
+    for writer in components.writers:
+        writer.close()
+    if components.recorder is not None:
+        components.recorder.close()
+    assembled.close()
+    access.close()
+
+
+@pytest.fixture
+def reloader(running: RunningPlant) -> SettingsReloader:
+    return SettingsReloader(running, EventLog(running.assembled.historian, Silent()), Silent())
+
+
+def rewrite(path: Path, *changes: tuple[str, str], more: str = "") -> None:
+    text = path.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text + more)
+
+
+def test_what_can_change_changes_and_the_rest_is_named(
+    running: RunningPlant, reloader: SettingsReloader
+) -> None:
+    path, before = running.project.path, running.parts
+    assert (reloader.reload("anna").at_once, running.parts) == ((), before)
+    rewrite(
+        path,
+        ("kg_m3 = 1500", "kg_m3 = 1600"),
+        ("port = 0", 'port = 8999\nplant = "Belt 9"\n[web.access]\nbody_max_bytes = 2048'),
+        ("reserve_mib = 1", "reserve_mib = 2\ndatabase_days = 3"),
+        more="[alarms.overload]\nmass_flow_t_h = 900\n[csv]\nenabled = true\n[queue]\nframes = 5\n",
+    )
+    found = reloader.find_changes()
+    done = reloader.reload("anna", "10.0.0.9")
+    assert done == found
+    assert {one.key for one in done.at_once} == {
+        *("density.kg_m3", "web.plant", "web.access.body_max_bytes", "history.database_days"),
+        *("alarms.overload.mass_flow_t_h", "csv.enabled", "queue.frames"),
+    }
+    assert {one.key for one in done.restart} == {"web.port", "history.reserve_mib"}
+    assert running.live_state.settings.plant == "Belt 9"
+    assert running.access.settings.body_max_bytes == 2048
+    assert running.assembled.components.board.settings.overload.mass_flow_t_h == 900
+    assert running.parts.context.density.at(0)[0] == 1600
+    assert (running.project.settings.web.port, running.project.settings.history.reserve_mib) == (0, 1)
+    runs = running.assembled.historian.list_runs(5)
+    assert [run.number for run in runs] == [2, 1]
+    assert runs[0].provenance["settings"] != runs[1].provenance["settings"]
+    assert runs[0].provenance["rig"] == runs[1].provenance["rig"]
+    (entry,) = [one for one in running.access.audit.read_last(9) if "density.kg_m3" in one]
+    assert (entry["who"], entry["density.kg_m3"]) == ("anna", "1500.0 → 1600.0")
+    assert set(entry["needs a restart"].split(", ")) == {"web.port", "history.reserve_mib"}
+    assert reloader.reload("anna").at_once == ()  # what needs a restart is named again, nothing else
+
+
+WRONG = (
+    ("kg_m3 = 1500", "kg_m3 = -5", "density.kg_m3 = -5"),
+    ("[history]", "[history]\nx = 1", "unknown key history.x"),
+    ('rig = "rig.json"', 'rig = "none.json"', "no such file"),
+    ("kg_m3 = 1500", "kg_m3 = 1500\nproduct = 'coal'", "product goes with products"),
+)
+"""Text of project.toml, what replaces it, and the refusal."""
+
+
+def test_what_is_wrong_changes_nothing(running: RunningPlant, reloader: SettingsReloader) -> None:
+    path, before = running.project.path, (running.project, running.parts)
+    text, board = path.read_text(), running.assembled.components.board
+    alarms = board.settings
+    for old, new, message in WRONG:
+        path.write_text(text)
+        rewrite(path, (old, new), ("port = 0", 'port = 0\nplant = "Belt 9"'))
+        with pytest.raises(InputError, match=re.escape(message)):
+            reloader.reload("anna")
+        assert (running.project, running.parts) == before
+        assert (board.settings, running.live_state.settings.plant) == (alarms, "")
+        assert running.access.audit.read_last(1)[0]["what"] == "settings refused"
+
+
+def test_a_rig_that_does_not_fit_is_refused_by_name(
+    running: RunningPlant, reloader: SettingsReloader
+) -> None:
+    rig, before = running.project.path.parent / "rig.json", running.parts
+    text = rig.read_text()
+    document = json.loads(text)
+    name = next(name for name in document["cameras"] if name != document["core"])
+    rig.write_text(text.replace(f'"{name}"', '"another"'))
+    with pytest.raises(InputError, match=r"rig\.json: (has the cameras|.*contradicts its sha256)"):
+        reloader.reload("anna")
+    rig.write_text(text[: len(text) // 2])
+    with pytest.raises(InputError, match=r"rig\.json"):
+        reloader.reload("anna")
+    assert running.parts is before
+    rig.write_text(text.replace("}", "} ", 1))  # the same rig with other bytes
+    assert [one.key for one in reloader.reload("anna").at_once] == ["rig"]
+    assert running.parts is not before
+
+
+def test_a_part_that_fails_takes_all_changes_back(
+    running: RunningPlant, reloader: SettingsReloader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reverted: list[str] = []
+
+    def fail() -> None:
+        raise OutputError("[modbus]: the port is taken; choose another")
+
+    def prepare(*_: object) -> Change:
+        return Change(fail, lambda: reverted.append("last"))
+
+    monkeypatch.setattr(
+        "beltscape.service.changes.reloader.PARTS", (*PARTS, ReloadablePart(("watch",), prepare))
+    )
+    rewrite(
+        running.project.path,
+        ("port = 0", 'port = 0\nplant = "Belt 9"'),
+        more="[watch]\nstale_s = 5\n[alarms.overload]\nmass_flow_t_h = 900\n",
+    )
+    before = running.project, running.parts
+    with pytest.raises(OutputError, match="the port is taken"):
+        reloader.reload("anna")
+    assert reverted == ["last"]
+    assert (running.project, running.parts) == before
+    assert running.live_state.settings.plant == ""
+    assert running.assembled.components.board.settings.overload.mass_flow_t_h is None
+
+
+def test_the_command_asks_the_run_and_reads_its_answer(
+    running: RunningPlant, reloader: SettingsReloader, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = tmp_path / "data"
+
+    def answer(_: float) -> None:
+        answer_requests(data, reloader)
+
+    rewrite(running.project.path, ("kg_m3 = 1500", "kg_m3 = 1700"))
+    found = request_reload(data, wait=answer)
+    assert [one["key"] for one in found["at_once"]] == ["density.kg_m3"]
+    rewrite(running.project.path, ("kg_m3 = 1700", "kg_m3 = -1"))
+    with pytest.raises(InputError, match="greater than 0; the running settings stay as they were"):
+        request_reload(data, wait=answer)
+    with pytest.raises(OutputError, match="did not answer"):
+        request_reload(data, 0.0, wait=lambda _: None)
+    assert not list(data.glob("reload-*"))
+    with pytest.raises(InputError, match="nothing runs with this data folder"):
+        request_reload(tmp_path / "other")
+    assert (
+        main(["reload", str(running.project.path), "--list"]) == 2
+    )  # the whole project is checked here, too
+    assert "density.kg_m3 = -1" in capsys.readouterr().err
+
+
+def test_every_setting_has_one_effect_and_every_table_exists() -> None:
+    effects = {one.key: one.effect for one in list_effects()}
+    assert len(effects) > 100
+    for table in (*AT_ONCE, *RESTART):
+        assert any(is_of(key, (table,)) for key in effects), table
+    taken = {table for part in PARTS for table in part.tables}
+    for key, effect in effects.items():
+        assert effect == "restart" or is_of(key, tuple(taken)), key
+    for key in ("cameras.exposure_us", "capture.folder", "encoder.kind", "data", "web.port"):
+        assert effects[key] == "restart", key
+    for key in ("alarms.overload.mass_flow_t_h", "mqtt.host", "web.access.anonymous_role", "matching.preset"):
+        assert effects[key] == "at once", key
+
+
+def test_a_protocol_is_exchanged_alone(running: RunningPlant, reloader: SettingsReloader) -> None:
+    calls: list[tuple[str, object]] = []
+
+    class Protocols:
+        def exchange(self, name: str, settings: object) -> None:
+            calls.append((name, settings))
+
+    pytest.importorskip("pymodbus", reason="pip install 'beltscape[modbus]'")
+    running.protocols = Protocols()  # pyright: ignore[reportAttributeAccessIssue]
+    for part in PARTS:  # preparing alone changes nothing
+        part.prepare(running, running.project)
+    assert calls == []
+    rewrite(running.project.path, more="[modbus]\nport = 15021\n")
+    reloader.reload("anna")
+    assert [name for name, _ in calls] == ["modbus"]
+    assert running.project.settings.modbus is not None

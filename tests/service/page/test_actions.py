@@ -53,6 +53,9 @@ def test_language_and_theme_change_by_keyboard(site):
     assert page.get_attribute("html", "lang") == "de"
     assert re.search(r"\d,\d", read_text(page, "#flow-speed"))
     page.keyboard.press("g")
+    page.wait_for_selector("html[lang=es]")
+    assert read_text(page, "#flow-title") == "Caudal actual"
+    page.keyboard.press("g")
     page.wait_for_selector("html[lang=zh-Hans]")
     assert re.search(r"[\u4e00-\u9fff]", read_text(page, "#flow-title"))
     page.keyboard.press("t")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import itertools
 import math
+import runpy
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -20,7 +22,10 @@ pytest.importorskip("asyncua", reason="asyncua is not installed; pip install 'be
 
 from asyncua import Client, ua
 
-from tests.protocols.opcua import Running, call, find, make_certificate, wait_for
+from tests.docs.blocks import read_blocks
+from tests.docs.conftest import page_text
+from tests.docs.system import ROOT
+from tests.protocols.opcua import PASSWORD, Running, call, find, make_certificate, wait_for
 
 CODES = ua.StatusCodes
 CLOCK_NS = itertools.count(10**18 + 10**9, 10**9)
@@ -307,3 +312,20 @@ def test_methods_are_done_for_operators_and_audited(running: Running, operator) 
         assert ("opcua StartBatch refused", "anonymous") in [(e[0], e[1]) for e in plant.users.entries]
 
     call(work)
+
+
+def test_the_client_of_the_manual_reads_the_belt(running: Running, tmp_path: Path, capsys) -> None:
+    page = "docs/howto/opcua.md"
+    (block,) = [one for one in read_blocks(page, page_text(page)) if one.kind == "python"]
+    names: dict[str, Any] = {}
+    exec(block.text, names)
+    volumes = call(lambda: names["read_belt"](running.address, "otto", PASSWORD, tmp_path))
+    assert volumes == pytest.approx([0.2e-3] * len(volumes))
+    assert len(volumes) == min(10, running.plant.read_last_number())
+    assert capsys.readouterr().out.startswith("104.9 Good 20")
+
+
+def test_the_manual_holds_the_nodes() -> None:
+    tool = runpy.run_path(str(ROOT / "tools/write_opcua_nodes.py"))
+    text = tool["PAGE"].read_text("utf-8")
+    assert tool["fill_page"](text) == text, "run python tools/write_opcua_nodes.py"

@@ -114,6 +114,7 @@ class OpcUaServer:
                 f"[opcua]: {self._settings.host} port {self._settings.port} cannot be listened on"
                 f" ({self._failure or 'no answer'}); choose another port or address"
             )
+        self._on_message(f"opcua: opc.tcp://{self._settings.host}:{self.port}/, {self.own.describe()}")
 
     def close(self, patience_s: float = 5.0) -> None:
         """Stop listening; the sessions end."""

@@ -18,6 +18,7 @@ import yaml
 from beltscape.cli.main import COMMANDS
 from beltscape.files.tables.encoder_csv import read_encoder
 from tests.docs.blocks import Block, read_blocks, read_spans, split_commands
+from tests.docs.plant import find_newest, make_history
 from tests.docs.program import call, narrowed, parser_of, unknown_options
 from tests.docs.results import Results
 from tests.docs.service import curl, run_service
@@ -25,6 +26,7 @@ from tests.docs.system import ROOT, RULES, Wrong, demand, run_system
 from tests.docs.tables import check_table
 
 RUN_ELSEWHERE = {"evaluate paper": "tests/evaluate/paper", "demo": "tests/pipeline/test_demo.py",
+                 "reload": "tests/pipeline/live/test_reload.py",
                  "record": "tests/sources/genicam/test_record_command.py"}  # fmt: skip
 """Commands that take minutes at any size, or cameras: parsed here, run by the tests named."""
 SCENES = {"calibration", "module", "belt_empty", "belt_loaded", "belt_moving"}
@@ -152,8 +154,12 @@ class Reader:
             small += ["--frames", "3"]  # of eight
         if words[0] == "run" and "--check" not in words:
             return [word.replace("project.toml", "recorded.toml") for word in small]
-        if words[0] in ("run", "users"):
-            return [word.removeprefix("/etc/beltscape/") for word in small]
+        if words[0] in ("run", "users", "backup"):
+            small = [word.removeprefix("/etc/beltscape/") for word in small]
+        if words[0] == "backup":
+            make_history(self.folder / "data")
+        if words[0] == "restore":
+            small[1] = find_newest(self.folder, words[1])
         return small
 
     def _toml(self, block: Block) -> None:

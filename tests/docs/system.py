@@ -125,7 +125,10 @@ def openssl(words: Sequence[str], folder: Path) -> None:
 def systemctl(words: Sequence[str], folder: Path) -> None:
     """Verbs are systemd's, units are those of ``deploy/``."""
     verb, units = words[1], [word for word in words[2:] if word != "--now"]
-    demand(verb in ("status", "start", "stop", "restart", "enable", "daemon-reload"), f"systemctl {verb}")
+    demand(
+        verb in ("status", "start", "stop", "restart", "reload", "enable", "daemon-reload"),
+        f"systemctl {verb}",
+    )
     for unit in units:
         name = unit if "." in unit else f"{unit}.service"
         demand(name in UNITS, f"no unit {name} in deploy/")
@@ -215,7 +218,7 @@ RULES: dict[str, Callable[[Sequence[str], Path], None]] = {
     "openssl": openssl, "systemctl": systemctl, "journalctl": journalctl, "ip": ip, "sysctl": sysctl, "cd": files,
     "cp": files, "install": files, "chown": files, "systemd-sysusers": systemd_files,
     "systemd-tmpfiles": systemd_files, "systemd-analyze": systemd_analyze, "sqlite3": sqlite3,
-    "deploy/backup.py": script, "sh": sh, "rerun": rerun,
+    "sh": sh, "rerun": rerun,
 }  # fmt: skip
 """Program → its rule."""
 

@@ -68,7 +68,7 @@ def compare(
 def hash_contents(project: Project[RunSettings]) -> dict[str, str]:
     """Return the SHA-256 of the files that settings name, by the key; InputError if one cannot be read."""
     contents: dict[str, str] = {}
-    for key, value in _walk(project.settings):
+    for key, value in list_values(project.settings):
         if not isinstance(value, Path):
             continue
         path = project.resolve(value)
@@ -94,11 +94,12 @@ def keep_values(settings: Model, present: Model, keys: set[str], prefix: str = "
     return settings.model_copy(update=update)
 
 
-def _walk(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, object]]:
+def list_values(settings: BaseModel, prefix: str = "") -> Iterator[tuple[str, object]]:
+    """Yield the key and the value of every setting."""
     for name in type(settings).model_fields:
         value = getattr(settings, name)
         if isinstance(value, BaseModel):
-            yield from _walk(value, f"{prefix}{name}.")
+            yield from list_values(value, f"{prefix}{name}.")
         else:
             yield prefix + name, value
 

@@ -1,0 +1,26 @@
+"""What the manual's commands of a running plant find: a history, and backups by their real names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from beltscape.sinks.historian import Historian
+from beltscape.sinks.settings import HistorySettings
+from tests.docs.system import demand
+from tests.sinks.ledgers import ledger
+
+
+def make_history(data: Path) -> None:
+    """Write a history of some records, unless there is one."""
+    if not (data / "history.db").is_file():
+        historian = Historian(data, HistorySettings(reserve_mib=1))
+        historian.write(ledger(5))
+        historian.close()
+
+
+def find_newest(folder: Path, named: str) -> str:
+    """Return the newest backup of the form and in the folder that a page names, which has another time."""
+    form = "".join(Path(named).suffixes[-2:])
+    found = sorted((folder / named).parent.glob(f"*{form}"))
+    demand(found, f"no earlier line makes a backup like {named}")
+    return str(found[-1].relative_to(folder))

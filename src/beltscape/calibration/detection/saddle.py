@@ -87,6 +87,7 @@ def fit_saddles(windows: Windows, start: Saddles) -> tuple[Saddles, Array]:
 
     Return the corners and the RMS (n,) of the residual grey values.
     """
+    windows = _drop_unused(windows)
     current, damping = start, np.full(len(start.parameters), 1e-3)
     values, derivatives = current.linearise(windows)
     cost = _compute_cost(windows, values)
@@ -107,6 +108,14 @@ def fit_saddles(windows: Windows, start: Saddles) -> tuple[Saddles, Array]:
         if np.abs(step[:, :2]).max(initial=0.0) < CONVERGED_PX:
             break
     return current, np.sqrt(cost / np.maximum(windows.used.sum(axis=1) - PARAMETERS, 1))
+
+
+def _drop_unused(windows: Windows) -> Windows:
+    """Return windows of as many pixels as the fullest one uses, its used ones first: about half of a square."""
+    most = int(windows.used.sum(axis=1).max(initial=0.0))
+    first = np.argsort(windows.used == 0, axis=1, kind="stable")[:, :most]
+    parts = (windows.x, windows.y, windows.values, windows.used)
+    return Windows(*(np.take_along_axis(part, first, axis=1) for part in parts))
 
 
 def _clip_blur(parameters: Array) -> Array:

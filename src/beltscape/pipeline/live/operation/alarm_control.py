@@ -33,8 +33,8 @@ class AlarmControl:
 
     def start(self) -> None:
         """Note the start of the program in the journal: alarms begin clear, hidden ones stay hidden."""
-        hidden = ", ".join(sorted(self._shelf.hidden)) or "none"
-        text = f"alarms are evaluated from the start; hidden: {hidden}"
+        hidden = sorted(self._shelf.hidden)
+        text = f"alarms are evaluated from the start; hidden: {', '.join(hidden) or 'none'}"
         self._events.add(
             "alarm", "journal", text, time_ns(), parameters={"action": "start", "hidden": hidden}
         )

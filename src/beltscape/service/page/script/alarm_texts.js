@@ -34,6 +34,7 @@ export function format_value_and_sigma(value, sigma, unit) {
 }
 
 export function format_limit(limit, unit) {
+  if (unit === "%") return format_percent(limit / 100, Number.isInteger(limit) ? 0 : 1);
   return `${format_plain(limit)}${unit && unit !== "1" ? `\u00a0${unit}` : ""}`;
 }
 
@@ -70,11 +71,12 @@ function explain_by_page({ name, detail, cause, values }) {
 /** Return an entry of the journal in the chosen language: the alarm's change, or what a person did. */
 export function translate_entry({ name, text, parameters }) {
   const { action, state } = parameters;
-  if (action === "start") return t("action.start", { hidden: parameters.hidden });
+  if (action === "start") return t("action.start", { hidden: parameters.hidden.map(format_title).join(", ") || t("alarms.nothing") });
   const title = format_title(name);
   if (action && has_text(`action.${action}`)) return `${title} – ${t(`action.${action}`, { reason: parameters.reason, minutes: format_number(parameters.minutes ?? null) })}`;
   if (!state) return `${title} – ${text}`;
-  const detail = text.includes(": ") ? text.slice(text.indexOf(": ") + 2) : "";
+  const begin = `${state}${parameters.suppression ? ` (${parameters.suppression}: ${parameters.suppressed_by})` : ""}: `;
+  const detail = text.startsWith(begin) ? text.slice(begin.length) : "";
   const help = state !== "raised" ? "" : get_language() === "en" && detail ? detail : explain({ name, detail, cause: parameters.cause, values: parameters.values, value: parameters.value, limit: parameters.limit, unit: parameters.unit });
   const numbers = get_language() === "en" && help ? "" : format_value_and_limit(parameters);
   const changed = [t(`alarm.${state}`), parameters.suppression ? describe_suppression(parameters.suppressed_by) : "", parameters.first ? t("alarms.first") : ""].filter(Boolean).join(", ");

@@ -55,6 +55,8 @@ class PlantState:
     """Name of the present product; empty: none."""
     batch: str
     """Name of the present batch; empty: there is none."""
+    products: tuple[str, ...] = ()
+    """Names of all products, in the order of the settings."""
 
 
 class Plant(Protocol):

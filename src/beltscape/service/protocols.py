@@ -85,6 +85,7 @@ class ServedPlant:
             findings=tuple(check.finding for check in self._live_state.list_checks()),
             product="" if self.production is None else self.production.tag.product,
             batch="" if self.production is None else self.production.batch_name,
+            products=() if self.production is None else tuple(one.name for one in self.production.products),
         )
 
     def follow_alarms(self, follow: Callable[[Sequence[Alarm]], None]) -> Callable[[], None]:
@@ -191,12 +192,14 @@ def serve_protocols(
 def _start_modbus(
     settings: ModbusSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
 ) -> Served:
+    from beltscape.protocols.modbus.commands import place_commands
     from beltscape.protocols.modbus.registers import place_registers, write_csv
 
     with _name_library("modbus"):
         from beltscape.protocols.modbus.server import ModbusServer
-    server = ModbusServer(settings, plant, data, tell)
-    write_text(data / "modbus.csv", write_csv(place_registers(settings)))
+    server = ModbusServer(settings, plant, data, tell, plant, plant.users)
+    placed = place_registers(settings)
+    write_text(data / "modbus.csv", write_csv([*placed, *place_commands(settings, placed)]))
     server.start()
     return server
 
@@ -265,11 +268,13 @@ def check_mqtt(mqtt: MqttSettings) -> str:
 
 def check_modbus(modbus: ModbusSettings) -> str:
     """Return what would be served; InputError where it cannot be."""
+    from beltscape.protocols.modbus.commands import place_commands
     from beltscape.protocols.modbus.registers import place_registers
 
     with _name_library("modbus"):
         import_module("pymodbus")
     registers = place_registers(modbus)
+    place_commands(modbus, registers)
     last = registers[-1].address + registers[-1].words - 1
     return f"{modbus.host} port {modbus.port}, registers {registers[0].address} to {last}"
 

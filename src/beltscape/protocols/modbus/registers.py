@@ -37,6 +37,10 @@ class Reading:
     heartbeat: int
     """Seconds that the server has run."""
     pulses: int
+    done: int = 0
+    """Newest request that was taken."""
+    result: int = 0
+    """What became of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +73,18 @@ class Register:
         return words if settings.words == "big" else words[::-1]
 
 
+@dataclass(frozen=True, slots=True)
+class CommandRegister:
+    """A register that the control system writes."""
+
+    name: str
+    form: str
+    words: int
+    meaning: str
+    address: int
+    unit: str = ""
+
+
 def _compute_analogue(reading: Reading, settings: ModbusSettings) -> float:
     """Return the flow on the current loop, µA."""
     state = reading.state
@@ -95,6 +111,12 @@ def _count_alarms(severity: str) -> Callable[[Reading, ModbusSettings], float]:
 
 def _count_cameras(reading: Reading, _: ModbusSettings) -> float:
     return sum(camera.state == "ok" for camera in reading.state.cameras)
+
+
+def _find_product(reading: Reading, _: ModbusSettings) -> float:
+    """Return the number of the present product, from 1; 0 without one."""
+    state = reading.state
+    return state.products.index(state.product) + 1 if state.product in state.products else 0
 
 
 def _scale(value: float, factor: float) -> float:
@@ -189,6 +211,16 @@ REGISTERS: tuple[Register, ...] = (
     Register(
         "maintenance", "uint16", "", "1 during maintenance, else 0", lambda r, _: r.state.maintenance != ""
     ),
+    Register("product", "uint16", "", "number of the present product; 0: none", _find_product),
+    Register("batch", "uint16", "", "1 while a batch is open, else 0", lambda r, _: r.state.batch != ""),
+    Register("command_done", "uint16", "", "newest request that was taken", lambda r, _: r.done),
+    Register(
+        "command_result",
+        "uint16",
+        "",
+        "1 done, 2 refused, 3 no heartbeat; 0: none since the start",
+        lambda r, _: r.result,
+    ),
 )
 
 
@@ -221,7 +253,7 @@ def place_registers(settings: ModbusSettings) -> tuple[Register, ...]:
     return tuple(found)
 
 
-def write_csv(registers: Sequence[Register]) -> str:
+def write_csv(registers: Sequence[Register | CommandRegister]) -> str:
     """Return the map as a table for the engineering tool of a control system."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

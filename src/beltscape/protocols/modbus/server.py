@@ -1,14 +1,14 @@
 """The server: answers reads of holding and input registers (functions 3 and 4) from one reading of the state.
 
 Every request is answered from one reading, so that the words of a value, and values that are read together, belong
-together. Writes are refused: nothing in the plant is changed by a protocol without sign-in.
+together. Writes are refused unless the settings have a table of commands.
 """
 
 from __future__ import annotations
 
 import asyncio
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic
 
@@ -18,13 +18,14 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.supervision import make_supervised_thread
+from beltscape.protocols.modbus.commands import Commands, place_commands
 from beltscape.protocols.modbus.pulses import PulseCount
 from beltscape.protocols.modbus.registers import Reading, place_registers
 from beltscape.protocols.modbus.settings import ModbusSettings
-from beltscape.protocols.plant import Plant
+from beltscape.protocols.plant import Plant, PlantCommands, PlantUsers
 
-_READS = (3, 4)
-"""Functions that are answered: holding and input registers."""
+_READS, _WRITES = (3, 4), (6, 16)
+"""Functions that are answered: reads of holding and input registers, writes of one and of several registers."""
 _START_S = 10.0
 """Time for the server to listen."""
 _POLL_S = 0.5
@@ -40,8 +41,12 @@ class ModbusServer:
         plant: Plant,
         data: Path,
         on_message: Callable[[str], None] = lambda _: None,
+        control: PlantCommands | None = None,
+        users: PlantUsers | None = None,
     ) -> None:
         """Prepare; ``data`` is the folder of the pulse count.
+
+        ``control`` carries out commands where the settings have their table; ``users`` logs them.
 
         Raises
         ------
@@ -52,6 +57,10 @@ class ModbusServer:
         self._registers = place_registers(settings)
         step = settings.pulse_kg or settings.pulse_l
         self._pulses = None if step is None else PulseCount(data / "pulses.json", step)
+        self._written = place_commands(settings, self._registers)
+        self._commands = None
+        if settings.commands is not None and control is not None:
+            self._commands = Commands(settings, plant, control, users, data, on_message)
         self._started_s = monotonic()
         self._stop, self._listening = threading.Event(), threading.Event()
         self._thread = make_supervised_thread("modbus", self._run, self._on_failure, self._stop.wait)
@@ -82,9 +91,10 @@ class ModbusServer:
 
     def read(self) -> Reading:
         """Return what the registers are filled from now."""
-        state = self._plant.read_state()
+        state, commands = self._plant.read_state(), self._commands
+        done, result = (0, 0) if commands is None else (commands.done, commands.result)
         if self._pulses is None:
-            return Reading(state, int(monotonic() - self._started_s), 0)
+            return Reading(state, int(monotonic() - self._started_s), 0, done, result)
         totals = state.totals
         total = totals.mass_kg if self._settings.pulse_kg is not None else totals.volume_mm3 * 1e-6
         try:
@@ -92,7 +102,7 @@ class ModbusServer:
         except OutputError as error:
             self._on_message(f"modbus: {error}; the pulse count waits")
             count = self._pulses.count
-        return Reading(state, int(monotonic() - self._started_s), count)
+        return Reading(state, int(monotonic() - self._started_s), count, done, result)
 
     def _run(self) -> None:
         asyncio.run(self._serve())
@@ -120,11 +130,22 @@ class ModbusServer:
             SimData(register.address, count=register.words, datatype=DataType.REGISTERS, readonly=True)
             for register in self._registers
         ]
+        if self._written:
+            count = sum(register.words for register in self._written)
+            blocks.append(SimData(self._written[0].address, count=count, datatype=DataType.REGISTERS))
+            blocks.sort(key=lambda block: block.address)
 
         async def fill(
-            function: int, start: int, _address: int, _count: int, words: list[int], values: object
+            function: int,
+            start: int,
+            address: int,
+            _count: int,
+            words: list[int],
+            values: list[int] | list[bool] | None,
         ) -> ExcCodes | None:
-            if function not in _READS or values is not None:
+            if values is not None:
+                return await self._write(function, address, values)
+            if function not in (*_READS, *_WRITES):  # pymodbus reads what function 6 has written
                 return ExcCodes.ILLEGAL_FUNCTION
             reading = self.read()
             for register in self._registers:
@@ -133,6 +154,20 @@ class ModbusServer:
             return None
 
         return SimDevice(self._settings.unit, blocks, action=fill)
+
+    async def _write(self, function: int, address: int, values: Sequence[int]) -> ExcCodes | None:
+        """Take a write of commands, in a thread: what it changes is on the disk before the answer."""
+        commands = self._commands
+        if commands is None or function not in _WRITES:
+            return ExcCodes.ILLEGAL_FUNCTION
+        if not commands.covers(address, len(values)):
+            return ExcCodes.ILLEGAL_ADDRESS
+        try:
+            await asyncio.to_thread(commands.write, address, values)
+        except OutputError as error:
+            self._on_message(f"modbus: {error}; the command was not taken")
+            return ExcCodes.DEVICE_FAILURE
+        return None
 
     def _on_failure(self, failure: str) -> None:
         self._on_message(f"modbus: {failure}; it starts again")

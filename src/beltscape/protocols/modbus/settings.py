@@ -9,6 +9,20 @@ from pydantic import BaseModel, ConfigDict, Field
 Limit = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 
 
+class CommandSettings(BaseModel):
+    """Registers that a control system writes: the table [modbus.commands].
+
+    Modbus has no sign-in: with this table every client that reaches the port may change product and batch.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    first: Annotated[int, Field(ge=0, le=65_000)] = 1000
+    """Address of the first register."""
+    heartbeat_s: Annotated[float, Field(ge=0.5, le=3600)] = 10.0
+    """Time within which the client's heartbeat must have changed for a command to be carried out."""
+
+
 class ModbusSettings(BaseModel):
     """Address to listen on, form of the registers, and scales of the outputs."""
 
@@ -34,3 +48,5 @@ class ModbusSettings(BaseModel):
     """Mass flow at the end of the analogue scale, 20 mA."""
     full_m3_h: Limit | None = None
     """Volume flow at the end of the analogue scale, where ``full_t_h`` is not given."""
+    commands: CommandSettings | None = None
+    """Commands; without the table nothing can be written."""

@@ -175,8 +175,11 @@ def test_types_and_units_are_those_of_the_companion_specifications(running: Runn
                 ["0:Namespaces", f"{conveying}:{spaces[conveying]}", "0:IsNamespaceSubset"]
             )
             assert await metadata.read_value() is True
-            text = await find(client, "Belt.Provenance.RigSha256").read_value()
-            assert text == "ab" * 32
+            rig = find(client, "Belt.Provenance.RigSha256")
+            assert await rig.read_value() == "ab" * 32
+            running.plant.provenance = {**running.plant.provenance, "RigSha256": "cd" * 32}
+            await set_state(running, client)
+            assert await rig.read_value() == "cd" * 32
 
     call(work)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 
 from asyncua import ua
@@ -12,7 +12,7 @@ from asyncua.server.internal_server import InternalServer
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.protocols.opcua.model.namespaces import CONVEYING, own_id
 from beltscape.protocols.opcua.model.quantities import QUANTITIES, RECORD_QUANTITIES
-from beltscape.protocols.plant import Plant, PlantState
+from beltscape.protocols.plant import Plant, PlantState, Provenance
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _BATCH = 200
@@ -42,8 +42,12 @@ def make_count(value: int, wall_ns: int) -> ua.DataValue:
 class Publication:
     """Shows the plant's state; all values of one update are written before any request is answered."""
 
-    def __init__(self, server: InternalServer, plant: Plant) -> None:
-        self._server, self._plant = server, plant
+    def __init__(
+        self, server: InternalServer, plant: Plant, read_provenance: Callable[[], Provenance]
+    ) -> None:
+        """Show nothing yet; ``read_provenance`` gives what the values come from now."""
+        self._server, self._plant, self._read_provenance = server, plant, read_provenance
+        self._provenance: Provenance = read_provenance()
         self._record = max(plant.read_last_number() - 1, 0)
 
     async def update(self, state: PlantState) -> None:
@@ -51,6 +55,11 @@ class Publication:
         for path, value in self._list_values(state):
             await self._write(path, value)
         await self._show_records()
+        if (provenance := self._read_provenance()) != self._provenance:
+            self._provenance = provenance
+            for key, text in provenance.items():
+                value = ua.DataValue(ua.Variant(text, ua.VariantType.String))
+                await self._write(f"Belt.Provenance.{key}", value)
 
     def _list_values(self, state: PlantState) -> Iterator[tuple[str, ua.DataValue]]:
         for quantity in QUANTITIES:

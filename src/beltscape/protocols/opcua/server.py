@@ -114,6 +114,8 @@ class OpcUaServer:
                 f"[opcua]: {self._settings.host} port {self._settings.port} cannot be listened on"
                 f" ({self._failure or 'no answer'}); choose another port or address"
             )
+        if self.own.ends_soon:
+            self._on_message(f"opcua: {self.own.describe()}: make a new one, and have the clients trust it")
         self._on_message(f"opcua: opc.tcp://{self._settings.host}:{self.port}/, {self.own.describe()}")
 
     def close(self, patience_s: float = 5.0) -> None:
@@ -151,7 +153,7 @@ class OpcUaServer:
         add_types(builder)
         add_belt(builder, self._settings, self.own.application, self._plant.provenance)
         commands = Commands(guarded, builder, self._plant, self._plant.users)
-        publication = Publication(guarded, self._plant)
+        publication = Publication(guarded, self._plant, lambda: self._plant.provenance)
         await publication.update(self._plant.read_state())
         conditions, findings = Conditions(guarded, builder, commands), Findings(guarded, builder)
         return [publication.update, conditions.update, findings.update]

@@ -12,7 +12,7 @@ import re
 import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from asyncua import ua
@@ -43,6 +43,11 @@ class OwnCertificate:
     key: rsa.RSAPrivateKey
     application: str
     """The application's unique identifier, which the certificate states."""
+
+    @property
+    def ends_soon(self) -> bool:
+        """Return whether it ends within a month, or has ended."""
+        return self.certificate.not_valid_after_utc < datetime.now(UTC) + timedelta(days=30)
 
     def describe(self) -> str:
         """Return its end and its thumbprint, by which people recognise it."""

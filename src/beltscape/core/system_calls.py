@@ -1,4 +1,4 @@
-"""System calls that differ between Linux or macOS and Windows: locks, durable folders, reserved space, single keys.
+"""System calls that differ between Linux or macOS and Windows: locks, durable folders, space, cores, single keys.
 
 No other module asks which system it runs on. On Windows a lock is one byte of a file (`msvcrt.locking`), folders
 cannot be opened, and a name in a folder needs no call to be durable.
@@ -69,6 +69,13 @@ else:
             return stream.read(1)
         finally:
             termios.tcsetattr(file, termios.TCSADRAIN, before)
+
+
+def count_usable_cores() -> int:
+    """Return the number of processor cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # Windows and macOS do not pin processes to cores by default
 
 
 def reserve_space(file: IO[bytes], size_bytes: int) -> None:

@@ -13,6 +13,7 @@ from pathlib import Path
 from beltscape import __version__
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.extras import EXTRAS
+from beltscape.core.system_calls import count_usable_cores
 from beltscape.pipeline.installation.result import InstallationCheck
 
 _LEVELS = {"v2": "SSE 4.2", "v3": "AVX2", "v4": "AVX-512", "base": "the compiler's default"}
@@ -52,7 +53,7 @@ def check_kernels() -> InstallationCheck:
 def check_threads() -> InstallationCheck:
     """Return how many processor cores this process may use."""
     present = os.cpu_count() or 1
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else present
+    usable = count_usable_cores()
     found = f"{usable} of {present} processor cores may be used"
     if usable >= min(present, 2):
         return InstallationCheck("threads", found)

@@ -33,7 +33,8 @@ from beltscape.pipeline.measuring.flow_chain import (
 from beltscape.pipeline.measuring.flow_checks import require_consistent_motion, warn_of_motion_conflicts
 from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
-from beltscape.pipeline.reconstructing.reconstruction import find_capture_depth_range, open_capture
+from beltscape.pipeline.reconstructing.reconstruction import open_capture
+from beltscape.pipeline.reconstructing.search_range import find_capture_depth_range
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 

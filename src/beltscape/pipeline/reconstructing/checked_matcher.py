@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,15 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.progress import Reporter
+from beltscape.core.progress import Reporter, Silent
 from beltscape.pipeline.reconstructing.camera_check import CameraCheck
 from beltscape.pipeline.reconstructing.camera_findings import CameraFindings
 from beltscape.pipeline.reconstructing.check_schedule import CheckSchedule
 from beltscape.pipeline.reconstructing.rig_proposal import RigProposals
+from beltscape.pipeline.reconstructing.systematic_error import (
+    add_systematic_error,
+    compute_depth_error_per_px,
+)
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE
 from beltscape.stereo.consistency.diagnosis.low_coverage import diagnose_low_coverage
@@ -45,6 +50,15 @@ class CheckedDepth:
     """The auxiliaries used for the depth."""
     faults: tuple[str, ...]
     """One line per camera fault, or the likely cause of low coverage."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PendingMatch:
+    """A frame that is being matched on another thread."""
+
+    auxiliaries: tuple[str, ...]
+    """The auxiliaries used for the depth."""
+    depth: Future[DepthMap]
 
 
 class CheckedMatcher:
@@ -95,8 +109,28 @@ class CheckedMatcher:
             self._reported = state
         return checked.depth
 
-    def measure(self, frame_set: FrameSet, reporter: Reporter, prior: Any = None) -> CheckedDepth:
+    def submit(self, frame_set: FrameSet, pool: Executor) -> PendingMatch | None:
+        """Begin to match a frame in ``pool`` with the auxiliaries used at present; None if that cannot be begun.
+
+        `measure` uses the result unless cameras were excluded since; its results are the same without it.
+        """
+        try:
+            names = self._select_auxiliaries(frame_set)
+            matcher = self._find_matcher(names, frame_set)
+        except ReconstructionError:  # `measure` raises it when it is this frame's turn
+            return None
+        return PendingMatch(names, pool.submit(matcher.reconstruct, frame_set, Silent()))
+
+    def measure(
+        self,
+        frame_set: FrameSet,
+        reporter: Reporter,
+        prior: Any = None,
+        pending: PendingMatch | None = None,
+    ) -> CheckedDepth:
         """Return the depth of a frame and the consistency of its cameras; `findings` are then those of this frame.
+
+        ``pending`` is what `submit` returned for this frame.
 
         Raises
         ------
@@ -106,7 +140,10 @@ class CheckedMatcher:
         self._findings.set_unmatched()
         names = self._select_auxiliaries(frame_set)
         try:
-            depth = self._match(names, frame_set, reporter, prior)
+            if pending is not None and pending.auxiliaries == names:
+                depth = pending.depth.result()
+            else:
+                depth = self._match(names, frame_set, reporter, prior)
         except ReconstructionError:
             self._explain_failure(frame_set)
             raise
@@ -218,14 +255,18 @@ class CheckedMatcher:
         return tuple(n for n in usable if n not in self.excluded) or usable
 
     def _match(self, names: tuple[str, ...], frame_set: FrameSet, reporter: Reporter, prior: Any) -> DepthMap:
+        matcher = self._find_matcher(names, frame_set)
+        if prior is None:
+            return matcher.reconstruct(frame_set, reporter)
+        return matcher.reconstruct(frame_set, reporter, prior=prior)
+
+    def _find_matcher(self, names: tuple[str, ...], frame_set: FrameSet) -> Any:
+        """Return the matcher that matches a frame with these auxiliaries."""
         key = tuple(n for n in self._auxiliaries if n not in self.excluded or n in names)
         key = key if set(names) == set(key) & set(frame_set.images) else names
         if key not in self._matchers:
             self._matchers[key] = self._make_matcher(key)
-        matcher = self._matchers[key]
-        if prior is None:
-            return matcher.reconstruct(frame_set, reporter)
-        return matcher.reconstruct(frame_set, reporter, prior=prior)
+        return self._matchers[key]
 
     def _add_systematic(self, depth: DepthMap) -> DepthMap:
         if not self._systematic_px or not depth.measured.any():
@@ -256,16 +297,3 @@ def _select_consistent(consistency: RigConsistency) -> tuple[str, ...]:
     if consistency.core_moved or consistency.ambiguous or not consistency.find_auxiliaries("sound"):
         return ()
     return tuple(each.camera for each in consistency.cameras if each.camera not in consistency.inconsistent)
-
-
-def compute_depth_error_per_px(rig: Rig, depth: DepthMap) -> float:
-    """Return the depth error (mm) of a pixel of disparity at the map's median depth, over the mean baseline."""
-    baseline = float(np.mean([np.linalg.norm(rig.cam_from_core[n].center_mm) for n in rig.auxiliaries]))
-    middle = float(np.nanmedian(depth.depth_mm))
-    return middle**2 / (float(rig.core_camera.focal_px.mean()) * baseline)
-
-
-def add_systematic_error(depth: DepthMap, systematic_mm: float) -> DepthMap:
-    """Return the map with an error common to all pixels added to its σ."""
-    sigma = np.hypot(depth.sigma_mm, np.float32(systematic_mm)).astype(np.float32)
-    return replace(depth, sigma_mm=sigma, systematic_mm=systematic_mm)

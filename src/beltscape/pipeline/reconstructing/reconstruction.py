@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from beltscape.core.errors import InputError, ReconstructionError, SettingsError
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
@@ -17,43 +15,24 @@ from beltscape.core.progress import Reporter
 from beltscape.files.capture import read_capture
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.paths import AnyPath, as_path
-from beltscape.files.reconstruction import write_frame, write_reconstruction
-from beltscape.files.rig_json import write_rig
-from beltscape.files.rig_limits import LEAST_DEPTH_MM, find_oddities
+from beltscape.files.reconstruction import write_reconstruction
+from beltscape.files.rig_limits import find_oddities
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
-from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth, CheckedMatcher
+from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.cloud_export import export_clouds
-from beltscape.pipeline.reconstructing.regions import write_regions
 from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
-from beltscape.pipeline.reconstructing.search_range import check_depth_range
-from beltscape.report.drawing.depth_picture import draw_depth_map
+from beltscape.pipeline.reconstructing.search_range import check_depth_range, find_capture_depth_range
+from beltscape.pipeline.reconstructing.sequence.frame_writer import Frame, FrameWriter
+from beltscape.pipeline.reconstructing.sequence.match_ahead import choose_threads, match_ahead
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.consistency.check import check_consistency
-from beltscape.stereo.consistency.diagnosis.diagnosis import diagnose_cameras
-from beltscape.stereo.consistency.diagnosis.low_coverage import diagnose_low_coverage
-from beltscape.stereo.consistency.rig_consistency import make_consistency_document
-from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range, find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, find_horizontal_auxiliary
 from beltscape.stereo.pairwise.settings import PairwiseSettings
-from beltscape.stereo.pointcloud.cloud import CloudBuilder
 
 METHODS = ("multiview", "pairwise", "binocular")
 """Methods of `reconstruct`: all auxiliaries at once, or the paper's two methods."""
-RANGE_FRAMES = 5
-"""Number of frames of a sequence in which the depth range is searched."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """One reconstructed frame."""
-
-    frame_set: FrameSet
-    checked: CheckedDepth
-    health: tuple[Finding, ...] = ()
-    """The findings about its images."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,56 +82,22 @@ def reconstruct_capture(
     ensure_output_folder(out)
     check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or find_capture_depth_range(source, rig, reporter)
-    matcher = _make_matcher(method, preset, rig, near_far, auxiliaries, make_rig_writer(out, rig, reporter))
-    documents: list[Mapping[str, Any]] = []
-    regions: Path | None = None
-    builder = CloudBuilder(rig.core_camera)
+    side_by_side, threads = choose_threads(len(source), rig.core_camera.size_px)
+    settings = _make_settings(method, preset, threads)
+    matcher = _make_matcher(settings, rig, near_far, auxiliaries, make_rig_writer(out, rig, reporter))
     monitor = ImageMonitor(rig, HealthSettings(learning=False))
-    for frame in reconstruct(source, matcher, monitor, reporter):
-        if not documents:
-            write_rig(out / "rig.json", rig)
-            regions = write_regions(out / "regions.png", frame.frame_set, rig, (rig.core, *auxiliaries))
-        documents.append(_write(out / frame.frame_set.frame, frame, builder))
-        reporter.step("reconstructing", len(documents), len(source))
+    with FrameWriter(out, rig, (rig.core, *auxiliaries)) as writer:
+        for done, frame in enumerate(reconstruct(source, matcher, monitor, reporter, side_by_side), start=1):
+            writer.add(frame)
+            reporter.step("reconstructing", done, len(source))
+        regions = writer.finish()
     write_reconstruction(
         out,
         {"method": method, "preset": preset if method == "multiview" else None, "depth_range_mm": near_far},
-        documents,
+        writer.documents,
     )
-    export_clouds([document["folder"] for document in documents], clouds)
-    return Reconstruction(auxiliaries, near_far, tuple(documents), regions)
-
-
-def _write(folder: Path, frame: Frame, builder: CloudBuilder) -> Mapping[str, Any]:
-    checked, image = frame.checked, frame.frame_set.images[builder.camera.name]
-    depth = checked.depth
-    write_frame(folder, depth, builder.build(depth, image), draw_depth_map(depth), builder.undistort(image))
-    measured = depth.measured.any()
-    return {
-        "frame": frame.frame_set.frame,
-        "folder": folder,
-        "coverage": depth.coverage,
-        "median_depth_mm": float(np.nanmedian(depth.depth_mm)) if measured else float("nan"),
-        "median_sigma_mm": float(np.nanmedian(depth.sigma_mm)) if measured else float("nan"),
-        "auxiliaries": checked.auxiliaries,
-        "systematic_mm": depth.systematic_mm,
-        "doubts": checked.faults,
-        "consistency": checked.consistency and make_consistency_document(checked.consistency),
-        "health": [_make_finding_document(finding) for finding in frame.health],
-    }
-
-
-def _make_finding_document(finding: Finding) -> Mapping[str, Any]:
-    return {
-        "check": finding.check,
-        "camera": finding.subject,
-        "value": finding.value,
-        "sigma": finding.sigma,
-        "limit": finding.limit,
-        "unit": finding.unit,
-        "effect": finding.effect,
-        "text": finding.text,
-    }
+    export_clouds([document["folder"] for document in writer.documents], clouds)
+    return Reconstruction(auxiliaries, near_far, tuple(writer.documents), regions)
 
 
 def open_capture(folder: Path, rig: Rig, reporter: Reporter) -> FolderSource:
@@ -196,59 +141,23 @@ def select_auxiliaries(method: str, rig: Rig, pair: str | None) -> tuple[str, ..
     return (pair or find_horizontal_auxiliary(rig),) if method == "binocular" else rig.auxiliaries
 
 
-def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[float, float]:
-    """Return the near and far depth (mm) of the surfaces in a few frames spread over the capture."""
-    chosen = {
-        source.frames[int(i)] for i in np.unique(np.linspace(0, len(source) - 1, RANGE_FRAMES).astype(int))
-    }
-    ranges: list[tuple[float, float]] = []
-    failure: ReconstructionError | None = None
-    for frame_set in source.select_frames(chosen):
-        try:
-            ranges.append(find_depth_range(rig, frame_set, reporter))
-        except ReconstructionError as error:
-            failure = error
-    if not ranges:
-        _raise_diagnosis(source, rig, min(chosen))
-        raise failure or ReconstructionError(f"{source.folder}: no frame in it")
-    near, far = min(near for near, _ in ranges), max(far for _, far in ranges)
-    if far < LEAST_DEPTH_MM:
-        raise ReconstructionError(
-            f"{source.folder}: surfaces found {near:.3g} to {far:.3g} mm before {rig.core}; the rig seems to be in "
-            "metres: multiply its translations by 1000"
-        )
-    return near, far
-
-
-def _raise_diagnosis(source: FolderSource, rig: Rig, frame: str) -> None:
-    """Raise a ReconstructionError with the most likely reason why a frame shows no surface."""
-    for frame_set in source.select_frames({frame}):
-        if rig.core in frame_set.images and len(frame_set.images) > 1:
-            raise ReconstructionError(_diagnose_missing_surface(frame_set, rig))
-
-
-def _diagnose_missing_surface(frame_set: FrameSet, rig: Rig) -> str:
-    """Return the most likely reason why a frame shows no surface."""
-    consistency = check_consistency(frame_set, rig, None)
-    names = tuple(each.camera for each in consistency.cameras)
-    faults = diagnose_cameras(frame_set, rig, consistency)
-    if faults:
-        return f"frame {frame_set.frame}: {'; '.join(fault.text for fault in faults)}"
-    return diagnose_low_coverage(frame_set, rig, consistency, compute_search_range(rig, names), 0.0)[0]
+def _make_settings(method: str, preset: str, threads: int) -> MultiviewSettings | PairwiseSettings:
+    if method != "multiview":
+        return PairwiseSettings(threads=threads)
+    return MultiviewSettings.preset(preset).model_copy(update={"threads": threads})
 
 
 def _make_matcher(
-    method: str,
-    preset: str,
+    settings: MultiviewSettings | PairwiseSettings,
     rig: Rig,
     near_far: tuple[float, float],
     auxiliaries: tuple[str, ...],
     propose_rig: Callable[[Rig], None],
 ) -> CheckedMatcher:
     def make_matcher(names: tuple[str, ...]) -> PairwiseReconstructor | MultiviewReconstructor:
-        if method != "multiview":
-            return PairwiseReconstructor(rig, near_far, PairwiseSettings(), auxiliaries=names)
-        return MultiviewReconstructor(rig, near_far, MultiviewSettings.preset(preset), auxiliaries=names)
+        if isinstance(settings, PairwiseSettings):
+            return PairwiseReconstructor(rig, near_far, settings, auxiliaries=names)
+        return MultiviewReconstructor(rig, near_far, settings, auxiliaries=names)
 
     return CheckedMatcher(rig, auxiliaries, near_far, make_matcher, propose_rig=propose_rig)
 
@@ -263,9 +172,15 @@ def check_images(monitor: ImageMonitor, frame_set: FrameSet, reporter: Reporter)
 
 
 def reconstruct(
-    source: FolderSource, matcher: CheckedMatcher, monitor: ImageMonitor, reporter: Reporter
+    source: FolderSource,
+    matcher: CheckedMatcher,
+    monitor: ImageMonitor,
+    reporter: Reporter,
+    side_by_side: int,
 ) -> Iterator[Frame]:
     """Yield every frame that can be measured; warn of the others, of faulty images and of inconsistent cameras.
+
+    The frames come in their order; ``side_by_side`` of them are matched at a time.
 
     Raises
     ------
@@ -273,10 +188,10 @@ def reconstruct(
         When not a single frame can be measured.
     """
     done, failure = 0, None
-    for frame_set in source:
+    for frame_set, pending in match_ahead(source, matcher, side_by_side):
         health = check_images(monitor, frame_set, reporter)
         try:
-            checked = matcher.measure(frame_set, reporter)
+            checked = matcher.measure(frame_set, reporter, pending=pending)
         except ReconstructionError as error:
             failure = error
             if len(source) > 1:

@@ -15,12 +15,8 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rasters.images import write_image
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
-from beltscape.pipeline.reconstructing.reconstruction import (
-    check_images,
-    find_capture_depth_range,
-    open_capture,
-)
-from beltscape.pipeline.reconstructing.search_range import check_depth_range
+from beltscape.pipeline.reconstructing.reconstruction import check_images, open_capture
+from beltscape.pipeline.reconstructing.search_range import check_depth_range, find_capture_depth_range
 from beltscape.report.rectification import draw_rectification
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.cameras import list_usable_auxiliaries

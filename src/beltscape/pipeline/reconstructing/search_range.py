@@ -1,13 +1,22 @@
-"""Checks of a given depth range against the rig and the images."""
+"""The depth range of a capture: found from its images, or given and checked against the rig and the images."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from beltscape.core.errors import ReconstructionError, SettingsError
+from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
+from beltscape.files.rig_limits import LEAST_DEPTH_MM
 from beltscape.sources.folder import FolderSource
+from beltscape.stereo.consistency.check import check_consistency
+from beltscape.stereo.consistency.diagnosis.diagnosis import diagnose_cameras
+from beltscape.stereo.consistency.diagnosis.low_coverage import diagnose_low_coverage
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range, find_depth_range
 
+RANGE_FRAMES = 5
+"""Number of frames of a sequence in which the depth range is searched."""
 _UNITS = {1000.0: "metres", 10.0: "centimetres", 0.001: "micrometres"}
 """Millimetres per unit → name of a unit that may have been used by mistake."""
 _BEYOND = 10.0
@@ -65,6 +74,47 @@ def check_depth_range(
             f"depth range {near:g} to {far:g} mm: the images show surfaces from {low:.0f} to {high:.0f} mm; "
             "what lies outside the given range is matched wrongly or not at all"
         )
+
+
+def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter) -> tuple[float, float]:
+    """Return the near and far depth (mm) of the surfaces in a few frames spread over the capture."""
+    chosen = {
+        source.frames[int(i)] for i in np.unique(np.linspace(0, len(source) - 1, RANGE_FRAMES).astype(int))
+    }
+    ranges: list[tuple[float, float]] = []
+    failure: ReconstructionError | None = None
+    for frame_set in source.select_frames(chosen):
+        try:
+            ranges.append(find_depth_range(rig, frame_set, reporter))
+        except ReconstructionError as error:
+            failure = error
+    if not ranges:
+        _raise_diagnosis(source, rig, min(chosen))
+        raise failure or ReconstructionError(f"{source.folder}: no frame in it")
+    near, far = min(near for near, _ in ranges), max(far for _, far in ranges)
+    if far < LEAST_DEPTH_MM:
+        raise ReconstructionError(
+            f"{source.folder}: surfaces found {near:.3g} to {far:.3g} mm before {rig.core}; the rig seems to be in "
+            "metres: multiply its translations by 1000"
+        )
+    return near, far
+
+
+def _raise_diagnosis(source: FolderSource, rig: Rig, frame: str) -> None:
+    """Raise a ReconstructionError with the most likely reason why a frame shows no surface."""
+    for frame_set in source.select_frames({frame}):
+        if rig.core in frame_set.images and len(frame_set.images) > 1:
+            raise ReconstructionError(_diagnose_missing_surface(frame_set, rig))
+
+
+def _diagnose_missing_surface(frame_set: FrameSet, rig: Rig) -> str:
+    """Return the most likely reason why a frame shows no surface."""
+    consistency = check_consistency(frame_set, rig, None)
+    names = tuple(each.camera for each in consistency.cameras)
+    faults = diagnose_cameras(frame_set, rig, consistency)
+    if faults:
+        return f"frame {frame_set.frame}: {'; '.join(fault.text for fault in faults)}"
+    return diagnose_low_coverage(frame_set, rig, consistency, compute_search_range(rig, names), 0.0)[0]
 
 
 def _is_disjoint(one_mm: tuple[float, float], other_mm: tuple[float, float]) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -17,6 +16,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
+from beltscape.core.system_calls import count_usable_cores
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from beltscape.stereo.pairwise.contrast import take_square_root
@@ -50,7 +50,7 @@ class PairwiseReconstructor:
         self.rig = rig
         self.depth_range_mm = depth_range_mm
         self.settings = settings
-        with ThreadPoolExecutor(settings.threads or os.cpu_count() or 1) as pool:
+        with ThreadPoolExecutor(settings.threads or count_usable_cores()) as pool:
             make_matcher = partial(make_pair_matcher, rig, depth_range_mm=depth_range_mm, settings=settings)
             matchers = pool.map(make_matcher, names)
             self._matchers: Mapping[str, PairMatcher] = dict(zip(names, matchers, strict=True))
@@ -71,7 +71,7 @@ class PairwiseReconstructor:
             return self._matchers[name].compute_depth(core_root, take_square_root(frame_set.images[name]))
 
         depths: list[NDArray[np.float32]] = []
-        with ThreadPoolExecutor(self.settings.threads or os.cpu_count() or 1) as pool:
+        with ThreadPoolExecutor(self.settings.threads or count_usable_cores()) as pool:
             for depth in pool.map(match, names):
                 depths.append(depth)
                 reporter.step(f"matching {frame_set.frame}", len(depths), len(names))

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
@@ -66,6 +65,7 @@ def fit_pose_change(
     reference: ResidualReference | None = None,
 ) -> PoseChange:
     """Fit the rotation and shift of a camera to the residuals of these auxiliaries, less those of the reference."""
+    from scipy.optimize import least_squares  # takes longer to import than a sound frame's whole check
 
     def compute_residuals(change: Array) -> Array:
         return _stack_residuals(tie_points, apply_pose_change(rig, camera, change), auxiliaries, reference)

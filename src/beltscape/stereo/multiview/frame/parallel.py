@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
+
+from beltscape.core.system_calls import count_usable_cores
 
 Result = TypeVar("Result")
 Other = TypeVar("Other")
@@ -13,7 +14,7 @@ Other = TypeVar("Other")
 
 def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Result]:
     """Return the jobs' results in order; the jobs are independent, so the number of threads changes nothing."""
-    threads = min(threads or os.cpu_count() or 1, len(jobs))
+    threads = min(threads or count_usable_cores(), len(jobs))
 
     def call(job: Callable[[], Result]) -> Result:
         return job()
@@ -26,7 +27,7 @@ def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Res
 
 def run_pair(first: Callable[[], Result], second: Callable[[], Other], threads: int) -> tuple[Result, Other]:
     """Return the results of two independent jobs of different types; each may use all threads itself."""
-    if (threads or os.cpu_count() or 1) < 2:
+    if (threads or count_usable_cores()) < 2:
         return first(), second()
     with ThreadPoolExecutor(1) as pool:
         pending = pool.submit(second)

@@ -8,6 +8,7 @@ import pytest
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import write_image
+from beltscape.sources import folder as folder_module
 from beltscape.sources.folder import FolderSource
 
 SIZE = {"cam0": (30, 20), "cam1": (30, 20)}
@@ -66,3 +67,23 @@ def test_unusable_image_is_named_and_skipped(folder):
         f"{folder}/cam0/1.png: the file is empty (0 bytes); copy the image again; going on without this image",
         f"{folder}/cam1/2.png: 31×20 px, but the rig's cam1 has 30×20; going on without this image",
     ]
+
+
+def test_previewed_frames_are_read_once(folder, monkeypatch):
+    read: list[str] = []
+    monkeypatch.setattr(
+        folder_module, "read_image", lambda path: read.append(path.stem) or np.zeros((20, 30), np.uint8)
+    )
+    frames, _ = source(folder)
+    assert [s.frame for s in frames.preview_frames({"1", "10"})] == ["1", "10"]
+    assert [s.frame for s in frames] == ["1", "2", "10"]
+    assert sorted(read) == ["1", "1", "10", "10", "2", "2"]  # two cameras
+    assert len(list(frames)) == 3  # a third time they are read again
+    assert len(read) == 12
+
+
+def test_previewed_images_are_kept_up_to_a_limit(folder, monkeypatch):
+    monkeypatch.setattr(folder_module, "_KEPT_BYTES", 2 * 20 * 30)
+    frames, _ = source(folder)
+    list(frames.preview_frames(frames.frames))
+    assert sum(image.nbytes for images in frames._kept.values() for image in images.values()) == 2 * 20 * 30

@@ -14,6 +14,9 @@ from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.exposures_csv import FILE as EXPOSURES
 from beltscape.files.tables.exposures_csv import read_exposures
 
+_KEPT_BYTES = 256 << 20
+"""Bytes of images that are kept between two passes: five frames of five cameras of 3 MP in colour."""
+
 
 class FolderSource:
     """The frames of a capture folder; unusable images are skipped with a warning that names them."""
@@ -23,6 +26,7 @@ class FolderSource:
         self._capture = capture
         self._sizes_px = sizes_px
         self._reporter = reporter
+        self._kept: dict[str, dict[str, Image]] = {}
         for name in sizes_px:
             if name not in capture.files:
                 reporter.warn(f"{capture.folder / name}: no images of camera {name}; going on without it")
@@ -59,8 +63,18 @@ class FolderSource:
             if frame in names:
                 yield FrameSet(frame, self.images(frame), exposures_us=self.exposures_us(frame))
 
+    def preview_frames(self, names: Collection[str]) -> Iterator[FrameSet]:
+        """Yield the frames with these names as `select_frames`; up to `_KEPT_BYTES` of images are read only once."""
+        for frame_set in self.select_frames(names):
+            kept = sum(image.nbytes for images in self._kept.values() for image in images.values())
+            if kept + sum(image.nbytes for image in frame_set.images.values()) <= _KEPT_BYTES:
+                self._kept[frame_set.frame] = dict(frame_set.images)
+            yield frame_set
+
     def images(self, frame: str) -> dict[str, Image]:
         """Return the images of one frame by camera; empty without usable ones."""
+        if frame in self._kept:
+            return self._kept.pop(frame)
         images = {name: self._image(name, frame) for name in self.cameras}
         return {name: image for name, image in images.items() if image is not None}
 

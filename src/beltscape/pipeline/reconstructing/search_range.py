@@ -83,7 +83,7 @@ def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter)
     }
     ranges: list[tuple[float, float]] = []
     failure: ReconstructionError | None = None
-    for frame_set in source.select_frames(chosen):
+    for frame_set in source.preview_frames(chosen):
         try:
             ranges.append(find_depth_range(rig, frame_set, reporter))
         except ReconstructionError as error:
@@ -123,7 +123,7 @@ def _is_disjoint(one_mm: tuple[float, float], other_mm: tuple[float, float]) -> 
 
 def _find_range(source: FolderSource, rig: Rig) -> tuple[float, float] | None:
     """Return the depth range of the first frame; None if it shows no surface."""
-    for frame_set in source.select_frames(set(source.frames[:1])):
+    for frame_set in source.preview_frames(set(source.frames[:1])):
         try:
             return find_depth_range(rig, frame_set, Silent())
         except ReconstructionError:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import InputError, OutputError
 from beltscape.files.tables.flow_csv import HEADER as FLOW_HEADER
 from beltscape.files.tables.flow_csv import format_flow_row
+from beltscape.sinks.csv_rows import FIRST_HEADER, read_last_number, read_records
 from beltscape.sinks.csv_sink import HEADER, CsvSink
 from beltscape.sinks.settings import CsvSettings
 from tests.optional import require
@@ -41,6 +42,30 @@ def test_a_row_is_flow_csvs_and_the_ledgers(tmp_path):
     (row,) = rows(tmp_path)
     assert row["wall_time_s"] == f"{START_NS // 10**9}.000000"
     assert row["standing"] == record.standing
+
+
+def test_a_row_names_product_and_batch(tmp_path):
+    records = [replace(record, product="ore, wet", batch=4) for record in ledger(2)]
+    CsvSink(tmp_path, SETTINGS).write([*records, *ledger(1, 3)])
+    assert [(row["product"], row["batch"]) for row in rows(tmp_path)] == [("ore, wet", "4")] * 2 + [("", "")]
+    (path,) = tmp_path.glob("*.csv")
+    assert [(r.product, r.batch) for r in read_records(path, 0, 0.1)] == [("ore, wet", 4)] * 2 + [("", 0)]
+
+
+def test_a_file_of_an_earlier_version_goes_on_with_its_columns(tmp_path):
+    path = tmp_path / "2026-09-21.csv"
+    CsvSink(tmp_path, SETTINGS).write(ledger(2))
+    lines = [line.rsplit(",", 2)[0] for line in path.read_text("utf-8").splitlines()]
+    assert lines[0] == FIRST_HEADER
+    path.write_text("\n".join(lines) + "\n", "utf-8")
+    sink = CsvSink(tmp_path, SETTINGS)
+    assert sink.last == 2
+    sink.write([replace(record, product="ore", batch=4) for record in ledger(2, 3)])
+    assert [row["number"] for row in rows(tmp_path)] == ["1", "2", "3", "4"]
+    assert path.read_text("utf-8").splitlines()[0] == FIRST_HEADER
+    assert read_last_number(path) == 4
+    sink.write(ledger(1, 5, start_ns=START_NS + DAY_NS))
+    assert (tmp_path / "2026-09-22.csv").read_text("utf-8").startswith(HEADER + "\n")
 
 
 def test_missing_belt_has_a_row(tmp_path):

@@ -12,7 +12,9 @@ from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
 from beltscape.core.belt.ledger_entries import STANDINGS, BeltRecord
 from beltscape.files.tables import flow_csv
 
-HEADER = f"{flow_csv.HEADER},number,run,belt_from_mm,belt_to_mm,standing,reason,cameras,wall_time_s"
+FIRST_HEADER = f"{flow_csv.HEADER},number,run,belt_from_mm,belt_to_mm,standing,reason,cameras,wall_time_s"
+"""Columns of files that earlier versions began."""
+HEADER = f"{FIRST_HEADER},product,batch"
 PATTERN = "????-??-??.csv"
 """Names of the files, one per day."""
 _COLUMNS = HEADER.split(",")
@@ -28,7 +30,8 @@ def read_last_number(path: Path) -> int:
         file.seek(max(0, size - TAIL))
         tail = file.read()
     rows = tail[: tail.rfind(b"\n") + 1].decode("utf-8", "replace").splitlines()
-    values = next(csv.reader(rows[-1:]), [""]) if header == HEADER and len(rows) > 1 else [""]
+    is_ours = header in (HEADER, FIRST_HEADER)
+    values = next(csv.reader(rows[-1:]), [""]) if is_ours and len(rows) > 1 else [""]
     number = dict(zip(_COLUMNS, values, strict=False)).get("number", "")
     return int(number) if number.isdecimal() else 0
 
@@ -65,6 +68,8 @@ def _parse_record(row: dict[str, str], relative_sigma: float) -> BeltRecord:
         run_sigma_mm3=math.nan,
         cameras=int(row["cameras"]),
         section=None,
+        product=row.get("product") or "",
+        batch=int(row.get("batch") or 0),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -14,7 +14,7 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
 from beltscape.files.tables import flow_csv
 from beltscape.files.tables.csv_table import append_rows
-from beltscape.sinks.csv_rows import HEADER, PATTERN, TAIL
+from beltscape.sinks.csv_rows import FIRST_HEADER, HEADER, PATTERN, TAIL
 from beltscape.sinks.days import compute_day, compute_shift_ns, format_day
 from beltscape.sinks.settings import CsvSettings
 
@@ -66,8 +66,10 @@ class CsvSink:
             day_records = list(group)
             path = self._folder / f"{format_day(day)}.csv"
             try:
+                header = _read_header(path) or HEADER
+                format_row = _ROW_FORMATS[header]
                 append_rows(
-                    path, HEADER, "".join(f"{format_csv_row(record)}\n" for record in day_records).encode()
+                    path, header, "".join(f"{format_row(record)}\n" for record in day_records).encode()
                 )
             except OSError as error:
                 raise _output_error(path, error) from error
@@ -87,6 +89,11 @@ class CsvSink:
 
 def format_csv_row(record: BeltRecord) -> str:
     """Return a record's row without a line end; unknown values are empty."""
+    return f"{_format_first_columns(record)},{_cell(record.product)},{record.batch or ''}"
+
+
+def _format_first_columns(record: BeltRecord) -> str:
+    """Return the row for a file that an earlier version began."""
     strip = record.strip
     if strip is None:
         flow = "," * (_FLOW_COLUMNS - 1) + "missing"
@@ -101,6 +108,20 @@ def format_csv_row(record: BeltRecord) -> str:
         ),
     )
     return f"{flow},{','.join(map(str, ledger))}"
+
+
+_ROW_FORMATS: Mapping[str, Callable[[BeltRecord], str]] = {
+    HEADER: format_csv_row,
+    FIRST_HEADER: _format_first_columns,
+}
+
+
+def _read_header(path: Path) -> str:
+    """Return the first line of a file; empty without one."""
+    if not path.exists():
+        return ""
+    with path.open("rb") as file:
+        return file.readline().decode("utf-8", "replace").rstrip("\n")
 
 
 def _cell(text: str) -> str:
@@ -121,7 +142,7 @@ def _repair(path: Path) -> int:
             file.truncate(size - len(tail) + end)
         file.seek(0)
         header = file.readline().decode("utf-8", "replace").rstrip("\n")
-    if header != HEADER:
+    if header not in _ROW_FORMATS:
         if not header:
             return 0
         raise InputError(
@@ -130,7 +151,7 @@ def _repair(path: Path) -> int:
     rows = tail[:end].decode("utf-8", "replace").splitlines()
     none: list[str] = []
     values = next(csv.reader(rows[-1:]), none) if len(rows) > 1 else none
-    if values and not (len(values) == HEADER.count(",") + 1 and values[_NUMBER].isdecimal()):
+    if values and not (len(values) == header.count(",") + 1 and values[_NUMBER].isdecimal()):
         raise InputError(f"{path}: its last row {rows[-1][:_QUOTED]!r} is no record; move the file away")
     return int(values[_NUMBER]) if values else 0
 

@@ -37,6 +37,8 @@ def format_record(record: BeltRecord) -> str:
         "speed_m_s": None if strip is None else strip.speed_mm_s * 1e-3,
         "coverage": None if strip is None else strip.coverage,
         "cameras": record.cameras,
+        "product": record.product,
+        "batch": record.batch or None,
     })  # fmt: skip
 
 
@@ -64,6 +66,8 @@ def format_state(state: PlantState) -> str:
         },
         "cameras": {camera.name: camera.state for camera in state.cameras},
         "maintenance": state.maintenance,
+        "product": state.product,
+        "batch": state.batch,
     })  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from asyncua import Client, ua
 from beltscape.protocols.opcua.security.certificates import open_own_certificate
 from beltscape.protocols.opcua.server import OpcUaServer
 from beltscape.protocols.opcua.settings import OpcUaSettings
-from tests.protocols.opcua import APPLICATION, CommandedPlant, Running, call, find, make_certificate
+from tests.protocols.opcua import APPLICATION, CommandedPlant, Running, call, find, make_certificate, wait_for
 
 VOLUME = "Belt.Totals.Volume"
 SIGN = ua.MessageSecurityMode.Sign
@@ -235,12 +235,16 @@ def test_an_announced_flood_is_cut_off(running: Running) -> None:
 
 def test_twenty_sessions_read_and_some_are_killed(running: Running, trusted) -> None:
     async def work() -> None:
+        await wait_for(lambda: running.server.sessions == 0)
         clients = [await running.make_client(trusted, "vera") for _ in range(20)]
         await asyncio.gather(*(client.connect() for client in clients))
         values = await asyncio.gather(*(find(client, VOLUME).read_value() for client in clients))
         assert values == [0.0] * 20
+        assert running.server.sessions == 20
         for client in clients[::2]:  # as if the program had been killed
+            await (await client.create_subscription(100, None)).subscribe_data_change(find(client, VOLUME))
             client.uaclient.protocol.transport.abort()
+        await wait_for(lambda: running.server.sessions == 10)
         rest = clients[1::2]
         values = await asyncio.gather(*(find(client, VOLUME).read_value() for client in rest))
         assert values == [0.0] * 10

@@ -3,8 +3,14 @@ from typing import Any
 
 from asyncua.common.connection import TransportLimits
 from asyncua.server.internal_server import InternalServer
+from asyncua.server.internal_session import InternalSession
+
+class _Processor:
+    session: InternalSession | None
 
 class OPCUAProtocol(asyncio.Protocol):
+    processor: _Processor | None
+    closing_tasks: list[asyncio.Task[Any]]
     transport: asyncio.Transport | None
     _buffer: bytes
     def __init__(

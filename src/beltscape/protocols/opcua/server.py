@@ -94,6 +94,7 @@ class OpcUaServer:
         self._stop, self._listening = threading.Event(), threading.Event()
         self._thread = make_supervised_thread("opcua", self._run, self._on_failure, self._stop.wait)
         self._failure = ""
+        self._guarded: GuardedServer | None = None
         self.port = settings.port
         """TCP port that is listened on, once it is."""
 
@@ -118,6 +119,11 @@ class OpcUaServer:
             self._on_message(f"opcua: {self.own.describe()}: make a new one, and have the clients trust it")
         self._on_message(f"opcua: opc.tcp://{self._settings.host}:{self.port}/, {self.own.describe()}")
 
+    @property
+    def sessions(self) -> int:
+        """Return the number of sessions that are open."""
+        return 0 if self._guarded is None else len(self._guarded.sessions)
+
     def close(self, patience_s: float = 5.0) -> None:
         """Stop listening; the sessions end."""
         self._stop.set()
@@ -135,6 +141,7 @@ class OpcUaServer:
             return
         with closing(listener):
             guarded = GuardedServer(self._settings, self._clients, self._plant.users)
+            self._guarded = guarded
             guarded.history_manager = RecordHistory(self._plant)
             server = BoundedServer(guarded, listener)
             await self._configure(server)

@@ -1,4 +1,4 @@
-"""The listening socket: a connection that announces or sends more than one message may hold is closed."""
+"""The listening socket: a connection that sends more than a message holds is closed; a lost one ends its session."""
 
 from __future__ import annotations
 
@@ -39,6 +39,13 @@ class BoundedProtocol(OPCUAProtocol):
         if len(self._buffer) > _CHUNK_BYTES:
             self._buffer = b""
             self.transport.close()
+
+    def connection_lost(self, ex: Exception | None) -> None:
+        """End the session with its subscriptions: no other channel can go on with it."""
+        session = None if self.processor is None else self.processor.session
+        super().connection_lost(ex)
+        if session is not None:
+            self.closing_tasks.append(asyncio.create_task(session.close_session()))
 
 
 class _BoundedListener(BinaryServer):

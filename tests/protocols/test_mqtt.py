@@ -220,7 +220,8 @@ def test_messages_hold_no_nan() -> None:
     assert (record["number"], record["quality"], record["volume_m3"]) == (7, "uncertain", 0.0002)
     state = json.loads(format_state(FakePlant().read_state()))
     assert state["total"]["volume_m3"] == 0
-    assert json.loads(format_alarm(FakePlant().state.alarms[0]))["value"] is None
+    alarm = json.loads(format_alarm(FakePlant().state.alarms[0]))
+    assert (alarm["value"], alarm["isa_state"], alarm["priority"], alarm["first"]) == (None, "normal", "medium", False)
 
 
 def test_the_cursor_survives_and_belongs_to_one_broker(tmp_path: Path) -> None:

@@ -83,6 +83,11 @@ def format_alarm(alarm: Alarm) -> str:
         "since_ms": None if alarm.since_ns is None else alarm.since_ns // _MS_NS,
         "detail": alarm.detail,
         "by": alarm.by,
+        "priority": alarm.priority,
+        "group": alarm.group,
+        "first": alarm.is_first,
+        "isa_state": alarm.isa_state,
+        "suppressed_by": "" if alarm.suppression is None else alarm.suppression.reason,
     })  # fmt: skip
 
 

@@ -70,10 +70,11 @@ function explain_by_page({ name, detail, cause, values }) {
 
 /** Return an entry of the journal in the chosen language: the alarm's change, or what a person did. */
 export function translate_entry({ name, text, parameters }) {
-  const { action, state } = parameters;
+  const { action } = parameters;
   if (action === "start") return t("action.start", { hidden: parameters.hidden.map(format_title).join(", ") || t("alarms.nothing") });
   const title = format_title(name);
   if (action && has_text(`action.${action}`)) return `${title} – ${t(`action.${action}`, { reason: parameters.reason, minutes: format_number(parameters.minutes ?? null) })}`;
+  const state = parameters.state ?? /^(raised|acknowledged|gone|clear)\b/.exec(text)?.[0]; // of an older version
   if (!state) return `${title} – ${text}`;
   const begin = `${state}${parameters.suppression ? ` (${parameters.suppression}: ${parameters.suppressed_by})` : ""}: `;
   const detail = text.startsWith(begin) ? text.slice(begin.length) : "";

@@ -38,7 +38,8 @@ import beltscape
 apart = (
     "beltscape.service", "beltscape.simulate", "beltscape.kernels._native",
     "beltscape.protocols.modbus.server", "beltscape.protocols.mqtt.connection", "beltscape.protocols.mqtt.publisher",
-    "beltscape.protocols.opcua",
+    "beltscape.protocols.mqtt.json_channel", "beltscape.protocols.mqtt.sparkplug", "beltscape.protocols.opcua",
+    "beltscape.protocols.outputs.module", "beltscape.protocols.outputs.writer", "beltscape.site",
 )
 for module in pkgutil.walk_packages(beltscape.__path__, "beltscape."):
     if not module.name.startswith(apart):

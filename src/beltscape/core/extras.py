@@ -7,7 +7,7 @@ EXTRAS = {
     "live": ("fastapi", "prometheus_client", "pyarrow", "starlette", "uvicorn", "websockets"),
     "site": ("httpx",),
     "modbus": ("pymodbus",),
-    "mqtt": ("paho",),
+    "mqtt": ("paho", "google"),
     "reports": ("weasyprint",),
     "opcua": ("asyncua", "cryptography"),
     "viewer": ("rerun",),

@@ -79,6 +79,7 @@ def run_plant(
                 project.settings.modbus,
                 project.settings.opcua,
                 project.settings.syslog,
+                project.settings.outputs,
             ),
             served,
             options.data,

@@ -10,6 +10,7 @@ from beltscape.pipeline.live.project import CaptureSettings, Project, RunSetting
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.outputs.settings import OutputSettings
 from beltscape.protocols.syslog.settings import SyslogSettings
 from beltscape.service.languages import require_language
 from beltscape.service.settings import WebSettings
@@ -29,6 +30,8 @@ class ProjectSettings(RunSettings):
     """State, totals, alarms and history as a server: the table [opcua]."""
     syslog: SyslogSettings | None = None
     """Changes of alarms to a syslog server: the table [syslog]."""
+    outputs: OutputSettings | None = None
+    """Pulses and currents of an I/O module: the table [outputs]."""
 
 
 def open_project(path: Path) -> Project[ProjectSettings]:

@@ -19,6 +19,7 @@ from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.outputs.settings import OutputSettings
 from beltscape.protocols.plant import PlantState, PlantUsers, Provenance
 from beltscape.protocols.syslog.settings import SyslogSettings
 from beltscape.service.live_state import LiveState
@@ -37,6 +38,7 @@ class ProtocolSettings:
     modbus: ModbusSettings | None = None
     opcua: OpcUaSettings | None = None
     syslog: SyslogSettings | None = None
+    outputs: OutputSettings | None = None
 
 
 class ServedPlant:
@@ -214,6 +216,16 @@ def _start_mqtt(
     return publisher
 
 
+def _start_outputs(
+    settings: OutputSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
+) -> Served:
+    with _name_library("outputs"):
+        from beltscape.protocols.outputs.writer import OutputWriter
+    writer = OutputWriter(settings, plant, data, tell)
+    writer.start()
+    return writer
+
+
 def _start_opcua(
     settings: OpcUaSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
 ) -> Served:
@@ -253,6 +265,7 @@ STARTERS: Mapping[str, Callable[[Any, ServedPlant, Path, Callable[[str], None]],
     "mqtt": _start_mqtt,
     "opcua": _start_opcua,
     "syslog": _start_syslog,
+    "outputs": _start_outputs,
 }
 """By the name of its table in project.toml: what serves a protocol."""
 
@@ -263,7 +276,7 @@ def check_mqtt(mqtt: MqttSettings) -> str:
         from beltscape.protocols.mqtt.publisher import check_settings
     check_settings(mqtt)
     secured = "TLS" if mqtt.is_encrypted else "without TLS"
-    return f"{mqtt.host} port {mqtt.broker_port}, {secured}, topic {mqtt.topic}"
+    return f"{mqtt.host} port {mqtt.broker_port}, {secured}, topic {mqtt.place}"
 
 
 def check_modbus(modbus: ModbusSettings) -> str:
@@ -295,11 +308,20 @@ def check_syslog(syslog: SyslogSettings) -> str:
     return check_settings(syslog)
 
 
+def check_outputs(outputs: OutputSettings) -> str:
+    """Return what would be written; InputError where it cannot be."""
+    with _name_library("outputs"):
+        import_module("pymodbus")
+    pulse = "no pulses" if outputs.pulse is None else f"pulses as a {outputs.pulse.kind}"
+    return f"{outputs.host} port {outputs.port}, {pulse}, {len(outputs.analogue)} currents"
+
+
 CHECKS: Mapping[str, Callable[[Any], str]] = {
     "mqtt": check_mqtt,
     "modbus": check_modbus,
     "opcua": check_opcua,
     "syslog": check_syslog,
+    "outputs": check_outputs,
 }
 """By the name of its table: returns one line about a protocol; InputError where it cannot be served."""
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
 from time import monotonic
 from typing import Protocol
@@ -88,6 +89,7 @@ class Publisher:
         InputError
             If a file of the settings or the cursor cannot be read.
         """
+        check_library(settings)
         self._settings, self._plant, self._on_message = settings, plant, on_message
         self._data = data
         self._password = _read_password(settings.password_file)
@@ -195,8 +197,15 @@ def _read_password(path: Path | None) -> str | None:
         raise InputError(f"{path}: the broker's password cannot be read ({error})") from error
 
 
+def check_library(settings: MqttSettings) -> None:
+    """Raise ImportError where the library of the messages' form is missing."""
+    if settings.payload == "sparkplug":
+        import_module("google.protobuf")
+
+
 def check_settings(settings: MqttSettings) -> None:
-    """Raise InputError where a file of the settings cannot be read."""
+    """Raise InputError where a file of the settings cannot be read, ImportError where a library is missing."""
+    check_library(settings)
     _read_password(settings.password_file)
     for path in list_tls_files(settings):
         if path is not None and not path.is_file():

@@ -28,6 +28,7 @@ from matching import frames, kernels
 from matching.robustness import NOTES as ROBUSTNESS_NOTES
 from matching.robustness import SCENES, robustness
 from matching.triangulation import triangulation
+from protocols_load import protocols_load
 from real import real_pairs
 from results import load_average, make_section, write_results
 
@@ -43,6 +44,7 @@ class Benchmarks:
             "Calibration": lambda: self.calibration[0],
             "Whole frames": self.whole_frames,
             "Running system": lambda: live(self.folder, self.scenes[0].rig),
+            "Protocols": protocols_load,
             "Without speckle": lambda: frames.without_speckle(self.folder),
             "Spoiled frames": self.degraded_frames,
             "Real pairs": lambda: real_pairs(self.folder.parent / "real"),

@@ -1,0 +1,279 @@
+"""Load of the protocols: CPU seconds per second of a service with none, each and all of them; delay of a frame.
+
+    python benchmarks/protocols_load.py [--seconds 12] [--rounds 2]
+
+A simulated plant sends ten frame sets and records a second, without images and matching, to live state and history;
+clients in another process read the protocols as a control room does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import logging
+import shutil
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
+from beltscape.core.frames import FrameSet
+from beltscape.core.live import FrameEvent
+from beltscape.pipeline.live.writer import Writer, notify_records
+from beltscape.protocols.modbus.settings import ModbusSettings
+from beltscape.protocols.mqtt.settings import MqttSettings
+from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.syslog.settings import SyslogSettings
+from beltscape.service.live_state import LiveState
+from beltscape.service.protocols import ProtocolSettings, ServedPlant, ServedProtocols
+from beltscape.sinks.historian import Historian
+from beltscape.sinks.settings import HistorySettings
+
+NOTES = """A simulated plant at 10 frame sets and records a second with cross-sections of 301 points, without
+matching: its CPU seconds per second, as the mean of the rounds, with one client for each protocol. Modbus: all
+registers ten times a second. MQTT: every record, and the state each second, to mosquitto. OPC UA: a subscription to
+every variable, without encryption. syslog: changes of alarms by UDP. *Frame*: time that the feeding thread spends for a
+frame set, which a protocol could delay; the machine has other work beside it."""
+NAMES = ("modbus", "mqtt", "opcua", "syslog")
+_HZ, _WARM_S, _STEP_MM = 10.0, 4.0, 120.0
+_X_MM = np.linspace(-600, 600, 301, dtype=np.float32)
+
+
+@dataclass(frozen=True)
+class Load:
+    """The load of one configuration."""
+
+    cpu: float
+    """CPU seconds per second."""
+    frame_ms: tuple[float, float, float]
+    """Median, 99 % and maximum of the time that a frame set takes."""
+
+
+def main() -> None:
+    """Measure, and print or write the table."""
+    parser = argparse.ArgumentParser(description="load of the protocols")
+    parser.add_argument("--seconds", type=float, default=12.0)
+    parser.add_argument("--rounds", type=int, default=2)
+    parser.add_argument("--serve", help=argparse.SUPPRESS)
+    parser.add_argument("--folder", type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.serve is not None:
+        print(json.dumps(serve(json.loads(options.serve), options.folder, options.seconds)))
+        return
+    print("\n".join(protocols_load(options.seconds, options.rounds)))
+
+
+def protocols_load(seconds: float = 12.0, rounds: int = 2) -> list[str]:
+    """Return the Markdown table; the reason if a library or the broker is missing."""
+    missing = [name for name in ("asyncua", "paho", "pymodbus") if find_spec(name) is None]
+    if missing or _find_broker() is None:
+        return [f"Not run: {', '.join(missing) or 'mosquitto'} is not installed."]
+    cases: dict[str, tuple[str, ...]] = {"none": (), **{name: (name,) for name in NAMES}, "all": NAMES}
+    loads: dict[str, list[Load]] = {name: [] for name in cases}
+    for _ in range(rounds):  # in turn, so that other work of the machine falls on all
+        for name, served in cases.items():
+            loads[name].append(measure(served, seconds))
+    none = mean(loads["none"])
+    lines = [
+        NOTES,
+        "",
+        "| protocols | CPU s/s | more than none | frame ms: median | 99 % | most |",
+        "|---|---|---|---|---|---|",
+    ]
+    for name, found in loads.items():
+        times = " | ".join(f"{max(one.frame_ms[i] for one in found):.2f}" for i in range(3))
+        lines.append(
+            f"| {name} | {mean(found):.4f} | {100 * (mean(found) - none):+.2f} % of a core | {times} |"
+        )
+    return lines
+
+
+def mean(loads: list[Load]) -> float:
+    """Return the mean CPU seconds per second."""
+    return sum(one.cpu for one in loads) / len(loads)
+
+
+def measure(names: tuple[str, ...], seconds: float) -> Load:
+    """Serve these protocols in a process of its own, with clients in this one."""
+    with tempfile.TemporaryDirectory() as folder, run_broker(Path(folder), needed="mqtt" in names) as broker:
+        ports = {name: broker if name == "mqtt" else find_port() for name in names}
+        words = ["--serve", json.dumps(ports), "--folder", folder, "--seconds", str(seconds)]
+        process = subprocess.Popen([sys.executable, __file__, *words], stdout=subprocess.PIPE, text=True)
+        ended = threading.Event()
+        clients = [
+            threading.Thread(target=CLIENTS[name], args=(ports[name], ended))
+            for name in names
+            if name in CLIENTS
+        ]
+        time.sleep(1.5)
+        for client in clients:
+            client.start()
+        before = dict(READ)
+        out, _ = process.communicate()
+        ended.set()
+        for client in clients:
+            client.join()
+    idle = [name for name in READ if name in names and READ[name] - before[name] < seconds]
+    if idle:
+        raise RuntimeError(f"the client of {idle[0]} read nothing")
+    found = json.loads(out.splitlines()[-1])
+    return Load(found["cpu"], tuple(found["frame_ms"]))
+
+
+def serve(ports: dict[str, int], folder: Path, seconds: float) -> dict[str, Any]:
+    """Serve a simulated plant for a time; return its load."""
+    settings = ProtocolSettings(**{name: SETTINGS[name](port) for name, port in ports.items()})
+    historian = Historian(folder / "data", HistorySettings(reserve_mib=1))
+    live_state = LiveState()
+    writer = Writer("historian", historian, notify_records(live_state, historian))
+    plant = ServedPlant(live_state, historian, lambda _alarm, _by: True)
+    protocols = ServedProtocols(plant, folder / "data", lambda _: None)
+    protocols.serve(settings)
+    feed(live_state, writer, 1, _WARM_S)
+    began_cpu, began = time.process_time(), time.monotonic()
+    taken = feed(live_state, writer, 1 + round(_WARM_S * _HZ), seconds)
+    cpu = (time.process_time() - began_cpu) / (time.monotonic() - began)
+    protocols.close()
+    writer.close()
+    historian.close()
+    quantiles = np.percentile(taken, (50, 99, 100)).tolist()
+    return {"cpu": cpu, "frame_ms": [1e3 * one for one in quantiles]}
+
+
+def feed(live_state: LiveState, writer: Writer, first: int, seconds: float) -> list[float]:
+    """Send frame sets and records for a time; return the seconds that each took."""
+    taken: list[float] = []
+    began = time.monotonic()
+    for k in range(round(seconds * _HZ)):
+        time.sleep(max(0.0, began + k / _HZ - time.monotonic()))
+        start = time.perf_counter()
+        number = first + k
+        frames = FrameSet(f"{number:06d}", {}, number * 100_000_000, number * _STEP_MM)
+        live_state.on_frame(FrameEvent(frames, number, 0, 0, 0.05, 0.96, _STEP_MM * _HZ))
+        writer.put([make_record(number)])
+        taken.append(time.perf_counter() - start)
+    return taken
+
+
+def make_record(number: int) -> BeltRecord:
+    """Return the record of a belt with a ridge."""
+    height = (80 * np.exp(-((_X_MM / 300) ** 2)) + number % 7).astype(np.float32)
+    interval = ((number - 1) * _STEP_MM, number * _STEP_MM)
+    area = float(height.sum() * 4)
+    strip = FlowRecord(
+        f"{number:06d}", number * 100_000_000, interval[0], interval, area, area * _STEP_MM,
+        area * _STEP_MM * 0.01, _STEP_MM * _HZ, 1600.0, 0.96, 0.9, "measured",
+    )  # fmt: skip
+    wall_ns = time.time_ns()
+    return BeltRecord(number, 1, interval, "valid", "", wall_ns, strip, 1.0, 5, CrossSection(_X_MM, height))
+
+
+SETTINGS = {
+    "modbus": lambda port: ModbusSettings(port=port, pulse_kg=100),
+    "mqtt": lambda port: MqttSettings(host="127.0.0.1", port=port),
+    "opcua": lambda port: OpcUaSettings(port=port, security="none", clients="any", anonymous_role="viewer"),
+    "syslog": lambda port: SyslogSettings(host="127.0.0.1", port=port),
+}
+"""By protocol: its settings for a port."""
+
+
+def read_modbus(port: int, ended: threading.Event) -> None:
+    """Read all registers ten times a second."""
+    from pymodbus.client import ModbusTcpClient
+
+    client = ModbusTcpClient("127.0.0.1", port=port, retries=0, timeout=2)
+    while not ended.is_set():
+        with suppress(Exception):
+            if client.connected or client.connect():
+                answer = client.read_holding_registers(0, count=40, device_id=1)
+                READ["modbus"] += not answer.isError()
+        ended.wait(0.1)
+    client.close()
+
+
+def subscribe_opcua(port: int, ended: threading.Event) -> None:
+    """Subscribe to every variable of the server."""
+    with suppress(Exception):
+        asyncio.run(_subscribe(port, ended))
+
+
+async def _subscribe(port: int, ended: threading.Event) -> None:
+    from asyncua import Client, ua
+
+    class Handler:
+        def datachange_notification(self, *_: object) -> None:
+            READ["opcua"] += 1
+
+    client = Client(f"opc.tcp://127.0.0.1:{port}/")
+    while not ended.is_set():
+        with suppress(Exception):
+            await client.connect()
+            break
+        await asyncio.sleep(0.2)
+    subscription = await client.create_subscription(500, Handler())
+    nodes, variables = [client.nodes.objects], []
+    for node in nodes:
+        for child in await node.get_children():
+            if child.nodeid.NamespaceIndex == 0 or child in nodes:
+                continue
+            nodes.append(child)
+            if await child.read_node_class() == ua.NodeClass.Variable:
+                variables.append(child)
+    await subscription.subscribe_data_change(variables)
+    while not ended.is_set():
+        await asyncio.sleep(0.2)
+    with suppress(Exception):
+        await client.disconnect()
+
+
+READ = {"modbus": 0, "opcua": 0}
+"""By protocol: what its client has read; a benchmark without it measures nothing."""
+CLIENTS = {"modbus": read_modbus, "opcua": subscribe_opcua}
+"""By protocol: what reads it in the process of the benchmark."""
+
+
+def _find_broker() -> str | None:
+    return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
+
+
+@contextmanager
+def run_broker(folder: Path, *, needed: bool) -> Iterator[int]:
+    """Run mosquitto and yield its port; 0 if none is needed."""
+    if not needed:
+        yield 0
+        return
+    program, port = _find_broker(), find_port()
+    assert program is not None
+    (folder / "mosquitto.conf").write_text(f"listener {port} 127.0.0.1\nallow_anonymous true\nuser root\n")
+    process = subprocess.Popen([program, "-c", str(folder / "mosquitto.conf")], stderr=subprocess.DEVNULL)
+    time.sleep(0.5)
+    try:
+        yield port
+    finally:
+        process.terminate()
+        process.wait()
+
+
+def find_port() -> int:
+    """Return a free TCP port."""
+    with socket.socket() as one:
+        one.bind(("127.0.0.1", 0))
+        return one.getsockname()[1]
+
+
+if __name__ == "__main__":
+    logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # the client outlives the server
+    main()

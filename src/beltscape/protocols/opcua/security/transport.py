@@ -40,10 +40,10 @@ class BoundedProtocol(OPCUAProtocol):
             self._buffer = b""
             self.transport.close()
 
-    def connection_lost(self, ex: Exception | None) -> None:
+    def connection_lost(self, exc: Exception | None) -> None:
         """End the session with its subscriptions: no other channel can go on with it."""
         session = None if self.processor is None else self.processor.session
-        super().connection_lost(ex)
+        super().connection_lost(exc)
         if session is not None:
             self.closing_tasks.append(asyncio.create_task(session.close_session()))
 

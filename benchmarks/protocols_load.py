@@ -45,8 +45,8 @@ from beltscape.sinks.settings import HistorySettings
 NOTES = """A simulated plant at 10 frame sets and records a second with cross-sections of 301 points, without
 matching: its CPU seconds per second, as the mean of the rounds, with one client for each protocol. Modbus: all
 registers ten times a second. MQTT: every record, and the state each second, to mosquitto. OPC UA: a subscription to
-every variable, without encryption. syslog: changes of alarms by UDP. *Frame*: time that the feeding thread spends for a
-frame set, which a protocol could delay; the machine has other work beside it."""
+every variable, without encryption. syslog: changes of alarms by UDP. *Frame*: time that the feeding thread spends for
+a frame set, which a protocol could delay; the machine has other work beside it."""
 NAMES = ("modbus", "mqtt", "opcua", "syslog")
 _HZ, _WARM_S, _STEP_MM = 10.0, 4.0, 120.0
 _X_MM = np.linspace(-600, 600, 301, dtype=np.float32)

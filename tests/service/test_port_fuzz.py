@@ -1,0 +1,29 @@
+"""Hostile bytes on the ports of page, Modbus and OPC UA: no thread ends, no record is lost, all still answer."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from tests.service.port_fuzz import attack, is_answering, list_threads, run_service
+
+CONNECTIONS = 40
+
+
+def test_ports_withstand_hostile_bytes(tmp_path: Path) -> None:
+    for name in ("pymodbus", "asyncua"):
+        pytest.importorskip(name, reason="pip install 'beltscape[modbus,opcua]'")
+    with run_service(tmp_path) as service:
+        before = list_threads()
+        service.plant.number, service.plant.belt_mm = 20, 20 * 100.0
+        attacker = threading.Thread(target=attack, args=(service.ports, 27, CONNECTIONS))
+        attacker.start()
+        attacker.join()
+        assert before - list_threads() == set()
+        assert {name: is_answering(name, port) for name, port in service.ports.items()} == dict.fromkeys(
+            service.ports, True
+        )
+        records = service.historian.records(0, 1 << 62, 10_000)
+        assert [one.number for one in records] == [*range(1, 21)]

@@ -22,7 +22,7 @@ UNITS = {path.name for path in (ROOT / "deploy").iterdir()}
 
 PACKAGES = {
     "gir1.2-aravis-0.8", "aravis-tools", "aravis-tools-cli", "iproute2", "libgirepository1.0-dev", "libcairo2-dev",
-    "pkg-config", "gcc", "python3-dev", "python3-gi",
+    "pkg-config", "gcc", "python3-dev", "python3-gi", "libpango-1.0-0", "libpangoft2-1.0-0",
 }  # fmt: skip
 """Debian's, as in bookworm and trixie."""
 OPENSSL_REQ = {"-x509", "-newkey", "-pkeyopt", "-nodes", "-days", "-subj", "-addext", "-keyout", "-out"}
@@ -213,12 +213,17 @@ def rerun(words: Sequence[str], folder: Path) -> None:
     demand(list(words[1:]) == ["analytics", "disable"], f"{words}")
 
 
+def nc(words: Sequence[str], folder: Path) -> None:
+    """A listener for datagrams; tests/protocols/test_syslog_manual.py sends to it where it is installed."""
+    demand(words[1] == "-klu" and words[2].isdigit() and len(words) == 3, "only nc -klu PORT is known")
+
+
 RULES: dict[str, Callable[[Sequence[str], Path], None]] = {
     "make": make, "sudo": sudo, "apt": apt, "pip": pip, "unshare": unshare, "python": python, "python3": python,
     "openssl": openssl, "systemctl": systemctl, "journalctl": journalctl, "ip": ip, "sysctl": sysctl, "cd": files,
     "cp": files, "install": files, "chown": files, "systemd-sysusers": systemd_files,
     "systemd-tmpfiles": systemd_files, "systemd-analyze": systemd_analyze, "sqlite3": sqlite3,
-    "sh": sh, "rerun": rerun,
+    "sh": sh, "rerun": rerun, "nc": nc,
 }  # fmt: skip
 """Program → its rule."""
 

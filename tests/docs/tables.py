@@ -8,11 +8,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from beltscape.alarms.management.custom_texts import read_custom_texts
 from beltscape.files.documents.toml_text import validate
 from beltscape.pipeline.measuring.density import read_product_density
 from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
+from beltscape.service.languages import list_languages
 from beltscape.service.project import ProjectSettings
+from beltscape.site.settings import SiteSettings
 from beltscape.target.board import read_board
 from beltscape.target.module import read_module
 from tests.docs.blocks import Block
@@ -39,6 +42,10 @@ def check_table(block: Block, folder: Path) -> None:
         validate(path, ProjectSettings, values)
     elif set(values) <= set(ProjectSettings.model_fields):
         check_project_tables(path, values, defaults="# defaults" in block.text)
+    elif set(values) <= {language.code for language in list_languages()}:
+        read_custom_texts(path)
+    elif "belts" in values:
+        validate(path, SiteSettings, values)
     elif "belt" in values and "camera" in values:
         read_plan_settings(path, {})
     elif "kind" in values:

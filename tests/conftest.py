@@ -14,7 +14,8 @@ import pytest
 from hypothesis import settings
 
 from beltscape.target.board import CharucoBoard
-from tests.synthetic.boards import BoardCapture, board_poses, capture, row_of_cameras
+from tests.once import make_once
+from tests.synthetic.boards import BoardCapture, board_poses, capture, name_frames, row_of_cameras
 
 settings.register_profile("beltscape", deadline=None, max_examples=30, derandomize=True)
 settings.load_profile("beltscape")
@@ -67,6 +68,10 @@ def charuco() -> CharucoBoard:
 
 @pytest.fixture(scope="session")
 def charuco_capture(tmp_path_factory, charuco) -> BoardCapture:
-    """Three cameras in a row, eight frames of a ChArUco board; nobody writes into it."""
-    folder = tmp_path_factory.mktemp("charuco")
-    return capture(folder, row_of_cameras(["cam0", "cam1", "cam2"]), charuco, board_poses(charuco, 8))
+    """Three cameras in a row, eight frames of a ChArUco board; rendered once for all workers, written by none."""
+    rig, poses = row_of_cameras(["cam0", "cam1", "cam2"]), board_poses(charuco, 8)
+
+    def make(folder: Path) -> None:
+        capture(folder, rig, charuco, poses)
+
+    return BoardCapture(make_once(tmp_path_factory, "charuco", make), rig, charuco, name_frames(poses))

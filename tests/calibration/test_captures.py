@@ -172,12 +172,12 @@ def test_check_scores_a_rig_on_views_that_it_was_not_calibrated_with(tmp_path, c
     assert reporter.warnings == []
 
 
-def every_other(folder: Path, target: Path) -> None:
-    """Copy every other frame of a recorded capture."""
+def thin_out(folder: Path, target: Path, every: int) -> None:
+    """Copy one of ``every`` frames of a recorded capture."""
     for camera in folder.iterdir():
         if camera.is_dir():
             (target / camera.name).mkdir()
-            for path in sorted(camera.iterdir())[::2]:
+            for path in sorted(camera.iterdir())[::every]:
                 (target / camera.name / path.name).symlink_to(path)
 
 
@@ -196,9 +196,9 @@ def test_recorded_chessboards_of_opencv(real_data):
 
 def test_recorded_charuco_boards_close_by(real_data, tmp_path):
     board = CharucoBoard(squares=(20, 20), square_mm=4, marker_mm=3.2, dictionary="DICT_4X4_1000")
-    every_other(real_data("pycamset_calibration_charuco"), tmp_path)
+    thin_out(real_data("pycamset_calibration_charuco"), tmp_path, 3)
     found = calibrate(tmp_path, board, None, Silent())
-    assert sum(len(views) for views in found.detections.views.values()) >= 29  # of 33
+    assert sum(len(views) for views in found.detections.views.values()) >= 22  # of 24
     assert list(found.detections.views) == ["1", "2", "3"]
     assert found.variant == PrintVariant(legacy=False, inverted=False)
     assert found.held_out is not None
@@ -213,7 +213,7 @@ def test_recorded_charuco_boards_close_by(real_data, tmp_path):
 def test_recorded_webcams_without_a_common_trigger_are_warned_about(real_data, tmp_path):
     board = CharucoBoard(squares=(4, 5), square_mm=54, marker_mm=40.5, dictionary="DICT_4X4_1000")
     reporter = Silent()
-    every_other(real_data("caliscope_4cam"), tmp_path)
+    thin_out(real_data("caliscope_4cam"), tmp_path, 2)
     found = calibrate(tmp_path, board, None, reporter)
     assert found.variant == PrintVariant(legacy=False, inverted=True)
     seen = {name: len(views) for name, views in found.detections.views.items()}

@@ -1,4 +1,4 @@
-"""``beltscape calibrate`` on the demo's images."""
+"""``beltscape calibrate`` and its warnings on the demo's images."""
 
 from __future__ import annotations
 
@@ -6,8 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
+from beltscape.core.progress import Silent
 from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
+from beltscape.pipeline.calibrating import calibration
+from beltscape.target.board import read_board
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 CAMERAS = ("cam0", "cam1", "cam2")
@@ -43,22 +46,19 @@ def test_frames_of_another_instant_are_reported(run, boards, tmp_path):
     assert list(read_rig(tmp_path / "out" / "rig.json").cameras) == ["cam0", "cam2"]
 
 
-def test_mirrored_images_are_reported(run, boards, tmp_path):
+def test_mirrored_images_are_reported(boards):
     for path in (boards / "cam2").iterdir():
         cv2.imwrite(str(path), np.ascontiguousarray(read_image(path)[:, ::-1]))
-    code, out, _ = calibrate(run, boards, tmp_path / "out")
-    assert code == 0
-    warnings = parse_json(out)["warnings"]
-    assert f"{boards / 'cam2'}: the images are mirrored; switch mirroring off in the camera" in warnings
+    found = calibration.calibrate(boards, read_board(DEMO / "board.toml"), "cam0", Silent())
+    assert f"{boards / 'cam2'}: the images are mirrored; switch mirroring off in the camera" in found.warnings
 
 
-def test_square_given_in_centimetres_causes_a_warning(run, boards, tmp_path):
+def test_square_given_in_centimetres_causes_a_warning(boards, tmp_path):
     board = tmp_path / "board.toml"
     text = (DEMO / "board.toml").read_text()
     board.write_text(text.replace("34.0", "3.4").replace("25.0", "2.5"))
-    code, out, _ = run("calibrate", boards, "--board", board, "--out", tmp_path / "out", "--json")
-    assert code == 0
-    warnings = [line for line in parse_json(out)["warnings"] if "centimetres" in line]
+    found = calibration.calibrate(boards, read_board(board), None, Silent())
+    warnings = [line for line in found.warnings if "centimetres" in line]
     assert len(warnings) == 1
     assert warnings[0].startswith("with square_mm = 3.4 the board was 6")
     assert warnings[0].endswith("mm away; was it given in centimetres (34 mm)?")

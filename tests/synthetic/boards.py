@@ -128,7 +128,8 @@ def _draw_aprilgrid(board: AprilGrid) -> NDArray[np.uint8]:
 
 
 @cache
-def _rays(size_px: tuple[int, int], intrinsics: bytes, model: str) -> NDArray[np.float64]:
+def _rays(size_px: tuple[int, int], intrinsics: bytes, model: str) -> NDArray[np.float32]:
+    """Return x/z, y/z of all rays (h, w, 2): OpenCV rounds places in the texture to 1/32 of its pixels anyway."""
     values = np.frombuffer(intrinsics)
     lens = Camera("", size_px, values[:2], values[2:4], values[4:], model)
     width, height = size_px
@@ -136,7 +137,8 @@ def _rays(size_px: tuple[int, int], intrinsics: bytes, model: str) -> NDArray[np
     u = (np.arange(width)[:, None] + offset).ravel()
     v = (np.arange(height)[:, None] + offset).ravel()
     pixels = np.stack(np.meshgrid(u, v), axis=-1)
-    return _undistort_fisheye(lens, pixels) if model == "fisheye" else lens.undistort(pixels)
+    rays = _undistort_fisheye(lens, pixels) if model == "fisheye" else lens.undistort(pixels)
+    return rays.astype(np.float32)
 
 
 def _undistort_fisheye(lens: Camera, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -159,16 +161,15 @@ def view(
     # a point on the board's plane is hit by the ray  H⁻¹ (x, y, 1)
     r, t = cam_from_board.rotation, cam_from_board.translation_mm
     to_board = np.linalg.inv(np.column_stack([r[:, 0], r[:, 1], t]))
-    on_board = cv2.perspectiveTransform(rays, to_board)
-    x, y = np.moveaxis(on_board / board.square_mm * _CELL + _CELL - 0.5, -1, 0)
+    scale, first = _CELL / board.square_mm, _CELL - 0.5
+    to_texture = np.array([[scale, 0, first], [0, scale, first], [0, 0, 1]]) @ to_board
     texture = _texture(board, how.legacy)
     printed = 1 - texture if how.inverted else texture
     seen = cv2.remap(
-        printed, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR,
+        printed, cv2.perspectiveTransform(rays, to_texture), None, cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_CONSTANT, borderValue=0.55,
     )  # fmt: skip
-    width, height = lens.size_px
-    light = 30 + 190 * seen.reshape(height, _SUPER, width, _SUPER).mean(axis=(1, 3))
+    light = 30 + 190 * cv2.resize(seen, lens.size_px, interpolation=cv2.INTER_AREA).astype(np.float64)
     light = cv2.GaussianBlur(light, (0, 0), how.blur_px)
     noise = np.random.default_rng(how.seed).normal(0, how.noise, light.shape)
     return np.clip(np.rint(light + noise), 0, 255).astype(np.uint8)
@@ -205,5 +206,9 @@ def capture(
     seen_by: Mapping[str, Iterable[str]] | None = None,
 ) -> BoardCapture:  # fmt: skip
     """Render and write a capture with the frames 00, 01, …"""
-    named = {f"{i:02d}": pose for i, pose in enumerate(poses)}
-    return BoardCapture(folder, rig, board, named, how or Print()).write(seen_by)
+    return BoardCapture(folder, rig, board, name_frames(poses), how or Print()).write(seen_by)
+
+
+def name_frames(poses: Sequence[Pose]) -> dict[str, Pose]:
+    """Return the poses by frame: 00, 01, …"""
+    return {f"{i:02d}": pose for i, pose in enumerate(poses)}

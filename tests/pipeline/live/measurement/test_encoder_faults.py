@@ -28,7 +28,7 @@ Array = NDArray[np.floating]
 HEAP = Heap(start_mm=-60_000, end_mm=900, seed=8)
 STEP_MM = 75.0
 RATE_HZ = 8.0
-COUNT, FIRST, END = 38, 12, 24
+COUNT, FIRST, END = 32, 10, 20
 """Number of frames; the fault is in the frames from FIRST to before END."""
 FAULT = np.arange(COUNT)
 FAULT = (FAULT >= FIRST) & (FAULT < END)

@@ -26,7 +26,7 @@ from tests.docs.system import ROOT, RULES, Wrong, demand, run_system
 from tests.docs.tables import check_table
 
 RUN_ELSEWHERE = {"evaluate paper": "tests/evaluate/paper", "demo": "tests/pipeline/test_demo.py",
-                 "reload": "tests/pipeline/live/test_reload.py",
+                 "reload": "tests/pipeline/live/test_reload.py", "site": "tests/site/test_services.py",
                  "record": "tests/sources/genicam/test_record_command.py"}  # fmt: skip
 """Commands that take minutes at any size, or cameras: parsed here, run by the tests named."""
 SCENES = {"calibration", "module", "belt_empty", "belt_loaded", "belt_moving"}

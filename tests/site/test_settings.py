@@ -31,12 +31,12 @@ BALANCE = '[[balances]]\nname = "t"\ninflow = ["a"]\noutflow = ["b"]\n'
         ("pol_s = 1\n" + BELT, "unknown key pol_s; did you mean poll_s?"),
         (BELT + 'ca = "no.pem"\n', "no.pem: there is no such file"),
         (BELT.replace('"key"', '"no.key"'), "no.key: the key of belt 'a' cannot be read"),
-        (BELT.replace('"key"', '"two"'), "must hold one key"),
+        (BELT.replace('"key"', '"two"'), "its first line must be the key"),
     ],
 )
 def test_what_does_not_fit_is_one_line(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "key").write_text("abc\n")
-    (tmp_path / "two").write_text("abc\ndef\n")
+    (tmp_path / "two").write_text("abc def\n")
     (tmp_path / "site.toml").write_text(text)
     with pytest.raises(InputError, match=r"site\.toml|no\.|two") as caught:
         read_site(tmp_path / "site.toml")

@@ -10,6 +10,7 @@ import httpx
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from beltscape.core.errors import InputError
+from beltscape.protocols.client_tls import make_client_context
 from beltscape.site.answers import PageAnswer, RecordAnswer, StateAnswer
 from beltscape.site.faults import BeltFaultError, Fault
 from beltscape.site.settings import BeltSettings, read_key
@@ -117,9 +118,8 @@ class BeltClient:
 
 
 def _make_tls_context(settings: BeltSettings) -> ssl.SSLContext:
-    """Return TLS that checks the belt's certificate and name."""
     try:
-        return ssl.create_default_context(cafile=None if settings.ca is None else str(settings.ca))
+        return make_client_context(settings.ca)
     except OSError as error:
         raise InputError(f"{settings.ca}: no certificates in PEM form ({error})") from error
 

@@ -202,13 +202,15 @@ def read_site(path: Path) -> Site:
 def read_key(belt: BeltSettings) -> str:
     """Return the key of a belt; InputError if its file has none."""
     try:
-        lines = belt.key_file.read_text("ascii").split()
+        lines = belt.key_file.read_text("utf-8").splitlines()
     except (OSError, ValueError) as error:
         raise InputError(
             f"{belt.key_file}: the key of belt {belt.name!r} cannot be read ({error})"
         ) from error
-    if len(lines) != 1:
+    key = lines[0].strip() if lines else ""
+    if not key or not key.isascii() or len(key.split()) != 1:
         raise InputError(
-            f"{belt.key_file}: must hold one key of belt {belt.name!r}; make one there by `beltscape users key`"
+            f"{belt.key_file}: its first line must be the key of belt {belt.name!r}; make one there by "
+            "`beltscape users key`"
         )
-    return lines[0]
+    return key

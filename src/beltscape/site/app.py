@@ -54,7 +54,7 @@ class SiteState:
             "wall_ms": round(time.time() * 1000),
             "belts": [show_belt(view) for view in views],
             "balances": [show_balance(status, self.store) for status in balances],
-            "alarms": [asdict(alarm) | {"since_ms": begun_ms} for alarm, begun_ms in since_ms.items()],
+            "alarms": [asdict(alarm) | {"since_ms": raised_ms} for alarm, raised_ms in since_ms.items()],
         }
 
 

@@ -10,11 +10,14 @@ from typing import Literal
 from fastapi import FastAPI
 
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
+from beltscape.core.errors import InputError
 from beltscape.pipeline.live.measurement.ledger import add_tag
 from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.service.access import Access, AccessSettings
 from beltscape.service.access.identity.roles import Role
 from beltscape.service.app import create_app
+from beltscape.service.changes.differences import Changed
+from beltscape.service.changes.reloader import Reload
 from beltscape.service.live_state import LiveState
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.reports import ReportWriter
@@ -38,6 +41,7 @@ class ServiceParts:
     access: Access
     plant: SimulatedPlant
     settings: WebSettings
+    reloader: FakeReloader
     app: FastAPI
 
     def browser(self, role: Role | Literal[""] = "") -> Browser:
@@ -47,6 +51,25 @@ class ServiceParts:
             self.access.accounts.add(f"the-{role}", role, PASSWORD)
             assert browser.log_in(f"the-{role}").status_code == 200
         return browser
+
+
+class FakeReloader:
+    """A project whose density and address have changed; ``fault`` refuses it."""
+
+    def __init__(self) -> None:
+        self.by: list[str] = []
+        self.fault = ""
+
+    def find_changes(self) -> Reload:
+        if self.fault:
+            raise InputError(self.fault)
+        density = () if self.by else (Changed("density.kg_m3", "1500.0", "1600.0"),)
+        return Reload(density, (Changed("web.port", "8460", "8461"),))
+
+    def reload(self, by: str, address: str = "") -> Reload:
+        done = self.find_changes()
+        self.by.append(f"{by} {address}")
+        return done
 
 
 class TaggingLedger:
@@ -84,9 +107,9 @@ def make_service(folder: Path, frames: int = 0, **settings) -> ServiceParts:
     plant = SimulatedPlant([live_state], history)
     for k in range(frames):
         plant.step(BEGIN_NS + k * STEP_NS)
-    return ServiceParts(
-        live_state, history, access, plant, web, create_app(live_state, history, access, plant, web)
-    )
+    reloader = FakeReloader()
+    app = create_app(live_state, history, access, plant, web, reloader=reloader)
+    return ServiceParts(live_state, history, access, plant, web, reloader, app)
 
 
 OPEN = AccessSettings(anonymous_role="viewer")

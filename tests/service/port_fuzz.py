@@ -17,7 +17,6 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from beltscape.pipeline.live.writer import Writer, notify_records
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.opcua.settings import OpcUaSettings
 from beltscape.service.access import Access, AccessSettings
@@ -33,6 +32,8 @@ from tests.service.access.sample_app import CHEAP
 from tests.service.feeder import SimulatedPlant
 from tests.sinks.ledgers import ledger
 
+RECORDS = 20
+"""Records before the attack."""
 _ENDPOINT = b"opc.tcp://127.0.0.1/"
 SAMPLES: Mapping[str, tuple[bytes, ...]] = {
     "http": (
@@ -91,9 +92,8 @@ def run_service(folder: Path) -> Iterator[Service]:
             closing(serve(create_app(live_state, historian, access, plant, web), web))
         )
         ports["http"] = int(page.address.rsplit(":", 1)[1])
-        writer = Writer("historian", historian, notify_records(live_state, historian))
-        opened.callback(writer.close)
-        writer.put(ledger(20, sections=False))
+        historian.write(ledger(RECORDS, sections=False))
+        plant.number, plant.belt_mm = RECORDS, historian.ledger_end.end_mm or 0.0
         yield Service(ports, historian, plant)
 
 
@@ -161,7 +161,6 @@ def main(minutes: float) -> None:
     with tempfile.TemporaryDirectory() as folder, run_service(Path(folder)) as service:
         before, seed = list_threads(), 0
         end = time.monotonic() + 60 * minutes
-        service.plant.number, service.plant.belt_mm = 20, service.historian.ledger_end.end_mm or 0.0
         while time.monotonic() < end:
             attack(service.ports, seed, 50)
             service.plant.step()

@@ -16,7 +16,6 @@ from beltscape.service.api import production as production_api
 from beltscape.service.api import reports as reports_api
 from beltscape.service.api import settings as settings_api
 from beltscape.service.api.common import AppContext
-from beltscape.service.changes.reloader import SettingsReloader
 from beltscape.service.live_state import LiveState
 from beltscape.service.production.serving import ServedProduction
 from beltscape.service.settings import WebSettings
@@ -30,7 +29,7 @@ def create_app(
     access: Access,
     controls: Controls,
     settings: WebSettings,
-    reloader: SettingsReloader | None = None,
+    reloader: settings_api.Reloader | None = None,
     production: ServedProduction | None = None,
 ) -> FastAPI:
     """Return the application: page, API (described at /api/openapi.json), WebSocket, metrics and access.

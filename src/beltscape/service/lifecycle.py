@@ -23,6 +23,8 @@ def log_to_stderr() -> None:
     log.handlers[:] = [handler]
     log.setLevel(logging.INFO)
     log.propagate = False
+    # a line for every answer to a client that has left, which would let anybody fill the log
+    logging.getLogger("asyncio").setLevel(logging.ERROR)
     log_uncaught_errors()
 
 

@@ -91,6 +91,27 @@ def test_engineers_have_the_images_learned_anew_after_a_confirmation(site):
     page.context.close()
 
 
+def test_engineers_take_over_changed_settings(site):
+    page, reloader = site.page("/?lang=de#health", user="eva"), site.works.reloader
+    page.click("#settings-open")
+    wait_for(
+        page, "document.querySelector('#settings-found').innerText.includes('density.kg_m3 1500.0 → 1600.0')"
+    )
+    shown = "document.querySelector('#settings-dialog').innerText"
+    wait_for(page, f"{shown}.includes('Braucht einen Neustart')")
+    assert reloader.by == []
+    page.click("#settings-next")
+    wait_for(page, f"{shown}.includes('Gilt jetzt')")
+    assert reloader.by == ["eva 127.0.0.1"]
+    reloader.fault = "project.toml: density.kg_m3 = -5: must be greater than 0"
+    page.click("#settings-dialog button")
+    page.click("#settings-open")
+    wait_for(page, f"{shown}.includes('Nichts wurde geändert: project.toml: density')")
+    assert [error for error in site.errors if "409" not in error] == []
+    site.errors.clear()
+    page.context.close()
+
+
 def test_operators_do_not_see_the_checks(site):
     page = site.page("/#health")
     wait_until_live(page)

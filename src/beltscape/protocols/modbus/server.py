@@ -7,6 +7,7 @@ together. Writes are refused unless the settings have a table of commands.
 from __future__ import annotations
 
 import asyncio
+import logging
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -76,6 +77,8 @@ class ModbusServer:
         InputError
             If the address is in use or not allowed.
         """
+        # the library logs every malformed frame with its bytes, which would let anybody fill the log
+        logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
         self._thread.start()
         if not self._listening.wait(_START_S) or self._failure:
             self._stop.set()

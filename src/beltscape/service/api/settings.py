@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Annotated
+from typing import Annotated, Protocol
 
 from fastapi import APIRouter, Depends, HTTPException, Request
 
@@ -12,7 +12,19 @@ from beltscape.service.access import User, require_role
 from beltscape.service.access.requests.dependencies import get_address
 from beltscape.service.api.common import ResponseModel, describe_refusals
 from beltscape.service.changes.differences import Changed
-from beltscape.service.changes.reloader import Reload, SettingsReloader
+from beltscape.service.changes.reloader import Reload
+
+
+class Reloader(Protocol):
+    """What reads the settings again; ``SettingsReloader`` is one."""
+
+    def find_changes(self) -> Reload:
+        """Return what a reload would change now; BeltscapeError where the project cannot be read."""
+        ...
+
+    def reload(self, by: str, address: str = "") -> Reload:
+        """Take over what changed; BeltscapeError where the project is refused."""
+        ...
 
 
 class ChangedOut(ResponseModel):
@@ -30,7 +42,7 @@ class ReloadOut(ResponseModel):
     restart: list[ChangedOut]
 
 
-def make_router(reloader: SettingsReloader) -> APIRouter:
+def make_router(reloader: Reloader) -> APIRouter:
     """Return the routes of the settings."""
     router = APIRouter(prefix="/api/settings", tags=["settings"])
 

@@ -5,6 +5,7 @@ import { $, create_element, create_icon, create_svg, set_text, sync_children } f
 import { store } from "./store.js";
 import { apply_texts, format_date_time, format_duration, t } from "./texts.js";
 import * as learn from "./learn.js";
+import * as settings from "./settings.js";
 import * as zero from "./zero.js";
 
 const PERIODS = { h1: 3600, h8: 8 * 3600, h24: 24 * 3600, d7: 7 * 86400, d30: 30 * 86400 };
@@ -31,6 +32,7 @@ function build() {
     panel("pictures", "health.pictures", create_element("span"), create_element("ul", { id: "health-pictures" }), create_element("p", { class: "nothing", id: "health-pictures-none", "data-text": "cameras.none" })),
     zero.create_panel(),
     learn.create_panel(),
+    settings.create_panel(),
     panel("checks", "health.checks", periods, create_element("p", { class: "problem", id: "health-problem", role: "alert", hidden: true }), create_element("p", { class: "soft", id: "health-summary" }), create_element("ul", { id: "checks" }), create_element("p", { class: "nothing", id: "health-none", "data-text": "health.none", hidden: true })));
   apply_texts($("health-view"));
   choose_period(period);

@@ -104,6 +104,7 @@ function translate_event(event) {
   if (kind === "scale") return t("event.scale", { batch: parameters.batch, deviation: format_measured(parameters.deviation, parameters.sigma) });
   if (kind === "report") return t("event.report", { title: text });
   if (kind === "images") return t("event.images_learn");
+  if (kind === "settings") return t(`event.settings_${name}`, { changed: parameters.changed || "–", restart: parameters.restart || "–", record: parameters.record });
   if (kind === "exposure") return t("event.exposure_changed", { exposure: format_number(parameters.exposure_us, 0), factor: format_number(parameters.factor, 2), level: format_number(parameters.level, 0) });
   if (kind === "recording") return `${t("event.recording")}: ${text} (${name})`;
   if (kind === "note") return get_language() !== "en" && has_text(`event.note_${name}`) ? t(`event.note_${name}`) : `${name} – ${text}`;

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import struct
 import time
@@ -25,8 +24,10 @@ _FORMS: Mapping[str, tuple[int, str]] = {
 """Number of registers and packing of a form."""
 _TIMEOUT_S = 3.0
 """Time for the controller to answer."""
-_ROWS = 5000
-"""Most rows of a table that are read at once."""
+_READ_BYTES = 1 << 19
+"""Most of a table that is read at once: some 20,000 rows."""
+_LAST_S, _MOST_KG = 4_102_444_800, 1e15
+"""The beginning of 2100, and a mass beyond any counter."""
 
 
 class ScaleError(BeltscapeError):
@@ -40,42 +41,54 @@ class ScaleCounter(Protocol):
         """Return the new readings; ScaleError if there are none because of a fault."""
         ...
 
+    def close(self) -> None:
+        """End the connection."""
+        ...
+
 
 class TableCounter:
     """The rows ``timestamp_s,kg`` of a table that another program appends to."""
 
     def __init__(self, path: Path, after_ns: int) -> None:
         """Begin behind the reading at ``after_ns``."""
-        self._path, self._after_ns, self._offset = path, after_ns, 0
+        self._path, self._after_ns, self._offset, self._wrong_row = path, after_ns, 0, ""
 
     def read(self) -> list[ScaleReading]:
-        """Return the readings of whole new rows."""
+        """Return the readings of whole new rows; a row that is none is left out, and told by the next call."""
+        if self._wrong_row:
+            wrong, self._wrong_row = self._wrong_row, ""
+            raise ScaleError(f"[scale] csv: {self._path}: {wrong!r} is no row timestamp_s,kg; it is left out")
         try:
             with self._path.open("rb") as file:
                 if file.seek(0, 2) < self._offset:
                     self._offset = 0  # a new table in its place
                 file.seek(self._offset)
-                data = file.read(_ROWS * 64)
+                data = file.read(_READ_BYTES)
         except OSError as error:
             raise ScaleError(f"[scale] csv: {self._path}: {error.strerror or error}") from error
         whole = data[: data.rfind(b"\n") + 1]
+        if not whole and len(data) == _READ_BYTES:
+            whole = data  # no line end in all of it: no table
         self._offset += len(whole)
-        rows = csv.reader(whole.decode("utf-8", "replace").splitlines())
-        found = [self._parse(row) for row in rows if row and row != ["timestamp_s", "kg"]]
-        new = [reading for reading in found if reading.wall_ns > self._after_ns]
+        rows = (line.strip() for line in whole.decode("utf-8", "replace").split("\n"))
+        found = [self._parse(row) for row in rows if row and row.replace(" ", "") != "timestamp_s,kg"]
+        new = [reading for reading in found if reading is not None and reading.wall_ns > self._after_ns]
         if new:
             self._after_ns = max(reading.wall_ns for reading in new)
         return new
 
-    def _parse(self, row: list[str]) -> ScaleReading:
+    def _parse(self, row: str) -> ScaleReading | None:
         try:
-            seconds, kg = map(float, row)
+            seconds, kg = map(float, row.split(","))
         except ValueError:
             seconds = kg = math.nan
-        if not (math.isfinite(seconds) and math.isfinite(kg) and 0 <= seconds < 4.2e9 and abs(kg) < 1e15):
-            text = ",".join(row)[:60]
-            raise ScaleError(f"[scale] csv: {self._path}: {text!r} is no row timestamp_s,kg; it is left out")
-        return ScaleReading(round(seconds * 1e9), kg, "csv")
+        if math.isfinite(kg) and 0 <= seconds < _LAST_S and abs(kg) < _MOST_KG:
+            return ScaleReading(round(seconds * 1e9), kg, "csv")
+        self._wrong_row = row[:60]
+        return None
+
+    def close(self) -> None:
+        """Do nothing: no file is open between calls."""
 
 
 class ModbusCounter:
@@ -114,3 +127,7 @@ class ModbusCounter:
         if not math.isfinite(count):
             raise ScaleError(f"{where}: register {settings.address} holds {count}, no count")
         return [ScaleReading(time.time_ns(), count * settings.kg_per_count, "modbus")]
+
+    def close(self) -> None:
+        """End the connection."""
+        self._client.close()

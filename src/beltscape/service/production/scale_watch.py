@@ -16,6 +16,10 @@ from beltscape.sinks.historian import Historian
 _BATCHES = 20
 """Newest batches that are compared; an older one changes no more unless a reading is typed for it."""
 _EVENT = "scale"
+_EVENTS = 10_000
+"""Newest events among which those of a scale are searched: more than a plant has in a week."""
+_END_OF_TIME_NS = 1 << 62
+"""A time after every event."""
 _WEEK_NS = 7 * 86_400 * 10**9
 """A batch that ended earlier is not told any more."""
 
@@ -35,8 +39,7 @@ class ScaleWatch:
         self._figures, self._historian, self._counter = figures, historian, counter
         self._every_s, self._on_message = every_s, on_message
         self._stop, self._trouble = threading.Event(), ""
-        now = time_ns()
-        events = historian.events(now - _WEEK_NS, now, 10_000)
+        events = historian.events(0, _END_OF_TIME_NS, _EVENTS)
         self._told = {event.name for event in events if event.kind == _EVENT}
         self._thread = make_supervised_thread("scale", self._run, self._tell, self._stop.wait)
 
@@ -48,6 +51,8 @@ class ScaleWatch:
         """Stop it."""
         self._stop.set()
         self._thread.join(patience_s)
+        if self._counter is not None:
+            self._counter.close()
 
     def _run(self) -> None:
         while True:

@@ -42,7 +42,13 @@ def check_table(block: Block, folder: Path) -> None:
         validate(path, ProjectSettings, values)
     elif set(values) <= set(ProjectSettings.model_fields):
         check_project_tables(path, values, defaults="# defaults" in block.text)
-    elif set(values) <= {language.code for language in list_languages()}:
+    else:
+        _check_other_file(values, path, folder)
+
+
+def _check_other_file(values: Mapping[str, Any], path: Path, folder: Path) -> None:
+    """Read a file that is neither a board nor a project."""
+    if set(values) <= {language.code for language in list_languages()}:
         read_custom_texts(path)
     elif "belts" in values:
         validate(path, SiteSettings, values)

@@ -222,3 +222,18 @@ def test_a_protocol_is_exchanged_alone(running: RunningPlant, reloader: Settings
     reloader.reload("anna")
     assert [name for name, _ in calls] == ["modbus"]
     assert running.project.settings.modbus is not None
+    check_products(running, reloader)
+
+
+def check_products(running: RunningPlant, reloader: SettingsReloader) -> None:
+    path, production = running.project.path, running.assembled.production
+    table = '[[products]]\nname = "ore"\ndensity_kg_m3 = 2100\n'
+    rewrite(path, ("[density]\nkg_m3 = 1500\n", table))
+    assert {one.key for one in reloader.reload("anna").at_once} == {"density.kg_m3", "products"}
+    assert (production.tag.product, production.tag.density_kg_m3) == ("ore", 2100)
+    rewrite(path, ("2100", "2200"))
+    reloader.reload("anna")
+    assert production.tag.density_kg_m3 == 2200
+    rewrite(path, ('"ore"', '"coal"'))
+    with pytest.raises(InputError, match="ore is the present product; make another the present one first"):
+        reloader.reload("anna")

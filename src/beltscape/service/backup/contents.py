@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.project import Project
 from beltscape.service.backup.manifest import DATA, OUTSIDE, PROJECT
-from beltscape.service.changes.differences import list_values
+from beltscape.service.changes.differences import NO_SETTINGS, list_values
 from beltscape.service.project import ProjectSettings
 
 _EXCLUDED = frozenset({"recordings", "reserve", "before_update"})
@@ -17,8 +18,6 @@ _EXCLUDED_ENDINGS = (".db", ".db-wal", ".db-shm", ".db-journal", ".lock", ".part
 """Databases are copied by themselves; the others belong to a running program."""
 _COPIED_FIRST = "totals.json"
 """Copied before the database, so that it is never newer and a restored history is complete."""
-_NO_SETTINGS = frozenset({"data", "capture.folder"})
-"""Folders that project.toml names and that are no settings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,15 +46,22 @@ def list_data(data: Path) -> Iterator[Source]:
             yield Source(f"{DATA}/{place.as_posix()}", path)
 
 
-def list_settings(project: Project[ProjectSettings]) -> Iterator[tuple[Source, Path | None]]:
+def list_settings(
+    project: Project[ProjectSettings], reporter: Reporter
+) -> Iterator[tuple[Source, Path | None]]:
     """Yield project.toml and the files that it names, each with its absolute path where it lies elsewhere."""
     yield Source(f"{PROJECT}/{project.path.name}", project.path), None
     root, seen = project.path.parent.resolve(), {project.path.resolve()}
     data = project.resolve(project.settings.data).resolve()
     for key, value in list_values(project.settings):
-        if not isinstance(value, Path) or key in _NO_SETTINGS:
+        if not isinstance(value, Path) or key in NO_SETTINGS:
             continue
-        for path in _list_named(project.resolve(value)):
+        named = _list_named(project.resolve(value))
+        if not named:
+            reporter.warn(
+                f"{project.resolve(value)}: there is no such file; {key} names it, and the backup lacks it"
+            )
+        for path in named:
             if path.resolve() in seen:
                 continue
             seen.add(path.resolve())

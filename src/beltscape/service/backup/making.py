@@ -65,7 +65,7 @@ def make_backup(path: Path, target: Path, form: Form, keep: int | None, reporter
 def _fill(
     project: Project[ProjectSettings], data: Path, part: Path, now: datetime, reporter: Reporter
 ) -> None:
-    settings = list(list_settings(project))
+    settings = list(list_settings(project, reporter))
     sources = [*list_data(data), *(source for source, _ in settings)]
     files: dict[str, Entry] = {}
     for number, source in enumerate(sources, 1):

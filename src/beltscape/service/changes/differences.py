@@ -20,6 +20,8 @@ _LONGEST = 80
 """Characters of a value in an answer: a line of a terminal."""
 _LARGEST_BYTES = 64 << 20
 """Larger files are no settings and are not read."""
+NO_SETTINGS = frozenset({"data", "capture.folder", "encoder.path", "scale.csv", "reports.folder"})
+"""Keys of folders and of growing files, whose content is no setting."""
 _EMPTY = "empty"
 """The key of the empty belt, which may be a folder."""
 
@@ -69,7 +71,7 @@ def hash_contents(project: Project[RunSettings]) -> dict[str, str]:
     """Return the SHA-256 of the files that settings name, by the key; InputError if one cannot be read."""
     contents: dict[str, str] = {}
     for key, value in list_values(project.settings):
-        if not isinstance(value, Path):
+        if not isinstance(value, Path) or key in NO_SETTINGS:
             continue
         path = project.resolve(value)
         try:

@@ -19,8 +19,9 @@ from beltscape.service.access.tls import CertificateExpiry
 from beltscape.service.changes.effects import CERTIFICATE, MEASURING, SINKS
 from beltscape.service.live_state import LiveState
 from beltscape.service.project import ProjectSettings
+from beltscape.service.protocol_checks import CHECKS
 from beltscape.service.protocol_users import describe_provenance
-from beltscape.service.protocols import CHECKS, STARTERS, ServedPlant, ServedProtocols
+from beltscape.service.protocols import STARTERS, ServedPlant, ServedProtocols
 from beltscape.service.server import RunningServer
 from beltscape.service.settings import WebSettings
 
@@ -106,6 +107,15 @@ def _prepare_queue(plant: RunningPlant, project: Project[ProjectSettings]) -> Ch
     return Change(lambda: queue.set_capacity(frames), lambda: queue.set_capacity(before))
 
 
+def _prepare_production(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+    control, before, after = plant.assembled.production, plant.project.settings, project.settings
+    control.require_present(after.products)
+    return Change(
+        lambda: control.set_settings(after.products, after.production),
+        lambda: control.set_settings(before.products, before.production),
+    )
+
+
 def _prepare_page(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
     def use(settings: ProjectSettings) -> None:
         plant.live_state.set_settings(settings.web)
@@ -147,6 +157,7 @@ PARTS: tuple[ReloadablePart, ...] = (
     ReloadablePart(SINKS, _prepare_sinks),
     ReloadablePart(("queue",), _prepare_queue),
     ReloadablePart(("alarms",), _prepare_alarms),
+    ReloadablePart(("products", "production"), _prepare_production),
     ReloadablePart(("web",), _prepare_page),
 )
 """In the order in which they change: first what may still fail, as a port that another program holds."""

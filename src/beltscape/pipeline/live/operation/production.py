@@ -66,6 +66,24 @@ class ProductionControl:
         """Return the product of that name; None if the settings have none."""
         return self._by_name.get(name)
 
+    def require_present(self, products: Sequence[ProductSettings]) -> None:
+        """Raise InputError unless other products have the present one."""
+        present = self.tag.product
+        if present and all(product.name != present for product in products):
+            raise InputError(
+                f"products: {present} is the present product; make another the present one first"
+            )
+
+    def set_settings(self, products: Sequence[ProductSettings], settings: ProductionSettings) -> None:
+        """Take other products and settings; the present product's density counts from the next frame on."""
+        with self._lock:
+            self.products, self.settings, self.zone = tuple(products), settings, open_zone(settings.time_zone)
+            self._by_name = {product.name: product for product in products}
+            if self.tag.product or not products:
+                self._set_tag(self.tag.product, self.tag.batch)
+            else:
+                self._restore_product()
+
     def change_product(self, name: str, by: str) -> bool:
         """Make a product the present one; return whether it was not. InputError if there is no such product."""
         with self._lock:

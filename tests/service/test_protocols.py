@@ -13,17 +13,13 @@ from beltscape.core.alarms import Alarm
 from beltscape.core.errors import InputError
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
+from beltscape.protocols.outputs.settings import OutputSettings
 from beltscape.service.live_state import LiveState
-from beltscape.service.protocols import (
-    ProtocolSettings,
-    ServedPlant,
-    check_modbus,
-    check_mqtt,
-    serve_protocols,
-)
+from beltscape.service.protocol_checks import check_modbus, check_mqtt, check_outputs
+from beltscape.service.protocols import ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from tests.protocols.broker import find_port
+from tests.protocols.broker import find_port, wait_until
 from tests.protocols.plant import make_record
 
 
@@ -81,6 +77,18 @@ def test_modbus_is_served_during_the_context_only(historian: Historian, tmp_path
     assert (tmp_path / "modbus.csv").read_text("utf-8").startswith("address,name,form")
 
 
+def test_an_absent_module_is_named_and_stops_nothing(historian: Historian, tmp_path: Path) -> None:
+    pytest.importorskip("pymodbus", reason="pip install 'beltscape[modbus]'")
+    messages: list[str] = []
+    outputs = {"host": "127.0.0.1", "port": find_port(), "pulse": {"l": 5, "kind": "counter", "address": 0}}
+    settings = ProtocolSettings(outputs=OutputSettings.model_validate(outputs))
+    plant = ServedPlant(LiveState(), historian, acknowledge)
+    with serve_protocols(settings, plant, tmp_path, messages.append):
+        wait_until(lambda: bool(messages))
+    assert "outputs: 127.0.0.1" in messages[0]
+    assert "cannot be connected" in messages[0]
+
+
 def test_an_absent_broker_stops_nothing(historian: Historian, tmp_path: Path) -> None:
     pytest.importorskip("paho", reason="pip install 'beltscape[mqtt]'")
     served = ServedPlant(LiveState(), historian, acknowledge)
@@ -94,6 +102,10 @@ def test_checks_name_what_is_served_and_what_is_missing(tmp_path: Path) -> None:
     pytest.importorskip("paho", reason="pip install 'beltscape[mqtt]'")
     pytest.importorskip("pymodbus", reason="pip install 'beltscape[modbus]'")
     assert check_mqtt(MqttSettings(host="broker", tls=True)) == "broker port 8883, TLS, topic beltscape/belt"
-    assert check_modbus(ModbusSettings(first=100)) == "127.0.0.1 port 502, registers 100 to 144"
+    assert check_modbus(ModbusSettings(first=100)) == "127.0.0.1 port 502, registers 100 to 148"
+    sparkplug = MqttSettings(host="broker", payload="sparkplug")
+    assert check_mqtt(sparkplug).endswith("topic spBv1.0/Beltscape/beltscape/belt")
+    outputs = OutputSettings.model_validate({"host": "io", "pulse": {"kg": 5, "address": 0}})
+    assert check_outputs(outputs) == "io port 502, pulses as a coil, 0 currents"
     with pytest.raises(InputError, match="no such file"):
         check_mqtt(MqttSettings(host="broker", tls_ca=tmp_path / "none.pem"))

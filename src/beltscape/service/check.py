@@ -12,7 +12,7 @@ from beltscape.pipeline.live.project import Project
 from beltscape.service.access.identity.database import FILE, Database
 from beltscape.service.production.reports import check_reports
 from beltscape.service.project import ProjectSettings
-from beltscape.service.protocols import CHECKS
+from beltscape.service.protocol_checks import CHECKS
 from beltscape.service.server import check_listening
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from importlib import import_module
 from math import nan
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,7 +12,6 @@ from typing import Any, Protocol
 from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError
-from beltscape.core.extras import describe_missing_library
 from beltscape.files.folders.atomic import write_text
 from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.protocols.modbus.settings import ModbusSettings
@@ -23,6 +21,7 @@ from beltscape.protocols.outputs.settings import OutputSettings
 from beltscape.protocols.plant import PlantState, PlantUsers, Provenance
 from beltscape.protocols.syslog.settings import SyslogSettings
 from beltscape.service.live_state import LiveState
+from beltscape.service.protocol_checks import name_library
 from beltscape.service.protocol_users import NoUsers
 from beltscape.sinks.historian import Historian
 
@@ -197,7 +196,7 @@ def _start_modbus(
     from beltscape.protocols.modbus.commands import place_commands
     from beltscape.protocols.modbus.registers import place_registers, write_csv
 
-    with _name_library("modbus"):
+    with name_library("modbus"):
         from beltscape.protocols.modbus.server import ModbusServer
     server = ModbusServer(settings, plant, data, tell, plant, plant.users)
     placed = place_registers(settings)
@@ -209,7 +208,7 @@ def _start_modbus(
 def _start_mqtt(
     settings: MqttSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
 ) -> Served:
-    with _name_library("mqtt"):
+    with name_library("mqtt"):
         from beltscape.protocols.mqtt.publisher import Publisher
     publisher = Publisher(settings, plant, data, tell)
     publisher.start()
@@ -219,7 +218,7 @@ def _start_mqtt(
 def _start_outputs(
     settings: OutputSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
 ) -> Served:
-    with _name_library("outputs"):
+    with name_library("outputs"):
         from beltscape.protocols.outputs.writer import OutputWriter
     writer = OutputWriter(settings, plant, data, tell)
     writer.start()
@@ -229,7 +228,7 @@ def _start_outputs(
 def _start_opcua(
     settings: OpcUaSettings, plant: ServedPlant, data: Path, tell: Callable[[str], None]
 ) -> Served:
-    with _name_library("opcua"):
+    with name_library("opcua"):
         from beltscape.protocols.opcua.server import OpcUaServer
     server = OpcUaServer(settings, plant, data, tell)
     server.start()
@@ -268,68 +267,3 @@ STARTERS: Mapping[str, Callable[[Any, ServedPlant, Path, Callable[[str], None]],
     "outputs": _start_outputs,
 }
 """By the name of its table in project.toml: what serves a protocol."""
-
-
-def check_mqtt(mqtt: MqttSettings) -> str:
-    """Return what would be published; InputError where it cannot be."""
-    with _name_library("mqtt"):
-        from beltscape.protocols.mqtt.publisher import check_settings
-    check_settings(mqtt)
-    secured = "TLS" if mqtt.is_encrypted else "without TLS"
-    return f"{mqtt.host} port {mqtt.broker_port}, {secured}, topic {mqtt.place}"
-
-
-def check_modbus(modbus: ModbusSettings) -> str:
-    """Return what would be served; InputError where it cannot be."""
-    from beltscape.protocols.modbus.commands import place_commands
-    from beltscape.protocols.modbus.registers import place_registers
-
-    with _name_library("modbus"):
-        import_module("pymodbus")
-    registers = place_registers(modbus)
-    place_commands(modbus, registers)
-    last = registers[-1].address + registers[-1].words - 1
-    return f"{modbus.host} port {modbus.port}, registers {registers[0].address} to {last}"
-
-
-def check_opcua(opcua: OpcUaSettings) -> str:
-    """Return what would be served; InputError where it cannot be."""
-    with _name_library("opcua"):
-        from beltscape.protocols.opcua.security.certificates import read_certificate
-    given = read_certificate(opcua)
-    own = "a certificate of its own" if given is None else given.describe()
-    return f"{opcua.host} port {opcua.port}, least security {opcua.security}, {own}"
-
-
-def check_syslog(syslog: SyslogSettings) -> str:
-    """Return where alarms would go; InputError where they cannot."""
-    from beltscape.protocols.syslog.sender import check_settings
-
-    return check_settings(syslog)
-
-
-def check_outputs(outputs: OutputSettings) -> str:
-    """Return what would be written; InputError where it cannot be."""
-    with _name_library("outputs"):
-        import_module("pymodbus")
-    pulse = "no pulses" if outputs.pulse is None else f"pulses as a {outputs.pulse.kind}"
-    return f"{outputs.host} port {outputs.port}, {pulse}, {len(outputs.analogue)} currents"
-
-
-CHECKS: Mapping[str, Callable[[Any], str]] = {
-    "mqtt": check_mqtt,
-    "modbus": check_modbus,
-    "opcua": check_opcua,
-    "syslog": check_syslog,
-    "outputs": check_outputs,
-}
-"""By the name of its table: returns one line about a protocol; InputError where it cannot be served."""
-
-
-@contextmanager
-def _name_library(table: str) -> Generator[None]:
-    """Turn the absence of a library into an InputError that names the table and the line to type."""
-    try:
-        yield
-    except ImportError as error:
-        raise InputError(f"[{table}]: {describe_missing_library(error) or error}") from error

@@ -1,0 +1,81 @@
+"""The check of each protocol before it is served, and the library that it needs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
+from typing import Any
+
+from beltscape.core.errors import InputError
+from beltscape.core.extras import describe_missing_library
+from beltscape.protocols.modbus.settings import ModbusSettings
+from beltscape.protocols.mqtt.settings import MqttSettings
+from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.outputs.settings import OutputSettings
+from beltscape.protocols.syslog.settings import SyslogSettings
+
+
+@contextmanager
+def name_library(table: str) -> Generator[None]:
+    """Turn the absence of a library into an InputError that names the table and the line to type."""
+    try:
+        yield
+    except ImportError as error:
+        raise InputError(f"[{table}]: {describe_missing_library(error) or error}") from error
+
+
+def check_mqtt(mqtt: MqttSettings) -> str:
+    """Return what would be published; InputError where it cannot be."""
+    with name_library("mqtt"):
+        from beltscape.protocols.mqtt.publisher import check_settings
+    check_settings(mqtt)
+    secured = "TLS" if mqtt.is_encrypted else "without TLS"
+    return f"{mqtt.host} port {mqtt.broker_port}, {secured}, topic {mqtt.place}"
+
+
+def check_modbus(modbus: ModbusSettings) -> str:
+    """Return what would be served; InputError where it cannot be."""
+    from beltscape.protocols.modbus.commands import place_commands
+    from beltscape.protocols.modbus.registers import place_registers
+
+    with name_library("modbus"):
+        import_module("pymodbus")
+    registers = place_registers(modbus)
+    place_commands(modbus, registers)
+    last = registers[-1].address + registers[-1].words - 1
+    return f"{modbus.host} port {modbus.port}, registers {registers[0].address} to {last}"
+
+
+def check_opcua(opcua: OpcUaSettings) -> str:
+    """Return what would be served; InputError where it cannot be."""
+    with name_library("opcua"):
+        from beltscape.protocols.opcua.security.certificates import read_certificate
+    given = read_certificate(opcua)
+    own = "a certificate of its own" if given is None else given.describe()
+    return f"{opcua.host} port {opcua.port}, least security {opcua.security}, {own}"
+
+
+def check_syslog(syslog: SyslogSettings) -> str:
+    """Return where alarms would go; InputError where they cannot."""
+    from beltscape.protocols.syslog.sender import check_settings
+
+    return check_settings(syslog)
+
+
+def check_outputs(outputs: OutputSettings) -> str:
+    """Return what would be written; InputError where it cannot be."""
+    with name_library("outputs"):
+        import_module("pymodbus")
+    pulse = "no pulses" if outputs.pulse is None else f"pulses as a {outputs.pulse.kind}"
+    return f"{outputs.host} port {outputs.port}, {pulse}, {len(outputs.analogue)} currents"
+
+
+CHECKS: Mapping[str, Callable[[Any], str]] = {
+    "mqtt": check_mqtt,
+    "modbus": check_modbus,
+    "opcua": check_opcua,
+    "syslog": check_syslog,
+    "outputs": check_outputs,
+}
+"""By the name of its table: returns one line about a protocol; InputError where it cannot be served."""

@@ -79,6 +79,7 @@ async function main() {
       flow: await read(session, "Monitoring.Process.VolumeFlowRate"),
       speed: await read(session, "Monitoring.Process.BeltSpeed"),
       unit: await readUnit(session),
+      total: (await read(session, "Components.Scale.MasterTotalizer.TotalizedValue"))[1],
       history: await readHistory(session),
       calls: [await call(session, "StartBatch", ["truck", ""]), await call(session, "StopBatch", [])],
       ...(await subscribe(session, mode)),

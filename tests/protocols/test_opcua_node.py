@@ -56,6 +56,7 @@ def test_node_opcua_browses_reads_subscribes_and_calls(tmp_path: Path) -> None:
         assert one["flow"][:2] == ["Good", 123.4]
         assert one["speed"][:2] == ["BadSensorFailure", None]
         assert one["unit"] == ["t/h", 0x453138]
+        assert one["total"] == {"gross": 0, "net": 0, "tare": 0}
         assert one["history"] == list(range(1, records + 1))
         assert one["calls"] == ["Good", "BadInvalidState"]
         assert one["seen"] == list(range(records, records + 31))

@@ -79,6 +79,7 @@ class Argument:
     ValueRank: ValueRank
 
 class NodeClass(IntEnum):
+    DataType = ...
     Object = ...
     ObjectType = ...
     Variable = ...
@@ -107,7 +108,31 @@ class SecurityPolicyType(Enum):
     Basic256Sha256_Sign = ...
     Basic256Sha256_SignAndEncrypt = ...
 
+Double = float
+
 class ExtensionObject: ...
+
+class AttributeIds(IntEnum):
+    DataTypeDefinition = ...
+
+class StructureType(IntEnum):
+    Structure = ...
+
+class StructureField:
+    Name: str
+    DataType: NodeId
+    ValueRank: ValueRank
+    IsOptional: bool
+
+class StructureDefinition:
+    BaseDataType: NodeId
+    DefaultEncodingId: NodeId
+    StructureType: StructureType
+    Fields: list[StructureField]
+
+class DataTypeAttributes:
+    DisplayName: LocalizedText
+    IsAbstract: bool
 
 class ObjectAttributes:
     DisplayName: LocalizedText
@@ -205,4 +230,7 @@ class HistoryUpdateResult:
     StatusCode: StatusCode
     def __init__(self, StatusCode: StatusCode = ...) -> None: ...
 
+def register_extension_object(
+    name: str, encoding_nodeid: NodeId, class_type: type, datatype_nodeid: NodeId
+) -> None: ...
 def get_win_epoch() -> datetime: ...

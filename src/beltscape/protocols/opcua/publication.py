@@ -12,6 +12,7 @@ from asyncua.server.internal_server import InternalServer
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.protocols.opcua.model.namespaces import CONVEYING, own_id
 from beltscape.protocols.opcua.model.quantities import QUANTITIES, RECORD_QUANTITIES
+from beltscape.protocols.opcua.model.weight import make_weight
 from beltscape.protocols.plant import Plant, PlantState, Provenance
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -64,7 +65,10 @@ class Publication:
     def _list_values(self, state: PlantState) -> Iterator[tuple[str, ua.DataValue]]:
         for quantity in QUANTITIES:
             value = quantity.read(state)
-            yield quantity.path, make_value(value, quantity.find_status(state, value), state.wall_ns)
+            shown = make_value(value, quantity.find_status(state, value), state.wall_ns)
+            if quantity.is_weight:
+                shown.Value = make_weight(value)
+            yield quantity.path, shown
         time = to_datetime(state.wall_ns)
         for path, variant in _list_facts(state):
             yield path, ua.DataValue(variant, SourceTimestamp=time)

@@ -26,6 +26,7 @@ from beltscape.protocols.opcua.model.belt import add_belt
 from beltscape.protocols.opcua.model.builder import Builder
 from beltscape.protocols.opcua.model.namespaces import URIS
 from beltscape.protocols.opcua.model.types import add_types
+from beltscape.protocols.opcua.model.weight import add_weight_type
 from beltscape.protocols.opcua.publication import Publication
 from beltscape.protocols.opcua.security.certificates import ClientCertificates, open_own_certificate
 from beltscape.protocols.opcua.security.sessions import GuardedServer
@@ -157,6 +158,7 @@ class OpcUaServer:
     async def _add_nodes(self, guarded: GuardedServer) -> list[Update]:
         """Add all nodes, with their first values, and return what shows a new state."""
         builder = Builder(guarded)
+        await add_weight_type(guarded, builder)
         add_types(builder)
         add_belt(builder, self._settings, self.own.application, self._plant.provenance)
         commands = Commands(guarded, builder, self._plant, self._plant.users)

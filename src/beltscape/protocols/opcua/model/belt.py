@@ -28,6 +28,7 @@ from beltscape.protocols.opcua.model.namespaces import (
 )
 from beltscape.protocols.opcua.model.quantities import QUANTITIES, RECORD_QUANTITIES, Quantity
 from beltscape.protocols.opcua.model.units import make_unit
+from beltscape.protocols.opcua.model.weight import make_weight
 from beltscape.protocols.opcua.settings import OpcUaSettings
 from beltscape.protocols.plant import Provenance
 
@@ -36,6 +37,8 @@ _COMPONENT, _ADD_IN = ua.ObjectIds.HasComponent, ua.ObjectIds.HasAddIn
 _MANUFACTURER = "Beltscape"
 _MOST_T_H = 100_000.0
 """End of the flow's range where the settings give none, t/h: the largest belts carry some 40,000."""
+_MOST_T = 1e10
+"""End of the total's range, t: ten years of the largest belt are a third of it."""
 _GROUPS: tuple[tuple[str, int, ua.NodeId, int], ...] = (
     ("Belt.MachineryBuildingBlocks", MACHINERY, _FOLDER, _COMPONENT),
     ("Belt.Components", MACHINERY, MACHINE_COMPONENTS_TYPE, _ADD_IN),
@@ -163,15 +166,21 @@ def _add_texts(builder: Builder, node: ua.NodeId, texts: dict[str, str], names: 
 
 def _add_quantity(builder: Builder, quantity: Quantity, settings: OpcUaSettings) -> None:
     node, parent = own_id(quantity.path), _find_parent(quantity.path)
+    value = make_weight(0.0) if quantity.is_weight else ua.Variant(0.0, ua.VariantType.Double)
     builder.add_variable(
-        node, parent, quantity.name, ua.Variant(0.0, ua.VariantType.Double), quantity.kind,
-        text=quantity.text, historic=quantity.record is not None,
-    )  # fmt: skip
+        node,
+        parent,
+        quantity.name,
+        value,
+        quantity.kind,
+        text=quantity.text,
+        historic=quantity.record is not None,
+    )
     _add_unit(builder, node, quantity.unit)
     if quantity.kind == MEASURED_ITEM_TYPE:
-        full = ua.Range(0.0, _MOST_T_H if settings.full_t_h is None else settings.full_t_h)
-        value = ua.Variant(full, ua.VariantType.ExtensionObject)
-        builder.add_property(_below(node, "EURange"), node, ua.QualifiedName("EURange", 0), value)
+        most = _MOST_T if quantity.is_weight else settings.full_t_h or _MOST_T_H
+        span = ua.Variant(ua.Range(0.0, most), ua.VariantType.ExtensionObject)
+        builder.add_property(_below(node, "EURange"), node, ua.QualifiedName("EURange", 0), span)
 
 
 def _add_records(builder: Builder) -> None:

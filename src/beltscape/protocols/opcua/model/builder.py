@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from asyncua import ua
 from asyncua.crypto.permission_rules import User, UserRole
@@ -39,6 +40,16 @@ class Builder:
         attributes.DisplayName = ua.LocalizedText(name.Name)
         attributes.IsAbstract = abstract
         kind = ua.NodeClass.ObjectType
+        return self._add(node, parent, name, ua.ObjectIds.HasSubtype, kind, attributes, ua.NodeId())
+
+    def add_data_type(
+        self, node: ua.NodeId, parent: ua.NodeId, name: ua.QualifiedName, *, abstract: bool
+    ) -> ua.NodeId:
+        """Add a subtype of a data type."""
+        attributes = ua.DataTypeAttributes()
+        attributes.DisplayName = ua.LocalizedText(name.Name)
+        attributes.IsAbstract = abstract
+        kind = ua.NodeClass.DataType
         return self._add(node, parent, name, ua.ObjectIds.HasSubtype, kind, attributes, ua.NodeId())
 
     def add_variable_type(self, node: ua.NodeId, parent: ua.NodeId, name: ua.QualifiedName) -> ua.NodeId:
@@ -138,5 +149,6 @@ def _identify(kind: ua.NodeId | int) -> ua.NodeId:
 def _find_data_type(value: ua.Variant) -> ua.NodeId:
     if value.VariantType is not ua.VariantType.ExtensionObject:
         return ua.NodeId(value.VariantType.value)
-    first = value.Value[0] if value.is_array else value.Value
-    return ua.NodeId(getattr(ua.ObjectIds, type(first).__name__))
+    first: Any = value.Value[0] if value.is_array else value.Value
+    data_type: ua.NodeId = first.data_type
+    return data_type

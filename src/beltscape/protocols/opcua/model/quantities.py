@@ -46,6 +46,11 @@ class Quantity:
     kind: ua.NodeId = _ANALOGUE
 
     @property
+    def is_weight(self) -> bool:
+        """Return whether OPC 40200 states it as a structure of gross, net and tare."""
+        return self.namespace == SCALES and self.unit == "t"
+
+    @property
     def name(self) -> ua.QualifiedName:
         """Return its browse name."""
         return ua.QualifiedName(self.path.rpartition(".")[2], self.namespace)
@@ -149,6 +154,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     Quantity(
         f"{_SCALE}.MasterTotalizer.TotalizedValue", "t", "mass of all records",
         lambda s: s.totals.mass_kg * 1e-3, "total", absent=_NO_DENSITY, namespace=SCALES,
+        kind=MEASURED_ITEM_TYPE,
     ),
     Quantity("Belt.Totals.Volume", "m³", "volume of all records", lambda s: s.totals.volume_mm3 * 1e-9, "total"),
     Quantity(

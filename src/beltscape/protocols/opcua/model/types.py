@@ -137,7 +137,12 @@ _TYPES: tuple[ObjectType, ...] = (
         (Member("Identification", DI, ITEM_IDENTIFICATION_TYPE),),
         is_abstract=True,
     ),
-    ObjectType(TOTALIZER_TYPE, "TotalizerType", ua.NodeId(ua.ObjectIds.BaseObjectType)),
+    ObjectType(
+        TOTALIZER_TYPE,
+        "TotalizerType",
+        ua.NodeId(ua.ObjectIds.BaseObjectType),
+        (Member("TotalizedValue", SCALES, MEASURED_ITEM_TYPE),),
+    ),
     ObjectType(
         CONTINUOUS_SCALE_TYPE,
         "ContinuousScaleType",

@@ -137,21 +137,21 @@ def test_every_change_arrives_once_in_order(kind: str, tmp_path: Path) -> None:
 def test_tls_checks_the_certificate_of_the_server(tmp_path: Path) -> None:
     server, more = make_server("tls", tmp_path)
     other, _ = make_certificate(tmp_path, "other")
-    told: list[str] = []
+    lines: list[str] = []
     with closing(server):
-        sender = SyslogSender(settings(server, **{**more, "tls_ca": other}), told.append)
+        sender = SyslogSender(settings(server, **{**more, "tls_ca": other}), lines.append)
         sender.start()
         sender.on_alarms(change(0))
         wait_until(lambda: bool(sender.trouble))
         assert "certificate verify failed" in sender.trouble and server.received == []
         sender.close(0.2)
-    assert "certificate verify failed" in told[0]
+    assert "certificate verify failed" in lines[0]
 
 
 def test_what_waits_is_sent_after_the_server_was_away() -> None:
     first = Server("tcp")
-    told: list[str] = []
-    sender = SyslogSender(settings(first), told.append)
+    lines: list[str] = []
+    sender = SyslogSender(settings(first), lines.append)
     sender.start()
     for k in range(10):
         sender.on_alarms(change(k))
@@ -165,14 +165,14 @@ def test_what_waits_is_sent_after_the_server_was_away() -> None:
         wait_until(lambda: len(second.received) == 30)
         sender.close()
     assert [one.number for one in second.received] == list(range(11, 41))
-    assert sender.lost == 0 and "connected" in told[-1]
+    assert sender.lost == 0 and "connected" in lines[-1]
 
 
 def test_a_full_queue_drops_the_oldest_and_says_so_to_both_sides() -> None:
     away = Server("tcp")
     away.close()
-    told: list[str] = []
-    sender = SyslogSender(settings(away, queue=5), told.append)
+    lines: list[str] = []
+    sender = SyslogSender(settings(away, queue=5), lines.append)
     sender.start()
     began_s = time.perf_counter()
     for k in range(100):
@@ -186,7 +186,7 @@ def test_a_full_queue_drops_the_oldest_and_says_so_to_both_sides() -> None:
     losses, *rest = server.received
     assert (losses.msgid, losses.alarm) == ("losses", {"lost": "95"})
     assert [one.number for one in rest] == list(range(97, 102))  # the gap is as long as the losses
-    assert any("95 messages were dropped" in line for line in told)
+    assert any("95 messages were dropped" in line for line in lines)
 
 
 def test_a_server_that_takes_nothing_delays_nobody() -> None:

@@ -25,7 +25,7 @@ from beltscape.pipeline.live.measuring_parts import make_measuring_parts, read_r
 from beltscape.pipeline.live.monitoring.gauges import Gauges
 from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
 from beltscape.pipeline.live.operation.production import ProductionControl
-from beltscape.pipeline.live.operation.shelf import Shelf
+from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.reporting.event_log import EventLog
@@ -133,7 +133,7 @@ def _assemble_around(
         writers=writers,
         recorder=Recorder(options.data / "recordings", settings.recording) if options.record else None,
         board=AlarmBoard(settings.alarms, read_alarm_texts(project)),
-        shelf=Shelf(options.data),
+        hidden_alarms=HiddenAlarms(options.data),
         inspector=parts.inspector,
         gauges=Gauges(parts.full_area_mm2, parts.stale_s),
         observer=observer,

@@ -20,7 +20,7 @@ class OperatorControls:
         recorder = components.recorder
         self._alarms = AlarmControl(
             components.board,
-            components.shelf,
+            components.hidden_alarms,
             self._events,
             components.observer,
             (lambda _: None) if recorder is None else recorder.keep,

@@ -51,7 +51,7 @@ class Engine(OperatorControls):
         present = self._components.maintenance.current
         if present is not None:
             self._components.observer.on_maintenance(present)
-        if trouble := self._components.shelf.trouble:
+        if trouble := self._components.hidden_alarms.trouble:
             self._components.reporter.warn(trouble)
         self._alarms.start()
         for thread in self._threads:

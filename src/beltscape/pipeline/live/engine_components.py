@@ -16,7 +16,7 @@ from beltscape.pipeline.live.measurement.measurement_run import MeasurementConte
 from beltscape.pipeline.live.monitoring.gauges import Gauges
 from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
 from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
-from beltscape.pipeline.live.operation.shelf import Shelf
+from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.operation.zero import ZeroControl
 from beltscape.pipeline.live.reporting.finding_log import FindingLog
 from beltscape.pipeline.live.writer import Writer
@@ -73,6 +73,6 @@ class EngineComponents:
     follow_timetable: Callable[[], None] = lambda: None
     """Called twice a second: changes the product by the timetable."""
     learned_images: LearnedImages = field(default_factory=LearnedImages)
-    shelf: Shelf = field(default_factory=lambda: Shelf(None))
+    hidden_alarms: HiddenAlarms = field(default_factory=lambda: HiddenAlarms(None))
     maintenance: MaintenanceMode = field(default_factory=lambda: MaintenanceMode(None))
     finding_log: FindingLog = field(default_factory=FindingLog)

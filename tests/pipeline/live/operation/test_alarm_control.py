@@ -13,7 +13,7 @@ from beltscape.alarms.management.settings import ShelvingSettings
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.pipeline.live.operation.alarm_control import AlarmControl
-from beltscape.pipeline.live.operation.shelf import Shelf
+from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
@@ -31,7 +31,7 @@ class Run:
     control: AlarmControl
     watcher: Watcher
     historian: Historian
-    kept: list[str]
+    recordings: list[str]
 
     def texts(self) -> list[str]:
         """Return name, text and user of the journal's entries, oldest first."""
@@ -43,7 +43,7 @@ def open_run(folder: Path, shelving: ShelvingSettings | None = None) -> Run:
     settings = SETTINGS.model_copy(update={"shelving": shelving or ShelvingSettings()})
     historian, watcher, kept = Historian(folder, HistorySettings(reserve_mib=1)), Watcher(), []
     control = AlarmControl(
-        AlarmBoard(settings), Shelf(folder), EventLog(historian, Silent()), watcher, kept.append
+        AlarmBoard(settings), HiddenAlarms(folder), EventLog(historian, Silent()), watcher, kept.append
     )  # fmt: skip
     control.start()
     control.update(GOOD)
@@ -116,9 +116,9 @@ def test_what_must_not_be_is_refused_in_one_line(tmp_path: Path) -> None:
 def test_a_critical_alarm_keeps_the_frames_unless_it_is_hidden(tmp_path: Path) -> None:
     run = open_run(tmp_path)
     run.control.update(replace(GOOD, history_trouble="no space left"))
-    assert run.kept == ["disk_full"]
+    assert run.recordings == ["disk_full"]
     run.control.shelve("disk_full", "known", 5, "ada")
     run.control.update(GOOD)
     run.control.update(replace(GOOD, history_trouble="no space left"))
-    assert run.kept == ["disk_full"]
+    assert run.recordings == ["disk_full"]
     run.historian.close()

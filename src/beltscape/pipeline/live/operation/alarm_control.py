@@ -11,29 +11,29 @@ from beltscape.alarms.readings import Readings
 from beltscape.core.alarms import Alarm
 from beltscape.core.errors import InputError
 from beltscape.core.live import Observer
-from beltscape.pipeline.live.operation.shelf import Shelf
+from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.reporting.event_log import EventLog
 
 
 class AlarmControl:
-    """Connects the board of alarms with the journal, the shelf and the observers; implements `AlarmControls`."""
+    """Connects the board of alarms with the journal, the hidden alarms and the observers; implements `AlarmControls`."""
 
     def __init__(
         self,
         board: AlarmBoard,
-        shelf: Shelf,
+        hidden_alarms: HiddenAlarms,
         events: EventLog,
         observer: Observer,
         keep_frames: Callable[[str], object],
     ) -> None:
         """Join them; ``keep_frames`` keeps the recording ring for a critical alarm."""
-        self._board, self._shelf = board, shelf
+        self._board, self._hidden_alarms = board, hidden_alarms
         self._events, self._observer, self._keep_frames = events, observer, keep_frames
-        board.hide(shelf.hidden)
+        board.hide(hidden_alarms.hidden)
 
     def start(self) -> None:
         """Note the start of the program in the journal: alarms begin clear, hidden ones stay hidden."""
-        hidden = sorted(self._shelf.hidden)
+        hidden = sorted(self._hidden_alarms.hidden)
         text = f"alarms are evaluated from the start; hidden: {', '.join(hidden) or 'none'}"
         self._events.add(
             "alarm", "journal", text, time_ns(), parameters={"action": "start", "hidden": hidden}
@@ -42,7 +42,7 @@ class AlarmControl:
     def update(self, readings: Readings) -> None:
         """Evaluate the alarms and journal every change, also of a hidden one."""
         wall_ns = time_ns()
-        for name in self._shelf.remove_ended():
+        for name in self._hidden_alarms.remove_ended():
             self._events.add("alarm", name, "shelving ends", wall_ns, parameters={"action": "unshelved"})
             self._show(name)
         for alarm in self._board.update(readings, wall_ns, monotonic_ns()):
@@ -81,7 +81,7 @@ class AlarmControl:
             )
         if present.suppression is not None and present.suppression.kind == "out_of_service":
             raise InputError(f"{alarm}: is out of service; return it to service first")
-        shelved = self._shelf.shelve(alarm, reason, minutes, by)
+        shelved = self._hidden_alarms.shelve(alarm, reason, minutes, by)
         until_ms = (shelved.until_ns or 0) // 1_000_000
         parameters = {"action": "shelved", "reason": reason, "minutes": minutes, "until_ms": until_ms}
         self._events.add("alarm", alarm, f"shelved for {minutes:g} min: {reason}", time_ns(), by, parameters)
@@ -90,14 +90,14 @@ class AlarmControl:
     def take_out_of_service(self, alarm: str, reason: str, by: str) -> None:
         """Hide an alarm until it is returned to service."""
         self._require(alarm)
-        self._shelf.take_out_of_service(alarm, reason, by)
+        self._hidden_alarms.take_out_of_service(alarm, reason, by)
         parameters = {"action": "out_of_service", "reason": reason}
         self._events.add("alarm", alarm, f"out of service: {reason}", time_ns(), by, parameters)
         self._hide()
 
     def return_to_service(self, alarm: str, by: str) -> None:
         """Show an alarm again; InputError if it is not hidden by a person."""
-        removed = self._shelf.remove(alarm)
+        removed = self._hidden_alarms.remove(alarm)
         if removed is None:
             raise InputError(f"{alarm}: is neither shelved nor out of service")
         action = "unshelved" if removed.kind == "shelved" else "in_service"
@@ -121,12 +121,12 @@ class AlarmControl:
         return present
 
     def _hide(self) -> None:
-        self._board.hide(self._shelf.hidden)
+        self._board.hide(self._hidden_alarms.hidden)
         self._observer.on_alarms(self._board.alarms)
 
     def _show(self, alarm: str) -> None:
         """Show an alarm that was hidden, and journal it where its condition holds."""
-        self._board.hide(self._shelf.hidden)
+        self._board.hide(self._hidden_alarms.hidden)
         present = self._board.get(alarm)
         if present is not None and present.state != "clear":
             self._events.add_alarm(present, time_ns())

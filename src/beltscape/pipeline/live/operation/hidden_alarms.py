@@ -21,7 +21,7 @@ _MINUTE_S, _S_NS = 60.0, 1_000_000_000
 _NEVER_S = float("inf")
 
 
-class Shelf:
+class HiddenAlarms:
     """The alarms that people have hidden, by name; changed and read from any thread.
 
     The time of shelving runs by the monotonic clock; after a restart, by the system clock that the file states.

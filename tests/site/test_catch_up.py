@@ -7,8 +7,10 @@ import random
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from beltscape.site import follower as follower_module
+from beltscape.site.answers import RecordAnswer
 from beltscape.site.catch_up import Gap, Sums
 from beltscape.site.faults import BeltFaultError
 from beltscape.site.follower import BeltFollower
@@ -147,3 +149,14 @@ def test_a_clock_that_is_off_is_named_and_its_ledger_is_not_complete(tmp_path: P
     belt.clock_ms = START_MS + 1000
     follower.poll(belt)
     assert any("no longer: its clock" in text for text in messages)
+
+
+def test_answers_that_no_belt_gives_are_refused() -> None:
+    good = make_record(7, START_MS).model_dump()
+    bad = [
+        {"number": -1}, {"number": 2**70}, {"wall_ms": -5}, {"wall_ms": 1 << 62}, {"volume_m3": float("inf")},
+        {"sigma_m3": float("nan")}, {"standing": "good"}, {"from_m": "x"}, {"run": None},
+    ]  # fmt: skip
+    for values in bad:
+        with pytest.raises(ValidationError):
+            RecordAnswer.model_validate({**good, **values})

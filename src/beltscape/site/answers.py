@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.belt.ledger_entries import Standing
 
+_Number = Annotated[int, Field(ge=0, le=2**53)]
+_WallMs = Annotated[int, Field(ge=0, le=4_102_444_800_000)]
+"""System clock, ms since 1970, up to the beginning of 2100."""
+
 
 class _Answer(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="ignore")
+    model_config = ConfigDict(frozen=True, extra="ignore", allow_inf_nan=False)
 
 
 class PageAnswer(_Answer):
@@ -88,7 +92,7 @@ class MaintenanceAnswer(_Answer):
 class StateAnswer(_Answer):
     """GET /api/state."""
 
-    wall_ms: int
+    wall_ms: _WallMs
     frames: FramesAnswer
     flow: FlowAnswer
     totals: TotalsAnswer
@@ -101,9 +105,9 @@ class StateAnswer(_Answer):
 class RecordAnswer(_Answer):
     """An entry of the ledger, GET /api/records."""
 
-    number: int
-    run: int
-    wall_ms: int
+    number: _Number
+    run: _Number
+    wall_ms: _WallMs
     from_m: float
     to_m: float
     standing: Standing

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ssl
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Any, TypeVar
 
 import httpx
@@ -53,9 +54,13 @@ class BeltClient:
         """Return the next records with numbers above ``after``, not older than ``since_ms``, in order."""
         query = {"since_ms": max(since_ms, 0), "until_ms": _END_MS, "limit": RECORDS, "after": after}
         try:
-            return _RECORDS_OF.validate_python(self._get("/api/records", query))
+            records = _RECORDS_OF.validate_python(self._get("/api/records", query))
         except ValidationError as error:
             raise self._make_foreign(_describe(error)) from error
+        numbers = [after, *(record.number for record in records)]
+        if any(later <= earlier for earlier, later in pairwise(numbers)):
+            raise self._make_foreign("its records are not in the order of their numbers")
+        return records
 
     def close(self) -> None:
         """Close the connections."""

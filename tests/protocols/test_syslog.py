@@ -17,8 +17,8 @@ from beltscape.core.alarms import Alarm, Suppression
 from beltscape.core.errors import InputError
 from beltscape.protocols.syslog.messages import (
     UDP_BYTES,
-    SyslogMessage,
     Origin,
+    SyslogMessage,
     describe_change,
     format_message,
     frame_octets,

@@ -23,9 +23,9 @@ from beltscape.pipeline.live.measurement.ledger import LedgerState
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.measuring_parts import make_measuring_parts, read_run_rig
 from beltscape.pipeline.live.monitoring.gauges import Gauges
+from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
 from beltscape.pipeline.live.operation.production import ProductionControl
-from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.reporting.event_log import EventLog

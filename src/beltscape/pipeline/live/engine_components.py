@@ -15,8 +15,8 @@ from beltscape.pipeline.live.intake.frame_queue import FrameQueue
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.monitoring.gauges import Gauges
 from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
-from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
 from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
+from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
 from beltscape.pipeline.live.operation.zero import ZeroControl
 from beltscape.pipeline.live.reporting.finding_log import FindingLog
 from beltscape.pipeline.live.writer import Writer

@@ -16,7 +16,7 @@ from beltscape.pipeline.live.reporting.event_log import EventLog
 
 
 class AlarmControl:
-    """Connects the board of alarms with the journal, the hidden alarms and the observers; implements `AlarmControls`."""
+    """Connects the board with the journal, the hidden alarms and the observers; implements `AlarmControls`."""
 
     def __init__(
         self,

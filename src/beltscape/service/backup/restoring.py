@@ -57,7 +57,7 @@ class _Plan:
     present: set[str] = field(default_factory=set[str])
     """Files outside the project's folder that are there already as they were."""
 
-    def stage(self, place: Path) -> Path:
+    def add_place(self, place: Path) -> Path:
         """Return the path beside a place in which its content is written."""
         return self.staged.setdefault(place, place.with_name(f".{place.name}.{os.getpid()}.restore"))
 
@@ -90,7 +90,7 @@ def restore_backup(
         try:
             _take(backup, manifest, files, lambda name: _locate(plan, manifest, name), reporter)
             if data is not None:
-                _set_data(plan.stage(folder) / manifest.project, data)
+                _set_data(plan.add_place(folder) / manifest.project, data)
             moved = _exchange(plan)
         except OSError as error:
             raise output_error(Path(error.filename or folder), error) from error
@@ -146,9 +146,9 @@ def _list_folder(backup: Path, manifest: Manifest) -> Iterator[tuple[str, IO[byt
 def _make_plan(manifest: Manifest, folder: Path, data: Path | None) -> _Plan:
     place = folder / manifest.data if data is None else data
     plan = _Plan(folder.absolute(), place.absolute())
-    plan.stage(plan.folder)
+    plan.add_place(plan.folder)
     if not plan.data.is_relative_to(plan.folder):
-        plan.stage(plan.data)
+        plan.add_place(plan.data)
     for name, outside in manifest.outside.items():
         path, entry = Path(outside), manifest.files.get(name)
         if entry is not None and path.is_file() and hash_file(path) == entry.sha256:
@@ -174,12 +174,12 @@ def _locate(plan: _Plan, manifest: Manifest, name: str) -> Path | None:
     """Return where a file of the backup is written first; None if it is in its place already."""
     kind, *rest = PurePosixPath(name).parts
     if kind == PROJECT:
-        return plan.stage(plan.folder).joinpath(*rest)
+        return plan.add_place(plan.folder).joinpath(*rest)
     if kind == DATA:
         if plan.data.is_relative_to(plan.folder):
-            return plan.stage(plan.folder) / plan.data.relative_to(plan.folder).joinpath(*rest)
-        return plan.stage(plan.data).joinpath(*rest)
-    return None if name in plan.present else plan.stage(Path(manifest.outside[name]))
+            return plan.add_place(plan.folder) / plan.data.relative_to(plan.folder).joinpath(*rest)
+        return plan.add_place(plan.data).joinpath(*rest)
+    return None if name in plan.present else plan.add_place(Path(manifest.outside[name]))
 
 
 def _take(

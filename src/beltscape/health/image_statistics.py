@@ -66,6 +66,11 @@ class ImageStatistics:
     """Exposure time of the image; 1 where it never changes, NaN where it is not known."""
 
     @property
+    def amplitude(self) -> FloatArray:
+        """Root of the texture's variance, `GRID`, levels: under speckle the amplitude of the projected light."""
+        return np.asarray(np.sqrt(self.fine + self.coarse), np.float32)
+
+    @property
     def contrasts(self) -> FloatArray:
         """Root of the texture's variance over the level, `GRID`."""
         return _compute_contrasts(self.fine + self.coarse, self.level)

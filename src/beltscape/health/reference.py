@@ -41,6 +41,8 @@ class CameraReference:
     """Spread between blocks of the camera itself."""
     level: FloatArray
     """`GRID` median level, counts of 255, at the exposure time `exposure_us`."""
+    amplitude: FloatArray
+    """`GRID` median amplitude of the texture, as ``level``; NaN in references of versions that did not keep it."""
     exposure_us: float = 1.0
 
 
@@ -86,6 +88,10 @@ def _learn_camera(frames: Sequence[FrameStatistics], name: str) -> CameraReferen
         offsets = [compare_cameras(frame, value)[name] for frame in frames if len(frame) > 1]
         return float(np.clip(np.median(offsets), -limit, limit)) if offsets else float("nan")
 
+    def learn_grid(value: Callable[[ImageStatistics], FloatArray]) -> FloatArray:
+        values = [value(one) * (first.exposure_us / one.exposure_us) for one in own]
+        return np.median(values, axis=0).astype(np.float32)
+
     return CameraReference(
         mean_level=learn_offset(log_brightness),
         contrast=learn_offset(log_contrast),
@@ -94,9 +100,8 @@ def _learn_camera(frames: Sequence[FrameStatistics], name: str) -> CameraReferen
         own_contrast=float(np.median([log_contrast(one) for one in own])),
         own_sharpness=float(np.median([log_sharpness(one) for one in own])),
         own_shading=float(np.median([log_shading(one) for one in own])),
-        level=np.median([one.level * (first.exposure_us / one.exposure_us) for one in own], axis=0).astype(
-            np.float32
-        ),
+        level=learn_grid(lambda one: one.level),
+        amplitude=learn_grid(lambda one: one.amplitude),
         exposure_us=first.exposure_us,
     )
 

@@ -39,9 +39,15 @@ def make_frame(
     *,
     speckle: bool = True,
     standing: bool = False,
+    lamp: float = 1.0,
+    hall: float = 1.0,
+    stones: float = 1.0,
 ) -> FrameSet:
-    """Return frame ``number``; ``change`` receives the noise-free levels of every camera."""
-    scene = _draw_scene(0 if standing else number, speckle)
+    """Return frame ``number``; ``change`` receives the noise-free levels of every camera.
+
+    ``lamp``, ``hall`` and ``stones`` multiply the projector's light, the hall's, and the material's reflectance.
+    """
+    scene = _draw_scene(0 if standing else number, speckle, lamp, hall, stones)
     images = {
         name: add_noise(change(name, GAINS[name] * scene), (number, index))
         for index, name in enumerate(NAMES)
@@ -61,18 +67,18 @@ def blur(light: Levels, sigma_px: float) -> Levels:
     return np.asarray(cv2.GaussianBlur(light, (0, 0), sigma_px), np.float32)
 
 
-def _draw_scene(number: int, speckle: bool) -> Levels:
+def _draw_scene(number: int, speckle: bool, lamp: float, hall: float, stones_share: float) -> Levels:
     width, height = SIZE
     # stones of differing reflectance that travel down the picture; bare belt on both sides
     stones = np.random.default_rng(1).uniform(0.5, 3.0, (400, 20)).astype(np.float32)
     first = 300 * 12 - number * TRAVEL_PX
     material = cv2.resize(stones, (20 * 12, 400 * 12), interpolation=cv2.INTER_NEAREST)
     reflectance = np.ones((height, width), np.float32)
-    reflectance[:, 80:320] = material[first : first + height]
+    reflectance[:, 80:320] = stones_share * material[first : first + height]
     reflectance[:, :12] = 0.1  # beside the belt
     dots = np.random.default_rng(2).random((height, width)) < 0.06
     pattern = blur(dots.astype(np.float32), 0.9)
     pattern *= 1 / pattern.mean()
     if not speckle:
         pattern = np.full_like(pattern, 0.5)
-    return reflectance * (AMBIENT + 18 * pattern)
+    return reflectance * (AMBIENT * hall + 18 * lamp * pattern)

@@ -224,16 +224,6 @@ class TestLight:
         assert name_faults(result.findings) == {"flicker"}
         assert result.frames.images
 
-    def test_ageing_lamp_is_a_trend(self) -> None:
-        one, lamps = make_monitor(), list[Finding]()
-        for number in range(40):
-            share = 1 - 0.01 * max(number - LEARNING, 0)
-            check = one.check_images(make_frame(number, lambda _, light, share=share: share * light))
-            lamps += [each for each in check.findings if each.check == "lamp"]
-
-        assert lamps[-1].value == pytest.approx(66, abs=4)
-        assert not any(each.is_fault for each in lamps)
-
     def test_dark_material_is_not_a_dim_projector(self, monitor: ImageMonitor) -> None:
         def darken(_: str, light: Levels) -> Levels:
             coal = light.copy()

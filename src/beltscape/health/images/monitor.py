@@ -21,6 +21,7 @@ from beltscape.health.images.exposure import (
     check_sunlight,
     measure_light_step,
 )
+from beltscape.health.images.lamp import check_lamp
 from beltscape.health.images.obstruction import (
     SHORT_MEMORY,
     LightMap,
@@ -30,7 +31,7 @@ from beltscape.health.images.obstruction import (
     learn_light,
     sample_light,
 )
-from beltscape.health.images.projected_pattern import check_projected_pattern, describe_lamp, measure_light
+from beltscape.health.images.projected_pattern import check_projected_pattern, measure_light
 from beltscape.health.images.repeated import check_repeated, measure_changes
 from beltscape.health.images.sharpness import check_contrast
 from beltscape.health.reference import ImageReferences, Reference, learn_reference
@@ -179,7 +180,7 @@ class ImageMonitor:
         changes = measure_changes(self._levels_before, levels, noise)
         finite = [one.noise_ratio for one in changes.values() if np.isfinite(one.noise_ratio)]
         self._is_moving = bool(finite) and float(np.median(finite)) > _MOVING
-        step_sigma, lamp = self._follow_light(statistics)
+        step_sigma, light, light_sigma = self._follow_light(statistics)
         findings = [
             *check_saturation(statistics, settings),
             *check_brightness(statistics, reference, settings),
@@ -188,24 +189,24 @@ class ImageMonitor:
             *check_projected_pattern(statistics, reference, self._light, settings),
             check_sunlight(statistics, reference, settings),
             check_flicker(tuple(self._lights), step_sigma, settings),
-            lamp,
+            check_lamp(statistics, reference, light, light_sigma, settings),
         ]
         return tuple(findings)
 
-    def _follow_light(self, statistics: dict[str, ImageStatistics]) -> tuple[float, Finding]:
-        """Update the light; return the σ of its last step and the finding "lamp".
+    def _follow_light(self, statistics: dict[str, ImageStatistics]) -> tuple[float, float, float]:
+        """Update the light; return the σ of its last step, and the light with its σ, NaN where they are not known.
 
         The bare belt's brightness is taken where it follows from the light before: else material covers the belt.
         """
         if not _has_known_exposure(statistics):
-            return float("nan"), describe_lamp(float("nan"), float("nan"))
+            return float("nan"), float("nan"), float("nan")
         before, self._lit_before = self._lit_before, statistics
         step, step_sigma = measure_light_step(before, statistics) if before else (0.0, float("nan"))
         step = step if np.isfinite(step) else 0.0
         self._lights.append((self._lights[-1] if self._lights else 0.0) + step)
         self._light += step
         if self._reference is None:
-            return step_sigma, describe_lamp(float("nan"), float("nan"))
+            return step_sigma, float("nan"), float("nan")
         light, sigma = measure_light(statistics, self._reference)
         if abs(light - self._light) < _CONTINUOUS:
             self._light = light
@@ -213,7 +214,7 @@ class ImageMonitor:
                 self._keep_learned()
         else:
             sigma = _COVERED_SIGMA
-        return step_sigma, describe_lamp(self._light, sigma)
+        return step_sigma, self._light, sigma
 
     def _learn(self, statistics: dict[str, ImageStatistics]) -> None:
         self._learned.append(statistics)

@@ -1,8 +1,8 @@
-"""The projected pattern in all cameras at once: projector off, dim or out of focus; dust in the air; lamp ageing."""
+"""The projected pattern in all cameras at once: projector off, dim or out of focus; dust in the air."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from statistics import median
 
 import numpy as np
@@ -31,8 +31,6 @@ _BLUR = -0.4
 """A fall of the log sharpness in all cameras that makes the projector out of focus; dust: −0.05."""
 _VEIL = -0.2
 """A fall of the log spread between blocks that a veil causes, but not defocus."""
-_AGED = 0.6
-"""Light over the reference from which the lamp is to be replaced."""
 _DARK_LIGHT = 0.5
 """Below this light over the reference a projector is called dim, whatever the contrast."""
 _LEAST_SIGNAL = 1.5
@@ -197,13 +195,3 @@ def measure_light(frame: FrameStatistics, reference: Reference) -> tuple[float, 
         if name in reference.cameras
     ]
     return estimate_mode(np.concatenate(ratios)) if ratios else (float("nan"), float("nan"))
-
-
-def describe_lamp(light: float, sigma: float) -> Finding:
-    """Return the finding "lamp", a trend: the light over that of the reference, percent; it warns of ageing."""
-    value = 100 * float(np.exp(light))
-    finding = Finding("lamp", value, value * sigma, 100 * _AGED, "%")
-    if not value + 2 * value * sigma < 100 * _AGED:
-        return finding
-    text = f"the light has fallen to {value:.0f} % of what was learned; replace the lamp soon"
-    return replace(finding, text=Message(text, "lamp", light=round(value)))

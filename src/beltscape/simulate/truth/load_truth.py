@@ -13,6 +13,7 @@ from beltscape.simulate.geometry.world import Label, World
 _ABOVE_MM = 100.0
 """Height of the ray origins above the highest vertex."""
 _DOWN = (0.0, 0.0, -1.0)
+"""Direction of the rays, in the world's frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

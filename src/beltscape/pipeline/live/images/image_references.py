@@ -76,8 +76,13 @@ def _read_document(document: Mapping[str, Any]) -> ImageReferences:
 
 
 def _read_camera(values: Mapping[str, Any]) -> CameraReference:
-    numbers: dict[str, Any] = {name: _read_number(value) for name, value in values.items() if name != "level"}
-    return CameraReference(**numbers, level=_read_grid(values["level"]))
+    grids = ("level", "amplitude")
+    numbers: dict[str, Any] = {
+        name: _read_number(value) for name, value in values.items() if name not in grids
+    }
+    unknown = np.full(GRID, np.nan, np.float32)
+    amplitude = _read_grid(values["amplitude"]) if "amplitude" in values else unknown
+    return CameraReference(**numbers, level=_read_grid(values["level"]), amplitude=amplitude)
 
 
 def _read_number(value: Any) -> float:

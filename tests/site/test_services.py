@@ -241,3 +241,18 @@ def test_a_foreign_server_is_named(tmp_path: Path) -> None:
         assert find_fault(tmp_path, url, "nothing-here") == "status"
         server.shutdown()
         thread.join()
+
+
+def test_the_command_checks_a_site_and_names_what_does_not_fit(
+    belts: dict[str, Belt], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from beltscape.cli.main import main
+
+    path = write_site(tmp_path, {"a": belts["a"]})
+    assert main(["site", str(path), "--check"]) == 0
+    assert "0 records" in capsys.readouterr().out
+    (tmp_path / "a.key").unlink()
+    assert main(["site", str(path), "--check"]) == 2
+    error = capsys.readouterr().err
+    assert "a.key: the key of belt 'a' cannot be read" in error
+    assert error.count("\n") == 1

@@ -18,6 +18,7 @@ from beltscape.service.live_state import LiveState
 from beltscape.service.protocol_checks import CHECKS
 from beltscape.service.protocol_users import NoUsers, ServedUsers
 from beltscape.service.protocols import ProtocolSettings, ServedPlant, serve_protocols
+from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.protocols.broker import find_port
@@ -72,7 +73,8 @@ def test_a_user_reads_history_and_acknowledges_by_opcua(tmp_path: Path, access: 
     from beltscape.protocols.opcua.settings import OpcUaSettings
     from tests.protocols.opcua import APPLICATION, call, find, make_certificate
 
-    live_state, acknowledged, messages = LiveState(), list[tuple[str, str]](), list[str]()
+    live_state = LiveState(WebSettings(stale_s=60))
+    acknowledged, messages = list[tuple[str, str]](), list[str]()
     image = np.zeros((4, 4), np.uint8)
     live_state.on_frame(FrameEvent(FrameSet("f", {"cam0": image}), 1, 0, 0, 0.1, 0.9, 2000.0, 120.0, 4e5))
     live_state.on_alarms([Alarm("overload", "warning", "raised", 1.0, 2.0, "", 1)])

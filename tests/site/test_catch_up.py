@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import random
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
+from beltscape.core.errors import OutputError
 from beltscape.site import follower as follower_module
 from beltscape.site.answers import RecordAnswer
-from beltscape.site.catch_up import Gap, Sums
+from beltscape.site.catch_up import Batch, Gap, Sums
 from beltscape.site.faults import BeltFaultError
 from beltscape.site.follower import BeltFollower
 from beltscape.site.store import SiteStore
+from tests.protocols.broker import wait_until
 from tests.site.belts import START_MS, FakeBelt, make_record, make_site
 
 ALL = 0, 1 << 50
@@ -160,3 +163,27 @@ def test_answers_that_no_belt_gives_are_refused() -> None:
     for values in bad:
         with pytest.raises(ValidationError):
             RecordAnswer.model_validate({**good, **values})
+
+
+def test_sums_that_cannot_be_written_are_named_and_nothing_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    belt, store, messages = FakeBelt(), SiteStore(tmp_path), []
+    belt.records = [make_record(n, START_MS + n * 200) for n in range(1, 11)]
+    site = make_site("a", first_days=1)
+    full = [True]
+
+    def add(name: str, batch: Batch, write: Any = store.add) -> None:
+        if full[0]:
+            raise OutputError("site.db: cannot be written (the disk is full)")
+        write(name, batch)
+
+    monkeypatch.setattr(store, "add", add)
+    monkeypatch.setattr(follower_module, "_PAUSES_S", (0.02,))
+    follower = BeltFollower(site, site.belts[0], store, messages.append, lambda _: belt)
+    follower.start()
+    wait_until(lambda: any("its sums cannot be written" in text for text in messages))
+    full[0] = False
+    wait_until(lambda: count(store).records == 10)
+    wait_until(lambda: follower.take_view().faults == ())
+    follower.close()

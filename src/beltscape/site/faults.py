@@ -20,10 +20,11 @@ TEXTS = {
     "clock": "its clock differs by {offset_s:.0f} s from this machine's; synchronise both (NTP); it is in no balance",
     "replaced": "its ledger was replaced: record {number} is another now; records later than it count",
     "pruned": "its ledger no longer holds the records {first} to {last}; they are in no sum of this site",
+    "store": "its sums cannot be written ({reason}); free the disk of the site's machine",
     "no_frames": "sends no frames for {age_s:.0f} s; see its own page",
 }
 """Key → the fault and its fix, in English."""
-ALARMS = ("clock", "replaced", "pruned", "no_frames")
+ALARMS = ("clock", "replaced", "pruned", "no_frames", "store")
 """Faults of a belt that answers, which are alarms of the site; the others are one once the belt counts as away."""
 
 

@@ -9,6 +9,7 @@ from threading import Event, Lock
 from typing import Protocol
 
 from beltscape import __version__
+from beltscape.core.errors import OutputError
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.site.answers import PageAnswer, RecordAnswer, StateAnswer
 from beltscape.site.catch_up import Cursor, Gap, find_break, sum_records
@@ -140,6 +141,9 @@ class BeltFollower:
                 self._set_fault("connection", error.fault)
                 self._stop.wait(max(error.wait_s, _PAUSES_S[min(attempt, len(_PAUSES_S) - 1)]))
                 attempt += 1
+            except OutputError as error:
+                self._set_fault("store", Fault("store", {"reason": str(error)}))
+                self._stop.wait(_PAUSES_S[-1])
             finally:
                 client.close()
 
@@ -166,6 +170,7 @@ class BeltFollower:
         self._set_fault("frames", Fault("no_frames", {"age_s": age_s or 0.0}) if is_stale else None)
         is_caught_up, times = self._fetch(client)
         self._note_clock(times, is_right=is_right)
+        self._set_fault("store", None)
         if is_caught_up and is_right:
             self._set_complete(state, stale_s)
 

@@ -69,7 +69,7 @@ def test_density_and_moisture_are_found() -> None:
     assert not found.disagrees  # 4000 kg at σ 1.7 t
 
 
-def test_a_scale_that_disagrees_beyond_its_sigma_is_told() -> None:
+def test_a_scale_that_disagrees_beyond_its_sigma_is_reported() -> None:
     assert compare(Weighing(90_000, 450), make_sums(100), COAL).disagrees
     unknown = compare(
         Weighing(90_000, 450), ProductionSums(1, 1e11, 0.0, 1e8, unweighed=1, valid_mm=1.0), None
@@ -79,12 +79,12 @@ def test_a_scale_that_disagrees_beyond_its_sigma_is_told() -> None:
 
 
 def test_sound_scales_are_seldom_accused() -> None:
-    rng, told = np.random.default_rng(11), 0
+    rng, accused = np.random.default_rng(11), 0
     for _ in range(2000):
         truth, density = rng.uniform(20, 500), rng.normal(800, 16)
         scale = Weighing(truth * density * (1 + rng.normal(0, 0.005)), truth * density * 0.005)
-        told += compare(scale, make_sums(truth * (1 + rng.normal(0, 0.004))), COAL).disagrees
-    assert told <= 16  # 5.4 expected at 3 σ
+        accused += compare(scale, make_sums(truth * (1 + rng.normal(0, 0.004))), COAL).disagrees
+    assert accused <= 16  # 5.4 expected at 3 σ
 
 
 def test_missing_belt_widens_and_too_much_of_it_ends_the_comparison() -> None:

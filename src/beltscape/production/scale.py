@@ -18,6 +18,7 @@ _DISAGREEMENT = 3.0
 _MOST_MISSING = 0.2
 """Share of belt without a measurement above which nothing is compared. Chosen: what lay there is a guess."""
 _DAY_NS = 86_400 * 10**9
+"""Nanoseconds of a day."""
 
 
 @dataclass(frozen=True, slots=True)

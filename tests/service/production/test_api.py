@@ -111,7 +111,7 @@ def test_refusals_say_why(operator: Browser) -> None:
     assert "future" in refuse("scale", {"kg": 1, "at_ms": 4_102_444_800_000}, 409)
 
 
-def test_a_typed_counter_weighs_the_batch(parts: ServiceParts, operator: Browser) -> None:
+def test_a_typed_counter_gives_the_mass_of_the_batch(parts: ServiceParts, operator: Browser) -> None:
     (batch,) = get_batches(operator)
     mass_kg = batch["totals"]["mass_t"] * 1000
     for at, kg in (("started_ms", 5000.0), ("ended_ms", 5000.0 + 1.01 * mass_kg)):

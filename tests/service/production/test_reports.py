@@ -93,7 +93,7 @@ def test_hostile_names_stay_text(written: ReportWriter) -> None:
     assert "<script>alert" not in render_report(evil)
 
 
-def test_a_missing_language_or_password_is_told(tmp_path: Path) -> None:
+def test_a_missing_language_or_password_is_reported(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="there are de"):
         check_reports(ReportSettings(language="xx"), "UTC")
     settings = MailSettings(

@@ -57,7 +57,7 @@ def test_rows_that_are_none_are_named_and_left_out(tmp_path: Path, row: str) -> 
     assert counter.read() == []
 
 
-def test_a_missing_table_is_told(tmp_path: Path) -> None:
+def test_a_missing_table_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ScaleError, match=r"none\.csv"):
         TableCounter(tmp_path / "none.csv", 0).read()
 
@@ -150,8 +150,8 @@ class Counts:
         return found
 
 
-@pytest.mark.parametrize(("factor", "told"), [(1.0, 0), (1.02, 0), (1.3, 1), (0.7, 1)])
-def test_a_scale_that_disagrees_is_told_once(tmp_path: Path, factor: float, told: int) -> None:
+@pytest.mark.parametrize(("factor", "reported"), [(1.0, 0), (1.02, 0), (1.3, 1), (0.7, 1)])
+def test_a_scale_that_disagrees_is_reported_once(tmp_path: Path, factor: float, reported: int) -> None:
     history = Historian(tmp_path, HistorySettings())
     history.begin_run()
     clock = [START_NS]
@@ -170,6 +170,6 @@ def test_a_scale_that_disagrees_is_told_once(tmp_path: Path, factor: float, told
         watch.read()
         for _ in range(3):
             watch.compare(START_NS + 60 * S_NS)
-    assert len(messages) == told
-    assert [event.kind for event in history.events(0, 1 << 62)].count("scale") == told
+    assert len(messages) == reported
+    assert [event.kind for event in history.events(0, 1 << 62)].count("scale") == reported
     history.close()

@@ -22,7 +22,9 @@ USER = "modbus"
 NAME_WORDS = 16
 """Registers of a name: 32 bytes."""
 CHANGE_PRODUCT, START_BATCH, STOP_BATCH, ACKNOWLEDGE = 1, 2, 3, 4
+"""Values of ``command``."""
 DONE, REFUSED, NO_HEARTBEAT = 1, 2, 3
+"""Values of ``command_result``."""
 _ACTIONS = {
     CHANGE_PRODUCT: "change product",
     START_BATCH: "start batch",

@@ -43,7 +43,9 @@ _FLOW_POINTS = 96
 """Bars of the flow: quarters of an hour of a day."""
 _KEY = re.compile(r"\d{8}T\d{4}Z_(shift|day)")
 _MS_NS = 1_000_000
+"""Nanoseconds of a millisecond."""
 _DAY_NS = 86_400 * 10**9
+"""Nanoseconds of a day."""
 _NICE = 10
 """Priority of rendering below the measurement."""
 

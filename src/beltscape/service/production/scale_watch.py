@@ -40,7 +40,7 @@ class ScaleWatch:
         self._every_s, self._on_message = every_s, on_message
         self._stop, self._trouble = threading.Event(), ""
         events = historian.events(0, _END_OF_TIME_NS, _EVENTS)
-        self._told = {event.name for event in events if event.kind == _EVENT}
+        self._reported = {event.name for event in events if event.kind == _EVENT}
         self._thread = make_supervised_thread("scale", self._run, self._tell, self._stop.wait)
 
     def start(self) -> None:
@@ -78,9 +78,9 @@ class ScaleWatch:
 
     def _report(self, batch: BatchOut, now_ns: int) -> None:
         name, scale = str(batch.number), batch.scale
-        if name in self._told or scale is None or scale.deviation_t is None:
+        if name in self._reported or scale is None or scale.deviation_t is None:
             return
-        self._told.add(name)
+        self._reported.add(name)
         deviation = f"{scale.deviation_t:+.3f} ± {scale.deviation_sigma_t:.3f} t"
         text = f"batch {batch.name}: belt scale and known density disagree: {deviation}"
         values: dict[str, object] = {

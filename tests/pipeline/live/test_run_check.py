@@ -55,7 +55,7 @@ def test_sound_project_has_a_line_for_every_part(run, plant):
     code, out, _ = run("run", "--check", "project.toml", "--json")
     assert code == 0
     parts = parse_json(out)["parts"]
-    assert list(parts) == ["rig", "density", "empty", "source", "encoder", "data", "page", "users"]
+    assert list(parts) == ["rig", "alarms", "density", "empty", "source", "encoder", "data", "page", "users"]
     assert parts["rig"].startswith("5 cameras about cam0")
     assert not Path("data").exists()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, date, datetime, time
+from itertools import pairwise
 from zoneinfo import ZoneInfo
 
 import pytest
@@ -77,7 +78,7 @@ def test_the_night_of_the_change_has_nine_hours_in_autumn_and_seven_in_spring() 
 
 def test_shifts_meet_without_gap_over_a_year() -> None:
     found = list_shifts(SHIFTS, BERLIN, utc_ns(2026, 1, 1), utc_ns(2027, 1, 1))
-    assert all(a.until_ns == b.since_ns for a, b in zip(found, found[1:], strict=False))
+    assert all(a.until_ns == b.since_ns for a, b in pairwise(found))
     assert len({period.key for period in found}) == len(found) == 3 * 365 + 1
     days = list_production_days(SHIFTS, BERLIN, utc_ns(2026, 1, 1, 6), utc_ns(2026, 1, 3, 4))
     assert [day.day.isoformat() for day in days] == ["2026-01-01", "2026-01-02"]

@@ -17,7 +17,7 @@ import pytest
 from aiosmtpd.controller import Controller
 from aiosmtpd.smtp import AuthResult, LoginPassword
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, OutputError
 from beltscape.production.settings import MailSettings, ReportSettings
 from beltscape.report.production.document import ReportDocument
 from beltscape.report.production.page import render_report
@@ -248,6 +248,26 @@ def test_the_thread_writes_by_itself_and_ends(tmp_path: Path) -> None:
     time.sleep(0.05)
     writer.close()
     assert not writer._thread.is_alive()
+    history.close()
+
+
+def test_a_report_that_fails_delays_no_other_and_is_told_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    history, figures = make_production(tmp_path)
+    messages = list[str]()
+    writer = ReportWriter(ReportSettings(), figures, history, tmp_path, "", messages.append)
+
+    def render(command: list[str]) -> None:
+        if command[-1].endswith("_day.json"):
+            raise OutputError("cannot be rendered")
+        Path(command[-1]).with_suffix(".html").touch()
+
+    monkeypatch.setattr(writer, "_render", render)
+    for _ in range(3):
+        writer._attempt("write", lambda: bool(writer.write_due(LATER_NS)))
+    assert len(writer.list_keys()) == 2
+    assert messages == ["cannot be rendered"]
     history.close()
 
 

@@ -23,7 +23,6 @@ from beltscape.report.production.texts import open_texts
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.mail import (
     UNSENT,
-    MailError,
     Report,
     make_context,
     read_password,
@@ -39,6 +38,8 @@ _CATCH_UP_NS = 7 * 86_400 * 10**9
 """Shifts that ended while nothing ran get their reports up to this age. Chosen."""
 _RENDER_S = 300.0
 """Time for rendering a report; it takes some seconds."""
+_RETRY_S = 300.0
+"""Wait after a report that could not be written: rendering takes seconds of a processor. Chosen."""
 _FLOW_POINTS = 96
 """Bars of the flow: quarters of an hour of a day."""
 _KEY = re.compile(r"\d{8}T\d{4}Z_(shift|day)")
@@ -93,8 +94,14 @@ class ReportWriter:
         self._kinds: list[PeriodKind] = [kind for kind, is_on in kinds if is_on]
         self._empty: set[str] = set()
         """Shifts and days in which nothing ran."""
-        self._stop, self._trouble, self._next_mail_s = threading.Event(), "", 0.0
-        self._thread = make_supervised_thread("reports", self._run, self._tell, self._stop.wait)
+        self._stop = threading.Event()
+        self._troubles: dict[str, str] = {}
+        self._next_s = {"write": 0.0, "mail": 0.0}
+        self._wait_s = {
+            "write": _RETRY_S,
+            "mail": _RETRY_S if settings.mail is None else settings.mail.retry_s,
+        }
+        self._thread = make_supervised_thread("reports", self._run, on_message, self._stop.wait)
 
     def start(self) -> None:
         """Start the thread."""
@@ -129,17 +136,28 @@ class ReportWriter:
             raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())[:200]})") from error
 
     def write_due(self, now_ns: int) -> list[str]:
-        """Write the reports of all shifts and days that are over and have none; return their names."""
-        written: list[str] = []
+        """Write the reports of all shifts and days that are over and have none; return their names.
+
+        Raises
+        ------
+        BeltscapeError
+            The first failure, after the others have been tried.
+        """
+        written, failures = list[str](), list[BeltscapeError]()
         first_ns = self._historian.totals.since_ns
         if first_ns is None:
             return written
         for kind in self._kinds:
             for period in self._figures.list_periods(kind, max(first_ns, now_ns - _CATCH_UP_NS), now_ns):
-                if self._is_due(period, now_ns) and self._write(period, now_ns):
-                    written.append(period.key)
+                try:
+                    if self._is_due(period, now_ns) and self._write(period, now_ns):
+                        written.append(period.key)
+                except BeltscapeError as error:
+                    failures.append(error)
         if written:
             self._remove_old(now_ns)
+        if failures:
+            raise failures[0]
         return written
 
     def _is_due(self, period: Period, now_ns: int) -> bool:
@@ -217,25 +235,32 @@ class ReportWriter:
 
     def _run(self) -> None:
         while True:
-            try:
-                self.write_due(time_ns())
-                self._mail_when_due()
-                self._trouble = ""
-            except (BeltscapeError, OSError) as error:
-                self._tell(str(error))
+            self._attempt("write", self._write_when_due)
+            self._attempt("mail", self._mail_when_due)
             if self._stop.wait(_POLL_S):
                 return
 
-    def _mail_when_due(self) -> None:
-        if self._settings.mail is None or monotonic() < self._next_mail_s:
-            return
+    def _attempt(self, name: str, step: Callable[[], bool]) -> None:
+        """Take a step; tell a failure once until the step has succeeded."""
         try:
-            self.mail()
-        except MailError:
-            self._next_mail_s = monotonic() + self._settings.mail.retry_s
-            raise
+            if step():
+                self._troubles[name] = ""
+        except (BeltscapeError, OSError) as error:
+            self._next_s[name] = monotonic() + self._wait_s[name]
+            if self._troubles.get(name) != str(error):
+                self._troubles[name] = str(error)
+                self._on_message(str(error))
 
-    def _tell(self, trouble: str) -> None:
-        if trouble != self._trouble:
-            self._trouble = trouble
-            self._on_message(trouble)
+    def _write_when_due(self) -> bool:
+        """Write the reports that are due; return whether it was time to try."""
+        if monotonic() < self._next_s["write"]:
+            return False
+        self.write_due(time_ns())
+        return True
+
+    def _mail_when_due(self) -> bool:
+        """Offer the reports that are not mailed yet; return whether it was time to try."""
+        if monotonic() < self._next_s["mail"]:
+            return False
+        self.mail()
+        return True

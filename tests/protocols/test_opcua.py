@@ -16,6 +16,7 @@ import pytest
 
 from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import Totals
+from beltscape.core.errors import OutputError
 from beltscape.core.findings import Finding
 
 pytest.importorskip("asyncua", reason="asyncua is not installed; pip install 'beltscape[opcua]' brings it")
@@ -200,6 +201,33 @@ def test_a_subscription_receives_every_record(running: Running) -> None:
             last = running.plant.read_last_number()
             await wait_for(lambda: bool(numbers) and numbers[-1] == last)
         assert numbers == list(range(numbers[0], last + 1))
+
+    call(work)
+
+
+def test_a_history_or_state_that_fails_ends_no_session(
+    running: Running, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OutputError("history.db: cannot be read")
+
+    async def work() -> None:
+        async with await running.make_client() as client:
+            number = find(client, "Belt.Records.Number")
+            with monkeypatch.context() as broken:
+                broken.setattr(running.plant, "read_records", fail)
+                running.plant.add(5)
+                await set_state(running, client, volume_flow_m3_h=77.0)
+                assert await find(client, f"{PROCESS}.VolumeFlowRate").read_value() == 77.0
+                await wait_for(lambda: "history.db: cannot be read" in running.messages[-1])
+            with monkeypatch.context() as broken:
+                broken.setattr(running.plant, "read_state", fail)
+                codes = set[int]()
+                while CODES.BadNoCommunication not in codes:  # until the time of the test is over
+                    codes.add((await read(client, f"{PROCESS}.VolumeFlowRate")).StatusCode.value)
+            await set_state(running, client)
+            assert await number.read_value() == running.plant.read_last_number()
+        assert len([one for one in running.messages if "cannot be read" in one]) <= 2
 
     call(work)
 

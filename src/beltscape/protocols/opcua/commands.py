@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import UTC, datetime
 
 from asyncua import ua
 
@@ -102,7 +103,9 @@ class Commands:
     ) -> ua.StatusCode:
         """Show why a command was refused, which a status alone does not say."""
         await self._audit(f"{method.name} refused", {**detail, "reason": reason})
-        text = ua.DataValue(ua.Variant(f"{method.name}: {reason}", ua.VariantType.String))
+        text = ua.DataValue(
+            ua.Variant(f"{method.name}: {reason}", ua.VariantType.String), SourceTimestamp=datetime.now(UTC)
+        )
         await self._server.write_attribute_value(own_id("Belt.Commands.LastRefusal"), text)
         return ua.StatusCode(status)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
+from time import time_ns
 
 from asyncua import ua
 from asyncua.server.internal_server import InternalServer
@@ -52,15 +53,20 @@ class Publication:
         self._record = max(plant.read_last_number() - 1, 0)
 
     async def update(self, state: PlantState) -> None:
-        """Show a state and the records since the last update."""
+        """Show a state."""
         for path, value in self._list_values(state):
             await self._write(path, value)
-        await self._show_records()
         if (provenance := self._read_provenance()) != self._provenance:
             self._provenance = provenance
             for key, text in provenance.items():
                 value = ua.DataValue(ua.Variant(text, ua.VariantType.String))
                 await self._write(f"Belt.Provenance.{key}", value)
+
+    async def withdraw(self) -> None:
+        """Show that the state cannot be read: no value is good that is not known to hold."""
+        now_ns = time_ns()
+        for quantity in QUANTITIES:
+            await self._write(quantity.path, make_value(math.nan, ua.StatusCodes.BadNoCommunication, now_ns))
 
     def _list_values(self, state: PlantState) -> Iterator[tuple[str, ua.DataValue]]:
         for quantity in QUANTITIES:
@@ -73,7 +79,7 @@ class Publication:
         for path, variant in _list_facts(state):
             yield path, ua.DataValue(variant, SourceTimestamp=time)
 
-    async def _show_records(self) -> None:
+    async def show_records(self, _: PlantState) -> None:
         """Write each new record in turn, so that a subscription with a queue misses none."""
         if self._plant.read_last_number() < self._record:  # another ledger
             self._record = 0

@@ -17,7 +17,7 @@ from typing import Protocol
 from asyncua import ua
 
 from beltscape.core.errors import InputError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.supervision import describe_failure, make_supervised_thread
 from beltscape.protocols.opcua.commands import Commands
 from beltscape.protocols.opcua.conditions import Conditions
 from beltscape.protocols.opcua.findings import Findings
@@ -137,6 +137,8 @@ class OpcUaServer:
         try:
             listener = open_listener(self._settings.host, self._settings.port)
         except OSError as error:
+            if self._listening.is_set():
+                raise  # a restart: it is tried again
             self._failure = str(error)
             self._listening.set()
             return
@@ -146,33 +148,53 @@ class OpcUaServer:
             guarded.history_manager = RecordHistory(self._plant)
             server = BoundedServer(guarded, listener)
             await self._configure(server)
-            updates = await self._add_nodes(guarded)
+            publication, updates = await self._add_nodes(guarded)
+            await self._update(publication, updates)
             await server.start()
             self.port = listener.getsockname()[1]
             self._listening.set()
             try:
-                await self._run_updates(guarded, updates)
+                await self._run_updates(guarded, publication, updates)
             finally:
                 await server.stop()
 
-    async def _add_nodes(self, guarded: GuardedServer) -> list[Update]:
-        """Add all nodes, with their first values, and return what shows a new state."""
+    async def _add_nodes(self, guarded: GuardedServer) -> tuple[Publication, list[Update]]:
+        """Add all nodes, and return what shows a new state."""
         builder = Builder(guarded)
         await add_weight_type(guarded, builder)
         add_types(builder)
         add_belt(builder, self._settings, self.own.application, self._plant.provenance)
         commands = Commands(guarded, builder, self._plant, self._plant.users)
         publication = Publication(guarded, self._plant, lambda: self._plant.provenance)
-        await publication.update(self._plant.read_state())
         conditions, findings = Conditions(guarded, builder, commands), Findings(guarded, builder)
-        return [publication.update, conditions.update, findings.update]
+        return publication, [
+            publication.update, publication.show_records, conditions.update, findings.update,
+        ]  # fmt: skip
 
-    async def _run_updates(self, guarded: GuardedServer, updates: list[Update]) -> None:
-        users_s = 0.0
-        while not self._stop.is_set():
+    async def _update(self, publication: Publication, updates: list[Update]) -> str:
+        """Show the present state; return what failed, in one line. A failure of one part leaves the others."""
+        try:
             state = self._plant.read_state()
-            for update in updates:
+        except Exception as error:
+            await publication.withdraw()
+            return describe_failure(error)
+        failure = ""
+        for update in updates:
+            try:
                 await update(state)
+            except Exception as error:
+                failure = describe_failure(error)
+        return failure
+
+    async def _run_updates(
+        self, guarded: GuardedServer, publication: Publication, updates: list[Update]
+    ) -> None:
+        reported, users_s = "", 0.0
+        while not self._stop.is_set():
+            failure = await self._update(publication, updates)
+            if failure and failure != reported:
+                self._on_message(f"opcua: {failure}; what it concerns is old until it passes")
+            reported = failure
             users_s += self._settings.update_every_s
             if users_s >= _USERS_S:
                 users_s = 0.0

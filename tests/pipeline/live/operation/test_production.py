@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
+from itertools import pairwise
 from math import isnan
 from pathlib import Path
 
 import pytest
 
 from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import RecordTag
+from beltscape.core.belt.ledger_entries import BeltRecord, RecordTag
 from beltscape.core.errors import InputError
 from beltscape.pipeline.live.measurement.ledger import Ledger, LedgerState
 from beltscape.pipeline.live.operation.production import ProductionControl
@@ -17,6 +18,7 @@ from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.production.settings import ProductionSettings, ProductSettings, TimetableSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
+from tests.synthetic.belt_feed import frames, run
 
 PRODUCTS = (
     ProductSettings(name="coal", density_kg_m3=800, sigma_kg_m3=16),
@@ -147,3 +149,19 @@ def test_a_record_carries_what_its_frame_was_counted_for() -> None:
     assert [r.mass_kg for r in found] == [pytest.approx(0.8), pytest.approx(2.4)]
     assert found[1].strip is not None
     assert found[1].strip.density_sigma_kg_m3 == 60.0
+
+
+def test_a_change_counts_from_the_next_frame_on() -> None:
+    measurement, entries = run(LedgerState(1, 1, None)), list[BeltRecord]()
+    tags = RecordTag("coal", 800.0, 16.0, 0), RecordTag("ore", 2400.0, 60.0, 7)
+    for number in range(20):
+        place = 60.0 * number
+        entries += measurement.push(frames(place, place), (), tags[number >= 10]).entries
+    entries += measurement.finish().entries
+    assert [entry.product for entry in entries] == ["coal"] * 10 + ["ore"] * 10
+    assert [entry.batch for entry in entries] == [0] * 10 + [7] * 10
+    assert all(a.belt_mm[1] == b.belt_mm[0] for a, b in pairwise(entries))
+    densities = [entry.strip.density_kg_m3 for entry in entries if entry.strip is not None]
+    assert densities == [800.0] * 10 + [2400.0] * 10
+    strips = [entry.strip for entry in entries if entry.strip is not None]
+    assert all(0 <= strip.common_sigma_mm3 <= strip.sigma_mm3 for strip in strips)

@@ -9,21 +9,17 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
+from beltscape.evaluate.truth.true_belt import find_true_belt
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.rasters.images import read_image
-from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
-from beltscape.simulate.truth.core_truth import trace_core_view
 from captures import LABELS, REGION_MM, Scene, read_rendered
 
 _SCENES = Path(__file__).with_name("ablation_scenes.toml")
-_TRUE_SIGMA_MM = 0.02
-"""σ of the empty belt's true depth: that of a measured empty belt, so that it adds nothing of its own."""
 
 
 @dataclass(frozen=True)
@@ -66,20 +62,10 @@ def _read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:
     scene = Scene(name, rig, FrameSet("000", images), depth, region, unseen)
     if kind != "belt_loaded":
         return AblationScene(scene, None, views)
-    belt = _find_true_belt(plant)
+    belt = find_true_belt(plant)
     volume = read_json(truth / f"{kind}_scene.json")["volume"]
     offset = float((belt.belt_from_core @ world_from_core.inverse()).translation_mm[1])
     first, last = (float(end) + offset for end in volume["along_mm"])
     return AblationScene(
         replace(scene, true_volume_mm3=volume["volume_mm3"], along_mm=(first, last)), belt, views
     )
-
-
-def _find_true_belt(plant: SimulatedScene) -> Belt:
-    """Return the empty belt found in its true depth."""
-    depth = trace_core_view(plant.world_at(0), plant.station).depth_mm
-    seen = np.isfinite(depth)
-    sigma = np.where(seen, _TRUE_SIGMA_MM, np.nan).astype(np.float32)
-    views = seen.astype(np.uint8)
-    empty = DepthMap(depth.astype(np.float32), sigma, views, seen.astype(np.float32))
-    return find_belt(empty, plant.station.rig.core_camera)

@@ -14,24 +14,10 @@ from laspy.vlrs.known import WktCoordinateSystemVlr
 from rasterio.crs import CRS
 
 import beltscape as bs
-from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
 from beltscape.files.meshes.clouds import write_cloud
 from beltscape.files.meshes.las import RECORD_ID, USER_ID
-
-
-def make_cloud(count: int, frame: str = "core") -> PointCloud:
-    rng = np.random.default_rng(count)
-    normals = rng.normal(size=(count, 3)).astype(np.float32)
-    normals[: count // 3] = np.nan
-    return PointCloud(
-        points_mm=rng.uniform(-2500, 2500, (count, 3)).astype(np.float32),
-        normals=normals,
-        colors=rng.integers(0, 256, (count, 3), dtype=np.uint8),
-        sigma_mm=rng.uniform(0, 1, count).astype(np.float32),
-        frame=frame,
-        confidence=rng.uniform(0, 1, count).astype(np.float32),
-    )
+from tests.files.clouds import make_cloud
 
 
 @pytest.mark.parametrize("ending", [".las", ".laz", ".LAZ"])

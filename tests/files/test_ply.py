@@ -5,26 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
 from beltscape.files.meshes.ply import write_ply
 from beltscape.files.meshes.ply_points import read_cloud
+from tests.files.clouds import make_cloud
 
 TYPES = {"float": "<f4", "uchar": "u1"}
 PROPERTIES = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "sigma"]
-
-
-def cloud(count: int) -> PointCloud:
-    rng = np.random.default_rng(count)
-    normals = rng.normal(size=(count, 3)).astype(np.float32)
-    normals[: count // 3] = np.nan
-    return PointCloud(
-        points_mm=rng.uniform(-500, 500, (count, 3)).astype(np.float32),
-        normals=normals,
-        colors=rng.integers(0, 256, (count, 3), dtype=np.uint8),
-        sigma_mm=rng.uniform(0, 1, count).astype(np.float32),
-        frame="belt",
-    )
 
 
 def parsed(data: bytes) -> np.ndarray:
@@ -42,7 +29,7 @@ def parsed(data: bytes) -> np.ndarray:
 
 @pytest.mark.parametrize("count", [0, 1, 100])
 def test_header_describes_the_vertices(tmp_path, count):
-    expected = cloud(count)
+    expected = make_cloud(count)
     write_ply(tmp_path / "cloud.ply", expected)
     vertices = parsed((tmp_path / "cloud.ply").read_bytes())
     assert list(vertices.dtype.names or ()) == PROPERTIES
@@ -55,7 +42,7 @@ def test_header_describes_the_vertices(tmp_path, count):
 
 @pytest.mark.parametrize("count", [0, 1, 100])
 def test_clouds_read_back_unchanged(tmp_path, count):
-    expected = cloud(count)
+    expected = make_cloud(count, "belt")
     write_ply(tmp_path / "cloud.ply", expected)
     back = read_cloud(tmp_path / "cloud.ply")
     for key in ("points_mm", "normals", "colors", "sigma_mm"):
@@ -67,7 +54,7 @@ def test_clouds_read_back_unchanged(tmp_path, count):
 
 def test_truncated_cloud_is_refused(tmp_path):
     path = tmp_path / "cloud.ply"
-    write_ply(path, cloud(10))
+    write_ply(path, make_cloud(10))
     other = "no binary little-endian PLY; give a cloud.ply of reconstruct"
     cases = [(path.read_bytes()[:-1], "ends before its 10 points do; reconstruct the frame again")]
     for data, message in [*cases, (b"ply\n", other), (b"", other), (b"\xff" * 50, other)]:

@@ -7,6 +7,7 @@ from math import nan
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
 from beltscape.sinks.historian import StoredFinding
+from tests.service.findings import DIRT, PLACE
 from tests.service.plants import BEGIN_NS, make_service
 
 MS = BEGIN_NS // 1_000_000
@@ -15,25 +16,14 @@ LATER = MS + 60_000
 
 def test_checks_and_their_series_are_for_engineers(tmp_path):
     made = make_service(tmp_path, 2)
-    dirt = Finding(
-        "dirt",
-        6.2,
-        0.5,
-        2.0,
-        "%",
-        "cam2",
-        Message("cam2: dirt", "dirt", area=6.2, taken=40),
-        "degraded",
-        place=(0.1, 0.2, 0.3, 0.4),
-    )
     unknown = Finding("zero_shift", nan, nan, 2.0, "mm")
-    made.plant.send_findings([dirt, unknown])
-    made.history.add_findings([StoredFinding(BEGIN_NS + k * 1_000_000_000, dirt) for k in range(20)])
+    made.plant.send_findings([DIRT, unknown])
+    made.history.add_findings([StoredFinding(BEGIN_NS + k * 1_000_000_000, DIRT) for k in range(20)])
     engineer, operator = made.browser("engineer"), made.browser("operator")
     one, other = engineer("GET", "/api/checks").json()
     assert (one["check"], one["subject"], one["fault"], one["cause"]) == ("dirt", "cam2", True, "dirt")
     assert one["values"] == {"area": 6.2, "taken": 40}
-    assert one["place"] == [0.1, 0.2, 0.3, 0.4] and one["effect"] == "degraded"
+    assert one["place"] == [*PLACE] and one["effect"] == "degraded"
     assert other["value"] is None and other["fault"] is False and other["place"] is None
     assert engineer("GET", "/api/checks/stored").json() == [{"check": "dirt", "subject": "cam2", "unit": "%"}]
     query = f"since_ms={MS}&until_ms={MS + 40_000}&points=4"

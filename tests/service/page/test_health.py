@@ -10,23 +10,14 @@ import pytest
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
 from beltscape.sinks.historian import StoredFinding
+from tests.service.findings import DIRT
 from tests.service.page.site import needs_chromium, read_text, wait_for, wait_until_live
 
 pytestmark = needs_chromium
 
 
 FINDINGS = (
-    Finding(
-        "dirt",
-        6.2,
-        0.5,
-        2.0,
-        "%",
-        "cam2",
-        "cam2: dirt at the marked place",
-        "degraded",
-        place=(0.5, 0.2, 0.8, 0.5),
-    ),
+    DIRT,
     Finding("zero_shift", 0.3, 0.1, 2.0, "mm"),
     Finding("encoder_motion", nan, nan, 0.02, ""),
 )

@@ -9,25 +9,21 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.pose import Pose
+from beltscape.evaluate.truth.true_belt import find_true_belt
 from beltscape.files.documents.json_text import read_json
-from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.holes.edge_fattening import find_edge_fattening
 from beltscape.measure.holes.fill import compute_hole_inputs
 from beltscape.measure.surface import Grid
 from beltscape.measure.volume.load import Load, compute_load
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
-from beltscape.simulate.truth.core_truth import trace_core_view
 
 CELLS = {"holes": 10_000, "edge_fattening": 4_000}
 """Number of cells drawn from a capture."""
 BORDER_MM = 12.0
 """Strip at the belt's sides that is left out: there the true and the measured edge of the belt differ."""
-_TRUE_SIGMA_MM = 0.02
-"""σ of the empty belt's true depth: that of a measured empty belt."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,16 +53,6 @@ def draw_hole_samples(capture: Path, depth: DepthMap) -> dict[str, Samples]:
     with np.load(truth_file) as truth:
         true_mm = resample_truth(dict(truth), belt_from_world, grid)
     return collect_samples(load, true_mm, cell)
-
-
-def find_true_belt(scene: SimulatedScene) -> Belt:
-    """Return the empty belt of a scene's plant, found in its true depth."""
-    plant = SimulatedScene(scene.scenario.model_copy(update={"kind": "belt_empty"}))
-    depth = trace_core_view(plant.world_at(0), plant.station).depth_mm
-    seen = np.isfinite(depth)
-    sigma = np.where(seen, _TRUE_SIGMA_MM, np.nan).astype(np.float32)
-    empty = DepthMap(depth.astype(np.float32), sigma, seen.astype(np.uint8), seen.astype(np.float32))
-    return find_belt(empty, plant.station.rig.core_camera)
 
 
 def collect_samples(load: Load, truth_mm: np.ndarray, cell_mm: float) -> dict[str, Samples]:

@@ -1,1 +1,1 @@
-"""Ground truth of simulated scenes: its files, occluded pixels, and resampling to another core camera."""
+"""Ground truth of simulated scenes: its files, the empty belt, occluded pixels, resampling to another core camera."""

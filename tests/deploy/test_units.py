@@ -44,15 +44,16 @@ class CaseSensitiveParser(configparser.RawConfigParser):
         return optionstr
 
 
-def test_the_command_it_starts_is_one_of_ours(capsys):
+@pytest.mark.parametrize(("unit", "file"), [("beltscape", "project.toml"), ("beltscape-site", "site.toml")])
+def test_the_command_it_starts_is_one_of_ours(unit, file, capsys):
     parser = CaseSensitiveParser(strict=False)
-    parser.read(DEPLOY / "beltscape.service")
+    parser.read(DEPLOY / f"{unit}.service")
     program, *arguments = parser["Service"]["ExecStart"].split()
     assert Path(program).name == "beltscape"
     with pytest.raises(SystemExit) as stopped:
         main([arguments[0], "--help"])
     assert stopped.value.code == 0
-    assert "project.toml" in capsys.readouterr().out
+    assert file in capsys.readouterr().out
     assert parser["Service"]["Type"] == "notify"
 
 

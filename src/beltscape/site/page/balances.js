@@ -39,7 +39,7 @@ function list_values({ last, unit, sigmas, window_min }) {
   if (last?.difference != null) {
     const digits = last.inflow < 100 ? 2 : 1;
     rows.push(["site.inflow", format_unit(format_number(last.inflow, digits), unit)], ["site.outflow", format_unit(format_number(last.outflow, digits), unit)]);
-    rows.push(["site.difference", format_unit(last.sigma > 0 ? format_measured(last.difference, last.sigma) : format_number(last.difference, digits), unit)]);
+    rows.push(["site.difference", format_unit(last.sigma > 0 ? format_measured(Math.abs(last.difference) < last.sigma / 100 ? 0 : last.difference, last.sigma) : format_number(last.difference, digits), unit)]);
     rows.push(["site.limit", format_unit(`± ${format_number(sigmas * last.sigma, digits)}`, unit)]);
   }
   return rows.flatMap(([key, value]) => [create_element("dt", {}, t(key)), create_element("dd", {}, value)]);

@@ -204,6 +204,26 @@ def test_a_server_that_takes_nothing_delays_nobody() -> None:
         sender.close(0.2)
 
 
+def test_suppression_by_state_is_sent_only_for_an_alarm_that_is_on() -> None:
+    server = Server("udp")
+    stopped = Suppression("by_state", "belt_stopped")
+    clear = replace(OVERLOAD, name="empty", state="clear")
+    with closing(server):
+        sender = SyslogSender(settings(server))
+        sender.start()
+        sender.on_alarms([clear, OVERLOAD])
+        sender.on_alarms([
+            replace(clear, suppression=stopped),
+            replace(OVERLOAD, state="clear", hidden_state="raised", suppression=stopped),
+        ])  # fmt: skip
+        sender.on_alarms([clear, OVERLOAD])
+        sender.close()
+        wait_until(lambda: len(server.received) == 3)
+    assert [one.text.partition(":")[0] for one in server.received] == [
+        "overload raised", "overload raised (suppressed by design", "overload raised",
+    ]  # fmt: skip
+
+
 def test_alarms_below_the_least_priority_stay_away() -> None:
     server = Server("udp")
     with closing(server):

@@ -14,8 +14,8 @@ from beltscape.core.errors import InputError
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.protocols.client_tls import make_client_context
 from beltscape.protocols.syslog.messages import (
-    SyslogMessage,
     Origin,
+    SyslogMessage,
     describe_change,
     describe_losses,
     format_message,
@@ -176,9 +176,7 @@ def check_settings(settings: SyslogSettings) -> str:
 
 
 def _read_state(alarm: Alarm) -> _State:
+    """Return what a message is about; to suppress a clear alarm because of a state of the plant changes nothing."""
     hidden = alarm.suppression
-    return (
-        alarm.state,
-        alarm.hidden_state,
-        "" if hidden is None else f"{hidden.kind} {hidden.since_ns} {hidden.until_ns}",
-    )
+    by_person = "" if hidden is None or hidden.kind == "by_state" else f"{hidden.kind} {hidden.until_ns}"
+    return alarm.state, alarm.hidden_state, by_person

@@ -119,9 +119,9 @@ def test_a_control_system_changes_product_and_batch(served: tuple[Control, Clien
         ("stop", "modbus"),
     ]
     assert control.audit == [
-        ("change product", "modbus"),
-        ("start batch", "modbus"),
-        ("stop batch", "modbus"),
+        ("change_product", "modbus"),
+        ("start_batch", "modbus"),
+        ("stop_batch", "modbus"),
     ]
 
 

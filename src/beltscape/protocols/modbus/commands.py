@@ -26,9 +26,9 @@ CHANGE_PRODUCT, START_BATCH, STOP_BATCH, ACKNOWLEDGE = 1, 2, 3, 4
 DONE, REFUSED, NO_HEARTBEAT = 1, 2, 3
 """Values of ``command_result``."""
 _ACTIONS = {
-    CHANGE_PRODUCT: "change product",
-    START_BATCH: "start batch",
-    STOP_BATCH: "stop batch",
+    CHANGE_PRODUCT: "change_product",
+    START_BATCH: "start_batch",
+    STOP_BATCH: "stop_batch",
     ACKNOWLEDGE: "acknowledge",
 }
 

@@ -1,4 +1,4 @@
-"""The site's page in a browser: belts, one of them away, transfer points and totals, in every language."""
+"""The site's page in a browser: belts, one of them away, transfer points and totals, on a phone and a desk."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ outflow = ["south"]
 @pytest.mark.browser
 @needs_chromium
 def test_the_page_shows_belts_transfer_points_and_totals(tmp_path: Path) -> None:
-    # it starts a browser, once for all languages and sizes
+    # it starts a browser, once for both sizes
     from playwright.sync_api import sync_playwright
 
     works = make_service(tmp_path / "north")
@@ -51,7 +51,7 @@ def test_the_page_shows_belts_transfer_points_and_totals(tmp_path: Path) -> None
     errors: list[str] = []
     with serve_site(site) as running, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGS)
-        for i, language in enumerate(list_languages()):
+        for i, language in enumerate(list_languages()[:2]):  # that all texts are there is tested beside them
             wide = 1300 if i else 380  # the first one on a phone
             context = browser.new_context(viewport={"width": wide, "height": 800})
             context.add_cookies([{"name": "beltscape", "value": token, "url": running.server.address}])

@@ -8,17 +8,25 @@ from itertools import pairwise
 import pytest
 
 from beltscape.alarms.checks import CHECKS
-from beltscape.alarms.management.priorities import MATRIX, RATIONALES, get_rationale, select_priority
+from beltscape.alarms.management.priorities import (
+    MATRIX,
+    RATIONALES,
+    Consequence,
+    Response,
+    get_rationale,
+    select_priority,
+)
 from beltscape.alarms.names import KINDS, require_alarm
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.alarms import PRIORITIES
 from tests.alarms.plant import BAD, GOOD, Plant
 
-TIMES = ("slow", "soon", "prompt")
+TIMES: tuple[Response, ...] = ("slow", "soon", "prompt")
+CONSEQUENCES: tuple[Consequence, ...] = ("minor", "major", "severe")
 
 
 def test_the_matrix_grows_with_consequence_and_haste():
-    rows = [[PRIORITIES.index(MATRIX[what][when]) for when in TIMES] for what in ("minor", "major", "severe")]
+    rows = [[PRIORITIES.index(MATRIX[what][when]) for when in TIMES] for what in CONSEQUENCES]
     assert all(a <= b for row in rows for a, b in pairwise(row))
     assert all(a <= b for one, two in pairwise(rows) for a, b in zip(one, two, strict=True))
 

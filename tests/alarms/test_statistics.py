@@ -65,12 +65,9 @@ def test_chattering_is_three_times_in_a_minute():
 def test_stale_alarms_stand_for_more_than_a_day():
     day = 24 * 60 * MINUTE_NS
     present = [
-        Alarm(name, "warning", state, NAN, NAN, "", since)
-        for name, state, since in (
-            ("old", "acknowledged", 1),
-            ("new", "raised", day),
-            ("none", "clear", None),
-        )
+        Alarm("old", "warning", "acknowledged", NAN, NAN, "", 1),
+        Alarm("new", "warning", "raised", NAN, NAN, "", day),
+        Alarm("none", "warning", "clear", NAN, NAN, "", None),
     ]
     assert compute_statistics([], 0, day + 2 * MINUTE_NS, present).stale == ("old",)
 

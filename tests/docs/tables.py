@@ -51,7 +51,7 @@ def _check_other_file(values: Mapping[str, Any], path: Path, folder: Path) -> No
     if set(values) <= {language.code for language in list_languages()}:
         read_custom_texts(path)
     elif "belts" in values:
-        validate(path, SiteSettings, values)
+        validate(path, SiteSettings, dict(values))
     elif "belt" in values and "camera" in values:
         read_plan_settings(path, {})
     elif "kind" in values:

@@ -188,7 +188,7 @@ def _list_alarms(snapshot: Snapshot) -> list[Metric]:
     ]
     disk = any(one.name == "disk_full" and one.state in ("raised", "acknowledged") for one in snapshot.alarms)
     return [
-        _make_labelled("alarm_active", "gauge", "1 while the alarm's condition holds.", on),
+        _make_labelled("alarm_active", "gauge", "1 while the alarm's condition holds and it is shown.", on),
         _make_labelled("alarm_unacknowledged", "gauge", "1 while nobody has acknowledged it.", new),
         _make_gauge("disk_trouble", "1 while the history cannot be written.", float(disk)),
     ]

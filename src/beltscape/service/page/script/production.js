@@ -6,6 +6,7 @@ import { store } from "./store.js";
 import { apply_texts, format_duration, format_measured, format_moment, format_number, format_unit, t } from "./texts.js";
 
 const POLL_MS = 4000; // a batch's totals change by some percent of a truck in this time
+const TABLES = 8; // the tables change at the end of a batch or a shift: every half minute
 let present = null, is_built = false, timer = 0;
 
 export const is_served = () => Boolean(store.page?.has_production);
@@ -124,7 +125,13 @@ function poll() {
   clearInterval(timer);
   if (!is_served()) return;
   load();
-  timer = setInterval(() => { if (!document.hidden) load(); }, POLL_MS);
+  let polls = 0;
+  timer = setInterval(() => {
+    if (document.hidden) return;
+    load();
+    polls += 1;
+    if (is_built && !$("production-view").hidden && polls % TABLES === 0) tables.load();
+  }, POLL_MS);
 }
 
 export function start() {

@@ -61,30 +61,35 @@ def read_batches(
         f"{_BATCH} WHERE started_ns < ? AND coalesce(ended_ns, ?) >= ? ORDER BY batch DESC LIMIT ?",
         (until_ns, until_ns, since_ns, limit),
     ).fetchall()
-    return tuple(_make_batch(connection, row) for row in rows)
+    return _make_batches(connection, rows)
 
 
 def read_open_batch(connection: sqlite3.Connection) -> Batch | None:
     """Return the open batch; None without one."""
     row = connection.execute(f"{_BATCH} WHERE ended_ns IS NULL").fetchone()
-    return None if row is None else _make_batch(connection, row)
+    return None if row is None else _make_batches(connection, [row])[0]
 
 
-def _make_batch(connection: sqlite3.Connection, row: Sequence[Any]) -> Batch:
-    sums = connection.execute(
-        f"SELECT product, {_TOTALS} FROM production_sums WHERE batch = ? AND batch > 0 GROUP BY product ORDER BY 1",
-        (row[0],),
+def _make_batches(connection: sqlite3.Connection, rows: Sequence[Sequence[Any]]) -> tuple[Batch, ...]:
+    """Return the batches of rows in falling order of their numbers, with their sums."""
+    if not rows:
+        return ()
+    by_batch: dict[int, list[tuple[str, ProductionSums]]] = {}
+    found = connection.execute(
+        f"SELECT batch, product, {_TOTALS} FROM production_sums WHERE batch BETWEEN ? AND ? AND batch > 0 "
+        "GROUP BY batch, product ORDER BY batch, product",
+        (rows[-1][0], rows[0][0]),
     )
-    by_product = tuple((each[0], ProductionSums(*each[1:])) for each in sums)
-    is_complete = row[4] is not None and _has_passed(connection, row[0])
-    number, name, started_ns, started_by, ended_ns, ended_by = row
-    return Batch(number, name, started_ns, started_by, ended_ns, ended_by, by_product, is_complete)
-
-
-def _has_passed(connection: sqlite3.Connection, batch: int) -> bool:
-    """Return whether the newest record belongs to another batch or none."""
+    for batch, product, *sums in found:
+        by_batch.setdefault(batch, []).append((product, ProductionSums(*sums)))
     newest = connection.execute("SELECT batch FROM records ORDER BY number DESC LIMIT 1").fetchone()
-    return newest is None or newest[0] != batch
+    batches: list[Batch] = []
+    for number, name, started_ns, started_by, ended_ns, ended_by in rows:
+        sums = tuple(by_batch.get(number, ()))
+        # some of its belt is in view until a record of another batch, or none, follows
+        is_complete = ended_ns is not None and (newest is None or newest[0] != number)
+        batches.append(Batch(number, name, started_ns, started_by, ended_ns, ended_by, sums, is_complete))
+    return tuple(batches)
 
 
 def read_readings(connection: sqlite3.Connection, since_ns: int, until_ns: int) -> tuple[ScaleReading, ...]:

@@ -69,10 +69,11 @@ __global__ void check_warp(View view, Spline spline, const float* s, int width, 
 
 // A thread takes a row.
 __global__ void check_occlusion(View view, const float* s, int width, int height, float tolerance,
-                                float* buffer, unsigned char* out) {
+                                float* corners, float* buffer, unsigned char* out) {
     const int row = static_cast<int>(blockIdx.x);
     const size_t at = row * static_cast<size_t>(width);
-    splat_row<float>(view, s + at, row, width, width, height, buffer);
+    splat_row<float>(view, s + at, row, width, width, height, corners);
+    spread_row<float>(corners, row, width, buffer + at);
     visible_row<float>(view, s + at, row, width, width, height, buffer, tolerance, out + at);
 }
 

@@ -4,6 +4,7 @@
 
 #include "array.hpp"
 #include "parallel.hpp"
+#include "workspace.hpp"
 
 namespace beltscape {
 
@@ -25,46 +26,35 @@ BELTSCAPE_INLINE void raise(float& nearest, float inverse_depth) {
 }
 #endif
 
-// Raises the 2x2 pixels of `buffer` from each index on, all of which lie in it.
-template <class F>
-BELTSCAPE_INLINE void raise_squares(IntOf<F> places, F inverse_depth, int width, float* buffer) {
-    int at[Lane<F>::count];
-    float to[Lane<F>::count];
-    store(at, places), store(to, inverse_depth);
-    for (int i = 0; i < Lane<F>::count; ++i) {
-        float *const above = buffer + at[i], *const below = above + width;
-        raise(above[0], to[i]), raise(above[1], to[i]);
-        raise(below[0], to[i]), raise(below[1], to[i]);
-    }
-}
-
-// Raises the 2x2 pixels of `buffer` (height, width) about where each pixel of the core's row v is seen to its
-// inverse depth; s has the row's `end` values.
+// Raises the upper left one of the 2x2 pixels about where each pixel of the core's row v is seen to its
+// inverse depth. `corners` (height + 1, width + 1) begins at pixel (-1, -1); s has the row's `end` values.
 template <class F>
 BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end, int width, int height,
-                                float* buffer) {
+                                float* corners) {
+    const F zero{};
     for (int x = 0; x < end; x += Lane<F>::count) {
         const Seen<F> seen = seen_from<F>(view, s, v, x, end);
         const MaskOf<F> hits = (seen.u >= -1.0f) & (seen.u < to_float(width)) & (seen.v >= -1.0f) &
                                (seen.v < to_float(height)) & (seen.inverse_depth > 0.0f);
-        const IntOf<F> columns = floor_int(clamp(seen.u, -1.0f, to_float(width)));
-        const IntOf<F> rows = floor_int(clamp(seen.v, -1.0f, to_float(height)));
-        const MaskOf<F> whole =
-            hits & (columns >= 0) & (columns < width - 1) & (rows >= 0) & (rows < height - 1);
-        if (end - x >= Lane<F>::count && !any(negate(whole))) {
-            raise_squares(rows * width + columns, seen.inverse_depth, width, buffer);
-            continue;
-        }
-        for (int i = 0; i < lesser(Lane<F>::count, end - x); ++i) {
-            if (!Lane<MaskOf<F>>::get(hits, i)) continue;
-            const int column = Lane<IntOf<F>>::get(columns, i), row = Lane<IntOf<F>>::get(rows, i);
-            const float inverse_depth = Lane<F>::get(seen.inverse_depth, i);
-            float* const at = buffer + static_cast<long long>(row) * width + column;
-            if (column >= 0 && row >= 0) raise(at[0], inverse_depth);
-            if (column + 1 < width && row >= 0) raise(at[1], inverse_depth);
-            if (column >= 0 && row + 1 < height) raise(at[width], inverse_depth);
-            if (column + 1 < width && row + 1 < height) raise(at[width + 1], inverse_depth);
-        }
+        const IntOf<F> column = floor_int(select(hits, seen.u, zero)) + 1;
+        const IntOf<F> row = floor_int(select(hits, seen.v, zero)) + 1;
+        int at[Lane<F>::count];
+        float to[Lane<F>::count];
+        store(at, row * (width + 1) + column), store(to, select(hits, seen.inverse_depth, zero));
+        for (int i = 0; i < lesser(Lane<F>::count, end - x); ++i) raise(corners[at[i]], to[i]);
+    }
+}
+
+// Writes row v of the buffer: the largest of the four corners whose 2x2 pixels contain each of its pixels.
+template <class F>
+BELTSCAPE_INLINE void spread_row(const float* corners, int v, int width, float* out) {
+    const float* const above = corners + static_cast<size_t>(v) * static_cast<size_t>(width + 1);
+    const float* const here = above + width + 1;
+    for (int x = 0; x < width; x += Lane<F>::count) {
+        const int left = width - x;
+        const F upper = greater(load_first<F>(above + x, left), load_first<F>(above + x + 1, left));
+        const F lower = greater(load_first<F>(here + x, left), load_first<F>(here + x + 1, left));
+        store_first(out + x, greater(upper, lower), left);
     }
 }
 
@@ -93,15 +83,19 @@ struct BuffersInput {
     void fields(const auto& read) { read("s", s), read("views", views); }
 };
 
-// One job per view: each raises only its own buffer, which begins as zeros.
+// One job per view: each raises its own corners, each pixel once instead of four.
 inline void inverse_depth_buffers(const BuffersInput& in, std::size_t threads,
                                   const std::vector<Grid<float>>& buffers) {
-    const int height = in.s.height(), width = in.s.width();
     for_jobs(buffers.size(), threads, [&](std::size_t i) {
         const View view = view_of(in.views.data + kViewFloats * i);
-        for (int v = 0; v < height; ++v)
-            splat_row<Floats>(view, in.s.row(v), v, width, buffers[i].width(), buffers[i].height(),
-                              buffers[i].data);
+        const Grid<float>& buffer = buffers[i];
+        const int width = buffer.width(), height = buffer.height();
+        const std::size_t count = (buffer.shape[0] + 1) * (buffer.shape[1] + 1);
+        const Workspace<float> corners(count);
+        std::fill_n(corners.get(), count, 0.0f);
+        for (int v = 0; v < in.s.height(); ++v)
+            splat_row<Floats>(view, in.s.row(v), v, in.s.width(), width, height, corners.get());
+        for (int v = 0; v < height; ++v) spread_row<Floats>(corners.get(), v, width, buffer.row(v));
     });
 }
 

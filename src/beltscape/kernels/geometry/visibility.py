@@ -65,7 +65,7 @@ class VisibilityKernels(KernelFamily):
         """
         packed = float32("views", views, (len(sizes), PROJECTION_SIZE))
         given = BuffersInput(float32("s", s, ("H", "W")), packed)
-        buffers = [np.zeros((height, width), np.float32) for width, height in image_sizes(sizes)]
+        buffers = [np.empty((height, width), np.float32) for width, height in image_sizes(sizes)]
         return self._run("inverse_depth_buffers", given, buffers, threads)
 
     def visible(

@@ -6,8 +6,8 @@ import random
 from typing import Any
 
 from beltscape import __version__
-from beltscape.site.answers import PageAnswer, RecordAnswer, StateAnswer
-from beltscape.site.faults import BeltFaultError, Fault
+from beltscape.site.following.answers import PageAnswer, RecordAnswer, StateAnswer
+from beltscape.site.following.faults import BeltFaultError, Fault
 from beltscape.site.settings import SiteSettings
 
 START_MS = 1_790_000_040_000

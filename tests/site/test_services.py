@@ -12,7 +12,7 @@ import pytest
 
 from beltscape.service.app import create_app
 from beltscape.service.server import RunningServer, serve
-from beltscape.site.faults import BeltFaultError
+from beltscape.site.following.faults import BeltFaultError
 from beltscape.site.run import RunningSite, check_site, serve_site
 from beltscape.site.settings import BeltSettings, read_site
 from tests.protocols.broker import find_port, wait_until
@@ -22,7 +22,7 @@ from tests.service.plants import ServiceParts, make_service
 
 pytest.importorskip("httpx", reason="httpx is not installed; pip install 'beltscape[site]' brings it")
 
-from beltscape.site.client import BeltClient
+from beltscape.site.following.client import BeltClient
 
 
 @dataclass
@@ -206,7 +206,7 @@ def test_check_names_every_belt(belts: dict[str, Belt], tmp_path: Path) -> None:
 def test_another_version_is_marked_and_read_nevertheless(
     belts: dict[str, Belt], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from beltscape.site import follower
+    from beltscape.site.following import follower
 
     monkeypatch.setattr(follower, "__version__", "9.4.0")
     belts["a"].measure(2)

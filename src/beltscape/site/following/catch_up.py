@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from beltscape.site.answers import RecordAnswer
-from beltscape.site.faults import Fault
+from beltscape.site.following.answers import RecordAnswer
+from beltscape.site.following.faults import Fault
 from beltscape.site.settings import QUARTER_MIN
 
 _GAP_MS = 5000

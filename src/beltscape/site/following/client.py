@@ -12,8 +12,8 @@ from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from beltscape.core.errors import InputError
 from beltscape.protocols.client_tls import make_client_context
-from beltscape.site.answers import PageAnswer, RecordAnswer, StateAnswer
-from beltscape.site.faults import BeltFaultError, Fault
+from beltscape.site.following.answers import PageAnswer, RecordAnswer, StateAnswer
+from beltscape.site.following.faults import BeltFaultError, Fault
 from beltscape.site.settings import BeltSettings, read_key
 
 Answer = TypeVar("Answer", bound=BaseModel)

@@ -8,6 +8,7 @@ import math
 import runpy
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import datetime
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -293,6 +294,9 @@ def test_an_alarm_is_a_condition_that_is_acknowledged_and_refreshed(running: Run
             comment = ua.LocalizedText("seen")
             with pytest.raises(ua.UaStatusCodeError, match="BadEventIdUnknown"):
                 await condition.call_method(acknowledge, b"another", comment)
+            async with await running.make_client(operator, "vera") as viewer:
+                with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
+                    await viewer.get_node(event.NodeId).call_method(acknowledge, event.EventId, comment)
             await condition.call_method(acknowledge, event.EventId, comment)
             assert running.plant.commands[-1] == ("acknowledge", "overload", "otto")
             events.clear()
@@ -343,6 +347,17 @@ def test_methods_are_done_for_operators_and_audited(running: Running, operator) 
                     await find(client, commands).call_method("2:StartBatch", "truck 8", "")
         assert plant.commands == before
         assert ("opcua StartBatch refused", "anonymous") in [(e[0], e[1]) for e in plant.users.entries]
+
+    call(work)
+
+
+def test_a_client_reads_the_whole_history_over_pages(running: Running) -> None:
+    async def work() -> None:
+        running.plant.add(2100)
+        async with await running.make_client() as client:
+            node, begin, end = find(client, "Belt.Records.Number"), datetime(2000, 1, 1), datetime(2100, 1, 1)
+            values = await node.read_raw_history(begin, end)
+        assert [one.Value.Value for one in values] == list(range(1, running.plant.read_last_number() + 1))
 
     call(work)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from pymodbus.client import ModbusTcpClient
@@ -23,6 +24,7 @@ class OutputModule:
     def __init__(self, settings: OutputSettings) -> None:
         self._settings = settings
         self._client: Any = None
+        logging.getLogger("pymodbus").setLevel(logging.CRITICAL)  # it would log every failure to connect
 
     def write_coil(self, address: int, *, is_on: bool) -> None:
         """Switch a coil; done again it changes nothing."""

@@ -27,7 +27,7 @@ from beltscape.service.log import LogObserver
 from beltscape.service.production.serving import ServedProduction, serve_production
 from beltscape.service.project import ProjectSettings
 from beltscape.service.protocol_users import ServedUsers, describe_provenance
-from beltscape.service.protocols import ProtocolSettings, ServedPlant, serve_protocols
+from beltscape.service.protocols import STARTERS, ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.service.server import RunningServer, check_listening, serve
 
 _POLL_S = 0.1
@@ -52,39 +52,14 @@ def run_plant(
     """
     if page:
         check_listening(project.settings.web)  # before the history is opened
-    live_state, web = LiveState(project.settings.web), project.settings.web
-    access = Access(options.data, web.access)
-    expiry = CertificateExpiry(web.tls_certificate, web.tls_key) if page else CertificateExpiry(None, None)
-    options = replace(options, users_trouble=lambda: access.trouble, certificate_days=expiry)
-    assembled = assemble(project, options, Observers([live_state, LogObserver()]))
-    totals_before = assembled.historian.totals
-    served = ServedPlant(
-        live_state,
-        assembled.historian,
-        assembled.engine.acknowledge,
-        ServedUsers(access),
-        describe_provenance(project),
-        assembled.production,
-    )
-    plant = RunningPlant(project, assembled, assembled.parts, live_state, access, expiry, served)
-    reloader = _make_reloader(plant, options.data)
+    plant = _make_plant(project, options, page=page)
+    assembled, tell = plant.assembled, plant.live_state.on_message
+    totals_before, reloader = assembled.historian.totals, _make_reloader(plant, options.data)
+    protocols = ProtocolSettings(**{name: getattr(project.settings, name) for name in STARTERS})
     with (
-        closing(access),
-        serve_production(
-            assembled.production, assembled.historian, project, options.data, live_state.on_message
-        ) as made,
-        serve_protocols(
-            ProtocolSettings(
-                project.settings.mqtt,
-                project.settings.modbus,
-                project.settings.opcua,
-                project.settings.syslog,
-                project.settings.outputs,
-            ),
-            served,
-            options.data,
-            live_state.on_message,
-        ) as plant.protocols,
+        closing(plant.access),
+        serve_production(assembled.production, assembled.historian, project, options.data, tell) as made,
+        serve_protocols(protocols, plant.served, options.data, tell) as plant.protocols,
         _serve_page(plant, made, reloader) if page else nullcontext() as plant.server,
     ):
         assembled.engine.start()
@@ -99,6 +74,26 @@ def run_plant(
     summary = _make_summary(project, options.data, totals_before, assembled.historian.totals, unwritten)
     assembled.close()
     return summary
+
+
+def _make_plant(project: Project[ProjectSettings], options: RunOptions, *, page: bool) -> RunningPlant:
+    """Open everything that the run needs, without starting it."""
+    web, live_state = project.settings.web, LiveState(project.settings.web)
+    access = Access(options.data, web.access)
+    expiry = CertificateExpiry(web.tls_certificate, web.tls_key) if page else CertificateExpiry(None, None)
+    options = replace(options, certificate_days=expiry)
+    if page or project.settings.opcua is not None:
+        options = replace(options, users_trouble=lambda: access.trouble)
+    assembled = assemble(project, options, Observers([live_state, LogObserver()]))
+    served = ServedPlant(
+        live_state,
+        assembled.historian,
+        assembled.engine.acknowledge,
+        ServedUsers(access),
+        describe_provenance(project),
+        assembled.production,
+    )
+    return RunningPlant(project, assembled, assembled.parts, live_state, access, expiry, served)
 
 
 def _make_reloader(plant: RunningPlant, data: Path) -> SettingsReloader:

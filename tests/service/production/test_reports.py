@@ -251,7 +251,7 @@ def test_the_thread_writes_by_itself_and_ends(tmp_path: Path) -> None:
     history.close()
 
 
-def test_a_report_that_fails_delays_no_other_and_is_told_once(
+def test_a_report_that_fails_delays_no_other_and_is_reported_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     history, figures = make_production(tmp_path)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Callable, Coroutine, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, TypeVar
@@ -25,6 +27,7 @@ APPLICATION = "urn:test:client"
 PASSWORD = "four seasons of ore"
 ROLES: tuple[UserRole, ...] = ("viewer", "operator", "engineer")
 Result = TypeVar("Result")
+_CLOCK_NS = itertools.count(10**18 + 10**9, 10**9)
 
 
 class FakeUsers:
@@ -151,3 +154,20 @@ async def wait_for(condition: Callable[[], bool], seconds: float = 10.0) -> None
             return
         await asyncio.sleep(0.02)
     raise AssertionError("it did not happen in time")
+
+
+async def read(client: Client, path: str) -> ua.DataValue:
+    """Return a value with its status, good or bad."""
+    return await find(client, path).read_data_value(raise_on_bad_status=False)
+
+
+async def set_state(running: Running, client: Client, **changes: object) -> None:
+    """Change the plant's state and wait until it is shown."""
+    running.plant.state = replace(running.plant.state, wall_ns=next(_CLOCK_NS), **changes)
+    expected = running.plant.state.wall_ns // 1000
+    for _ in range(500):
+        value = await read(client, "Belt.Monitoring.Process.VolumeFlowRate")
+        if round(value.SourceTimestamp.timestamp() * 1e6) == expected:
+            return
+        await asyncio.sleep(0.02)
+    raise AssertionError("the state was not shown")

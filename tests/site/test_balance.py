@@ -38,7 +38,7 @@ def fill(
     records = [make_record(n + 1, START_MS + n * STEP_MS, volume) for n, volume in enumerate(volumes)]
     batch = sum_records(None, records, None)
     assert batch is not None
-    store.add(belt, batch)
+    store.add(belt, store.read_cursor(belt), batch)
     store.set_complete(belt, batch.cursor.wall_ms)
 
 
@@ -122,7 +122,7 @@ def test_a_belt_that_is_away_is_waited_for_and_then_balanced(store: SiteStore) -
     ]
     batch = sum_records(again.read_cursor("c"), records, None)
     assert batch is not None
-    again.add("c", batch)
+    again.add("c", again.read_cursor("c"), batch)
     again.set_complete("c", batch.cursor.wall_ms)
     balancer.update(NOW_MS)
     assert [one.state for one in again.read_balances("tower", 100)] == ["balanced"] * 8
@@ -152,7 +152,7 @@ def test_unmeasured_belt_and_unknown_densities_are_no_imbalance(store: SiteStore
     records = [make_record(n + 1, START_MS + n * STEP_MS, 0.08, **one) for n, one in enumerate(lacks)]
     batch = sum_records(None, records, None)
     assert batch is not None
-    store.add("c", batch)
+    store.add("c", store.read_cursor("c"), batch)
     store.set_complete("c", batch.cursor.wall_ms)
     _, balancer = make_point(store)
     balancer.update(NOW_MS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import random
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from pydantic import ValidationError
 from beltscape.core.errors import OutputError
 from beltscape.site.following import follower as follower_module
 from beltscape.site.following.answers import RecordAnswer
-from beltscape.site.following.catch_up import Batch, Gap, Sums
+from beltscape.site.following.catch_up import Batch, Cursor, Gap, Sums
 from beltscape.site.following.faults import BeltFaultError
 from beltscape.site.following.follower import BeltFollower
 from beltscape.site.store import SiteStore
@@ -173,10 +174,10 @@ def test_sums_that_cannot_be_written_are_named_and_nothing_is_lost(
     site = make_site("a", first_days=1)
     full = [True]
 
-    def add(name: str, batch: Batch, write: Any = store.add) -> None:
+    def add(name: str, before: Cursor | None, batch: Batch, write: Any = store.add) -> None:
         if full[0]:
             raise OutputError("site.db: cannot be written (the disk is full)")
-        write(name, batch)
+        write(name, before, batch)
 
     monkeypatch.setattr(store, "add", add)
     monkeypatch.setattr(follower_module, "_PAUSES_S", (0.02,))
@@ -187,3 +188,19 @@ def test_sums_that_cannot_be_written_are_named_and_nothing_is_lost(
     wait_until(lambda: count(store).records == 10)
     wait_until(lambda: follower.take_view().faults == ())
     follower.close()
+
+
+def test_two_sites_on_one_folder_count_no_record_twice(tmp_path: Path) -> None:
+    belt, rng = FakeBelt(), random.Random(6)
+    stores = [SiteStore(tmp_path), SiteStore(tmp_path)]
+    followers = [make_follower(tmp_path, store) for store in stores]
+    for number in range(1, 301):
+        belt.records.append(make_record(number, START_MS + number * 200))
+        if rng.random() < 0.2:
+            threads = [threading.Thread(target=follower.poll, args=(belt,)) for follower in followers]
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
+    followers[0].poll(belt)
+    assert count(stores[1]).records == 300

@@ -78,10 +78,20 @@ class SiteStore:
         rows = self._select("SELECT complete_ms FROM belts WHERE belt = ?", belt)
         return rows[0][0] if rows else 0
 
-    def add(self, belt: str, batch: Batch) -> None:
-        """Add a piece of a ledger, and set the cursor behind it; OutputError if it cannot be written."""
+    def add(self, belt: str, before: Cursor | None, batch: Batch) -> None:
+        """Add a piece of a ledger, and set the cursor behind it.
+
+        Nothing is added where the cursor is not ``before`` any more, since another program has counted meanwhile.
+
+        Raises
+        ------
+        OutputError
+            If it cannot be written.
+        """
         end = batch.cursor
         with self._write() as connection:
+            if self.read_cursor(belt) != before:
+                return
             connection.execute(
                 "INSERT INTO belts (belt, number, run, wall_ms, mark) VALUES (?, ?, ?, ?, ?) ON CONFLICT (belt) DO"
                 " UPDATE SET number = excluded.number, run = excluded.run, wall_ms = excluded.wall_ms,"

@@ -9,7 +9,7 @@ from threading import Event, Lock
 from typing import Protocol
 
 from beltscape import __version__
-from beltscape.core.errors import OutputError
+from beltscape.core.errors import InputError, OutputError
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.site.following.answers import PageAnswer, RecordAnswer, StateAnswer
 from beltscape.site.following.catch_up import Cursor, Gap, find_break, sum_records
@@ -128,24 +128,34 @@ class BeltFollower:
     def _run(self) -> None:
         attempt = 0
         while not self._stop.is_set():
+            started_s = time.monotonic()
+            wait_s = self._follow_until_broken()
+            attempt = 0 if time.monotonic() - started_s > _PAUSES_S[-1] else attempt
+            self._stop.wait(max(wait_s, _PAUSES_S[min(attempt, len(_PAUSES_S) - 1)]))
+            attempt += 1
+
+    def _follow_until_broken(self) -> float:
+        """Poll the belt until it cannot be read; keep why, and return the least seconds until the next attempt."""
+        try:
             client = self._make_client(self.settings)
-            try:
-                self._read_page(client)
-                self._set_fault("connection", None)
-                attempt = 0
-                while not self._stop.is_set():
-                    started_s = time.monotonic()
-                    self.poll(client)
-                    self._stop.wait(max(0.0, self._site.poll_s - (time.monotonic() - started_s)))
-            except BeltFaultError as error:
-                self._set_fault("connection", error.fault)
-                self._stop.wait(max(error.wait_s, _PAUSES_S[min(attempt, len(_PAUSES_S) - 1)]))
-                attempt += 1
-            except OutputError as error:
-                self._set_fault("store", Fault("store", {"reason": str(error)}))
-                self._stop.wait(_PAUSES_S[-1])
-            finally:
-                client.close()
+        except InputError:
+            self._set_fault("connection", Fault("key", {"url": self.settings.url}))
+            return 0.0
+        try:
+            self._read_page(client)
+            self._set_fault("connection", None)
+            while not self._stop.is_set():
+                started_s = time.monotonic()
+                self.poll(client)
+                self._stop.wait(max(0.0, self._site.poll_s - (time.monotonic() - started_s)))
+        except BeltFaultError as error:
+            self._set_fault("connection", error.fault)
+            return error.wait_s
+        except OutputError as error:
+            self._set_fault("store", Fault("store", {"reason": str(error)}))
+        finally:
+            client.close()
+        return 0.0
 
     def _read_page(self, client: Client) -> None:
         page = client.read_page()
@@ -184,7 +194,7 @@ class BeltFollower:
             self._set_ledger_fault(broken)
             batch = sum_records(cursor, records, broken)
             if batch is not None:
-                self._store.add(name, batch)
+                self._store.add(name, cursor, batch)
                 times += [min(batch.seconds) * 1000, max(batch.seconds) * 1000 + 1000]
             if not is_full or time.monotonic() > end_s or self._stop.is_set():
                 return not is_full, (min(times), max(times)) if times else None

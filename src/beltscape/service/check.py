@@ -11,6 +11,7 @@ from beltscape.pipeline.live.check import is_running, list_checks
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access.identity.database import FILE, Database
 from beltscape.service.production.reports import check_reports
+from beltscape.service.production.scale_counter import check_scale
 from beltscape.service.project import ProjectSettings
 from beltscape.service.protocol_checks import CHECKS
 from beltscape.service.server import check_listening
@@ -34,6 +35,9 @@ def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: 
     if reports is not None:
         zone = project.settings.production.time_zone
         checks.append(("reports", lambda: check_reports(reports, zone)))
+    scale = project.settings.scale
+    if scale is not None:
+        checks.append(("scale", lambda: check_scale(scale)))
     for table, check_protocol in CHECKS.items():
         if (settings := getattr(project.settings, table)) is not None:
             checks.append((table, partial(check_protocol, settings)))

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 
 from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import BeltRecord
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, OutputError
 from beltscape.files.folders.atomic import write_text
 from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.protocols.modbus.settings import ModbusSettings
@@ -117,20 +117,28 @@ class ServedPlant:
 
     def start_batch(self, name: str, product: str, user: str) -> None:
         """Start a batch; ``product`` empty: the present product. InputError if it is refused."""
-        self._require_production().start_batch(name, product, user)
+        with self._change() as production:
+            production.start_batch(name, product, user)
 
     def stop_batch(self, user: str) -> None:
         """Stop the present batch; InputError if there is none."""
-        self._require_production().stop_batch(user)
+        with self._change() as production:
+            production.stop_batch(user)
 
     def change_product(self, name: str, user: str) -> None:
         """Make a product the present one; InputError if there is no such product."""
-        self._require_production().change_product(name, user)
+        with self._change() as production:
+            production.change_product(name, user)
 
-    def _require_production(self) -> ProductionControl:
+    @contextmanager
+    def _change(self) -> Generator[ProductionControl]:
+        """Give the production; what cannot be kept on the disk is refused as well."""
         if self.production is None:
             raise InputError("this system has neither products nor batches")
-        return self.production
+        try:
+            yield self.production
+        except OutputError as error:
+            raise InputError(f"nothing was changed: {error}") from error
 
 
 class Served(Protocol):

@@ -10,13 +10,18 @@ from time import time_ns
 
 import pytest
 
+from beltscape.core.errors import InputError, OutputError
+from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.production.settings import ReportSettings, ScaleSettings
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.reports import ReportWriter
+from beltscape.service.protocols import ServedPlant
 from tests.service.access.sample_app import Browser
 from tests.service.plants import ServiceParts, add_production, make_service
 from tests.service.production.plants import make_control
 
+CONTROLS: list[ProductionControl] = []
+"""The control behind the interface."""
 EVER = {"since_ms": 0, "until_ms": 4_102_444_800_000}
 
 
@@ -25,6 +30,7 @@ def parts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ServiceParts]:
     folder = tmp_path_factory.mktemp("production")
     made = make_service(folder)
     figures = ProductionFigures(make_control(made.history), ScaleSettings())
+    CONTROLS[:] = [figures.control]
     add_production(
         made, figures, ReportWriter(ReportSettings(), figures, made.history, folder, "Quay 4", print)
     )
@@ -154,6 +160,28 @@ def test_a_report_has_a_policy_of_its_own(viewer: Browser) -> None:
     assert "sandbox" in report.headers["content-security-policy"]
     assert "script-src" not in report.headers["content-security-policy"]
     assert "unsafe-inline" not in viewer("GET", "/api/production").headers["content-security-policy"]
+
+
+def test_protocols_change_what_the_page_changes(parts: ServiceParts, monkeypatch: pytest.MonkeyPatch) -> None:
+    control = CONTROLS[0]
+    plant = ServedPlant(parts.live_state, parts.history, lambda *_: False, production=control)
+    plant.change_product("coal", "opc")
+    plant.start_batch("ship", "ore", "opc")
+    state = plant.read_state()
+    assert (state.product, state.batch, state.products) == ("ore", "ship", ("ore", "coal"))
+    with pytest.raises(InputError, match="batch ship is open"):
+        plant.start_batch("another", "", "opc")
+    plant.stop_batch("opc")
+
+    def fail(*_: object) -> None:
+        raise OutputError("the disk is full")
+
+    monkeypatch.setattr(control.history, "change_product", fail)
+    with pytest.raises(InputError, match="nothing was changed: the disk is full"):
+        plant.change_product("coal", "opc")
+    assert plant.read_state().product == "ore"
+    with pytest.raises(InputError, match="neither products nor batches"):
+        ServedPlant(parts.live_state, parts.history, lambda *_: False).stop_batch("opc")
 
 
 def test_without_products_the_interface_stays_away(tmp_path: Path) -> None:

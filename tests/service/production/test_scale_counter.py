@@ -15,7 +15,12 @@ import pytest
 from beltscape.production.scale import ScaleReading
 from beltscape.production.settings import ScaleModbusSettings, ScaleSettings
 from beltscape.service.production.figures import ProductionFigures
-from beltscape.service.production.scale_counter import ModbusCounter, ScaleError, TableCounter
+from beltscape.service.production.scale_counter import (
+    ModbusCounter,
+    ScaleError,
+    TableCounter,
+    check_scale,
+)
 from beltscape.service.production.scale_watch import ScaleWatch
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
@@ -135,6 +140,13 @@ def test_a_controller_that_is_away_or_refuses_is_named(controller: int) -> None:
     with pytest.raises(ScaleError, match="register 5000 is refused"):
         refused.read()
     refused.close()
+
+
+def test_the_check_names_the_source(tmp_path: Path) -> None:
+    assert "typed" in check_scale(ScaleSettings())
+    assert "does not exist yet" in check_scale(ScaleSettings(csv=tmp_path / "scale.csv"))
+    modbus = ScaleModbusSettings(host="10.1.2.3", address=7)
+    assert check_scale(ScaleSettings(modbus=modbus)) == "10.1.2.3 port 502, register 7"
 
 
 class Counts:

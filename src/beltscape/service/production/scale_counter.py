@@ -12,7 +12,7 @@ from typing import Protocol
 from beltscape.core.errors import BeltscapeError, InputError
 from beltscape.core.extras import describe_missing_library
 from beltscape.production.scale import ScaleReading
-from beltscape.production.settings import ScaleModbusSettings
+from beltscape.production.settings import ScaleModbusSettings, ScaleSettings
 
 _FORMS: Mapping[str, tuple[int, str]] = {
     "uint16": (1, ">H"),
@@ -131,3 +131,13 @@ class ModbusCounter:
     def close(self) -> None:
         """End the connection."""
         self._client.close()
+
+
+def check_scale(settings: ScaleSettings) -> str:
+    """Return where the counter comes from; InputError if the library that reads it is missing."""
+    if settings.modbus is not None:
+        ModbusCounter(settings.modbus).close()
+        return f"{settings.modbus.host} port {settings.modbus.port}, register {settings.modbus.address}"
+    if settings.csv is None:
+        return "its counter is typed on the page"
+    return f"{settings.csv}{'' if settings.csv.is_file() else ', which does not exist yet'}"

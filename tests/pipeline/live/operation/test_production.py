@@ -90,7 +90,8 @@ def test_what_cannot_be_is_refused_and_changes_nothing(history: Historian) -> No
     control.start_batch("a", "ore", "anna")
     with pytest.raises(InputError, match="batch a is open; stop it first"):
         control.start_batch("b", "", "anna")
-    assert control.stop_batch("anna").name == "a"
+    control.stop_batch("anna")
+    assert control.batch_name == ""
     assert control.tag == RecordTag("ore", 2400.0, 60.0, 0)
 
 

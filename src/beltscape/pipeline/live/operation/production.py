@@ -9,7 +9,6 @@ from time import time_ns
 from beltscape.core.belt.ledger_entries import RecordTag
 from beltscape.core.errors import InputError
 from beltscape.pipeline.live.reporting.event_log import EventLog
-from beltscape.production.batches import Batch
 from beltscape.production.calendar import open_zone
 from beltscape.production.settings import ProductionSettings, ProductSettings
 from beltscape.production.timetable import find_due_change
@@ -109,20 +108,19 @@ class ProductionControl:
         self._events.add("batch", name, "started", self._wall_ns(), by, {"action": "start"})
         return number
 
-    def stop_batch(self, by: str) -> Batch:
-        """Stop the open batch and return it; InputError if none is open.
+    def stop_batch(self, by: str) -> None:
+        """Stop the open batch; InputError if none is open.
 
         Belt that was in view is still counted for it, some records later.
         """
         with self._lock:
-            batch = self.history.open_batch
-            if batch is None or not self.tag.batch:
+            name = self._batch_name
+            if not self.tag.batch:
                 raise InputError("no batch is open")
             self.history.end_batch(by, self._read_ms())
             self._batch_name = ""
             self._set_tag(self.tag.product, 0)
-        self._events.add("batch", batch.name, "stopped", self._wall_ns(), by, {"action": "stop"})
-        return batch
+        self._events.add("batch", name, "stopped", self._wall_ns(), by, {"action": "stop"})
 
     def follow_timetable(self) -> None:
         """Make the change whose time has come; call it at least once a minute."""

@@ -60,6 +60,11 @@ class Finding:
         return get_key(self.text)
 
 
+def has_fault(findings: Iterable[Finding], check: str, subject: str) -> bool:
+    """Return whether a check found a fault of a subject."""
+    return any(one.check == check and one.subject == subject and one.is_fault for one in findings)
+
+
 def worst_effect(findings: Iterable[Finding]) -> Effect:
     """Return the most severe effect; "none" without findings."""
     return EFFECTS[max((EFFECTS.index(finding.effect) for finding in findings), default=0)]

@@ -86,6 +86,19 @@ def test_a_full_belt_a_risen_belt_and_a_moved_camera_are_silent() -> None:
         assert not any(finding.is_fault for finding in monitor.check(turned, sound, ()))
 
 
+def test_a_moved_core_does_not_accuse_the_projector() -> None:
+    moved = Finding("camera_pose", 2.0, 0.1, 0.5, "mm", "cam0", "the core camera cam0 moved", "degraded")
+    for others, is_accused in (((moved,), False), ((replace(moved, subject="cam1"),), True)):
+        monitor = learn()
+        found = [
+            monitor.check(
+                make_frame(number, NARROW, moved_mm=(5.0, 0.0)), depth_map(NARROW, STEP_MM * number), others
+            )
+            for number in (40, 41)
+        ]
+        assert any(finding.is_fault for findings in found for finding in findings) == is_accused
+
+
 def test_without_a_pattern_nothing_is_found() -> None:
     monitor = learn(speckle=0.0)
 

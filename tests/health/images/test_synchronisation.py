@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -25,6 +27,21 @@ def run(
         drawn = make_frame(number, HEAP, speed_mm_s=speed_mm_s, **options)
         out.append(monitor.check(drawn, depth_map(HEAP, STEP_MM * number), STEP_MM * number, ALONG))
     return out
+
+
+@pytest.mark.parametrize("late_mm", [2.0, -5.0])
+def test_auxiliaries_are_not_accused_while_the_core_has_moved(late_mm: float) -> None:
+    moved = Finding("camera_pose", 2.0, 0.1, 0.5, "mm", "cam0", "the core camera cam0 moved", "degraded")
+    for others, accused in (((moved,), set[str]()), ((replace(moved, subject="cam1"),), {"cam2"})):
+        monitor = SynchronisationMonitor(RIG, HealthSettings())
+        found = [
+            monitor.check(
+                make_frame(number, HEAP, speed_mm_s=1000.0, late_mm={"cam2": late_mm}),
+                depth_map(HEAP, STEP_MM * number), STEP_MM * number, ALONG, others,
+            )
+            for number in range(3)
+        ]  # fmt: skip
+        assert set(find_faults(found[-1])) == accused
 
 
 def find_faults(findings: tuple[Finding, ...]) -> dict[str, Finding]:

@@ -43,7 +43,7 @@ class BeltImageMonitor:
     def check_projector(
         self, frames: FrameSet, depth: DepthMap | None, findings: Sequence[Finding]
     ) -> tuple[Finding, ...]:
-        """Return the finding about the projector's position; ``findings`` are those about the frame's images."""
+        """Return the finding about the projector's position; ``findings`` are those about its images and cameras."""
         if not self._settings.images:
             return ()
         return self._projector.check(frames, depth, findings)
@@ -54,11 +54,13 @@ class BeltImageMonitor:
         depth: DepthMap | None,
         position_mm: float | None,
         along: NDArray[np.float64] | None,
+        findings: Sequence[Finding],
     ) -> tuple[Finding, ...]:
         """Return the findings about the cameras' instants, once the frame's position on the belt is known.
 
-        ``along`` (3,) is the direction of travel in the core's frame; None: not known.
+        ``along`` (3,) is the direction of travel in the core's frame; None: not known. ``findings`` are those about
+        the frame's images and cameras.
         """
         if not self._settings.images:
             return ()
-        return self._synchronisation.check(frames, depth, position_mm, along)
+        return self._synchronisation.check(frames, depth, position_mm, along, findings)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding
+from beltscape.core.findings import Finding, has_fault
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.health.images.projector_position import (
@@ -75,12 +75,15 @@ class ProjectorMonitor:
     ) -> tuple[Finding, ...]:
         """Return the finding "projector_moved" of a checked frame; between two checks the fault, if there is one.
 
-        ``findings`` are those about the frame's images: a frame with a fault is not learned.
+        ``findings`` are those about the frame's images and cameras: a frame with a fault is not learned, and a core
+        camera that moved sees a projector at rest displaced.
         """
         self._number += 1
         if self._must_forget:
             self._forget()
         if depth is None or self._settings.projector == "no" or not self._is_due(frames):
+            return self._fault
+        if has_fault(findings, "camera_pose", self._rig.core):
             return self._fault
         view = self._grid.view(frames, depth)
         is_bare, height = self._find_bare_belt(view.surface)

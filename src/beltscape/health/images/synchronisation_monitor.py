@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict, deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding
+from beltscape.core.findings import Finding, has_fault
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.health.images.motion_correlation import (
@@ -88,10 +89,13 @@ class SynchronisationMonitor:
         depth: DepthMap | None,
         position_mm: float | None,
         along: NDArray[np.float64] | None,
+        others: Sequence[Finding] = (),
     ) -> tuple[Finding, ...]:
         """Return the findings "camera_sync" of the next frame; between two checks those that are faults.
 
         ``position_mm`` is the belt's travel at the frame, ``along`` (3,) its direction in the core's frame.
+        ``others`` are the findings about the frame's cameras: all auxiliaries disagree with a core that moved, so
+        that none of them is accused anew.
         """
         self._number += 1
         if depth is None or position_mm is None or along is None or frames.time_ns is None:
@@ -109,11 +113,20 @@ class SynchronisationMonitor:
             self._before = now
             return self._faults
         findings = self._compare(before, now, along, distance)
+        if has_fault(others, "camera_pose", self._rig.core):
+            findings = [self._acquit(finding) for finding in findings]
         self._faults = tuple(finding for finding in findings if finding.is_fault)
         self._due = self._number + _EVERY
         is_suspect = any(one and one[-1].exceeds(self._settings.skew_ms) for one in self._recent.values())
         self._before = now if is_suspect and not self._faults else None
         return tuple(findings)
+
+    def _acquit(self, finding: Finding) -> Finding:
+        """Return the finding without an auxiliary's fault that began in this check."""
+        is_old = any(one.subject == finding.subject for one in self._faults)
+        if is_old or not finding.is_fault or finding.subject == self._rig.core:
+            return finding
+        return make_unmeasured_finding(finding.subject, self._settings)
 
     def _store(self, frames: FrameSet, depth: DepthMap, position_mm: float, time_ns: int) -> _Stored:
         view = self._grid.view(frames, depth)

@@ -178,7 +178,7 @@ class FlowChain:
             return ()
         position = None if last is None or one.depth is None else last.position_mm
         along = None if prediction is None else prediction.along
-        return self._images.check_synchronisation(one.frames, one.depth, position, along)
+        return self._images.check_synchronisation(one.frames, one.depth, position, along, one.findings)
 
     def pop_findings(self) -> tuple[Finding, ...]:
         """Remove and return the findings about measured frames."""

@@ -91,7 +91,7 @@ def test_a_load_without_density_has_no_mass() -> None:
 
 @pytest.mark.parametrize("part", [slice(0, 5), slice(100, 160), slice(0, 300)])
 def test_errors_of_truth_lie_within_the_sigma(part: slice) -> None:
-    """Draw common and independent errors of 300 strips 2000 times: z of a part's total has a spread of 0.8 to 1.05."""
+    """Of errors drawn 2000 times, common and independent, z of a part's total has a spread of 0.8 to 1.05."""
     rng, count = np.random.default_rng(9), 300
     own, edges, drift = rng.uniform(2e4, 6e4, count), rng.uniform(1e3, 3e3, count), np.full(count, 2e4)
     common = np.hypot(edges, drift)

@@ -7,7 +7,8 @@ import { store } from "./store.js";
 import { apply_texts, format_date_time, format_number, format_percent, t } from "./texts.js";
 
 const PERIODS = { h1: 3600, h8: 8 * 3600, h24: 24 * 3600, d7: 7 * 86400, d30: 30 * 86400 };
-const RELOAD_MS = 5000, ROWS = 300, FLOOD = 10;
+const RELOAD_MS = { h1: 5000, h8: 10000, h24: 10000, d7: 60000, d30: 60000 }; // long periods cost the service time
+const ROWS = 300, FLOOD = 10;
 let period = "h24", results = null, loaded_ms = -Infinity, is_loading = false, is_built = false, failed = false;
 const is_open = () => !$("alarms-view").hidden;
 
@@ -34,7 +35,7 @@ function choose_period(name) {
 }
 
 async function load() {
-  if (!is_open() || is_loading || performance.now() - loaded_ms < RELOAD_MS) return;
+  if (!is_open() || is_loading || performance.now() - loaded_ms < RELOAD_MS[period]) return;
   is_loading = true;
   loaded_ms = performance.now();
   const until_ms = Math.round(Date.now() + store.clock_ms) + 1000;

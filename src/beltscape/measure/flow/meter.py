@@ -92,6 +92,24 @@ class FlowMeter:
         """Begin, before the first frame, with the motion that another meter of the same belt found."""
         self._tracker.continue_motion(motion)
 
+    def predict_view_start_mm(
+        self, clock: float, encoder_mm: float | None, window_mm: tuple[float, float]
+    ) -> float:
+        """Return the belt coordinate from which on two coming frames would see the belt; inf if it is not known.
+
+        ``window_mm`` is the range of y in which they see it across its width.
+        """
+        last, motion = self.motion.last, self.prediction
+        if last is None or motion is None:
+            return np.inf
+        if encoder_mm is not None and last.encoder_mm is not None and motion.uses_encoder:
+            step = (encoder_mm - last.encoder_mm) / motion.ratio
+        elif motion.speed is not None:
+            step = motion.speed * (clock - last.clock)
+        else:
+            return np.inf
+        return last.position_mm + 2 * max(step, 0.0) + self._convert_range(window_mm)[0]
+
     @property
     def direction(self) -> int:
         """Return the direction of travel: +1 towards +y, -1 towards -y, 0 if not known yet."""

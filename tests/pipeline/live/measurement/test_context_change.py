@@ -59,7 +59,7 @@ def length(records: list[BeltRecord]) -> float:
 def test_belt_and_volume_stay_the_same(encoder_mm: float | None) -> None:
     records = measure(CHANGES, encoder_mm)
     check(records)
-    assert {one.run for one in records} >= {1, 3, 4, 5, 6}
+    assert {one.run for one in records} >= {1, 2, 4, 5, 6}  # run 3 is one frame long
     # without an encoder the belt between two contexts is known by its speed
     whole = TRACK[-1] + records[0].length_mm if encoder_mm else length(measure((), None))
     assert length(records) == pytest.approx(whole, abs=0.5 if encoder_mm else 2.0)
@@ -69,16 +69,21 @@ def test_belt_and_volume_stay_the_same(encoder_mm: float | None) -> None:
 
 def test_the_run_and_its_density_change_at_exactly_one_record() -> None:
     records = measure(CHANGES, 5000.0)
-    bounds = pairwise((0, *CHANGES, len(records)))
-    assert [one.run for one in records] == [run for run, (a, b) in enumerate(bounds, 1) for _ in range(a, b)]
-    densities = [one.strip.density_kg_m3 for one in records if one.strip is not None]
-    assert densities == [1500.0] * CHANGES[0] + [800.0] * (len(densities) - CHANGES[0])
-    assert records[40].run_sigma_mm3 < records[39].run_sigma_mm3  # σ of a run's own common errors
+    first = {number: next(one for one in records if one.run == number) for number in (2, 4, 5, 6)}
+    # belt that is in view at the change is measured by the frames after it, all of it in one record
+    frames_of = {number: one.strip.frame for number, one in first.items() if one.strip is not None}
+    assert frames_of == {2: f"{TRACK[5]}", 4: f"{TRACK[21]}", 5: f"{TRACK[40]}", 6: f"{TRACK[52]}"}
+    for one in records:
+        assert one.strip is not None
+        assert one.strip.density_kg_m3 == (1500.0 if one.run == 1 else 800.0)
+        assert one.strip.coverage > 0.9 or one.strip.volume_mm3 < 1e4
+    before = next(one for one in records if one.number == first[5].number - 1)
+    assert first[5].run_sigma_mm3 < before.run_sigma_mm3  # σ of a run's own common errors
 
 
 def test_without_an_encoder_it_waits_for_a_known_motion() -> None:
-    records = measure(CHANGES, None)
-    assert [one.run for one in records].index(2) > CHANGES[0]
+    first = next(one for one in measure(CHANGES, None) if one.run == 2)
+    assert first.strip is not None and float(first.strip.frame) > TRACK[CHANGES[0]]
 
 
 def test_a_failing_frame_at_the_change_does_not_lose_it() -> None:

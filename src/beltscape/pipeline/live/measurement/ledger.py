@@ -11,6 +11,8 @@ from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, RecordTag, standing_from_quality
 
 _NO_TAG = RecordTag()
+_ROUNDING_MM = 1e-6
+"""Belt positions, up to 10⁹ mm in double precision, are the same within it."""
 ROLL_BACK_MM = 3000.0
 """Longest distance by which a stopped belt rolls back; an encoder that is further back has been reset."""
 
@@ -123,7 +125,7 @@ class Ledger:
         for record in records:
             pending = self._pending.popleft()
             start, end = self._strip_interval(record, pending)
-            if self.state.end_mm is not None and start > self.state.end_mm:
+            if self.state.end_mm is not None and start - self.state.end_mm > _ROUNDING_MM:
                 reason = "nothing measured while it passed"
                 gap = self._entry(start, None, reason, run_sigma_mm3, wall_ns, 0, None)
                 out.append(add_tag(gap, pending.tag))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import takewhile
 
 import cv2
+import numpy as np
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, RecordTag
@@ -108,9 +110,7 @@ class MeasurementRun:
         self.context = self.context.with_empty_belt(empty_belt)
         self._needs_new_meter = True
 
-    def push(
-        self, frames: FrameSet, findings: Sequence[Finding] = (), tag: RecordTag = _NO_TAG
-    ) -> Outcome:
+    def push(self, frames: FrameSet, findings: Sequence[Finding] = (), tag: RecordTag = _NO_TAG) -> Outcome:
         """Measure the next frame set; without images it only gives the belt's position.
 
         ``findings`` are further ones about it; its record is counted for ``tag``.
@@ -122,7 +122,7 @@ class MeasurementRun:
             self._reporter.warn("an encoder now gives the belt's position; counting continues with it")
             self._needs_new_meter = True
         if self._needs_new_meter:
-            entries += self._make_entries(self._chain.finish())
+            entries += self._finish_meter(frames, self._chain, self.context.empty_belt)
             self._finished_sigma_mm3 += self._chain.meter.totals.sigma_mm3
             self._chain = self._continue_meter(frames, self._chain.meter)
         self._has_encoder |= frames.position_mm is not None
@@ -162,13 +162,29 @@ class MeasurementRun:
         if self._next is None or (chain is not None and not self._can_continue(frames, chain.meter)):
             return []
         if chain is not None:
-            entries = self._make_entries(chain.finish())
+            entries = self._finish_meter(frames, chain, self._next[0].empty_belt)
             self._chain = None
         (self.context, self._ledger.state.run), self._next = self._next, None
         self._finished_sigma_mm3, self.first_number = 0.0, self._ledger.state.number
         if chain is not None:
             self._chain = self._continue_meter(frames, chain.meter)
             self._has_encoder = frames.position_mm is not None
+        return entries
+
+    def _finish_meter(
+        self, frames: FrameSet, chain: FlowChain, reference: EmptyBeltReference
+    ) -> list[BeltRecord]:
+        """Return the last records of the present meter; belt that stays in view is left to the next one.
+
+        It would be measured by the few frames so far only; the next meter sees it in all that come.
+        """
+        records, start = chain.finish(), np.inf
+        if frames.images and frames.time_ns is not None:
+            start = chain.meter.predict_view_start_mm(
+                frames.time_ns * 1e-9, frames.position_mm, reference.window_mm
+            )
+        entries = self._make_entries(list(takewhile(lambda one: not one.strip_mm[0] >= start, records)))
+        self._ledger.discard_pending()
         return entries
 
     def _can_continue(self, frames: FrameSet, before: FlowMeter) -> bool:

@@ -234,7 +234,8 @@ def test_currents_follow_the_value_and_show_a_failure(io: IoModule, tmp_path: Pa
     ]
     writer = OutputWriter(make_settings(io, analogue=analogue, heartbeat=9), plant, tmp_path)
     writer.start()
-    wait_until(lambda: io.registers.get(1) == 12_000)
+    wait_until(lambda: 9 in io.registers)  # the last that is written
+    assert io.registers[1] == 12_000
     assert io.registers[2] == 20_392  # 104.9 of 100
     assert io.registers[4] == 5735  # the speed is not known: 3.5 mA
     beat = io.registers[9]

@@ -31,9 +31,8 @@ def main() -> int:
     arguments, commit = _parse(), read_commit()
     sizes = SHORT if arguments.short or arguments.small else LONG
     capture = open_capture(arguments.cache, sizes, arguments.seed, Silent())
-    chosen = [case for case in read_cases() if _is_chosen(case, arguments)]
-    if arguments.rounds is not None:
-        chosen = [_shorten(case, arguments.rounds) for case in chosen]
+    cases = [_shorten(case, arguments.rounds) for case in read_cases()]
+    chosen = [case for case in cases if _is_chosen(case, arguments)]
     print("\n".join(HEAD), flush=True)
     verdicts: list[RowResult] = []
     for verdict in play_rows(capture, chosen, jobs=arguments.jobs, minutes=arguments.minutes):
@@ -41,14 +40,15 @@ def main() -> int:
         keep_result(capture.folder, verdict, commit)
         print(format_row(verdict), flush=True)
     if arguments.write or not (arguments.short or arguments.only):
-        _write(capture, chosen, arguments.note)
+        _write(capture, chosen or cases, arguments.note)
     print(format_count(verdicts))
     return int(any(not verdict.passes for verdict in verdicts))
 
 
-def _shorten(case: Case, rounds: float) -> Case:
-    """Return the row with at most this number of rounds after the fault, unless it needs more."""
-    return replace(case, rounds=max(min(case.rounds, rounds), case.least_rounds))
+def _shorten(case: Case, rounds: float | None) -> Case:
+    """Return the row with at most this number of rounds after the fault (None: its own), unless it needs more."""
+    own = case.rounds if rounds is None else min(case.rounds, rounds)
+    return replace(case, rounds=max(own, case.least_rounds))
 
 
 def _write(capture: RoundCapture, chosen: Sequence[Case], note: str) -> None:

@@ -131,7 +131,7 @@ class Server:
 
     def _read(self, connection: socket.socket) -> None:
         stream = bytearray()
-        with suppress(OSError):
+        with suppress(OSError), closing(connection):
             if self._context is not None:
                 connection = self._context.wrap_socket(connection, server_side=True)
             self._connections.append(connection)

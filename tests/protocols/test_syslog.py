@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import ssl
 import threading
 import time
@@ -190,9 +191,14 @@ def test_a_full_queue_drops_the_oldest_and_says_so_to_both_sides() -> None:
 
 
 def test_a_server_that_takes_nothing_delays_nobody() -> None:
-    server = Server("tcp")
+    server, end = Server("tcp"), threading.Event()
+
+    def take_nothing(connection: socket.socket) -> None:
+        with closing(connection):
+            end.wait(30)
+
     with closing(server):
-        server._read = lambda _: threading.Event().wait(30)  # type: ignore[method-assign]
+        server._read = take_nothing  # type: ignore[method-assign]
         sender = SyslogSender(settings(server, queue=100))
         sender.start()
         big = replace(OVERLOAD, detail="x" * 10_000)
@@ -202,6 +208,7 @@ def test_a_server_that_takes_nothing_delays_nobody() -> None:
         assert time.process_time() - began_s < 2.0
         assert sender.lost > 0
         sender.close(0.2)
+        end.set()
 
 
 def test_suppression_by_state_is_sent_only_for_an_alarm_that_is_on() -> None:

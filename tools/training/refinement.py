@@ -24,7 +24,7 @@ MESSAGE, OWN = 16, 32
 """Length of a state: of the message to the neighbours, and of the rest."""
 ROUNDS, ROUND_UNITS = 3, 48
 """Number of rounds, and the hidden units of each."""
-EPOCHS, BATCH, RATE, DECAY = 20, 36_000, 3e-3, 1e-4
+EPOCHS, BATCH, RATE, DECAY = 10, 36_000, 3e-3, 1e-4
 FLAGS = torch.eye(2)
 """Last two numbers of the messages of rejected and of accepted pixels, whose other numbers are 0."""
 OCCLUDED = 6.0

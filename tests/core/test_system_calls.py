@@ -146,6 +146,7 @@ def test_no_other_module_calls_what_windows_lacks():
             "os.O_DIRECTORY",
             "os.posix_fallocate",
             "os.sched_getaffinity",
+            "os.sync",
         },
         "sources/genicam/fake/instants.py": {"fcntl"},  # Aravis, which simulates cameras, is Linux's
     }

@@ -68,7 +68,7 @@ def frames(frame):
     return Sequence(replace(frame, frame=f"{i:03d}", images=each) for i, each in enumerate(images))
 
 
-def run(frames, side_by_side):
+def run(frames, at_a_time):
     """Return the frames' names, σ, auxiliaries and faults, the warnings, and the most frames at one time."""
     counts: list[int] = []
     matcher = CheckedMatcher(
@@ -77,12 +77,12 @@ def run(frames, side_by_side):
     monitor, reporter = ImageMonitor(RIG, HealthSettings(learning=False)), Silent()
     done = [
         (f.frame_set.frame, f.checked.depth.sigma_mm.tobytes(), f.checked.auxiliaries, f.checked.faults)
-        for f in reconstruct(frames, matcher, monitor, reporter, side_by_side)
+        for f in reconstruct(frames, matcher, monitor, reporter, at_a_time)
     ]
     return done, reporter.warnings, max(counts)
 
 
-def test_side_by_side_changes_no_result_and_no_warning(frames):
+def test_frames_matched_at_a_time_change_no_result_and_no_warning(frames):
     alone, two = run(frames, 1), run(frames, 2)
     assert two[:2] == alone[:2]
     assert [name for name, *_ in alone[0]] == ["000", "001", "003", "005", "006"]

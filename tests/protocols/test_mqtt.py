@@ -221,7 +221,12 @@ def test_messages_hold_no_nan() -> None:
     state = json.loads(format_state(FakePlant().read_state()))
     assert state["total"]["volume_m3"] == 0
     alarm = json.loads(format_alarm(FakePlant().state.alarms[0]))
-    assert (alarm["value"], alarm["isa_state"], alarm["priority"], alarm["first"]) == (None, "normal", "medium", False)
+    assert (alarm["value"], alarm["isa_state"], alarm["priority"], alarm["first"]) == (
+        None,
+        "normal",
+        "medium",
+        False,
+    )
 
 
 def test_the_cursor_survives_and_belongs_to_one_broker(tmp_path: Path) -> None:

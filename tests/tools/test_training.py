@@ -155,7 +155,7 @@ def test_every_recipe_gives_a_network_like_the_shipped_one(load, capture, tmp_pa
         assert all(np.isfinite(layer).all() for layer in network.layers)
 
 
-def test_the_assessment_judges_the_networks_in_use(load, capture, tmp_path, monkeypatch) -> None:
+def test_the_assessment_scores_the_networks_in_use(load, capture, tmp_path, monkeypatch) -> None:
     pytest.importorskip("torch", reason=WITHOUT_TORCH)
     assessment = load("assessment")
     limit_frames(monkeypatch, load("samples.pixels"))

@@ -78,6 +78,12 @@ def count_usable_cores() -> int:
     return os.cpu_count() or 1  # Windows and macOS do not pin processes to cores by default
 
 
+def sync_files() -> None:
+    """Wait until all that was written is on the disk; Windows, which has no such call, is not asked."""
+    if hasattr(os, "sync"):
+        os.sync()
+
+
 def reserve_space(file: IO[bytes], size_bytes: int) -> None:
     """Allocate the space of an empty file; OSError if the disk has too little."""
     if hasattr(os, "posix_fallocate"):

@@ -82,13 +82,13 @@ def test_a_pattern_without_contrast_is_not_an_old_lamp(change: Callable[[np.ndar
 def test_another_exposure_time_is_no_other_light(longer: float) -> None:
     monitor = ImageMonitor(make_rig(), HealthSettings(learning_frames=LEARNING))
 
-    def look(number: int, factor: float) -> Finding:
+    def examine(number: int, factor: float) -> Finding:
         frames = make_frame(number, lambda _, light: factor * light)
         return find_lamp(monitor, replace(frames, exposures_us=dict.fromkeys(NAMES, 1000 * factor)))
 
     for number in range(LEARNING + 1):
-        look(number, 1.0)
-    lamp = look(LEARNING + 1, longer)
+        examine(number, 1.0)
+    lamp = examine(LEARNING + 1, longer)
     assert lamp.value == pytest.approx(100, abs=2.0)
     assert not lamp.is_fault
 

@@ -82,12 +82,12 @@ def reconstruct_capture(
     ensure_output_folder(out)
     check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or find_capture_depth_range(source, rig, reporter)
-    side_by_side, threads = choose_threads(len(source), rig.core_camera.size_px)
+    at_a_time, threads = choose_threads(len(source), rig.core_camera.size_px)
     settings = _make_settings(method, preset, threads)
     matcher = _make_matcher(settings, rig, near_far, auxiliaries, make_rig_writer(out, rig, reporter))
     monitor = ImageMonitor(rig, HealthSettings(learning=False))
     with FrameWriter(out, rig, (rig.core, *auxiliaries)) as writer:
-        for done, frame in enumerate(reconstruct(source, matcher, monitor, reporter, side_by_side), start=1):
+        for done, frame in enumerate(reconstruct(source, matcher, monitor, reporter, at_a_time), start=1):
             writer.add(frame)
             reporter.step("reconstructing", done, len(source))
         regions = writer.finish()
@@ -176,11 +176,11 @@ def reconstruct(
     matcher: CheckedMatcher,
     monitor: ImageMonitor,
     reporter: Reporter,
-    side_by_side: int,
+    at_a_time: int,
 ) -> Iterator[Frame]:
     """Yield every frame that can be measured; warn of the others, of faulty images and of inconsistent cameras.
 
-    The frames come in their order; ``side_by_side`` of them are matched at a time.
+    The frames come in their order; ``at_a_time`` of them are matched at a time.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def reconstruct(
         When not a single frame can be measured.
     """
     done, failure = 0, None
-    for frame_set, pending in match_ahead(source, matcher, side_by_side):
+    for frame_set, pending in match_ahead(source, matcher, at_a_time):
         health = check_images(monitor, frame_set, reporter)
         try:
             checked = matcher.measure(frame_set, reporter, pending=pending)

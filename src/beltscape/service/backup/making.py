@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import sqlite3
 from contextlib import closing
@@ -12,6 +11,7 @@ from pathlib import Path
 from beltscape import __version__
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.progress import Reporter
+from beltscape.core.system_calls import sync_files
 from beltscape.files.documents.digest import hash_file
 from beltscape.files.folders.atomic import output_error
 from beltscape.pipeline.live.project import Project, read_project
@@ -127,22 +127,17 @@ def copy_database(source: Path, target: Path) -> None:
 def _finish(part: Path, final: Path, form: Form) -> None:
     """Give the backup its name once it is on the disk."""
     if form == "folder":
-        _sync()
+        sync_files()
         part.rename(final)
         return
     unfinished = part.with_suffix(f".part.{form}")
     try:
         write_archive(part, unfinished, form)
         unfinished.chmod(0o600)
-        _sync()
+        sync_files()
         unfinished.rename(final)
     finally:
         unfinished.unlink(missing_ok=True)
-
-
-def _sync() -> None:
-    if hasattr(os, "sync"):
-        os.sync()
 
 
 def _prune(target: Path, keep: int) -> None:

@@ -22,26 +22,26 @@ def choose_threads(frames: int, size_px: tuple[int, int]) -> tuple[int, int]:
     """Return how many frames of a sequence to match side by side, and the number of threads for each of them."""
     cores = count_usable_cores()
     is_large = size_px[0] * size_px[1] > _MOST_PIXELS
-    side_by_side = 1 if is_large else max(1, min(_MOST_FRAMES, cores, frames))
-    return side_by_side, max(1, cores // side_by_side)
+    at_a_time = 1 if is_large else max(1, min(_MOST_FRAMES, cores, frames))
+    return at_a_time, max(1, cores // at_a_time)
 
 
 def match_ahead(
-    frames: Iterable[FrameSet], matcher: CheckedMatcher, side_by_side: int
+    frames: Iterable[FrameSet], matcher: CheckedMatcher, at_a_time: int
 ) -> Generator[tuple[FrameSet, PendingMatch | None]]:
     """Yield the frames in order, each with its match, which was begun while the frames before it were measured.
 
-    At most ``side_by_side`` frames are matched at a time, and one more is read; a single one is left to the caller.
+    At most ``at_a_time`` frames are matched at a time, and one more is read; a single one is left to the caller.
     """
-    if side_by_side < 2:
+    if at_a_time < 2:
         yield from ((frame_set, None) for frame_set in frames)
         return
-    pool = ThreadPoolExecutor(side_by_side)
+    pool = ThreadPoolExecutor(at_a_time)
     waiting: deque[tuple[FrameSet, PendingMatch | None]] = deque()
     try:
         for frame_set in frames:
             waiting.append((frame_set, matcher.submit(frame_set, pool)))
-            if len(waiting) > side_by_side:
+            if len(waiting) > at_a_time:
                 yield waiting.popleft()
         while waiting:
             yield waiting.popleft()

@@ -12,7 +12,7 @@ from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.alarms.management.statistics import Annunciation, compute_statistics
-from beltscape.core.alarms import PRIORITIES
+from beltscape.core.alarms import PRIORITIES, Priority
 from beltscape.core.errors import InputError
 from beltscape.service.access import User, require_role
 from beltscape.service.api.alarm_models import AlarmOut, StatisticsOut
@@ -188,5 +188,6 @@ def _make_annunciation(event: Event) -> Annunciation | None:
     parts: dict[str, object] = json.loads(event.parameters) if event.parameters else {}
     if parts.get("state") != "raised" or "suppression" in parts:
         return None
-    priority = next((one for one in PRIORITIES if one == parts.get("priority")), "medium")
+    known: dict[str, Priority] = {one: one for one in PRIORITIES}
+    priority = known.get(str(parts.get("priority")), "medium")
     return Annunciation(event.wall_ns, event.name, priority)

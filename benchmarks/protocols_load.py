@@ -38,7 +38,7 @@ from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.opcua.settings import OpcUaSettings
 from beltscape.protocols.syslog.settings import SyslogSettings
 from beltscape.service.live_state import LiveState
-from beltscape.service.protocols import ProtocolSettings, ServedPlant, ServedProtocols
+from beltscape.service.protocols.serving import ProtocolSettings, ServedPlant, ServedProtocols
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 

@@ -15,9 +15,9 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.live import FrameEvent
 from beltscape.service.access import Access
 from beltscape.service.live_state import LiveState
-from beltscape.service.protocol_checks import CHECKS
-from beltscape.service.protocol_users import NoUsers, ServedUsers
-from beltscape.service.protocols import ProtocolSettings, ServedPlant, serve_protocols
+from beltscape.service.protocols.checks import CHECKS
+from beltscape.service.protocols.serving import ProtocolSettings, ServedPlant, serve_protocols
+from beltscape.service.protocols.users import NoUsers, ServedUsers
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings

@@ -15,8 +15,8 @@ from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.outputs.settings import OutputSettings
 from beltscape.service.live_state import LiveState
-from beltscape.service.protocol_checks import check_modbus, check_mqtt, check_outputs
-from beltscape.service.protocols import ProtocolSettings, ServedPlant, serve_protocols
+from beltscape.service.protocols.checks import check_modbus, check_mqtt, check_outputs
+from beltscape.service.protocols.serving import ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.protocols.broker import find_port, wait_until

@@ -13,7 +13,7 @@ from beltscape.service.access.identity.database import FILE, Database
 from beltscape.service.production.reports import check_reports
 from beltscape.service.production.scale_counter import check_scale
 from beltscape.service.project import ProjectSettings
-from beltscape.service.protocol_checks import CHECKS
+from beltscape.service.protocols.checks import CHECKS
 from beltscape.service.server import check_listening
 
 

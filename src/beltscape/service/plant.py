@@ -26,8 +26,8 @@ from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
 from beltscape.service.production.serving import ServedProduction, serve_production
 from beltscape.service.project import ProjectSettings
-from beltscape.service.protocol_users import ServedUsers, describe_provenance
-from beltscape.service.protocols import STARTERS, ProtocolSettings, ServedPlant, serve_protocols
+from beltscape.service.protocols.serving import STARTERS, ProtocolSettings, ServedPlant, serve_protocols
+from beltscape.service.protocols.users import ServedUsers, describe_provenance
 from beltscape.service.server import RunningServer, check_listening, serve
 
 _POLL_S = 0.1

@@ -23,7 +23,7 @@ from beltscape.service.changes.reloader import SettingsReloader
 from beltscape.service.changes.requests import answer_requests, request_reload
 from beltscape.service.live_state import LiveState
 from beltscape.service.project import open_project
-from beltscape.service.protocols import ServedPlant
+from beltscape.service.protocols.serving import ServedPlant
 from tests.pipeline.live.test_run_command import plant  # noqa: F401
 from tests.service.access.sample_app import CHEAP
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 from beltscape.service.changes.differences import list_keys
 from beltscape.service.project import ProjectSettings
-from beltscape.service.protocols import STARTERS
+from beltscape.service.protocols.serving import STARTERS
 
 Effect = Literal["at once", "restart"]
 MEASURING = ("rig", "empty", "matching", "flow", "density", "watch", "health")

@@ -19,9 +19,9 @@ from beltscape.service.access.tls import CertificateExpiry
 from beltscape.service.changes.effects import CERTIFICATE, MEASURING, SINKS
 from beltscape.service.live_state import LiveState
 from beltscape.service.project import ProjectSettings
-from beltscape.service.protocol_checks import CHECKS
-from beltscape.service.protocol_users import describe_provenance
-from beltscape.service.protocols import STARTERS, ServedPlant, ServedProtocols
+from beltscape.service.protocols.checks import CHECKS
+from beltscape.service.protocols.serving import STARTERS, ServedPlant, ServedProtocols
+from beltscape.service.protocols.users import describe_provenance
 from beltscape.service.server import RunningServer
 from beltscape.service.settings import WebSettings
 

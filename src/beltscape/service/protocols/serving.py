@@ -21,8 +21,8 @@ from beltscape.protocols.outputs.settings import OutputSettings
 from beltscape.protocols.plant import PlantState, PlantUsers, Provenance
 from beltscape.protocols.syslog.settings import SyslogSettings
 from beltscape.service.live_state import LiveState
-from beltscape.service.protocol_checks import name_library
-from beltscape.service.protocol_users import NoUsers
+from beltscape.service.protocols.checks import name_library
+from beltscape.service.protocols.users import NoUsers
 from beltscape.sinks.historian import Historian
 
 _END_OF_TIME_NS = 1 << 62

@@ -17,8 +17,9 @@ from beltscape import __version__
 from beltscape.core.live import CameraState
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, describe_refusals
-from beltscape.service.live_state import LiveState, Snapshot
+from beltscape.service.live_state import LiveState
 from beltscape.service.view_models.durations import BOUNDS_S
+from beltscape.service.view_models.snapshot import Snapshot
 
 MEDIA_TYPE = CONTENT_TYPE_PLAIN_0_0_4
 _Labels = Mapping[str, str]

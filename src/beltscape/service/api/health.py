@@ -21,7 +21,7 @@ from beltscape.service.api.common import (
     describe_refusals,
 )
 from beltscape.service.api.history import MS_NS, map_history_errors
-from beltscape.service.live_state import CheckState
+from beltscape.service.view_models.snapshot import CheckState
 from beltscape.sinks.historian import FindingSeries
 
 Engineer = Annotated[User, Depends(require_role("engineer"))]

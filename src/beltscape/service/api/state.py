@@ -13,8 +13,8 @@ from beltscape.core.translatable_message import get_key, get_values
 from beltscape.service.access import User, require_role
 from beltscape.service.api.alarm_models import AlarmOut
 from beltscape.service.api.common import AppContext, Number, ResponseModel, describe_refusals
-from beltscape.service.live_state import Snapshot
 from beltscape.service.view_models.flow import Trend
+from beltscape.service.view_models.snapshot import Snapshot
 
 
 class FlowOut(ResponseModel):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic
@@ -17,8 +16,8 @@ from pymodbus.constants import ExcCodes
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
-from beltscape.core.errors import InputError, OutputError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.errors import OutputError
+from beltscape.protocols.listening import ListeningThread
 from beltscape.protocols.modbus.commands import Commands, place_commands
 from beltscape.protocols.modbus.pulses import PulseCount
 from beltscape.protocols.modbus.registers import Reading, place_registers
@@ -63,9 +62,7 @@ class ModbusServer:
         if settings.commands is not None and control is not None:
             self._commands = Commands(settings, plant, control, users, data, on_message)
         self._started_s = monotonic()
-        self._stop, self._listening = threading.Event(), threading.Event()
-        self._thread = make_supervised_thread("modbus", self._run, self._on_failure, self._stop.wait)
-        self._failure = ""
+        self._listening = ListeningThread("modbus", self._serve, on_message, _START_S)
         self.port = settings.port
         """TCP port that is listened on, once it is."""
 
@@ -79,18 +76,12 @@ class ModbusServer:
         """
         # the library logs every malformed frame with its bytes, which would let anybody fill the log
         logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
-        self._thread.start()
-        if not self._listening.wait(_START_S) or self._failure:
-            self._stop.set()
-            raise InputError(
-                f"[modbus]: {self._settings.host} port {self._settings.port} cannot be listened on"
-                f" ({self._failure or 'no answer'}); choose another port, or give the service the right to it"
-            )
+        fix = "choose another port, or give the service the right to it"
+        self._listening.start(self._settings.host, self._settings.port, fix)
 
     def close(self, patience_s: float = 5.0) -> None:
         """Stop listening."""
-        self._stop.set()
-        self._thread.join(patience_s)
+        self._listening.close(patience_s)
 
     def read(self) -> Reading:
         """Return what the registers are filled from now."""
@@ -107,22 +98,18 @@ class ModbusServer:
             count = self._pulses.count
         return Reading(state, int(monotonic() - self._started_s), count, done, result)
 
-    def _run(self) -> None:
-        asyncio.run(self._serve())
-
     async def _serve(self) -> None:
         address = (self._settings.host, self._settings.port)
         server = ModbusTcpServer(self._make_device(), address=address)
         try:
             await server.serve_forever(background=True)
         except (RuntimeError, OSError) as error:
-            self._failure = str(error)
-            self._listening.set()
+            self._listening.fail(error)
             return
         sockets = getattr(server.transport, "sockets", ())
         self.port = sockets[0].getsockname()[1] if sockets else self._settings.port
-        self._listening.set()
-        while not self._stop.is_set():
+        self._listening.confirm()
+        while not self._listening.is_stopped:
             if self._pulses is not None:
                 self.read()
             await asyncio.sleep(_POLL_S)
@@ -171,6 +158,3 @@ class ModbusServer:
             self._on_message(f"modbus: {error}; the command was not taken")
             return ExcCodes.DEVICE_FAILURE
         return None
-
-    def _on_failure(self, failure: str) -> None:
-        self._on_message(f"modbus: {failure}; it starts again")

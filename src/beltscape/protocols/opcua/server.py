@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import threading
 from collections.abc import Awaitable, Callable
 from contextlib import closing
 from datetime import UTC, datetime
@@ -16,8 +15,8 @@ from typing import Protocol
 
 from asyncua import ua
 
-from beltscape.core.errors import InputError
-from beltscape.core.supervision import describe_failure, make_supervised_thread
+from beltscape.core.supervision import describe_failure
+from beltscape.protocols.listening import ListeningThread
 from beltscape.protocols.opcua.commands import Commands
 from beltscape.protocols.opcua.conditions import Conditions
 from beltscape.protocols.opcua.findings import Findings
@@ -92,9 +91,7 @@ class OpcUaServer:
         self.own = open_own_certificate(settings, data)
         """The server's certificate."""
         self._clients = ClientCertificates(data, any_valid=settings.clients == "any")
-        self._stop, self._listening = threading.Event(), threading.Event()
-        self._thread = make_supervised_thread("opcua", self._run, self._on_failure, self._stop.wait)
-        self._failure = ""
+        self._listening = ListeningThread("opcua", self._serve, on_message, _START_S)
         self._guarded: GuardedServer | None = None
         self.port = settings.port
         """TCP port that is listened on, once it is."""
@@ -109,13 +106,7 @@ class OpcUaServer:
         """
         # the library logs every malformed request with its traceback, which would let anybody fill the log
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)
-        self._thread.start()
-        if not self._listening.wait(_START_S) or self._failure:
-            self._stop.set()
-            raise InputError(
-                f"[opcua]: {self._settings.host} port {self._settings.port} cannot be listened on"
-                f" ({self._failure or 'no answer'}); choose another port or address"
-            )
+        self._listening.start(self._settings.host, self._settings.port, "choose another port or address")
         if self.own.ends_soon:
             self._on_message(f"opcua: {self.own.describe()}: make a new one, and have the clients trust it")
         self._on_message(f"opcua: opc.tcp://{self._settings.host}:{self.port}/, {self.own.describe()}")
@@ -127,20 +118,13 @@ class OpcUaServer:
 
     def close(self, patience_s: float = 5.0) -> None:
         """Stop listening; the sessions end."""
-        self._stop.set()
-        self._thread.join(patience_s)
-
-    def _run(self) -> None:
-        asyncio.run(self._serve())
+        self._listening.close(patience_s)
 
     async def _serve(self) -> None:
         try:
             listener = open_listener(self._settings.host, self._settings.port)
         except OSError as error:
-            if self._listening.is_set():
-                raise  # a restart: it is tried again
-            self._failure = str(error)
-            self._listening.set()
+            self._listening.fail(error)
             return
         with closing(listener):
             guarded = GuardedServer(self._settings, self._clients, self._plant.users)
@@ -152,7 +136,7 @@ class OpcUaServer:
             await self._update(publication, updates)
             await server.start()
             self.port = listener.getsockname()[1]
-            self._listening.set()
+            self._listening.confirm()
             try:
                 await self._run_updates(guarded, publication, updates)
             finally:
@@ -190,7 +174,7 @@ class OpcUaServer:
         self, guarded: GuardedServer, publication: Publication, updates: list[Update]
     ) -> None:
         reported, users_s = "", 0.0
-        while not self._stop.is_set():
+        while not self._listening.is_stopped:
             failure = await self._update(publication, updates)
             if failure and failure != reported:
                 self._on_message(f"opcua: {failure}; what it concerns is old until it passes")
@@ -227,10 +211,7 @@ class OpcUaServer:
     async def _pause(self) -> None:
         """Wait for the period, or until the end."""
         left_s = self._settings.update_every_s
-        while left_s > 0 and not self._stop.is_set():
+        while left_s > 0 and not self._listening.is_stopped:
             step_s = min(left_s, 0.5)
             await asyncio.sleep(step_s)
             left_s -= step_s
-
-    def _on_failure(self, failure: str) -> None:
-        self._on_message(f"opcua: {failure}; it starts again")

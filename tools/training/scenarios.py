@@ -30,6 +30,9 @@ _KINDS = (
     "belt_empty",
 )
 """Kinds in turn, so that any few consecutive scenarios hold all of them."""
+_SMALL, _HALF = 64, 0.5
+"""Number of the first scenarios, of several sizes and mostly small, which are cheap; all further ones have half the
+sensor's size, which is nearer to what plants use."""
 _WITHOUT_SPECKLE = 11
 """Period of the scenarios whose projector is off: most surfaces that are found there are false."""
 
@@ -59,9 +62,10 @@ def draw_scenario(number: int) -> Scenario:
 
 
 def _draw_rig(number: int, height_mm: float, rng: np.random.Generator) -> dict[str, Any]:
+    scale = float(rng.choice([0.25, 0.25, 0.375, _HALF]))
     return {
         "seed": 5000 + number,
-        "scale": float(rng.choice([0.25, 0.25, 0.375, 0.5])),
+        "scale": max(scale, _HALF if _SMALL <= number < HELD_OUT else 0),
         "height_mm": height_mm,
         "auxiliaries": int(rng.choice([2, 3, 4, 4, 5])),
         "baseline_mm": float(rng.uniform(0.25, 0.48)) * height_mm,

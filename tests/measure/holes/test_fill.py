@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from beltscape.measure.holes.fill import Filled, fill_holes
+from beltscape.measure.holes.fill import Filled, compute_hole_inputs, fill_holes
 
 Turn = Callable[[np.ndarray], np.ndarray]
 X, Y = np.meshgrid(np.arange(90.0), np.arange(90.0))
@@ -130,3 +130,10 @@ def test_rows_alone_are_filled_as_they_are_with_all_the_others() -> None:
 def test_a_field_without_anything_is_refused() -> None:
     with pytest.raises(ValueError, match="nothing to interpolate"):
         filled(np.full((9, 9), np.nan))
+
+
+def test_a_field_without_holes_has_no_inputs() -> None:
+    heights = np.random.default_rng(2).uniform(10, 20, (20, 30))
+    none, slope = np.zeros(heights.shape, bool), np.zeros((2, *heights.shape))
+    inputs = compute_hole_inputs(heights, none, 4.0, slope, np.nonzero(none))
+    assert {values.shape for values in inputs.features.values()} == {(0,)}

@@ -78,7 +78,7 @@ def fill_holes(
     this range. Where the heights are those of one frame from a windowed matcher (``windowed``), a second network
     corrects the last measured cells above drops (`find_edge_fattening`). Both networks (``networks``; None for
     Beltscape's own) were fitted by the mean square to simulated heaps and modules with known truth
-    (tools/train_holes.py), so that sums over many cells, such as a volume, are unbiased.
+    (tools/training), so that sums over many cells, such as a volume, are unbiased.
 
     No cell is put below both its lowest rim and the belt, or above both its highest rim and the smooth surface.
     Outside the outermost measured cells the nearest value is used. ``pinhole`` (Ny, Nx) marks gaps between the points

@@ -163,8 +163,8 @@ def predict_smooth_surface(
     tangents = profiles.tangents_mm()
     ceiling, floor = profiles.ceiling_mm, profiles.floor_mm
     # a smooth surface lies between its rims and the tangents at the rims
-    high = np.fmax(ceiling, np.fmax.reduce(tangents.reshape(-1, len(ceiling))))
-    low = np.fmin(floor, np.fmin.reduce(tangents.reshape(-1, len(floor))))
+    high = np.fmax(ceiling, np.fmax.reduce(tangents, axis=(0, 1)))
+    low = np.fmin(floor, np.fmin.reduce(tangents, axis=(0, 1)))
     bend = np.where(has, np.clip(value, low, high) - straight, 0.0)
     share = np.where(has, bend**2 / (bend**2 + (2 * rms) ** 2 + _TINY_MM**2), 0.0)
     near = np.arange(len(WINDOWS))[:, None] <= own + 1

@@ -25,7 +25,7 @@ def test_an_address_that_cannot_be_listened_on_is_refused() -> None:
 
 def test_a_port_that_is_taken_while_it_restarts_is_tried_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(supervision, "RESTART_S", 0.01)
-    told: list[str] = []
+    messages: list[str] = []
     starts: list[int] = []
 
     async def serve() -> None:
@@ -39,10 +39,10 @@ def test_a_port_that_is_taken_while_it_restarts_is_tried_again(monkeypatch: pyte
         while not listening.is_stopped:
             await asyncio.sleep(0.01)
 
-    listening = ListeningThread("opcua", serve, told.append, 5)
+    listening = ListeningThread("opcua", serve, messages.append, 5)
     listening.start("here", 4840, "choose another")
     wait_until(lambda: len(starts) == 3)
-    assert told == [
+    assert messages == [
         "opcua: ValueError: a fault; it starts again",
         "opcua: OSError: address in use; it starts again",
     ]

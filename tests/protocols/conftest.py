@@ -1,4 +1,4 @@
-"""Fixtures: an OPC UA server that anybody may read, shared by all tests; its nodes take a second to make."""
+"""Fixtures: a broker, and an OPC UA server that anybody may read; its nodes take a second to make."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
+    from tests.protocols.broker import Broker
     from tests.protocols.opcua import Running
 
 
@@ -36,3 +37,24 @@ def operator(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     from tests.protocols.opcua import make_certificate
 
     return make_certificate(tmp_path_factory.mktemp("client"), "operator")
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Broker]:
+    """Start a broker."""
+    from tests.protocols.broker import Broker
+
+    folder = tmp_path / "broker"
+    folder.mkdir()
+    one = Broker(folder)
+    one.start()
+    yield one
+    one.stop(kill=True)
+
+
+@pytest.fixture
+def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a publisher connect again sooner than in a plant."""
+    from beltscape.protocols.mqtt import publisher
+
+    monkeypatch.setattr(publisher, "_PAUSES_S", (0.1, 0.3))

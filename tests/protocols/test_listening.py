@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 
 import pytest
 
 from beltscape.core import supervision
 from beltscape.core.errors import InputError
 from beltscape.protocols.listening import ListeningThread
-from tests.protocols.broker import wait_until
 
 
 def test_an_address_that_cannot_be_listened_on_is_refused() -> None:
@@ -27,6 +27,7 @@ def test_a_port_that_is_taken_while_it_restarts_is_tried_again(monkeypatch: pyte
     monkeypatch.setattr(supervision, "RESTART_S", 0.01)
     messages: list[str] = []
     starts: list[int] = []
+    is_back = threading.Event()
 
     async def serve() -> None:
         starts.append(len(starts))
@@ -36,12 +37,14 @@ def test_a_port_that_is_taken_while_it_restarts_is_tried_again(monkeypatch: pyte
         listening.confirm()
         if len(starts) == 1:
             raise ValueError("a fault")
+        is_back.set()
         while not listening.is_stopped:
             await asyncio.sleep(0.01)
 
     listening = ListeningThread("opcua", serve, messages.append, 5)
     listening.start("here", 4840, "choose another")
-    wait_until(lambda: len(starts) == 3)
+    assert is_back.wait(20)
+    assert len(starts) == 3
     assert messages == [
         "opcua: ValueError: a fault; it starts again",
         "opcua: OSError: address in use; it starts again",

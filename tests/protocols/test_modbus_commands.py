@@ -26,7 +26,7 @@ SETTINGS = ModbusSettings.model_validate({"port": 0, "commands": {"first": 100}}
 
 
 class Control:
-    """Keeps what it is told."""
+    """Keeps the commands it is given."""
 
     def __init__(self, plant: FakePlant) -> None:
         self.calls: list[tuple[str, ...]] = []

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import random
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,36 +14,16 @@ from beltscape.core.errors import InputError
 
 pytest.importorskip("paho", reason="paho-mqtt is not installed; pip install 'beltscape[mqtt]' brings it")
 
-from beltscape.protocols.mqtt import publisher as publisher_module
 from beltscape.protocols.mqtt.cursor import read_cursor
 from beltscape.protocols.mqtt.payloads import format_alarm, format_record, format_state
 from beltscape.protocols.mqtt.publisher import Publisher, check_settings
 from beltscape.protocols.mqtt.settings import MqttSettings
-from tests.protocols.broker import PROGRAM, Broker, Subscriber, find_port, wait_until
+from tests.protocols.broker import Broker, Subscriber, find_port, wait_until, with_broker
 from tests.protocols.plant import FakePlant, make_record
 from tests.service.access.certificates import make_certificate
 
 TOPIC = "plant/belt4"
-with_broker = pytest.mark.skipif(
-    PROGRAM is None, reason="mosquitto is not installed; `make system` brings it"
-)
-
-
-@pytest.fixture(autouse=True)
-def _short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Connect again sooner than in a plant."""
-    monkeypatch.setattr(publisher_module, "_PAUSES_S", (0.1, 0.3))
-
-
-@pytest.fixture
-def broker(tmp_path: Path) -> Iterator[Broker]:
-    """Start a broker."""
-    folder = tmp_path / "broker"
-    folder.mkdir()
-    one = Broker(folder)
-    one.start()
-    yield one
-    one.stop(kill=True)
+pytestmark = pytest.mark.usefixtures("short_pauses")
 
 
 def make_publisher(broker: Broker, plant: FakePlant, data: Path, **settings: object) -> Publisher:

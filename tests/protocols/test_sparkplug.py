@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,35 +16,16 @@ pytest.importorskip(
 )
 
 from beltscape.core.alarms import Alarm
-from beltscape.protocols.mqtt import publisher as publisher_module
 from beltscape.protocols.mqtt.publisher import Publisher
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.mqtt.sparkplug.payload import REBIRTH, Metric, encode, is_rebirth
 from beltscape.protocols.mqtt.sparkplug.primary_host import PrimaryHost
-from tests.protocols.broker import PROGRAM, Broker, find_port, wait_until
+from tests.protocols.broker import Broker, find_port, wait_until, with_broker
 from tests.protocols.plant import FakePlant
 from tests.protocols.sparkplug_host import Host, decode
 from tests.protocols.test_mqtt import drop_repeats
 
-with_broker = pytest.mark.skipif(
-    PROGRAM is None, reason="mosquitto is not installed; `make system` brings it"
-)
-
-
-@pytest.fixture(autouse=True)
-def _short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Connect again sooner than in a plant."""
-    monkeypatch.setattr(publisher_module, "_PAUSES_S", (0.1, 0.3))
-
-
-@pytest.fixture
-def broker(tmp_path: Path) -> Iterator[Broker]:
-    folder = tmp_path / "broker"
-    folder.mkdir()
-    one = Broker(folder)
-    one.start()
-    yield one
-    one.stop(kill=True)
+pytestmark = pytest.mark.usefixtures("short_pauses")
 
 
 def make_publisher(broker: Broker, plant: FakePlant, data: Path, host: str = "") -> Publisher:

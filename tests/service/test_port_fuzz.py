@@ -31,7 +31,7 @@ def test_ports_withstand_hostile_bytes(
         records = service.historian.records(0, 1 << 62, 10_000)
         assert [one.number for one in records] == [*range(1, service.plant.number + 1)]
         assert service.plant.number > RECORDS
-    # whoever reaches a port must not be able to fill the log
+    # a client that reaches a port must not be able to fill the log
     lines = [one.getMessage() for one in caplog.records if one.name != "beltscape.access"]
     assert len(lines) < 5, lines
     assert len(capfd.readouterr().err.splitlines()) < 5

@@ -15,6 +15,13 @@ _SHARED = "names"
 """Array that all captures have in common; all others are joined."""
 
 
+def write_whole(path: Path, arrays: Arrays) -> None:
+    """Write arrays to a file that is there only when it is complete; uncompressed, for they are gigabytes."""
+    part = path.with_suffix(".part.npz")
+    np.savez(part, allow_pickle=False, **arrays)
+    part.replace(path)
+
+
 @dataclass(frozen=True)
 class SampleCache:
     """A folder with a file of samples for each network and capture."""
@@ -29,9 +36,7 @@ class SampleCache:
             path = self.folder / network / f"{capture.name}.npz"
             if not path.is_file():
                 path.parent.mkdir(parents=True, exist_ok=True)
-                part = path.with_suffix(".part.npz")
-                np.savez(part, allow_pickle=False, **draw(capture, turn))
-                part.replace(path)
+                write_whole(path, draw(capture, turn))
             with np.load(path, allow_pickle=False) as arrays:
                 found.append(dict(arrays))
             self.reporter.step(f"samples for {network}", turn + 1, len(captures))

@@ -127,9 +127,7 @@ def train_refinement(captures: list[Path], folder: Path, reporter: Reporter) -> 
     for turn, capture in enumerate(captures):
         path = folder / f"{capture.name}.npz"
         if not path.is_file():
-            part = path.with_suffix(".part.npz")
-            write_tiles(part, capture, turn)
-            part.replace(path)
+            write_tiles(path, capture, turn)
         found, more = read_tiles(path)
         names, tiles = found or names, [*tiles, *more]
         reporter.step("samples for the refinement", turn + 1, len(captures))

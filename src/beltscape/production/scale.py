@@ -14,7 +14,7 @@ from beltscape.production.sums import ProductionSums
 _UNIFORM = 1 / math.sqrt(12)
 """σ of a value that lies anywhere in an interval of length 1 (GUM 4.3.7)."""
 _DISAGREEMENT = 3.0
-"""σ from which a difference is told: one sound comparison in 370 exceeds it by chance."""
+"""σ from which a difference is reported: one sound comparison in 370 exceeds it by chance."""
 _MOST_MISSING = 0.2
 """Share of belt without a measurement above which nothing is compared. Chosen: what lay there is a guess."""
 _DAY_NS = 86_400 * 10**9

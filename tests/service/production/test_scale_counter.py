@@ -1,4 +1,4 @@
-"""The counter of a belt scale from a table and from registers, and what is told of a scale that disagrees."""
+"""The counter of a belt scale from a table and from registers, and what is reported of a scale that disagrees."""
 
 from __future__ import annotations
 

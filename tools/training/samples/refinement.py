@@ -20,6 +20,7 @@ from beltscape.stereo.multiview.confidence.message_passing import (
 )
 from beltscape.stereo.multiview.confidence.refiner import RefinementInputs, mask_accepted, mask_uncertain
 from beltscape.stereo.multiview.settings import MultiviewSettings
+from training.cache import write_whole
 from training.samples.augmentation import TrainingFrame, training_frames
 from training.samples.pixels import Truth, make_matcher, read_truth
 
@@ -142,7 +143,7 @@ def write_tiles(path: Path, folder: Path, turn: int) -> int:
         for i, (_, tile) in enumerate(found)
         for name, part in zip(FIELDS, tile, strict=True)
     }
-    np.savez(path, names=found[0][0] if found else (), **parts)
+    write_whole(path, {"names": np.array(found[0][0] if found else ()), **parts})
     return len(found)
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BaseModel, ConfigDict
 
+from beltscape.files.documents.json_number import Number
 from beltscape.production.batches import Batch, add_up
 from beltscape.production.scale import Comparison
 from beltscape.production.shifts import Period, PeriodKind
@@ -15,14 +15,6 @@ from beltscape.production.sums import ProductionSums
 
 _MS_NS = 1_000_000
 """Nanoseconds of a millisecond."""
-
-
-def _replace_nan(value: object) -> object:
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
-Number = Annotated[float | None, BeforeValidator(_replace_nan)]
-"""A number; null where it is not known."""
 
 
 class _Document(BaseModel):

@@ -18,7 +18,8 @@ from beltscape.core.alarms import (
     SuppressionKind,
 )
 from beltscape.core.translatable_message import get_key, get_values
-from beltscape.service.api.common import Number, ResponseModel
+from beltscape.files.documents.json_number import Number
+from beltscape.service.api.common import ResponseModel
 
 
 class SuppressionOut(ResponseModel):

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import isfinite
 from typing import Annotated, Any
 
 from fastapi import HTTPException, Path, Query
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import BaseModel, ConfigDict
 
 from beltscape.core.live import Controls
 from beltscape.service.live_state import LiveState
@@ -50,13 +49,6 @@ class Problem(ResponseModel):
 
     detail: str
 
-
-def _replace_nan(value: object) -> object:
-    return None if isinstance(value, float) and not isfinite(value) else value
-
-
-Number = Annotated[float | None, BeforeValidator(_replace_nan)]
-"""A number; null where it is not known."""
 
 _REFUSAL_REASONS = {
     401: "Not signed in",

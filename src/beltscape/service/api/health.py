@@ -11,15 +11,9 @@ from pydantic import Field
 
 from beltscape.core.findings import EFFECTS, Effect
 from beltscape.core.translatable_message import get_values
+from beltscape.files.documents.json_number import Number
 from beltscape.service.access import User, require_role
-from beltscape.service.api.common import (
-    AppContext,
-    Number,
-    ResponseModel,
-    WallMs,
-    check_period,
-    describe_refusals,
-)
+from beltscape.service.api.common import AppContext, ResponseModel, WallMs, check_period, describe_refusals
 from beltscape.service.api.history import MS_NS, map_history_errors
 from beltscape.service.view_models.snapshot import CheckState
 from beltscape.sinks.historian import FindingSeries

@@ -27,6 +27,7 @@ from beltscape.service.api.common import (
 )
 from beltscape.service.api.controls import Done
 from beltscape.service.api.history import MS_NS, map_history_errors
+from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.serving import ServedProduction
 
 Viewer = Annotated[User, Depends(require_role("viewer"))]
@@ -102,6 +103,7 @@ def make_router(context: AppContext) -> APIRouter:
     served = context.production
     if served is not None:
         _add_reading_routes(router, served)
+        _add_period_routes(router, served.figures)
         _add_changing_routes(router, served)
     return router
 
@@ -144,6 +146,8 @@ def _add_reading_routes(router: APIRouter, served: ServedProduction) -> None:
         headers = {"Content-Disposition": 'attachment; filename="beltscape_batches.csv"'}
         return Response(format_batches(found[::-1]), media_type="text/csv; charset=utf-8", headers=headers)
 
+
+def _add_period_routes(router: APIRouter, figures: ProductionFigures) -> None:
     @router.get("/periods", responses=describe_refusals(503))
     def periods(_: Viewer, since_ms: WallMs, until_ms: WallMs, kind: PeriodKind = "shift") -> list[PeriodOut]:
         """The shifts or days that touch a period of at most a quarter of a year, oldest first."""

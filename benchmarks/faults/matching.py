@@ -18,20 +18,17 @@ Cache = dict[tuple[bytes, tuple[str, ...]], DepthMap | ReconstructionError]
 
 
 class CachedMatcher:
-    """A matcher for a set of auxiliaries that computes the depth of the same images once.
-
-    The prior, which only shortens the search, is that of the first time.
-    """
+    """A matcher for a set of auxiliaries that computes the depth of the same images once."""
 
     def __init__(self, matcher: Any, names: tuple[str, ...], cache: Cache) -> None:
         self._matcher, self._names, self._cache = matcher, names, cache
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         """Return the depth of a frame."""
         key = _hash_images(frame_set), self._names
         if key not in self._cache:
             try:
-                self._cache[key] = self._matcher.reconstruct(frame_set, reporter, prior=prior)
+                self._cache[key] = self._matcher.reconstruct(frame_set, reporter)
             except ReconstructionError as error:
                 self._cache[key] = error
         found = self._cache[key]

@@ -79,7 +79,7 @@ class DrawnMatcher:
         self._monitor = ImageMonitor(rig, HealthSettings(learning_frames=LEARNING))
         self.findings: tuple[Finding, ...] = ()
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         check = self._monitor.check_images(frame_set)
         self.findings = check.findings
         if not check.frames.images:

@@ -34,7 +34,7 @@ def make_depth(values, sigma_mm=0.05):
 class TrueDepthMatcher:
     """A matcher that returns the true depth; without a surface where the core's image is dark."""
 
-    def reconstruct(self, frame_set, reporter, *, prior=None):
+    def reconstruct(self, frame_set, reporter):
         if frame_set.images[RIG.core].mean() < 2:
             raise ReconstructionError(f"frame {frame_set.frame}: no surface found")
         return make_depth(TRUTH)

@@ -125,7 +125,7 @@ def test_core_exchanged_with_an_auxiliary_is_named(run, capture, tmp_path, other
 class _TrueDepthMatcher:
     """A matcher that returns the true depth."""
 
-    def reconstruct(self, frame_set, reporter, *, prior=None):
+    def reconstruct(self, frame_set, reporter):
         sigma = np.where(np.isfinite(TRUTH), 0.05, np.nan).astype(np.float32)
         views = np.where(np.isfinite(TRUTH), 4, 0).astype(np.uint8)
         return DepthMap(TRUTH, sigma, views, np.isfinite(TRUTH).astype(np.float32))

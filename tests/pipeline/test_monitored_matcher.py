@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import cv2
 import numpy as np
 import pytest
@@ -26,7 +24,7 @@ class Refusing:
     is_inconsistent = False
     findings: tuple[Finding, ...] = ()
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         raise ReconstructionError(f"frame {frame_set.frame}: only {', '.join(frame_set.images)}")
 
 

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from beltscape.stereo.multiview.frame.planes import enlarge_blocks
-from beltscape.stereo.multiview.initialisation.plane_sweep import (
-    crop_frame,
-    shrink_frame,
-    sweep_planes,
-)
+from beltscape.stereo.multiview.initialisation.plane_sweep import shrink_frame, sweep_planes
 from tests.stereo.scenes import (
     DEPTH_MM,
     make_ring,
@@ -81,15 +77,3 @@ def test_planes_cover_the_range_up_to_its_ends(depth_mm):
 def test_sweep_of_a_tiny_range_has_planes():
     made = make_scene(plane(700.0))
     assert np.median(np.abs(sweep(made, (699.9, 700.1)) - made.s)) < PLANE_STEP_PX
-
-
-def test_sweep_of_a_block_equals_that_of_the_whole_grid():
-    """The block's edge, where aggregation paths begin, is left out."""
-    made = make_scene(plane(DEPTH_MM, 0.1, 0.05))
-    s_range = 1 / (880 * made.unit), 1 / (560 * made.unit)
-    block = slice(20, 80), slice(30, 100)
-    whole, _ = sweep_planes(made.prepared, s_range, 1.0)
-    part, _ = sweep_planes(crop_frame(made.prepared, block), s_range, 1.0)
-    assert part.shape == (60, 70)
-    inside = mask_inner(part.shape, 6)
-    assert (np.abs(part - whole[block])[inside] < 0.5).mean() > 0.98

@@ -44,7 +44,7 @@ def two_grids(monkeypatch):
 
 
 def make_solver(on_step=lambda: None) -> PyramidSolver:
-    return PyramidSolver(RANGE, SETTINGS, None, on_step)
+    return PyramidSolver(RANGE, SETTINGS, on_step)
 
 
 @given(seeds, st.integers(1, 9), st.integers(1, 9), st.booleans(), st.booleans())

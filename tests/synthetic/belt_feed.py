@@ -14,7 +14,6 @@ from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.measurement.ledger import LedgerState
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
-from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 from tests.measure.flow.moving_belt import COARSE_CAMERA, Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-2600, end_mm=-450)
@@ -30,7 +29,7 @@ class FakeMatcher:
     is_inconsistent = False
     findings = ()
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         return depth_map(HEAP, float(frame_set.frame), camera=CAMERA)
 
 

@@ -41,7 +41,7 @@ def test_records_reach_disk_and_observer_alike(tmp_path: Path) -> None:
 
 def test_slow_worker_drops_frames_and_keeps_the_ledger_complete(tmp_path: Path) -> None:
     class Slow(FakeMatcher):
-        def reconstruct(self, frame_set, reporter, *, prior=None):
+        def reconstruct(self, frame_set, reporter):
             time.sleep(0.06)
             return super().reconstruct(frame_set, reporter)
 
@@ -96,7 +96,7 @@ def test_source_failure_is_reported_and_the_source_restarted(tmp_path: Path) -> 
 
 def test_failed_frame_is_missing_and_measuring_restarts(tmp_path: Path) -> None:
     class Stumbling(FakeMatcher):
-        def reconstruct(self, frame_set, reporter, *, prior=None):
+        def reconstruct(self, frame_set, reporter):
             if frame_set.frame == "900.0":
                 raise RuntimeError("a bug")
             return super().reconstruct(frame_set, reporter)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
@@ -21,10 +20,9 @@ from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.measure.flow.motion.prediction import MotionPrediction
 from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.pipeline.measuring.same_rig import require_same_rig
-from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
+from beltscape.pipeline.reconstructing.monitored_matcher import SequenceMatcher
 
 _MARGIN = 0.02
 """Relative margin of the searched depth range around the empty belt's depths."""
@@ -42,24 +40,6 @@ class ChainResult:
     """The findings about this frame set, and those of the meter about the frame set before."""
 
 
-class SequenceMatcher(Protocol):
-    """Reconstructs the frames of a sequence one after the other."""
-
-    @property
-    def is_inconsistent(self) -> bool:
-        """Return whether cameras contradict the rig; the belt in such frames counts as degraded."""
-        ...
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Return the findings about the cameras in the last frame, also if it could not be reconstructed."""
-        ...
-
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
-        """Return the depth of a frame, started from ``prior``; ReconstructionError if its images do not suffice."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _MatchedFrame:
     """A frame that is matched but not measured yet."""
@@ -67,8 +47,6 @@ class _MatchedFrame:
     frames: FrameSet
     depth: DepthMap | None
     whole: bool
-    prediction: MotionPrediction | None
-    """Prediction of the belt's motion, from the frames before this one."""
     findings: tuple[Finding, ...]
     """Findings about the frame, before it is measured."""
 
@@ -76,8 +54,7 @@ class _MatchedFrame:
 class FlowChain:
     """Runs matcher and meter in parallel: while a frame is matched, the one before it is measured.
 
-    The matcher starts from the previous depth map, moved with the belt. Neither thread timing nor `flush` changes a
-    result, because the motion is predicted from the frames before the previous one.
+    Neither thread timing nor `flush` changes a result, because matching a frame takes nothing from the meter.
     """
 
     def __init__(
@@ -98,7 +75,6 @@ class FlowChain:
         """Error of the last frame set that could not be reconstructed."""
         self._matcher = matcher
         self._matching = ThreadPoolExecutor(1, "matcher")
-        self._before: _MatchedFrame | None = None
         self._waiting: _MatchedFrame | None = None
         """The previous frame while it is not measured yet."""
         self._findings: list[Finding] = []
@@ -120,18 +96,17 @@ class FlowChain:
         ``whole``: all cameras are in it. ``findings`` are those about its images. The records are those of the
         frame before.
         """
-        matching = self._matching.submit(self._match, frames, self._prior(frames), reporter)
+        matching = self._matching.submit(self._match, frames, reporter)
         try:
             records = self.flush()
         finally:
             depth = matching.result()
         self._report(reporter)
         cameras = self._matcher.findings if frames.images else ()
-        self._before = self._waiting = _MatchedFrame(
+        self._waiting = _MatchedFrame(
             frames,
             depth,
             whole and not (self._matcher.is_inconsistent and depth is not None),
-            self.meter.prediction,
             (*findings, *cameras),
         )
         return ChainResult(depth, records, (*findings, *cameras, *self.pop_findings()))
@@ -193,32 +168,19 @@ class FlowChain:
         """Continue with another meter after `finish`."""
         if meter.reference is not self.meter.reference:
             self._belt = BeltMonitor(meter.reference, self._belt_limits)
-        self.meter, self._before = meter, None
+        self.meter = meter
 
-    def _match(self, frames: FrameSet, prior: Prior | None, reporter: Reporter) -> DepthMap | None:
+    def _match(self, frames: FrameSet, reporter: Reporter) -> DepthMap | None:
         if not frames.images:
             return None
         try:
-            depth = self._matcher.reconstruct(frames, reporter, prior=prior)
+            depth = self._matcher.reconstruct(frames, reporter)
         except ReconstructionError as error:
             self.failure = error
             reporter.warn(f"{error}; going on without this frame")
             return None
         self.done += 1
         return depth
-
-    def _prior(self, frames: FrameSet) -> Prior | None:
-        """Return the previous depth map with the belt's predicted motion; None without a prediction."""
-        before = self._before
-        if before is None or before.depth is None or before.prediction is None:
-            return None
-        clock, step, last = 1.0, None, before.frames
-        if frames.time_ns is not None and last.time_ns is not None:
-            clock = (frames.time_ns - last.time_ns) * 1e-9
-        if frames.position_mm is not None and last.position_mm is not None:
-            step = frames.position_mm - last.position_mm
-        motion = before.prediction.predict_motion_mm(clock, step)
-        return None if motion is None else Prior(before.depth, motion)
 
 
 def read_reference(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporter) -> EmptyBeltReference:

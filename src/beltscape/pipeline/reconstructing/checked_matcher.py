@@ -98,9 +98,9 @@ class CheckedMatcher:
         """Return the findings about the cameras in the last frame."""
         return self._findings.latest
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         """Return the depth of a frame; report its faults when they are new."""
-        checked = self.measure(frame_set, reporter, prior)
+        checked = self.measure(frame_set, reporter)
         if checked.consistency is not None:
             state = checked.consistency.inconsistent, checked.consistency.core_moved
             if state != self._reported:
@@ -122,11 +122,7 @@ class CheckedMatcher:
         return PendingMatch(names, pool.submit(matcher.reconstruct, frame_set, Silent()))
 
     def measure(
-        self,
-        frame_set: FrameSet,
-        reporter: Reporter,
-        prior: Any = None,
-        pending: PendingMatch | None = None,
+        self, frame_set: FrameSet, reporter: Reporter, *, pending: PendingMatch | None = None
     ) -> CheckedDepth:
         """Return the depth of a frame and the consistency of its cameras; `findings` are then those of this frame.
 
@@ -143,7 +139,7 @@ class CheckedMatcher:
             if pending is not None and pending.auxiliaries == names:
                 depth = pending.depth.result()
             else:
-                depth = self._match(names, frame_set, reporter, prior)
+                depth = self._match(names, frame_set, reporter)
         except ReconstructionError:
             self._explain_failure(frame_set)
             raise
@@ -165,14 +161,14 @@ class CheckedMatcher:
             if consistency.is_sound or not consistent or consistent == names:
                 break
             names = consistent
-            depth = self._match(names, frame_set, reporter, None)
+            depth = self._match(names, frame_set, reporter)
             consistency = self._cameras.check(frame_set, depth, usable)
         if consistency.is_sound:
             consistency = self._cameras.accumulate(consistency)
             consistent = tuple(name for name in _select_consistent(consistency) if name in usable)
             if consistent and consistent != names:
                 names = consistent
-                depth = self._match(names, frame_set, reporter, None)
+                depth = self._match(names, frame_set, reporter)
         self.excluded = tuple(n for n in usable if n in consistency.inconsistent and n not in names)
         return names, depth, consistency
 
@@ -254,11 +250,8 @@ class CheckedMatcher:
         usable = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         return tuple(n for n in usable if n not in self.excluded) or usable
 
-    def _match(self, names: tuple[str, ...], frame_set: FrameSet, reporter: Reporter, prior: Any) -> DepthMap:
-        matcher = self._find_matcher(names, frame_set)
-        if prior is None:
-            return matcher.reconstruct(frame_set, reporter)
-        return matcher.reconstruct(frame_set, reporter, prior=prior)
+    def _match(self, names: tuple[str, ...], frame_set: FrameSet, reporter: Reporter) -> DepthMap:
+        return self._find_matcher(names, frame_set).reconstruct(frame_set, reporter)
 
     def _find_matcher(self, names: tuple[str, ...], frame_set: FrameSet) -> Any:
         """Return the matcher that matches a frame with these auxiliaries."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
@@ -13,20 +13,20 @@ from beltscape.core.progress import Reporter
 from beltscape.health.images.monitor import ImageMonitor
 
 
-class Matcher(Protocol):
-    """The matcher behind the checks."""
+class SequenceMatcher(Protocol):
+    """Reconstructs frame after frame; the depth depends on a frame's images and on the cameras in use."""
 
     @property
     def is_inconsistent(self) -> bool:
-        """Return whether cameras contradict the rig."""
+        """Return whether cameras contradict the rig; the belt in such frames counts as degraded."""
         ...
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Return the findings about the cameras in the last frame."""
+        """Return the findings about the cameras in the last frame, also if it could not be reconstructed."""
         ...
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         """Return the depth of a frame; ReconstructionError if its images do not suffice."""
         ...
 
@@ -34,7 +34,7 @@ class Matcher(Protocol):
 class MonitoredMatcher:
     """Checks the images of a frame before it is matched, and the windows' dirt after it."""
 
-    def __init__(self, matcher: Matcher, monitor: ImageMonitor) -> None:
+    def __init__(self, matcher: SequenceMatcher, monitor: ImageMonitor) -> None:
         self._matcher, self._monitor = matcher, monitor
         self._findings: tuple[Finding, ...] = ()
         self._is_whole = True
@@ -50,7 +50,7 @@ class MonitoredMatcher:
         """Return the findings about images and cameras of the last frame, also if it was not matched."""
         return self._findings
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Any = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         """Return the depth of a frame from the cameras that passed the checks.
 
         Raises
@@ -67,7 +67,7 @@ class MonitoredMatcher:
         try:
             # without a fault too few cameras gave an image, which the matcher names
             frames = check.frames if check.frames.images else frame_set
-            depth = self._matcher.reconstruct(frames, reporter, prior=prior)
+            depth = self._matcher.reconstruct(frames, reporter)
         finally:
             self._findings = (*check.findings, *self._matcher.findings)
         dirt = self._monitor.check_depth(depth)

@@ -14,7 +14,6 @@ import numpy as np
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, halve_frame
 from beltscape.stereo.multiview.frame.surface import Surface, double_surface, fit_slopes
 from beltscape.stereo.multiview.initialisation.initialise import SweepResolution, initialise_inverse_depth
-from beltscape.stereo.multiview.initialisation.temporal_prior import Prior, predict_inverse_depth
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
 from beltscape.stereo.multiview.optimisation.noise import estimate_noise
 from beltscape.stereo.multiview.optimisation.propagation import PropagationResult, propagate
@@ -28,11 +27,10 @@ _CHANGED_PX, _SETTLED = 0.5, 0.003
 
 @dataclass(frozen=True, slots=True)
 class PyramidSolver:
-    """Depth range, settings and prior for solving one frame coarse to fine."""
+    """Depth range and settings for solving one frame coarse to fine."""
 
     depth_range_mm: tuple[float, float]
     settings: MultiviewSettings
-    prior: Prior | None
     on_step: Callable[[], None]
     """Called after the sweep, and after every grid."""
 
@@ -67,14 +65,13 @@ class PyramidSolver:
         return double_surface(solution.surface, prepared.core.shape)
 
     def _sweep(self, prepared: PreparedFrame) -> Surface:
-        """Return the optimised surface of a sweep, or of the temporal prior where that fits."""
+        """Return the optimised surface of a sweep."""
         settings, context = self.settings, prepared.context
         unit = context.inverse_depth_scale
         near, far = self.depth_range_mm
-        predicted = None if self.prior is None else predict_inverse_depth(self.prior, prepared)
         resolution = SweepResolution(settings.shrink(prepared.core.shape[1]), settings.plane_step_px)
         s_range = 1 / (far * unit), 1 / (near * unit)
-        s = initialise_inverse_depth(predicted, prepared, s_range, resolution)
+        s = initialise_inverse_depth(prepared, s_range, resolution)
         self.on_step()
         surface = fit_slopes(s, context.kernels, context.threads)
         return solve_least_squares(surface, prepared, _FIRST_PX, context.windows.narrow).surface

@@ -23,7 +23,6 @@ from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.parallel import run_pair
 from beltscape.stereo.multiview.frame.surface import Surface
-from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
 from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
 from beltscape.stereo.multiview.optimisation.twicing import apply_twicing
@@ -62,10 +61,10 @@ class MultiviewReconstructor:
         self._step = settings.step(rig.core_camera.size_px[0])
         self._kernels = kernels or load()
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         """Return the depth map of one frame; auxiliaries without an image are left out.
 
-        With a ``prior``, the previous frame and the belt's motion since, only what it does not explain is swept.
+        The result depends on the frame's images only, and on no other frame.
 
         Raises
         ------
@@ -73,17 +72,15 @@ class MultiviewReconstructor:
             When the core's image or every auxiliary's is missing.
         """
         names = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
-        state = self.match(frame_set, names, reporter, prior)
+        state = self.match(frame_set, names, reporter)
         estimate = estimate_depth(state)
         return make_depth_map(estimate, state.prepared.context, self.settings.least_confidence)
 
-    def match(
-        self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter, prior: Prior | None = None
-    ) -> MatcherState:
+    def match(self, frame_set: FrameSet, names: tuple[str, ...], reporter: Reporter) -> MatcherState:
         """Return the final surface of one frame; each step is reported."""
         grids = self.settings.grids(self.rig.core_camera.size_px[0])
         on_step = _StepCounter(reporter, frame_set.frame, grids + 3)
-        state = self.solve_pyramid(frame_set, names, on_step, prior)
+        state = self.solve_pyramid(frame_set, names, on_step)
         solution, prepared = state.solution, state.prepared
         selection, discs = run_pair(
             lambda: self._select(state),
@@ -99,16 +96,12 @@ class MultiviewReconstructor:
         return replace(state, solution=solution, filled=discs.mask, selection=selection)
 
     def solve_pyramid(
-        self,
-        frame_set: FrameSet,
-        names: tuple[str, ...],
-        on_step: Callable[[], None] = lambda: None,
-        prior: Prior | None = None,
+        self, frame_set: FrameSet, names: tuple[str, ...], on_step: Callable[[], None] = lambda: None
     ) -> MatcherState:
         """Return the surface after the rounds of propagation, before the candidate selection."""
         threads = self.settings.threads
         context = MatchContext.for_grid(self.rig, names, self._step, self._kernels, threads)
-        solver = PyramidSolver(self.depth_range_mm, self.settings, prior, on_step)
+        solver = PyramidSolver(self.depth_range_mm, self.settings, on_step)
         surface, prepared = solver.initialise(prepare_frame(frame_set, context))
         (propagated, solution), image = run_pair(
             lambda: solver.propagate(surface, prepared), lambda: compute_image_features(prepared), threads

@@ -104,7 +104,7 @@ class ChangingMatcher(FakeMatcher):
     def __init__(self, exchange: Callable[[], None]) -> None:
         self.exchange = exchange
 
-    def reconstruct(self, frame_set, reporter, *, prior=None):
+    def reconstruct(self, frame_set, reporter):
         if frame_set.frame == "900.0":
             self.exchange()
         return super().reconstruct(frame_set, reporter)

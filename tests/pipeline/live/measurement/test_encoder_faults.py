@@ -19,7 +19,6 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter, Silent
 from beltscape.pipeline.live.measurement.ledger import LedgerState
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
-from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 from tests.measure.flow import moving_belt
 from tests.measure.flow.moving_belt import Heap, depth_map
 from tests.synthetic.belt_feed import CAMERA, CAMERAS, IMAGE, FakeMatcher, make_context
@@ -40,7 +39,7 @@ class PlaceMatcher(FakeMatcher):
     def __init__(self, heap: Heap | None = HEAP, camera: Camera = CAMERA) -> None:
         self._heap, self.camera = heap, camera
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         place_mm = float(frame_set.frame.split("|")[1])
         return depth_map(self._heap, place_mm, seed=3, camera=self.camera)
 

@@ -17,7 +17,6 @@ from beltscape.core.progress import Reporter, Silent
 from beltscape.pipeline.live.measurement.ledger import LedgerState
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
 from beltscape.simulate.faults.encoder import EncoderFault
-from beltscape.stereo.multiview.initialisation.temporal_prior import Prior
 from tests.measure.flow import moving_belt
 from tests.synthetic.belt_feed import CAMERA, CAMERAS, IMAGE, FakeMatcher, make_context
 
@@ -54,7 +53,7 @@ HEAPS = Heaps()
 class RoundMatcher(FakeMatcher):
     """Returns the depth map of the place that the frame's name contains."""
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         place_mm = float(frame_set.frame.split("|")[1]) % ROUND_MM
         return moving_belt.depth_map(HEAPS, place_mm, seed=7, camera=CAMERA)
 
@@ -129,9 +128,9 @@ class EmptyAfter(RoundMatcher):
     def __init__(self, start_mm: float, end_mm: float = np.inf) -> None:
         self._start_mm, self._end_mm = start_mm, end_mm
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter, *, prior: Prior | None = None) -> DepthMap:
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
         if not self._start_mm <= float(frame_set.frame.split("|")[1]) < self._end_mm:
-            return super().reconstruct(frame_set, reporter, prior=prior)
+            return super().reconstruct(frame_set, reporter)
         return moving_belt.depth_map(None, 0.0, seed=7, camera=CAMERA)
 
 

@@ -20,14 +20,3 @@ class MotionPrediction:
     """mm per unit of the meter's clock; None if unknown."""
     uses_encoder: bool = True
     """Whether the encoder is trusted."""
-
-    def predict_motion_mm(
-        self, clock_step: float, encoder_step_mm: float | None
-    ) -> NDArray[np.float64] | None:
-        """Return the displacement (3,) of the material in the core's frame, by the encoder, or by the speed.
-
-        The result is None where neither is known.
-        """
-        if encoder_step_mm is not None and self.uses_encoder:
-            return self.along * (encoder_step_mm / self.ratio)
-        return None if self.speed is None else self.along * (self.speed * clock_step)

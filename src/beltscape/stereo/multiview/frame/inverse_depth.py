@@ -55,18 +55,6 @@ def pack_projections(rig: Rig, auxiliaries: tuple[str, ...], unit: float, step: 
     return np.stack([pack_projection(rig, name, unit, step, step) for name in auxiliaries])
 
 
-def displace_projection(rig: Rig, shift: NDArray[np.float64], step: int) -> NDArray[np.float32]:
-    """Return the (39,) projection of the core's grid, in blocks of ``step``, into the core displaced by -``shift``.
-
-    ``shift`` (3,) is in mm times the grid's unit. The displaced core is a pinhole without distortion.
-    """
-    focal, center = _scale_to_blocks(rig.core_camera, step)
-    ray = _invert_core_matrix(rig, step)
-    return np.concatenate([ray.ravel(), shift, focal, center, pack_lens("brown", np.zeros(5))]).astype(
-        np.float32
-    )
-
-
 def crop_projection(view: NDArray[np.float32], first_u: int, first_v: int) -> NDArray[np.float32]:
     """Return the (39,) projection of the grid whose pixel (0, 0) is (first_u, first_v) of the given one."""
     direction = view[:9].astype(np.float64).reshape(3, 3).copy()

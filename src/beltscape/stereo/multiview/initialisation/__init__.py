@@ -1,1 +1,1 @@
-"""The first surface of a frame: from the previous frame where that fits, from a plane sweep elsewhere."""
+"""The first surface of a frame, from a plane sweep over the given or a found depth range."""

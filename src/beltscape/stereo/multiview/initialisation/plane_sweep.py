@@ -8,15 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, downsample
-from beltscape.stereo.multiview.frame.inverse_depth import crop_projection, pack_projections
+from beltscape.stereo.multiview.frame.inverse_depth import pack_projections
 
 _SMALL_JUMP, _LARGE_JUMP = 7, 40
 """Penalties of the aggregation for a jump by one plane and by more."""
 _LEAST_PLANES = 4
 """The least that the kernel of the aggregation accepts."""
-
-Block = tuple[slice, slice]
-"""Rows and columns of a grid."""
 
 
 def shrink_frame(prepared: PreparedFrame, shrink: int) -> PreparedFrame:
@@ -33,13 +30,6 @@ def shrink_frame(prepared: PreparedFrame, shrink: int) -> PreparedFrame:
             context.rig, context.auxiliaries, context.inverse_depth_scale, context.step * shrink
         ),
     )
-
-
-def crop_frame(prepared: PreparedFrame, block: Block) -> PreparedFrame:
-    """Return the frame with only a block of the core's grid."""
-    rows, columns = block
-    views = np.stack([crop_projection(view, columns.start, rows.start) for view in prepared.views])
-    return replace(prepared, core=np.ascontiguousarray(prepared.core[block]), views=views)
 
 
 def sweep_planes(

@@ -12,7 +12,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-EXTRAS = ("", "export", "modbus", "mqtt", "opcua", "live", "site", "simulate", "viewer", "all")
+EXTRAS = ("", "export", "modbus", "mqtt", "opcua", "live", "site", "simulate", "cluster", "viewer", "all")
 """The wheel alone, and its extras that need no system library."""
 MB = 1e6
 """Bytes of the unit that disks are sold in."""

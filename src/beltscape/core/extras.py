@@ -10,6 +10,7 @@ EXTRAS = {
     "mqtt": ("paho", "google"),
     "reports": ("weasyprint",),
     "opcua": ("asyncua", "cryptography"),
+    "cluster": ("ray", "s3fs"),
     "viewer": ("rerun",),
     "export": ("laspy", "lazrs"),
     "cameras": ("gi",),

@@ -32,7 +32,7 @@ def draw_pyramid() -> str:
         factor = 2 ** (grids - 1 - i)
         _grid(sheet, (145, top - 38), 112 / factor, cells=6 * 2**i, label=f"{width // factor}")
         _steps(
-            sheet, top, ("plane sweep,", "or frame before") if i == 0 else ("surface of the", "coarser grid")
+            sheet, top, ("plane sweep on", "small images") if i == 0 else ("surface of the", "coarser grid")
         )
     for upper, lower in pairwise(tops):
         turn = (upper + lower) / 2 - 38

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +28,7 @@ class Capture:
     @property
     def frames(self) -> tuple[str, ...]:
         """Names of all frames of any camera, in natural order."""
-        return tuple(sorted({frame for files in self.files.values() for frame in files}, key=natural_key))
+        return sort_frames(self.files.values())
 
     def select_cameras(self, cameras: tuple[str, ...]) -> Capture:
         """Return the capture with only these cameras."""
@@ -36,13 +36,25 @@ class Capture:
 
     def describe_missing_frames(self) -> list[str]:
         """Return one line for each camera that lacks frames of another camera."""
-        lines: list[str] = []
-        for camera, files in self.files.items():
-            missing = [frame for frame in self.frames if frame not in files]
-            if missing:
-                shown = summarise_names(missing)
-                lines.append(f"{self.folder / camera}: no image for frame {shown}; going on without")
-        return lines
+        return describe_missing_frames(
+            {str(self.folder / camera): files for camera, files in self.files.items()}
+        )
+
+
+def describe_missing_frames(files: Mapping[str, Mapping[str, object]]) -> list[str]:
+    """Return one line for each camera folder that lacks frames of another; ``files``: by folder and frame."""
+    frames = sort_frames(files.values())
+    lines: list[str] = []
+    for folder, own in files.items():
+        missing = [frame for frame in frames if frame not in own]
+        if missing:
+            lines.append(f"{folder}: no image for frame {summarise_names(missing)}; going on without")
+    return lines
+
+
+def sort_frames(files: Iterable[Iterable[str]]) -> tuple[str, ...]:
+    """Return the names of all frames that any of the cameras has, in natural order."""
+    return tuple(sorted({frame for own in files for frame in own}, key=natural_key))
 
 
 def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
@@ -82,12 +94,28 @@ def read_capture(folder: AnyPath) -> Capture:
 
 def list_images(camera: Path) -> dict[str, Path]:
     """Return the images of a folder by frame, in natural order; InputError if a frame is there twice."""
-    paths = [p for p in camera.iterdir() if p.suffix.lower() in EXTENSIONS and not p.name.startswith(".")]
-    images: dict[str, Path] = {}
-    for path in sorted(paths, key=lambda p: (natural_key(p.stem), p.suffix)):
-        if path.stem in images:
+    images = index_images((path.name for path in camera.iterdir()), str(camera))
+    return {frame: camera / name for frame, name in images.items()}
+
+
+def index_images(names: Iterable[str], folder: str) -> dict[str, str]:
+    """Return the images among the names of a folder's files by frame, in natural order.
+
+    Raises
+    ------
+    InputError
+        When a frame is there twice.
+    """
+    parts = (name.rpartition(".") for name in names if not name.startswith("."))
+    found = [
+        (stem, dot + extension) for stem, dot, extension in parts if (dot + extension).lower() in EXTENSIONS
+    ]
+    images: dict[str, str] = {}
+    for stem, extension in sorted(found, key=lambda one: (natural_key(one[0]), one[1])):
+        name = stem + extension
+        if stem in images:
             raise InputError(
-                f"{path}: frame {path.stem} is there twice (also {images[path.stem].name}); remove one of them"
+                f"{folder}/{name}: frame {stem} is there twice (also {images[stem]}); remove one of them"
             )
-        images[path.stem] = path
+        images[stem] = name
     return images

@@ -29,7 +29,7 @@ class FolderSource:
         self._kept: dict[str, dict[str, Image]] = {}
         for name in sizes_px:
             if name not in capture.files:
-                reporter.warn(f"{capture.folder / name}: no images of camera {name}; going on without it")
+                reporter.warn(describe_lost_camera(str(capture.folder), name))
         for line in capture.select_cameras(tuple(sizes_px)).describe_missing_frames():
             reporter.warn(line)
 
@@ -93,15 +93,25 @@ class FolderSource:
             return None
         try:
             image = read_image(path)
+            require_size(image, str(path), camera, self._sizes_px[camera])
         except InputError as error:
-            self._reporter.warn(f"{error}; going on without this image")
-            return None
-        size = image.shape[1::-1]
-        if size != self._sizes_px[camera]:
-            width, height = self._sizes_px[camera]
-            self._reporter.warn(
-                f"{path}: {size[0]}×{size[1]} px, but the rig's {camera} has {width}×{height}; "
-                "going on without this image"
-            )
+            self._reporter.warn(describe_lost_image(error))
             return None
         return image
+
+
+def require_size(image: Image, name: str, camera: str, size_px: tuple[int, int]) -> None:
+    """Raise InputError unless an image has the (width, height) of the rig's camera."""
+    size, (width, height) = image.shape[1::-1], size_px
+    if size != size_px:
+        raise InputError(f"{name}: {size[0]}×{size[1]} px, but the rig's {camera} has {width}×{height}")
+
+
+def describe_lost_image(error: InputError) -> str:
+    """Return the warning of an image that cannot be used."""
+    return f"{error}; going on without this image"
+
+
+def describe_lost_camera(folder: str, camera: str) -> str:
+    """Return the warning of a camera without images in a capture."""
+    return f"{folder}/{camera}: no images of camera {camera}; going on without it"

@@ -12,11 +12,16 @@ from beltscape.core.errors import InputError
 def read_text(path: Path) -> str:
     """Read a UTF-8 file, with or without a byte order mark; InputError with the reason if it is unreadable."""
     with named_read_errors(path):
-        return path.read_text(encoding="utf-8-sig")
+        return decode_text(path.read_bytes())
+
+
+def decode_text(data: bytes) -> str:
+    """Decode UTF-8, with or without a byte order mark, with line ends of any kind; UnicodeDecodeError otherwise."""
+    return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
 
 
 @contextmanager
-def named_read_errors(path: Path, fix: str = "") -> Generator[None]:
+def named_read_errors(path: Path | str, fix: str = "") -> Generator[None]:
     """Turn errors of reading and decoding into InputError with the reason; ``fix`` follows "not UTF-8 text"."""
     try:
         yield

@@ -35,7 +35,19 @@ def read_manifest(folder: Path) -> Manifest | None:
     """Return the manifest of ``folder``, None where it has none; OutputError where it is damaged."""
     path = folder / MANIFEST
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        return parse_manifest(path.read_bytes())
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError) as error:
+        raise OutputError(
+            f"{path}: is no manifest of this version of Beltscape; choose another folder, or remove {folder}"
+        ) from error
+
+
+def parse_manifest(data: bytes) -> Manifest:
+    """Return the manifest in the bytes of its file; ValueError where it is damaged."""
+    try:
+        document = json.loads(data)
         if document["format"] != _FORMAT or not all(isinstance(name, str) for name in document["files"]):
             raise ValueError(document["format"])
         return Manifest(
@@ -44,12 +56,8 @@ def read_manifest(folder: Path) -> Manifest | None:
             bool(document["complete"]),
             tuple(document["files"]),
         )
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise OutputError(
-            f"{path}: is no manifest of this version of Beltscape; choose another folder, or remove {folder}"
-        ) from error
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"no manifest: {error!r}") from error
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
@@ -74,12 +82,18 @@ def require_finished(folder: Path) -> None:
         manifest = read_manifest(folder)
     except OutputError:
         return  # only commands that write there must refuse it
-    if manifest is None and (folder / STAGING).is_dir():
-        raise InputError(
-            f"{folder}: the command that writes it was interrupted or still runs; "
+    reason = describe_unfinished(manifest, is_staged=(folder / STAGING).is_dir())
+    if reason:
+        raise InputError(f"{folder}: {reason}")
+
+
+def describe_unfinished(manifest: Manifest | None, *, is_staged: bool) -> str:
+    """Return why a folder is not finished, with the fix; empty if it is. ``is_staged``: it holds `STAGING`."""
+    if manifest is None and is_staged:
+        return (
+            "the command that writes it was interrupted or still runs; "
             "wait for it, or run it again with the same --out"
         )
     if manifest is not None and not manifest.complete:
-        raise InputError(
-            f"{folder}: beltscape {manifest.command} was interrupted while it wrote this folder; run it again"
-        )
+        return f"beltscape {manifest.command} was interrupted while it wrote this folder; run it again"
+    return ""

@@ -32,15 +32,24 @@ def read_image(path: AnyPath) -> Image:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
+    return _decode(data, str(path))
+
+
+def decode_image(data: bytes, name: str) -> Image:
+    """Decode the bytes of an image file as `read_image`; InputError with the name if they are unusable."""
+    return _decode(np.frombuffer(data, np.uint8), name)
+
+
+def _decode(data: NDArray[np.uint8], name: str) -> Image:
     if data.size == 0:
-        raise InputError(f"{path}: the file is empty (0 bytes); copy the image again")
-    if _is_damaged_png(data.tobytes()):
-        raise InputError(f"{path}: the file is damaged or cut short; copy the image again")
+        raise InputError(f"{name}: the file is empty (0 bytes); copy the image again")
+    if _is_damaged_png(data):
+        raise InputError(f"{name}: the file is damaged or cut short; copy the image again")
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise InputError(f"{path}: not a readable image; PNG, TIFF, JPEG and BMP are known")
+        raise InputError(f"{name}: not a readable image; PNG, TIFF, JPEG and BMP are known")
     if image.dtype not in (np.dtype(np.uint8), np.dtype(np.uint16)):
-        raise InputError(f"{path}: pixels are {image.dtype}; 8 or 16 bit images are needed")
+        raise InputError(f"{name}: pixels are {image.dtype}; 8 or 16 bit images are needed")
     if image.ndim == 3:
         is_grey = image.shape[2] < 3 or (_has_palette(data) and is_grey_throughout(image))
         image = image[..., 0] if is_grey else image[..., 2::-1]
@@ -57,11 +66,11 @@ def _has_palette(data: NDArray[np.uint8]) -> bool:
     return data[: len(_PNG)].tobytes() == _PNG and len(data) > _PNG_KIND and data[_PNG_KIND] == _INDEXED
 
 
-def _is_damaged_png(data: bytes) -> bool:
+def _is_damaged_png(data: NDArray[np.uint8]) -> bool:
     """Return whether a PNG is truncated or has a wrong checksum, which libpng only prints to standard error."""
-    if not data.startswith(_PNG):
+    view, start = data.data, len(_PNG)
+    if bytes(view[:start]) != _PNG:
         return False
-    view, start = memoryview(data), len(_PNG)
     while start + _CHUNK <= len(data):
         end = start + _CHUNK + int.from_bytes(view[start : start + 4], "big")
         if crc32(view[start + 4 : end - 4]) != int.from_bytes(view[end - 4 : end], "big") or end > len(data):

@@ -18,7 +18,8 @@ from beltscape.files.documents.plain_text import read_text
 class Line:
     """One row of a CSV file with its position."""
 
-    path: Path
+    name: str
+    """Path or address of the file."""
     number: int
     """Number of the line in the file, from 1."""
     values: tuple[str, ...]
@@ -31,12 +32,12 @@ class Line:
         except ValueError:
             value = float("nan")
         if not np.isfinite(value):
-            raise InputError(f"{self.path}: line {self.number}: {name} {text!r} is not a number")
+            raise InputError(f"{self.name}: line {self.number}: {name} {text!r} is not a number")
         return value
 
     def error(self, what: str) -> InputError:
         """Return an InputError with file and line."""
-        return InputError(f"{self.path}: line {self.number}: {what}")
+        return InputError(f"{self.name}: line {self.number}: {what}")
 
 
 def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) -> list[Line]:
@@ -47,21 +48,29 @@ def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) ->
     InputError
         When the file cannot be read, its header differs, a row has another number of values, or there is no row.
     """
-    rows = list(csv.reader(io.StringIO(read_text(path))))
+    return parse_csv(read_text(path), str(path), header, optional)
+
+
+def parse_csv(text: str, file: str, header: Sequence[str], optional: Sequence[str] = ()) -> list[Line]:
+    """Return the rows of a CSV file's text as `read_csv`; messages name the ``file``."""
+    try:
+        rows = list(csv.reader(io.StringIO(text)))
+    except csv.Error as error:
+        raise InputError(f"{file}: is no CSV table ({error})") from error
     wanted = ",".join(header) + "".join(f"[,{name}]" for name in optional)
     present = tuple(cell.strip() for cell in rows[0]) if rows else ()
     columns = (*header, *optional)
     if present not in {columns[:k] for k in range(len(header), len(columns) + 1)}:
-        raise InputError(f"{path}: the header is {','.join(present)!r}; it must be {wanted}")
+        raise InputError(f"{file}: the header is {','.join(present)!r}; it must be {wanted}")
     lines: list[Line] = []
     for number, row in enumerate(rows[1:], start=2):
         if not any(cell.strip() for cell in row):
             continue
         if len(row) != len(present):
-            raise InputError(f"{path}: line {number}: {len(row)} values, but the header has {len(present)}")
-        lines.append(Line(path, number, tuple(cell.strip() for cell in row)))
+            raise InputError(f"{file}: line {number}: {len(row)} values, but the header has {len(present)}")
+        lines.append(Line(file, number, tuple(cell.strip() for cell in row)))
     if not lines:
-        raise InputError(f"{path}: no row below the header {wanted}")
+        raise InputError(f"{file}: no row below the header {wanted}")
     return lines
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from beltscape.files.documents.plain_text import read_text
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rasters.images import EXTENSIONS
-from beltscape.files.tables.csv_table import read_csv
+from beltscape.files.tables.csv_table import parse_csv
 
 HEADER = ("frame", "timestamp_s", "belt_position_mm")
 
@@ -32,9 +33,14 @@ def read_encoder(path: AnyPath) -> tuple[BeltReading, ...]:
         When a value is not a number, a frame occurs twice, times do not increase, or the belt runs back.
     """
     path = as_path(path)
+    return parse_encoder(read_text(path), str(path))
+
+
+def parse_encoder(text: str, file: str) -> tuple[BeltReading, ...]:
+    """Return the readings in the text of an encoder.csv as `read_encoder`; messages name the ``file``."""
     readings: list[BeltReading] = []
     lines: dict[str, int] = {}
-    for line in read_csv(path, HEADER):
+    for line in parse_csv(text, file, HEADER):
         name = Path(line.values[0])
         frame = name.stem if name.suffix.lower() in EXTENSIONS else line.values[0]
         time_ns = round(line.parse_number(1, "timestamp_s") * 1e9)

@@ -7,9 +7,10 @@ from math import isfinite
 from pathlib import Path
 
 from beltscape.core.frames import FrameSet
+from beltscape.files.documents.plain_text import read_text
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rasters.images import EXTENSIONS
-from beltscape.files.tables.csv_table import read_csv
+from beltscape.files.tables.csv_table import parse_csv
 
 FILE = "exposures.csv"
 HEADER = ("frame", "camera", "exposure_us")
@@ -29,8 +30,14 @@ def read_exposures(path: AnyPath) -> Mapping[str, Mapping[str, float]]:
     InputError
         When a value is no positive number.
     """
+    path = as_path(path)
+    return parse_exposures(read_text(path), str(path))
+
+
+def parse_exposures(text: str, file: str) -> Mapping[str, Mapping[str, float]]:
+    """Return the exposure times in the text of an exposures.csv as `read_exposures`; messages name the ``file``."""
     exposures: dict[str, dict[str, float]] = {}
-    for line in read_csv(as_path(path), HEADER):
+    for line in parse_csv(text, file, HEADER):
         name = Path(line.values[0])
         frame = name.stem if name.suffix.lower() in EXTENSIONS else line.values[0]
         exposure_us = line.parse_number(2, "exposure_us") if line.values[2] else float("nan")

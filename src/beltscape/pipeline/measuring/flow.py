@@ -8,15 +8,13 @@ from pathlib import Path
 from time import perf_counter
 
 from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.errors import InputError, ReconstructionError, SettingsError
+from beltscape.core.errors import ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import scale_rig
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import read_capture
-from beltscape.files.folders.paths import summarise_names
 from beltscape.files.rasters.images import read_image
-from beltscape.files.tables.encoder_csv import BeltReading, read_encoder
 from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
@@ -31,22 +29,13 @@ from beltscape.pipeline.measuring.flow_chain import (
     widen_to_belt,
 )
 from beltscape.pipeline.measuring.flow_checks import require_consistent_motion, warn_of_motion_conflicts
+from beltscape.pipeline.measuring.instants import Instant, list_instants
 from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.pipeline.reconstructing.search_range import find_capture_depth_range
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
-
-
-@dataclass(frozen=True, slots=True)
-class Instant:
-    """One trigger instant of a capture."""
-
-    frame: str
-    time_ns: int | None
-    position_mm: float | None
-    """Encoder reading; None without an encoder."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,7 +122,12 @@ def scale_rig_to_capture(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
     if not files:
         return rig
     height, width = read_image(next(iter(files.values()))).shape[:2]
-    own = rig.core_camera.size_px
+    return scale_rig_to_images(rig, (width, height), str(capture), reporter)
+
+
+def scale_rig_to_images(rig: Rig, size_px: tuple[int, int], capture: str, reporter: Reporter) -> Rig:
+    """Return the rig scaled to its core camera's image size; unchanged if the aspect ratio differs."""
+    (width, height), own = size_px, rig.core_camera.size_px
     factor = width / own[0]
     if (width, height) == own or abs(own[1] * factor - height) > 1:
         return rig
@@ -141,67 +135,6 @@ def scale_rig_to_capture(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
         f"{capture}: images of {width}×{height} px, the rig's are {own[0]}×{own[1]}; the rig is scaled by {factor:g}"
     )
     return scale_rig(rig, factor)
-
-
-def list_instants(
-    source: FolderSource, encoder: Path | None, frames_per_s: float | None, reporter: Reporter
-) -> list[Instant]:
-    """Return all instants in order: one per encoder row, or one per frame of the capture.
-
-    Raises
-    ------
-    InputError
-        When the encoder's rows name none of the capture's frames.
-    """
-    if encoder is not None:
-        readings = read_encoder(encoder)
-        return _instants_from_readings(readings, source, encoder, reporter, positions=True)
-    own = source.folder / "encoder.csv"
-    if frames_per_s is None and own.is_file():
-        reporter.warn(f"{own}: only its times are used; --encoder takes the belt's positions from it too")
-        return _instants_from_readings(read_encoder(own), source, own, reporter, positions=False)
-    if frames_per_s is None:
-        reporter.warn(
-            "the times of the frames are unknown: flows per hour are left empty; give --encoder or --frames-per-s"
-        )
-        return [Instant(frame, None, None) for frame in source.frames]
-    numbers = _frame_numbers(source.frames)
-    return [
-        Instant(frame, round(number / frames_per_s * 1e9), None)
-        for frame, number in zip(source.frames, numbers, strict=True)
-    ]
-
-
-def _instants_from_readings(
-    readings: Sequence[BeltReading], source: FolderSource, path: Path, reporter: Reporter, *, positions: bool
-) -> list[Instant]:
-    with_reading = {reading.frame for reading in readings}
-    without = [frame for frame in source.frames if frame not in with_reading]
-    if len(without) == len(source.frames):
-        raise InputError(
-            f"{path}: none of its frames ({readings[0].frame}, …) is in the capture ({source.frames[0]}, …); "
-            "give the encoder.csv of this capture"
-        )
-    if without:
-        shown = summarise_names(without)
-        reporter.warn(f"{path}: no row for frame {shown}; going on without")
-    absent = [reading.frame for reading in readings if reading.frame not in source.frames]
-    if absent:
-        shown = summarise_names(absent)
-        reporter.warn(
-            f"{source.folder}: no image of frame {shown}; their belt is measured in the others, or bridged"
-        )
-    return [
-        Instant(reading.frame, reading.time_ns, reading.belt_position_mm if positions else None)
-        for reading in sorted(readings, key=lambda one: one.time_ns)
-    ]
-
-
-def _frame_numbers(frames: Sequence[str]) -> list[int]:
-    """Return the frames' trigger numbers: their names if all are numbers, else their order."""
-    if all(frame.isascii() and frame.isdigit() for frame in frames):
-        return [int(frame) for frame in frames]
-    return list(range(len(frames)))
 
 
 def _frame_set(source: FolderSource, instant: Instant) -> FrameSet:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from threading import Lock
 
+from beltscape.alarms.checks import CHECKS
 from beltscape.alarms.condition import AlarmCondition, condition_from_finding
 from beltscape.alarms.entry import Entry, make_name
 from beltscape.alarms.management.custom_texts import CustomTexts
 from beltscape.alarms.management.groups import FirstOut, Member, find_group
 from beltscape.alarms.management.priorities import select_priority
+from beltscape.alarms.management.snapshot import BoardSnapshot, SavedAlarm
 from beltscape.alarms.management.suppression import BELT_STOPPED, CAMERAS_OFF, MAINTENANCE, select_state
+from beltscape.alarms.names import split_name
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES, Conditions
 from beltscape.alarms.settings import AlarmSettings, CommonSettings, NoMeasurement
@@ -59,8 +62,8 @@ class _Changes:
 class AlarmBoard:
     """All alarms; updated with readings by one thread, read, acknowledged and hidden from any.
 
-    Delays run by the monotonic clock and the belt's travel; the system clock is only recorded. No state is kept over
-    a restart: alarms whose condition still holds are raised again.
+    Delays run by the monotonic clock and the belt's travel; the system clock is only recorded. The states outlive a
+    restart by `snapshot` and `restore`.
     """
 
     def __init__(self, settings: AlarmSettings, texts: CustomTexts | None = None) -> None:
@@ -89,9 +92,8 @@ class AlarmBoard:
             self._suppressed = settings.suppression.by_state()
             before, self._entries = self._entries, {}
             for entry in before.values():
-                is_fault = entry.kind not in RULES
-                own = settings.select_fault(entry.kind) if is_fault else getattr(settings, entry.kind)
-                if own.enabled:
+                own = self._select_settings(entry.kind, entry.subject)
+                if own is not None:
                     self._entry(entry.kind, entry.subject, own).take_over(entry)
             self._refresh_alarms()
 
@@ -122,11 +124,55 @@ class AlarmBoard:
         with self._lock:
             return self._alarms.get(name)
 
-    def acknowledge(self, name: str, by: str, wall_ns: int) -> bool:  # noqa: ARG002  (for the caller's log)
+    def snapshot(self, cameras: tuple[str, ...] = ()) -> BoardSnapshot:
+        """Return the states that outlive a restart, with the cameras of this run."""
+        with self._lock:
+            entries = sorted(self._entries.values(), key=lambda entry: entry.onset_ns)
+            saved = tuple(one for one in (entry.to_saved() for entry in entries) if one is not None)
+            return BoardSnapshot(saved, self._first_out.names, cameras)
+
+    def restore(self, snapshot: BoardSnapshot, cameras: Collection[str] = ()) -> None:
+        """Continue the alarms of a run before; call it before the first update.
+
+        An alarm is not continued where the settings switch it off, where this program has no alarm of its name, or
+        where its camera or bank is gone. One that is no longer present clears by the first readings, as if the
+        program had run all the time: at once or after an acknowledgement, as its settings say.
+        """
+        gone = set(snapshot.cameras) - set(cameras)
+        with self._lock:
+            for place, saved in enumerate(snapshot.alarms):
+                kind, subject = split_name(saved.name)
+                is_known = kind in RULES or kind in CHECKS
+                own = self._select_settings(kind, subject) if is_known else None
+                if own is None or subject in gone:
+                    continue
+                self._restore_entry(saved, self._entry(kind, subject, own), place - len(snapshot.alarms))
+            before_all = -1 - len(snapshot.alarms)
+            self._first_out.restore(
+                Member(name, group, find_group(name, self._settings.groups)[1], before_all)
+                for group, name in snapshot.first.items()
+                if find_group(name, self._settings.groups)[0] == group
+            )
+            self._refresh_alarms()
+
+    def _restore_entry(self, saved: SavedAlarm, entry: Entry, onset_ns: int) -> None:
+        entry.restore(saved, onset_ns)
+        if saved.state_of_plant:
+            self._state_of[entry.name] = Suppression("by_state", saved.state_of_plant)
+        entry.suppress(self._select_suppression(entry.name))
+
+    def _select_settings(self, kind: str, subject: str) -> CommonSettings | None:
+        """Return the settings of an alarm; None where they switch it off, or no longer have its bank of cameras."""
+        is_fault = kind not in RULES
+        own: CommonSettings = self._settings.select_fault(kind) if is_fault else getattr(self._settings, kind)
+        has_bank = kind != CAMERAS_OFF or subject in (self._settings.cameras_off.banks or {""})
+        return own if own.enabled and has_bank else None
+
+    def acknowledge(self, name: str, by: str, wall_ns: int) -> bool:
         """Acknowledge the alarm ``name``; return False if it is clear, hidden, acknowledged already, or unknown."""
         with self._lock:
             entry = self._entries.get(name)
-            if entry is None or entry.suppression is not None or not entry.machine.acknowledge(by):
+            if entry is None or entry.suppression is not None or not entry.machine.acknowledge(by, wall_ns):
                 return False
             self._refresh_alarms()
             return True

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from beltscape.alarms.condition import AlarmCondition
 from beltscape.alarms.management.custom_texts import CustomTexts
+from beltscape.alarms.management.snapshot import SavedAlarm, SavedText
 from beltscape.alarms.settings import CommonSettings, LoadSettings
 from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
 from beltscape.alarms.texts import format_amount, format_detail
@@ -89,6 +91,42 @@ class Entry:
         elif suppression is None and self._was_clear and self.machine.state != "clear":
             self.machine.restart()
 
+    def to_saved(self) -> SavedAlarm | None:
+        """Return what outlives a restart; None where it is clear, or must prove itself anew after a suppression."""
+        machine, hidden = self.machine, self.suppression
+        is_by_state = hidden is not None and hidden.kind == "by_state"
+        if machine.state == "clear" or machine.since_ns is None or (is_by_state and self._was_clear):
+            return None
+        value, limit = self.condition.value, self.condition.limit
+        return SavedAlarm(
+            name=self.name,
+            state=machine.state,
+            severity=self.severity,
+            since_ns=machine.since_ns,
+            by=machine.by,
+            acknowledged_ns=machine.acknowledged_ns,
+            value=value if math.isfinite(value) else None,
+            limit=limit if math.isfinite(limit) else None,
+            unit=self.condition.unit,
+            detail=SavedText.from_text(self.detail),
+            state_of_plant=hidden.reason if hidden is not None and is_by_state else "",
+        )
+
+    def restore(self, saved: SavedAlarm, onset_ns: int) -> None:
+        """Continue in the state of a run before; ``onset_ns`` says when its condition began, before all new ones."""
+        value = math.nan if saved.value is None else saved.value
+        limit = math.nan if saved.limit is None else saved.limit
+        self.machine.restore(
+            saved.state,
+            saved.since_ns,
+            saved.by,
+            saved.acknowledged_ns,
+            needs_reset=self.settings.needs_reset,
+        )
+        self.condition = AlarmCondition("on", value, limit, saved.unit)
+        self.detail, self.severity, self.onset_ns = saved.detail.to_text(), saved.severity, onset_ns
+        self._state_before, self._was_clear = saved.state, False
+
     def _is_worse(self, condition: AlarmCondition) -> bool:
         """Return whether an active alarm shows a condition: not the present value, but the worst past the limit."""
         if condition.state != "on":
@@ -130,6 +168,7 @@ class Entry:
             since_ns=None if state == "clear" else machine.since_ns,
             detail="" if machine.state == "clear" else self.detail,
             by="" if state == "clear" else machine.by,
+            acknowledged_ns=None if state == "clear" else machine.acknowledged_ns,
             priority=self.priority,
             group=self.group,
             is_first=is_first and state != "clear",

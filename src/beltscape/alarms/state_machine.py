@@ -70,6 +70,8 @@ class AlarmStateMachine:
     since_ns: int | None = None
     """System clock when it was raised last; None while clear."""
     by: str = ""
+    acknowledged_ns: int | None = None
+    """System clock when it was acknowledged; None: not yet."""
     _needs_reset: bool = False
     _on: _Persistence = field(default_factory=lambda: _Persistence("on"))
     _off: _Persistence = field(default_factory=lambda: _Persistence("off"))
@@ -92,7 +94,8 @@ class AlarmStateMachine:
         on = self._on.update(state, elapsed, delays[0])
         off = self._off.update(state, elapsed, delays[1])
         if on and self.state in ("clear", "gone", "latched"):
-            self.state, self.since_ns, self.by = "raised", wall_ns, ""
+            self.state, self.since_ns = "raised", wall_ns
+            self.by, self.acknowledged_ns = "", None
         elif off and self.state == "raised" and (latched or needs_reset):
             self.state = "gone"
         elif off and self.state in ("raised", "acknowledged"):
@@ -111,15 +114,22 @@ class AlarmStateMachine:
         """Return the time for which the condition has been on; 0 where it is not."""
         return self._on.lasted_ns
 
-    def acknowledge(self, by: str) -> bool:
-        """Acknowledge the alarm; return whether there was anything to acknowledge."""
-        if self.state == "raised":
-            self.state, self.by = "acknowledged", by
-            return True
-        if self.state == "gone":
-            self._end(by)
-            return True
-        return False
+    def acknowledge(self, by: str, wall_ns: int = 0) -> bool:
+        """Acknowledge the alarm at this system clock; return whether there was anything to acknowledge."""
+        if self.state not in ("raised", "gone"):
+            return False
+        is_over = self.state == "gone"
+        self.state, self.by, self.acknowledged_ns = "acknowledged", by, wall_ns
+        if is_over:
+            self._end()
+        return True
+
+    def restore(
+        self, state: AlarmState, since_ns: int, by: str, acknowledged_ns: int | None, *, needs_reset: bool
+    ) -> None:
+        """Continue in a state of a run before; its delays begin anew."""
+        self.state, self.since_ns, self._needs_reset = state, since_ns, needs_reset
+        self.by, self.acknowledged_ns = by, acknowledged_ns
 
     def reset(self) -> bool:
         """Clear an alarm that has latched and is acknowledged; return whether it was one."""
@@ -131,7 +141,7 @@ class AlarmStateMachine:
     def annunciate_again(self) -> None:
         """Ask for a new acknowledgement while the condition holds; otherwise clear."""
         if self.is_on:
-            self.state, self.by = "raised", ""
+            self.state, self.by, self.acknowledged_ns = "raised", "", None
         else:
             self.clear()
 
@@ -142,11 +152,12 @@ class AlarmStateMachine:
 
     def clear(self) -> None:
         """Return to the state without an alarm."""
-        self.state, self.since_ns, self.by = "clear", None, ""
+        self.state, self.since_ns = "clear", None
+        self.by, self.acknowledged_ns = "", None
 
-    def _end(self, by: str = "") -> None:
+    def _end(self) -> None:
         """Clear, or latch an alarm that must be reset; it keeps who acknowledged it."""
         if self._needs_reset:
-            self.state, self.by = "latched", by or self.by
+            self.state = "latched"
         else:
             self.clear()

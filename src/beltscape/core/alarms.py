@@ -76,6 +76,8 @@ class Alarm:
     """The fault and the fix in one line."""
     by: str = ""
     """Name of the user that acknowledged it; empty: nobody yet."""
+    acknowledged_ns: int | None = None
+    """System clock when it was acknowledged; None: not yet."""
     priority: Priority = "medium"
     """How soon the operator must act, and for what."""
     group: str = ""

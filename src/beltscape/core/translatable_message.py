@@ -28,6 +28,11 @@ def reword(message: str, text: str) -> str:
     return type(message)(text, message.key, **message.values) if isinstance(message, Message) else text
 
 
+def attach_key(text: str, key: str, values: Mapping[str, Value]) -> str:
+    """Return a text with the key and the values that it had; the text alone where the key is empty."""
+    return Message(text, key, **values) if key else text
+
+
 def get_key(text: str) -> str:
     """Return the key of a message; empty for a text that has none."""
     return text.key if isinstance(text, Message) else ""

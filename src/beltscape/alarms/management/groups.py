@@ -64,6 +64,15 @@ class FirstOut:
             first = self._first.get(member.group, member)
             self._first[member.group] = min(first, member, key=lambda one: (one.onset_ns, one.place))
 
+    @property
+    def names(self) -> dict[str, str]:
+        """Return the name of the first alarm by group."""
+        return {group: member.name for group, member in self._first.items()}
+
+    def restore(self, firsts: Iterable[Member]) -> None:
+        """Continue with the first alarms of a run before."""
+        self._first = {member.group: member for member in firsts}
+
     def has(self, name: str) -> bool:
         """Return whether an alarm came first in its group."""
         return any(member.name == name for member in self._first.values())

@@ -23,6 +23,7 @@ from beltscape.pipeline.live.measurement.ledger import LedgerState
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.measuring_parts import make_measuring_parts, read_run_rig
 from beltscape.pipeline.live.monitoring.gauges import Gauges
+from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
 from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
 from beltscape.pipeline.live.operation.production import ProductionControl
@@ -30,7 +31,7 @@ from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.pipeline.live.writer import Writer, notify_records
-from beltscape.pipeline.measuring.flow import Instant, list_instants
+from beltscape.pipeline.measuring.instants import Instant, list_instants
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
@@ -134,6 +135,7 @@ def _assemble_around(
         recorder=Recorder(options.data / "recordings", settings.recording) if options.record else None,
         board=AlarmBoard(settings.alarms, read_alarm_texts(project)),
         hidden_alarms=HiddenAlarms(options.data),
+        alarm_states=AlarmStateFile(options.data, reporter.warn),
         inspector=parts.inspector,
         gauges=Gauges(parts.full_area_mm2, parts.stale_s),
         observer=observer,

@@ -24,6 +24,8 @@ class OperatorControls:
             self._events,
             components.observer,
             (lambda _: None) if recorder is None else recorder.keep,
+            components.alarm_states,
+            components.source.cameras,
         )
 
     @property

@@ -15,6 +15,7 @@ from beltscape.pipeline.live.intake.frame_queue import FrameQueue
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.monitoring.gauges import Gauges
 from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
+from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
 from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
 from beltscape.pipeline.live.operation.zero import ZeroControl
@@ -74,5 +75,6 @@ class EngineComponents:
     """Called twice a second: changes the product by the timetable."""
     learned_images: LearnedImages = field(default_factory=LearnedImages)
     hidden_alarms: HiddenAlarms = field(default_factory=lambda: HiddenAlarms(None))
+    alarm_states: AlarmStateFile = field(default_factory=lambda: AlarmStateFile(None))
     maintenance: MaintenanceMode = field(default_factory=lambda: MaintenanceMode(None))
     finding_log: FindingLog = field(default_factory=FindingLog)

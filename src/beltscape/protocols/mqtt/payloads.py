@@ -83,6 +83,7 @@ def format_alarm(alarm: Alarm) -> str:
         "since_ms": None if alarm.since_ns is None else alarm.since_ns // _MS_NS,
         "detail": alarm.detail,
         "by": alarm.by,
+        "acknowledged_ms": None if alarm.acknowledged_ns is None else alarm.acknowledged_ns // _MS_NS,
         "priority": alarm.priority,
         "group": alarm.group,
         "first": alarm.is_first,

@@ -60,6 +60,7 @@ class AlarmOut(ResponseModel):
     ]
     values: Annotated[dict[str, float | int | str], Field(description="Values in the detail")]
     by: Annotated[str, Field(description="Who acknowledged it")]
+    acknowledged_ms: Annotated[int | None, Field(description="System clock when it was acknowledged")]
     priority: Priority
     group: Annotated[str, Field(description="Group for first-out; empty: none")]
     first: Annotated[bool, Field(description="It came first in its group")]
@@ -86,6 +87,7 @@ class AlarmOut(ResponseModel):
             cause=get_key(alarm.detail),
             values=get_values(alarm.detail),
             by=alarm.by,
+            acknowledged_ms=None if alarm.acknowledged_ns is None else alarm.acknowledged_ns // 1_000_000,
             priority=alarm.priority,
             group=alarm.group,
             first=alarm.is_first,

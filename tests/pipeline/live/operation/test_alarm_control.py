@@ -13,6 +13,7 @@ from beltscape.alarms.management.settings import ShelvingSettings
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.pipeline.live.operation.alarm_control import AlarmControl
+from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
 from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.sinks.historian import Historian
@@ -43,7 +44,8 @@ def open_run(folder: Path, shelving: ShelvingSettings | None = None) -> Run:
     settings = SETTINGS.model_copy(update={"shelving": shelving or ShelvingSettings()})
     historian, watcher, kept = Historian(folder, HistorySettings(reserve_mib=1)), Watcher(), []
     control = AlarmControl(
-        AlarmBoard(settings), HiddenAlarms(folder), EventLog(historian, Silent()), watcher, kept.append
+        AlarmBoard(settings), HiddenAlarms(folder), EventLog(historian, Silent()), watcher, kept.append,
+        AlarmStateFile(folder), tuple(GOOD.cameras),
     )  # fmt: skip
     control.start()
     control.update(GOOD)
@@ -60,7 +62,7 @@ def test_a_shelved_alarm_is_journalled_hidden_and_shown_again(tmp_path: Path) ->
     run.control.return_to_service(NAME, "ben")
     assert run.watcher.alarms[NAME] == "raised"
     assert run.texts() == [
-        "journal alarms are evaluated from the start; hidden: none",
+        "journal the program starts; present: none; hidden: none",
         f"{NAME} raised: silent for 1.0 s; check its cable",
         f"{NAME} shelved for 30 min: cable is coming ada",
         f"{NAME} shelving ended ben",
@@ -78,7 +80,7 @@ def test_shelving_and_out_of_service_survive_a_restart(tmp_path: Path) -> None:
     again.control.update(replace(LOST, **BAD["overload"]))
     assert (again.watcher.alarms[NAME], again.watcher.alarms["overload"]) == ("clear", "clear")
     texts = again.texts()
-    assert f"journal alarms are evaluated from the start; hidden: {NAME}, overload" in texts
+    assert f"journal the program starts; present: none; hidden: {NAME}, overload" in texts
     assert f"{NAME} raised (shelved: cable is coming): silent for 1.0 s; check its cable" in texts
     again.historian.close()
 
@@ -122,3 +124,19 @@ def test_a_critical_alarm_keeps_the_frames_unless_it_is_hidden(tmp_path: Path) -
     run.control.update(replace(GOOD, history_trouble="no space left"))
     assert run.recordings == ["disk_full"]
     run.historian.close()
+
+
+def test_an_acknowledgement_survives_a_restart_with_who_and_when(tmp_path: Path) -> None:
+    run = open_run(tmp_path)
+    run.control.update(replace(LOST, **BAD["disk_full"]))
+    before_ns = time.time_ns()
+    assert run.control.acknowledge(NAME, "ada")
+    run.historian.close()
+    again = open_run(tmp_path)
+    assert (again.watcher.alarms[NAME], again.watcher.alarms["disk_full"]) == ("acknowledged", "raised")
+    assert f"journal the program starts; present: {NAME}, disk_full; hidden: none" in again.texts()
+    again.control.update(replace(LOST, **BAD["disk_full"]))
+    assert (again.watcher.alarms[NAME], again.watcher.alarms["disk_full"]) == ("acknowledged", "raised")
+    (alarm,) = (alarm for alarm in AlarmStateFile(tmp_path).read().alarms if alarm.name == NAME)
+    assert alarm.by == "ada" and before_ns <= (alarm.acknowledged_ns or 0) <= time.time_ns()
+    again.historian.close()

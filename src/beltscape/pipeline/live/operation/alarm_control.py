@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from threading import Lock
 from time import monotonic_ns, time_ns
 
 from beltscape.alarms.board import AlarmBoard
@@ -11,6 +12,7 @@ from beltscape.alarms.readings import Readings
 from beltscape.core.alarms import Alarm
 from beltscape.core.errors import InputError
 from beltscape.core.live import Observer
+from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
 from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.reporting.event_log import EventLog
 
@@ -25,19 +27,27 @@ class AlarmControl:
         events: EventLog,
         observer: Observer,
         keep_frames: Callable[[str], object],
+        states: AlarmStateFile,
+        cameras: tuple[str, ...] = (),
     ) -> None:
         """Join them; ``keep_frames`` keeps the recording ring for a critical alarm."""
+        self._states, self._cameras, self._saving = states, cameras, Lock()
         self._board, self._hidden_alarms = board, hidden_alarms
         self._events, self._observer, self._keep_frames = events, observer, keep_frames
         board.hide(hidden_alarms.hidden)
 
     def start(self) -> None:
-        """Note the start of the program in the journal: alarms begin clear, hidden ones stay hidden."""
+        """Continue the alarms of the run before, and note them in the journal with the hidden ones."""
+        self._board.restore(self._states.read(), self._cameras)
+        self._save()
         hidden = sorted(self._hidden_alarms.hidden)
-        text = f"alarms are evaluated from the start; hidden: {', '.join(hidden) or 'none'}"
-        self._events.add(
-            "alarm", "journal", text, time_ns(), parameters={"action": "start", "hidden": hidden}
-        )
+        present = [
+            alarm.name for alarm in self._board.alarms if {alarm.state, alarm.hidden_state} != {"clear"}
+        ]
+        text = f"the program starts; present: {', '.join(present) or 'none'}; hidden: {', '.join(hidden) or 'none'}"
+        parameters = {"action": "start", "hidden": hidden, "present": present}
+        self._events.add("alarm", "journal", text, time_ns(), parameters=parameters)
+        self._observer.on_alarms(self._board.alarms)
 
     def update(self, readings: Readings) -> None:
         """Evaluate the alarms and journal every change, also of a hidden one."""
@@ -49,6 +59,7 @@ class AlarmControl:
             self._events.add_alarm(alarm, wall_ns)
             if alarm.state == "raised" and alarm.severity == "critical":
                 self._keep_frames(alarm.name)
+        self._save()
         self._observer.on_alarms(self._board.alarms)
 
     def acknowledge(self, alarm: str, by: str) -> bool:
@@ -57,6 +68,7 @@ class AlarmControl:
         if not self._board.acknowledge(alarm, by, wall_ns):
             return False
         self._events.add("alarm", alarm, "acknowledged", wall_ns, by, {"state": "acknowledged"})
+        self._save()
         self._observer.on_alarms(self._board.alarms)
         return True
 
@@ -104,6 +116,7 @@ class AlarmControl:
         text = "shelving ended" if removed.kind == "shelved" else "in service again"
         self._events.add("alarm", alarm, text, time_ns(), by, {"action": action})
         self._show(alarm)
+        self._save()
         self._observer.on_alarms(self._board.alarms)
 
     def reset(self, alarm: str, by: str) -> None:
@@ -112,6 +125,7 @@ class AlarmControl:
         if not self._board.reset(alarm):
             raise InputError(f"{alarm}: has not latched, or is not acknowledged yet")
         self._events.add("alarm", alarm, "reset", time_ns(), by, {"action": "reset", "state": "clear"})
+        self._save()
         self._observer.on_alarms(self._board.alarms)
 
     def _require(self, alarm: str) -> Alarm:
@@ -122,7 +136,13 @@ class AlarmControl:
 
     def _hide(self) -> None:
         self._board.hide(self._hidden_alarms.hidden)
+        self._save()
         self._observer.on_alarms(self._board.alarms)
+
+    def _save(self) -> None:
+        """Keep the present states; what an observer or a caller then learns is on the disk."""
+        with self._saving:
+            self._states.write(self._board.snapshot(self._cameras))
 
     def _show(self, alarm: str) -> None:
         """Show an alarm that was hidden, and journal it where its condition holds."""

@@ -71,7 +71,7 @@ function explain_by_page({ name, detail, cause, values }) {
 /** Return an entry of the journal in the chosen language: the alarm's change, or what a person did. */
 export function translate_entry({ name, text, parameters }) {
   const { action } = parameters;
-  if (action === "start") return t("action.start", { hidden: parameters.hidden.map(format_title).join(", ") || t("alarms.nothing") });
+  if (action === "start") return t("action.start", { hidden: list_titles(parameters.hidden), present: list_titles(parameters.present ?? []) });
   const title = format_title(name);
   if (action && has_text(`action.${action}`)) return `${title} – ${t(`action.${action}`, { reason: parameters.reason, minutes: format_number(parameters.minutes ?? null) })}`;
   const state = parameters.state ?? /^(raised|acknowledged|gone|clear)\b/.exec(text)?.[0]; // of an older version
@@ -82,6 +82,10 @@ export function translate_entry({ name, text, parameters }) {
   const numbers = get_language() === "en" && help ? "" : format_value_and_limit(parameters);
   const changed = [t(`alarm.${state}`), parameters.suppression ? describe_suppression(parameters.suppressed_by) : "", parameters.first ? t("alarms.first") : ""].filter(Boolean).join(", ");
   return `${title} – ${[changed, numbers, help].filter(Boolean).join(": ")}`;
+}
+
+function list_titles(names) {
+  return names.map(format_title).join(", ") || t("alarms.nothing");
 }
 
 /** Return why an alarm is suppressed: a state of the plant, or what a person wrote. */

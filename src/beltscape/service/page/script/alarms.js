@@ -31,7 +31,7 @@ function update_item(item, alarm) {
   Object.assign(item.dataset, { severity: alarm.severity, state: alarm.state, priority: alarm.priority });
   const [heading, when, value, advice] = ["h3", ".when", ".value", ".help"].map((name) => item.querySelector(name));
   set_text(heading, format_title(alarm.name));
-  const by = alarm.by && (alarm.state === "acknowledged" || alarm.state === "latched") ? t("alarms.by", { name: alarm.by }) : "";
+  const by = alarm.by && (alarm.state === "acknowledged" || alarm.state === "latched") ? t("alarms.by", { name: alarm.by, time: format_moment(alarm.acknowledged_ms) }) : "";
   set_text(when, alarm.since_ms ? t("alarms.since", { time: format_moment(alarm.since_ms) }) : "");
   set_text(value.firstChild, `${t(`severity.${alarm.severity}`)} · ${t(`alarm.${alarm.state}`)}`);
   set_text(value.lastChild, ["", format_value_and_limit(alarm), by].filter((part, i) => part || !i).join(" · "));

@@ -1,0 +1,3 @@
+from .spec import AbstractFileSystem as AbstractFileSystem
+
+def filesystem(protocol: str, **storage_options: object) -> AbstractFileSystem: ...

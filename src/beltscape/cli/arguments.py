@@ -110,3 +110,15 @@ def require_positive(option: str, value: float | None) -> float | None:
     if value is not None and not 0 < value < inf:
         raise SettingsError(f"{option} {value:g}: must be positive")
     return value
+
+
+def add_workers(parser: ArgumentParser) -> None:
+    """Declare ``--workers`` and ``--address``: on how many workers, and on which machines, independent parts run."""
+    parser.add_argument(
+        "--workers", type=int, metavar="N", help="parts at a time, in processes of their own (default: 1)"
+    )
+    parser.add_argument(
+        "--address",
+        metavar="HOST",
+        help='a Ray cluster: "auto", host:port or ray://host:port (default: this machine)',
+    )

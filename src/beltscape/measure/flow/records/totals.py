@@ -2,13 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import operator
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
 from beltscape.measure.flow.records.profile import Stretch
 
 Strip = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class SigmaParts:
+    """The parts of σ of a volume, which add up over strips; the sums give the σ of their total."""
+
+    apart_mm6: float = 0.0
+    """Variance of errors that are independent from strip to strip."""
+    edges_mm3: float = 0.0
+    """σ of the common displacement of all edges."""
+    holes_mm3: float = 0.0
+    """σ of the common error of all filled holes."""
+    drift_mm3: float = 0.0
+    """σ of slow errors of depth, common to the whole belt."""
+    faults_mm3: float = 0.0
+    """σ of the faults that were found, common to all strips."""
+
+    def __add__(self, other: SigmaParts) -> SigmaParts:
+        return SigmaParts(*map(operator.add, astuple(self), astuple(other)))
+
+    def __sub__(self, other: SigmaParts) -> SigmaParts:
+        return SigmaParts(*map(operator.sub, astuple(self), astuple(other)))
+
+    @property
+    def sigma_mm3(self) -> float:
+        """Return one standard deviation of the total."""
+        common = self.drift_mm3**2 + self.faults_mm3**2
+        return float((self.apart_mm6 + self.edges_mm3**2 + self.holes_mm3**2 + common) ** 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +65,8 @@ class FlowTotals:
     """The first frame's strip: all that was in view."""
     last_strip_mm: Strip | None = None
     """The last strip with a length."""
+    sigma_parts: SigmaParts = SigmaParts()
+    """The parts of ``sigma_mm3``."""
 
 
 class Sums:
@@ -96,8 +127,8 @@ class Sums:
     def totals(self) -> FlowTotals:
         """Return the totals so far."""
         drift = self._drift_mm2 * self._length
-        common = drift**2 + self._faults**2
-        sigma = float((self._apart + self._edges**2 + self._holes**2 + common) ** 0.5)
+        parts = SigmaParts(self._apart, self._edges, self._holes, drift, self._faults)
+        sigma = parts.sigma_mm3
         relative = sigma / self._volume if self._volume else 0.0
         return FlowTotals(
             volume_mm3=self._volume,
@@ -112,4 +143,5 @@ class Sums:
             single_share=self._single / self._length if self._length else 0.0,
             first_strip_mm=self._first,
             last_strip_mm=self._last,
+            sigma_parts=parts,
         )

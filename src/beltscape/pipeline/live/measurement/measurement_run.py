@@ -98,6 +98,11 @@ class MeasurementRun:
         self.first_number = state.number
         """Number of the first record of the present context."""
 
+    @property
+    def meter(self) -> FlowMeter | None:
+        """Return the present meter; None before the first frame set and after a failure."""
+        return None if self._chain is None else self._chain.meter
+
     def set_context(self, context: MeasurementContext, run: int) -> None:
         """Measure in another context, of the same cameras, from the next frame set on.
 

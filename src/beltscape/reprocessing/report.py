@@ -1,0 +1,91 @@
+"""The report page of a re-processing: what passed, what could not be read, and where the time went."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from beltscape.report.page import Section, Table, Tile, Tiles, render
+from beltscape.reprocessing.history import JoinedLedger
+from beltscape.reprocessing.manifest import Measured
+from beltscape.reprocessing.timeline import make_timeline
+
+_MOST_ROWS = 400
+"""Largest number of rows of a table; reprocessing.json has all."""
+
+
+def render_report(document: Mapping[str, Any], ledger: JoinedLedger, measured: Sequence[Measured]) -> str:
+    """Return report.html."""
+    sections = [Section("What passed", "", [Tiles(_totals_tiles(document))])]
+    problems = [(one["name"], one["reason"]) for one in document["unreadable"]]
+    problems += [(one["piece"], one["reason"]) for one in document["failed"]]
+    problems += [
+        (one["recording"], f"begins {one['difference_mm']:+.1f} mm from the end of the piece before")
+        for one in document["seams"]
+    ]
+    if problems:
+        sections.append(
+            Section(
+                "What could not be measured",
+                "The belt of a piece that could not be measured is in the ledger as missing; the next run tries it again.",
+                [_table(["recording", "why"], problems)],
+            )
+        )
+    sections.append(
+        Section(
+            "Where the time went",
+            "Every bar is a piece on the worker that measured it; white is waiting.",
+            [Tiles(_work_tiles(document["work"])), make_timeline(measured)],
+        )
+    )
+    if ledger.warnings:
+        rows = [("", text) for text in ledger.warnings]
+        sections.append(Section("What the checks found", "", [_table(["", "finding"], rows)]))
+    return render("Recordings measured again", summarise(document), sections)
+
+
+def summarise(document: Mapping[str, Any]) -> str:
+    """Return the result in a sentence."""
+    totals = document["totals"]
+    text = (
+        f"{totals['volume_mm3'] * 1e-9:.3f} ± {totals['sigma_mm3'] * 1e-9:.3f} m³ passed on "
+        f"{sum(document['standings'].values()) * 1e-3:.1f} m of belt in {document['recordings']} recordings"
+    )
+    missing = document["standings"]["missing"]
+    if missing > 0:
+        text += f"; {missing * 1e-3:.1f} m were not measured"
+    return text + "."
+
+
+def _totals_tiles(document: Mapping[str, Any]) -> list[Tile]:
+    totals, lengths = document["totals"], document["standings"]
+    mass = totals["mass_kg"]
+    tiles = [
+        Tile("volume", f"{totals['volume_mm3'] * 1e-9:.3f}", "m³", f"σ {totals['sigma_mm3'] * 1e-9:.3f} m³"),
+        Tile("belt", f"{sum(lengths.values()) * 1e-3:.1f}", "m", f"{totals['records']} records"),
+        Tile("valid", f"{lengths['valid'] * 1e-3:.1f}", "m", f"degraded {lengths['degraded'] * 1e-3:.1f} m"),
+        Tile("missing", f"{lengths['missing'] * 1e-3:.1f}", "m"),
+        Tile("recordings", str(document["recordings"]), "", f"{document['frames']} frames"),
+    ]
+    if mass is not None and math.isfinite(mass):
+        tiles.insert(1, Tile("mass", f"{mass * 1e-3:.3f}", "t"))
+    return tiles
+
+
+def _work_tiles(work: Mapping[str, Any]) -> list[Tile]:
+    if not work["measured_now"]:
+        return [Tile("measured now", "0", "pieces", "everything was measured by earlier runs")]
+    setup_s, overlap = work["setup_s_per_piece"], work["overlap_share"]
+    return [
+        Tile("throughput", f"{work['frames_per_s']:.2f}", "frames/s", f"{work['wall_s']:.0f} s in this run"),
+        Tile("workers", str(work["workers"]), "", f"busy {100 * work['efficiency']:.0f} % of the time"),
+        Tile("work", f"{work['worker_s'] / 3600:.2f}", "core h", f"{work['measured_now']} pieces"),
+        Tile("fixed cost", f"{setup_s:.2f}", "s a piece", f"overlaps {100 * overlap:.1f} % of the frames"),
+        Tile("read", f"{work['read_bytes'] / 2**30:.2f}", "GiB", f"{work['read_s']:.0f} s beside the work"),
+    ]
+
+
+def _table(columns: Sequence[str], rows: Sequence[tuple[str, str]]) -> Table:
+    more = f"{len(rows) - _MOST_ROWS} more are in reprocessing.json" if len(rows) > _MOST_ROWS else ""
+    return Table(columns, [list(row) for row in rows[:_MOST_ROWS]], more)

@@ -1,0 +1,200 @@
+"""The re-processing of all recordings of a source: found, cut, measured on the workers, joined into one ledger."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from beltscape.core.errors import InputError
+from beltscape.core.progress import Reporter
+from beltscape.files.documents.json_text import write_json
+from beltscape.files.folders.atomic import write_text
+from beltscape.files.rig_json import read_rig
+from beltscape.pipeline.live.measuring_parts import build_context, describe_provenance
+from beltscape.pipeline.live.project import Project, RunSettings
+from beltscape.reprocessing.entries_file import encode_result
+from beltscape.reprocessing.history import JoinedLedger, join_pieces
+from beltscape.reprocessing.manifest import Manifest, Measured
+from beltscape.reprocessing.measuring import measure_piece
+from beltscape.reprocessing.parcel import Parcel, pack_project
+from beltscape.reprocessing.pieces import PIECE_FRAMES, Piece, compute_overlap, cut_into_pieces
+from beltscape.reprocessing.recordings.discovery import find_recordings
+from beltscape.reprocessing.recordings.recording import Recording, Unreadable
+from beltscape.reprocessing.report import render_report
+from beltscape.reprocessing.throughput import Throughput
+from beltscape.workers.tasks import WorkerOptions, run_tasks
+
+RESULT = "reprocessing.json"
+REPORT = "report.html"
+HISTORY = "history"
+"""Folder of the joined ledger in the store, as that of a plant."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A piece that could not be measured; the next run tries it again."""
+
+    piece: Piece
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """What was found, and how it is cut."""
+
+    recordings: Sequence[Recording]
+    unreadable: Sequence[Unreadable]
+    pieces: Sequence[Piece]
+
+
+def reprocess(
+    source: str,
+    project: Project[RunSettings],
+    store: Path,
+    options: WorkerOptions,
+    reporter: Reporter,
+    piece_frames: int = PIECE_FRAMES,
+) -> dict[str, Any]:
+    """Measure all recordings of ``source`` by ``project`` into ``store``; return the result of ``--json``.
+
+    What an earlier run into the same store has measured is not measured again. Records and totals are the same with
+    any number of workers, and whatever was interrupted.
+
+    Raises
+    ------
+    InputError, SettingsError, MeasureError, OutputError
+        With one line that names the fault and the fix.
+    """
+    parcel = pack_project(project, reporter)
+    found = _find(source, project, piece_frames, reporter)
+    with closing(Manifest(store, parcel.digest)) as manifest:
+        throughput = Throughput(store, len(found.pieces))
+        failures = _measure_missing(found.pieces, manifest, parcel, options, throughput, reporter)
+        state = _digest_result(found, failures, project)
+        earlier = _read_earlier(store, manifest, state)
+        if earlier is not None:
+            return {**earlier, "measured_now": 0, "changed": False}
+        manifest.remove_others(piece.key for piece in found.pieces)
+        ledger = join_pieces(found.pieces, manifest, project, store / HISTORY, reporter)
+        document = _describe(found, failures, ledger, throughput)
+        write_json(store / RESULT, document)
+        measured = [one for one in manifest.read(piece.key for piece in found.pieces) if one is not None]
+        write_text(store / REPORT, render_report(document, ledger, measured))
+        manifest.write_about("joined", state)
+    return {**document, "changed": True}
+
+
+def _find(source: str, project: Project[RunSettings], piece_frames: int, reporter: Reporter) -> Source:
+    """Return the recordings of a source and their pieces; InputError where there is none."""
+    settings = project.settings
+    if (
+        settings.encoder.kind in ("capture", "file")
+        and settings.capture is not None
+        and settings.encoder.path
+    ):
+        raise InputError(
+            f"{project.path}: [encoder] path = {settings.encoder.path!r} belongs to one capture; every recording has "
+            "its own encoder.csv: remove path"
+        )
+    rig = read_rig(project.resolve(settings.rig))
+    reference = build_context(project, rig, reporter).empty_belt
+    recordings, unreadable = find_recordings(
+        source,
+        {name: camera.size_px for name, camera in rig.cameras.items()},
+        rig.core,
+        with_positions=settings.encoder.kind not in ("none", "constant"),
+        frames_per_s=None if settings.capture is None else settings.capture.frames_per_s,
+        reporter=reporter,
+    )
+    for one in unreadable:
+        reporter.warn(f"{one.name}: {one.reason}")
+    pieces = cut_into_pieces(recordings, compute_overlap(reference, settings.flow), piece_frames)
+    return Source(recordings, unreadable, pieces)
+
+
+def _measure_missing(
+    pieces: Sequence[Piece],
+    manifest: Manifest,
+    parcel: Parcel,
+    options: WorkerOptions,
+    throughput: Throughput,
+    reporter: Reporter,
+) -> list[Failure]:
+    """Measure the pieces that are not done; return those that failed."""
+    done = manifest.list_keys()
+    missing = [piece for piece in pieces if piece.key not in done]
+    throughput.begin(missing)
+    failures: list[Failure] = []
+    stage = "measuring pieces"
+    reporter.step(stage, len(pieces) - len(missing), len(pieces))
+    ends = run_tasks(_measure_encoded, parcel, missing, options, _name_piece)
+    with closing(ends):
+        for end in ends:
+            piece = missing[end.number]
+            if end.value is None:
+                failures.append(Failure(piece, end.failure))
+                reporter.warn(f"{_name_piece(piece)}: {end.failure}; it is tried again by the next run")
+            else:
+                measured = Measured(piece.key, end.value, end.worker, end.begin_s, end.seconds)
+                manifest.add(piece.recording, measured)
+                throughput.add(piece, measured)
+            reporter.step(stage, throughput.done + len(failures) + len(pieces) - len(missing), len(pieces))
+    throughput.end()
+    return sorted(failures, key=lambda failure: failure.piece.number)
+
+
+def _measure_encoded(parcel: Parcel, piece: Piece) -> bytes:
+    """Return a piece's result as bytes, as the manifest keeps it."""
+    return encode_result(measure_piece(parcel, piece))
+
+
+def _name_piece(piece: Piece) -> str:
+    first, last = (piece.own[index].frame.frame for index in (0, -1))
+    return f"{piece.recording} frames {first} to {last}"
+
+
+def _digest_result(found: Source, failures: Sequence[Failure], project: Project[RunSettings]) -> str:
+    """Return a digest of everything that the joined ledger depends on."""
+    settings = project.settings
+    content = [
+        [piece.key for piece in found.pieces],
+        [failure.piece.key for failure in failures],
+        [[one.name, one.reason] for one in found.unreadable],
+        describe_provenance(project),
+        settings.model_dump(mode="json", include={"density", "products", "production", "history"}),
+    ]
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def _read_earlier(store: Path, manifest: Manifest, state: str) -> dict[str, Any] | None:
+    """Return the result of an earlier run that nothing has changed since; None otherwise."""
+    files = [store / RESULT, store / REPORT, store / HISTORY]
+    if manifest.read_about("joined") != state or not all(path.exists() for path in files):
+        return None
+    return json.loads((store / RESULT).read_text(encoding="utf-8"))
+
+
+def _describe(
+    found: Source, failures: Sequence[Failure], ledger: JoinedLedger, throughput: Throughput
+) -> dict[str, Any]:
+    """Return the result as plain values."""
+    return {
+        "recordings": len(found.recordings),
+        "frames": sum(len(recording.frames) for recording in found.recordings),
+        "pieces": len(found.pieces),
+        "measured_now": throughput.done,
+        "failed": [{"piece": _name_piece(one.piece), "reason": one.reason} for one in failures],
+        "unreadable": [{"name": one.name, "reason": one.reason} for one in found.unreadable],
+        "totals": ledger.totals,
+        "standings": ledger.lengths_mm,
+        "seams": [{"recording": one.recording, "difference_mm": one.difference_mm} for one in ledger.seams],
+        "warnings": ledger.warnings,
+        "work": throughput.describe(),
+        "history": HISTORY,
+        "report": REPORT,
+    }

@@ -1,0 +1,34 @@
+"""Functions that the tests run on workers, which import them by name."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+from beltscape.core.errors import InputError
+
+
+def multiply(factor: int, number: int) -> int:
+    """Return the product; 13 is an input error, 14 a defect."""
+    if number == 13:
+        raise InputError("thirteen.png: the file is damaged; copy the image again")
+    if number == 14:
+        raise ZeroDivisionError("division\nby zero")
+    return factor * number
+
+
+def die_at_first(folder: str, number: int) -> int:
+    """Kill the own process the first time that a task is run."""
+    mark = Path(folder) / str(number)
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return number
+
+
+def sleep(seconds: float, number: int) -> tuple[int, int]:
+    """Take a while; return the process."""
+    time.sleep(seconds)
+    return number, os.getpid()

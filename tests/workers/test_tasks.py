@@ -1,0 +1,81 @@
+"""Tasks on workers: in this process and on a local Ray cluster, with failures and killed workers."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+
+import pytest
+
+from beltscape.core.errors import SettingsError
+from beltscape.workers.tasks import WorkerOptions, run_tasks
+from tests.workers.functions import die_at_first, multiply, sleep
+
+HERE, TWO = WorkerOptions(), WorkerOptions(workers=2)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[None]:
+    """A local cluster that all tests of the file share."""
+    ray = pytest.importorskip(
+        "ray", reason="Ray is not installed; pip install 'beltscape[cluster]' brings it"
+    )
+    ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+    yield
+    ray.shutdown()
+
+
+def test_tasks_here_run_in_order_and_a_failure_is_one_tasks_own() -> None:
+    ends = list(run_tasks(multiply, 2, [1, 13, 14, 3], HERE))
+    assert [end.number for end in ends] == [0, 1, 2, 3]
+    assert [end.value for end in ends] == [2, None, None, 6]
+    assert ends[1].failure == "thirteen.png: the file is damaged; copy the image again"
+    assert ends[2].failure == "ZeroDivisionError: division"
+
+
+def test_a_cluster_that_does_not_answer_is_named() -> None:
+    pytest.importorskip("ray", reason="Ray is not installed; pip install 'beltscape[cluster]' brings it")
+    with pytest.raises(SettingsError, match=r"127\.0\.0\.1:1: no Ray cluster answers"):
+        list(run_tasks(multiply, 2, [1], WorkerOptions(address="127.0.0.1:1")))
+
+
+def test_two_workers_give_the_same_values(cluster: None) -> None:
+    ends = sorted(run_tasks(multiply, 2, [*range(20)], TWO), key=lambda end: end.number)
+    assert [end.value for end in ends] == [end.value for end in run_tasks(multiply, 2, [*range(20)], HERE)]
+    assert [end.failure for end in ends if end.value is None] == [
+        "thirteen.png: the file is damaged; copy the image again",
+        "ZeroDivisionError: division",
+    ]
+
+
+def test_tasks_run_side_by_side(cluster: None) -> None:
+    ends = list(run_tasks(sleep, 0.2, [*range(6)], TWO))
+    assert len({end.worker for end in ends}) == 2
+    begins = sorted((end.begin_s, end.begin_s + end.seconds) for end in ends)
+    assert any(second[0] < first[1] for first, second in itertools.pairwise(begins))
+
+
+def test_a_task_whose_worker_dies_is_run_again(cluster: None, tmp_path) -> None:
+    ends = list(run_tasks(die_at_first, str(tmp_path), [*range(4)], TWO))
+    assert sorted(end.value for end in ends if end.value is not None) == [0, 1, 2, 3]
+
+
+def test_what_is_not_wanted_any_more_is_cancelled(cluster: None) -> None:
+    ends = run_tasks(sleep, 0.3, [*range(50)], TWO)
+    assert next(ends).value is not None
+    ends.close()
+    assert len(list(run_tasks(multiply, 3, [1, 2], TWO))) == 2
+
+
+@pytest.mark.parametrize("workers", [0, -1, 100_000])
+def test_an_impossible_number_of_workers_is_refused(workers: int) -> None:
+    with pytest.raises(SettingsError, match="--workers"):
+        WorkerOptions(workers=workers)
+
+
+def test_without_ray_the_fix_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(SettingsError, match=r"pip install 'beltscape\[cluster\]'"):
+        list(run_tasks(multiply, 2, [1], TWO))

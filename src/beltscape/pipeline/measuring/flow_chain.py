@@ -68,7 +68,7 @@ class FlowChain:
 
         ``images`` checks the images against the measured surface and motion; None: they are not checked.
         """
-        self.meter = meter
+        self.meter: FlowMeter = meter
         self.done = 0
         """Number of frame sets that were reconstructed."""
         self.failure: ReconstructionError | None = None

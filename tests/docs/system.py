@@ -22,7 +22,7 @@ UNITS = {path.name for path in (ROOT / "deploy").iterdir()}
 
 PACKAGES = {
     "gir1.2-aravis-0.8", "aravis-tools", "aravis-tools-cli", "iproute2", "libgirepository1.0-dev", "libcairo2-dev",
-    "pkg-config", "gcc", "python3-dev", "python3-gi", "libpango-1.0-0", "libpangoft2-1.0-0",
+    "pkg-config", "gcc", "python3-dev", "python3-gi", "libpango-1.0-0", "libpangoft2-1.0-0", "cups-client",
 }  # fmt: skip
 """Debian's, as in bookworm and trixie."""
 OPENSSL_REQ = {"-x509", "-newkey", "-pkeyopt", "-nodes", "-days", "-subj", "-addext", "-keyout", "-out"}

@@ -21,7 +21,7 @@ from beltscape.service.changes.reloader import Reload
 from beltscape.service.live_state import LiveState
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.reports import ReportWriter
-from beltscape.service.production.serving import ServedProduction
+from beltscape.service.production.serving import ReportStatus, ServedProduction
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
@@ -41,6 +41,7 @@ class ServiceParts:
     access: Access
     plant: SimulatedPlant
     settings: WebSettings
+    folder: Path
     reloader: FakeReloader
     app: FastAPI
 
@@ -91,7 +92,8 @@ def add_production(
 ) -> ServiceParts:
     """Return the service with products and batches, for which its records are counted."""
     parts.plant.ledger = TaggingLedger(parts.history, figures.control)
-    served = ServedProduction(figures.control, figures, reports)
+    served = ServedProduction(figures.control, parts.history, parts.folder, print, ReportStatus())
+    served.figures, served.reports = figures, reports
     parts.app = create_app(
         parts.live_state, parts.history, parts.access, parts.plant, parts.settings, production=served
     )
@@ -109,7 +111,7 @@ def make_service(folder: Path, frames: int = 0, **settings) -> ServiceParts:
         plant.step(BEGIN_NS + k * STEP_NS)
     reloader = FakeReloader()
     app = create_app(live_state, history, access, plant, web, reloader=reloader)
-    return ServiceParts(live_state, history, access, plant, web, reloader, app)
+    return ServiceParts(live_state, history, access, plant, web, folder, reloader, app)
 
 
 OPEN = AccessSettings(anonymous_role="viewer")

@@ -24,6 +24,7 @@ KINDS = (
     "disk_full",
     "history_repaired",
     "users_unreadable",
+    "reports_failing",
     "recording_paused",
     "encoder_silent",
     "encoder_wrong",

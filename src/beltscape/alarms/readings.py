@@ -47,6 +47,8 @@ class Readings:
     """What was repaired in the history a moment ago; empty: nothing."""
     users_trouble: str | None = None
     """Why nobody can sign in, and the fix, in one line; empty: everybody can."""
+    reports_trouble: str | None = None
+    """Why reports are not written, mailed or printed, in one line; empty: they are, or need not be."""
     recording_trouble: str | None = None
     """Why raw frames are not recorded, and the fix; empty: they are, or need not be."""
     encoder_silent_s: float = _NAN

@@ -180,6 +180,7 @@ RULES: Mapping[str, Rule] = {
     "disk_full": lambda now, _: {"": condition_from_text(now.history_trouble)},
     "history_repaired": lambda now, _: {"": condition_from_text(now.history_repair)},
     "users_unreadable": lambda now, _: {"": condition_from_text(now.users_trouble)},
+    "reports_failing": lambda now, _: {"": condition_from_text(now.reports_trouble)},
     "recording_paused": lambda now, _: {"": condition_from_text(now.recording_trouble)},
     "encoder_silent": _encoder_silent,
     "encoder_wrong": lambda now, _: {"": condition_from_text(now.encoder_trouble)},

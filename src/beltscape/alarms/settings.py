@@ -198,6 +198,10 @@ class UsersUnreadable(CommonSettings):
     """The users' database is damaged: nobody can sign in, measuring continues."""
 
 
+class ReportsFailing(CommonSettings):
+    """Reports are not written, mailed or printed; measuring continues."""
+
+
 class RecordingPaused(CommonSettings):
     """Raw frames should be recorded and are not."""
 
@@ -262,6 +266,7 @@ class AlarmSettings(BaseModel):
     disk_full: DiskFull = DiskFull()
     history_repaired: HistoryRepaired = HistoryRepaired()
     users_unreadable: UsersUnreadable = UsersUnreadable()
+    reports_failing: ReportsFailing = ReportsFailing()
     recording_paused: RecordingPaused = RecordingPaused()
     encoder_silent: EncoderSilent = EncoderSilent()
     encoder_wrong: EncoderWrong = EncoderWrong()

@@ -18,6 +18,7 @@ TEXTS = {
     "disk_full": "the history is not written: free space on its disk",
     "history_repaired": "the history was damaged or changed from outside and was repaired: find out by what",
     "users_unreadable": "the users' database cannot be read, nobody can sign in: restore users.db from a backup",
+    "reports_failing": "reports are not written, mailed or printed: check printer, mail server and disk",
     "recording_paused": "raw frames are not recorded: free space on their disk",
     "encoder_silent": "no reading for {value}, limit {limit}: check the encoder and its line",
     "encoder_wrong": "its readings are impossible: check wiring and settings",

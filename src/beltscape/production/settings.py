@@ -137,7 +137,15 @@ class ReportSettings(_Table):
     """Code of a language that reports have, such as "de"."""
     keep_days: Annotated[int, Field(ge=1, le=36_500)] = 3650
     """Age at which reports are removed."""
+    printer: Annotated[str, Field(pattern=r"^[^\s#/,-][^\s#/,]*$", max_length=127)] | None = None
+    """Printer of CUPS that prints every PDF, or "default"; its characters are those that CUPS admits in a name."""
     mail: MailSettings | None = None
+
+    @model_validator(mode="after")
+    def _printed_pdf(self) -> ReportSettings:
+        if self.printer is not None and not self.pdf:
+            raise ValueError("printer: prints the PDF; give pdf = true as well")
+        return self
 
 
 class ScaleModbusSettings(_Table):

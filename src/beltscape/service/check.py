@@ -10,7 +10,7 @@ from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.check import is_running, list_checks
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access.identity.database import FILE, Database
-from beltscape.service.production.reports import check_reports
+from beltscape.service.production.report_checks import check_reports_and_printer
 from beltscape.service.production.scale_counter import check_scale
 from beltscape.service.project import ProjectSettings
 from beltscape.service.protocols.checks import CHECKS
@@ -34,7 +34,7 @@ def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: 
     reports = project.settings.reports
     if reports is not None:
         zone = project.settings.production.time_zone
-        checks.append(("reports", lambda: check_reports(reports, zone)))
+        checks.append(("reports", lambda: check_reports_and_printer(reports, zone)))
     scale = project.settings.scale
     if scale is not None:
         checks.append(("scale", lambda: check_scale(scale)))

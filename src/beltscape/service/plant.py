@@ -24,7 +24,7 @@ from beltscape.service.changes.requests import answer_requests, discard_requests
 from beltscape.service.lifecycle import log_address
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
-from beltscape.service.production.serving import ServedProduction, serve_production
+from beltscape.service.production.serving import ReportStatus, ServedProduction, serve_production
 from beltscape.service.project import ProjectSettings
 from beltscape.service.protocols.serving import STARTERS, ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.service.protocols.users import ServedUsers, describe_provenance
@@ -53,14 +53,16 @@ def run_plant(
     if page:
         check_listening(project.settings.web)  # before the history is opened
     plant = _make_plant(project, options, page=page)
-    assembled, tell = plant.assembled, plant.live_state.on_message
+    assembled = plant.assembled
     totals_before, reloader = assembled.historian.totals, _make_reloader(plant, options.data)
     protocols = ProtocolSettings(**{name: getattr(project.settings, name) for name in STARTERS})
     with (
         closing(plant.access),
-        serve_production(assembled.production, assembled.historian, project, options.data, tell) as made,
-        serve_protocols(protocols, plant.served, options.data, tell) as plant.protocols,
-        _serve_page(plant, made, reloader) if page else nullcontext() as plant.server,
+        serve_production(plant.production, project),
+        serve_protocols(
+            protocols, plant.served, options.data, plant.live_state.on_message
+        ) as plant.protocols,
+        _serve_page(plant, reloader) if page else nullcontext() as plant.server,
     ):
         assembled.engine.start()
         notify("READY=1")
@@ -81,7 +83,8 @@ def _make_plant(project: Project[ProjectSettings], options: RunOptions, *, page:
     web, live_state = project.settings.web, LiveState(project.settings.web)
     access = Access(options.data, web.access)
     expiry = CertificateExpiry(web.tls_certificate, web.tls_key) if page else CertificateExpiry(None, None)
-    options = replace(options, certificate_days=expiry)
+    reports = ReportStatus()
+    options = replace(options, certificate_days=expiry, reports_trouble=lambda: reports.trouble)
     if page or project.settings.opcua is not None:
         options = replace(options, users_trouble=lambda: access.trouble)
     assembled = assemble(project, options, Observers([live_state, LogObserver()]))
@@ -93,7 +96,10 @@ def _make_plant(project: Project[ProjectSettings], options: RunOptions, *, page:
         describe_provenance(project),
         assembled.production,
     )
-    return RunningPlant(project, assembled, assembled.parts, live_state, access, expiry, served)
+    production = ServedProduction(
+        assembled.production, assembled.historian, options.data, live_state.on_message, reports
+    )
+    return RunningPlant(project, assembled, assembled.parts, live_state, access, expiry, served, production)
 
 
 def _make_reloader(plant: RunningPlant, data: Path) -> SettingsReloader:
@@ -104,9 +110,7 @@ def _make_reloader(plant: RunningPlant, data: Path) -> SettingsReloader:
 
 
 @contextmanager
-def _serve_page(
-    plant: RunningPlant, production: ServedProduction, reloader: SettingsReloader
-) -> Generator[RunningServer]:
+def _serve_page(plant: RunningPlant, reloader: SettingsReloader) -> Generator[RunningServer]:
     web, assembled = plant.project.settings.web, plant.assembled
     app = create_app(
         plant.live_state,
@@ -114,7 +118,7 @@ def _serve_page(
         plant.access,
         assembled.engine,
         web,
-        production=production,
+        production=plant.production,
         reloader=reloader,
     )
     running = serve(app, web)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from beltscape.cli.main import main
-from beltscape.core.errors import InputError, OutputError
+from beltscape.core.errors import BeltscapeError, InputError, OutputError
 from beltscape.core.live import Observers
 from beltscape.core.progress import Silent
 from beltscape.pipeline.live.assembly import RunOptions, assemble
@@ -22,6 +22,8 @@ from beltscape.service.changes.parts import PARTS, Change, ReloadablePart, Runni
 from beltscape.service.changes.reloader import SettingsReloader
 from beltscape.service.changes.requests import answer_requests, request_reload
 from beltscape.service.live_state import LiveState
+from beltscape.service.production.printing import PrintError
+from beltscape.service.production.serving import ReportStatus, ServedProduction
 from beltscape.service.project import open_project
 from beltscape.service.protocols.serving import ServedPlant
 from tests.pipeline.live.test_run_command import plant  # noqa: F401
@@ -36,9 +38,20 @@ def running(plant: Path, tmp_path: Path) -> Iterator[RunningPlant]:  # noqa: F81
     assembled = assemble(project, RunOptions(data), Observers([live_state]))
     access = Access(data, project.settings.web.access, CHEAP)
     served = ServedPlant(live_state, assembled.historian, assembled.engine.acknowledge)
-    yield RunningPlant(
-        project, assembled, assembled.parts, live_state, access, CertificateExpiry(None, None), served
+    production = ServedProduction(
+        assembled.production, assembled.historian, data, live_state.on_message, ReportStatus()
     )
+    yield RunningPlant(
+        project,
+        assembled,
+        assembled.parts,
+        live_state,
+        access,
+        CertificateExpiry(None, None),
+        served,
+        production,
+    )
+    production.close()
     components = assembled.components
     components.source.close()
     for writer in components.writers:
@@ -237,3 +250,46 @@ def check_products(running: RunningPlant, reloader: SettingsReloader) -> None:
     rewrite(path, ('"ore"', '"coal"'))
     with pytest.raises(InputError, match="ore is the present product; make another the present one first"):
         reloader.reload("anna")
+
+
+def test_reports_and_scale_change_at_once(running: RunningPlant, reloader: SettingsReloader) -> None:
+    path, production = running.project.path, running.production
+    text = path.read_text()
+    assert production.reports is None and production.figures.scale is None
+    rewrite(
+        path,
+        more='[reports]\nfolder = "papers"\n[scale]\nresolution_kg = 7\ncsv = "scale.csv"\nevery_s = 1\n',
+    )
+    done = reloader.reload("anna")
+    assert {one.key.partition(".")[0] for one in done.at_once} == {"reports", "scale"} and done.restart == ()
+    first = production.reports
+    assert first is not None and first.folder.name == "papers" and first.folder.is_dir()
+    assert production.figures.scale is not None and production.figures.scale.resolution_kg == 7
+    rewrite(path, ('"papers"', '"others"'), ("resolution_kg = 7", "resolution_kg = 9"))
+    assert [one.key for one in reloader.reload("anna").at_once] == ["reports.folder", "scale.resolution_kg"]
+    assert production.reports is not None and production.reports.folder.name == "others"
+    assert not first._thread.is_alive()  # one thread writes at a time
+    assert production.figures.scale.resolution_kg == 9
+    path.write_text(text)
+    reloader.reload("anna")
+    assert production.reports is None and production.figures.scale is None
+
+
+def test_reports_that_cannot_be_leave_those_that_are(
+    running: RunningPlant, reloader: SettingsReloader, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, production = running.project.path, running.production
+    rewrite(path, more='[reports]\nfolder = "papers"\npdf = true\n')
+    reloader.reload("anna")
+    before, text = production.reports, path.read_text()
+    monkeypatch.setenv("PATH", str(tmp_path))
+    rewrite(path, more='printer = "office"\n')
+    with pytest.raises(PrintError, match="lp is missing"):
+        reloader.reload("anna")
+    assert production.reports is before
+    (tmp_path / "taken").write_text("a file")
+    path.write_text(text.replace('"papers"', f'"{tmp_path / "taken"}"'))
+    with pytest.raises(BeltscapeError, match="taken"):  # fails when the folder is made: taken back
+        reloader.reload("anna")
+    assert production.reports is not None and production.reports.folder.name == "papers"
+    assert production.reports._thread.is_alive()

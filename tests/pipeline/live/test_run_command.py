@@ -115,7 +115,7 @@ def test_invalid_settings_are_refused_in_one_line(run, plant, old, new, message)
 def test_run_serves_and_stops_in_order(run, plant, tmp_path):
     log = tmp_path / "log"
     text = PROJECT.replace("[encoder]", "loop = true\n[encoder]")
-    plant.write_text(text)
+    plant.write_text(f'{text}[reports]\npdf = true\nprinter = "no-such-printer"\n')
     with log.open("wb") as file:
         process = subprocess.Popen(
             [sys.executable, "-m", "beltscape", "run", str(plant)], stderr=file, stdout=subprocess.DEVNULL
@@ -127,10 +127,20 @@ def test_run_serves_and_stops_in_order(run, plant, tmp_path):
         code, _, err = run("run", plant)  # another process has the data
         assert code == 2
         assert "data" in err[-1]
+        _wait_for(
+            log, "alarm reports_failing raised: [reports] printer"
+        )  # the run goes on without its printer
     finally:
         process.send_signal(signal.SIGTERM)
     assert process.wait(60) == 0
     assert (tmp_path / "data" / "history.db").is_file()
+
+
+def _wait_for(log: Path, text: str) -> None:
+    deadline = time.monotonic() + 60
+    while text not in log.read_text():
+        assert time.monotonic() < deadline, log.read_text()
+        time.sleep(0.1)
 
 
 def _address(process: subprocess.Popen[bytes], log: Path) -> str:

@@ -19,7 +19,10 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "camera_pose", "camera_redundancy", "projector_moved", "zero_shift", "zero_tilt", "zero_drift", "carry_back",
         "carry_back_stuck", "carry_back_total",
     ),
-    "computer": ("disk_full", "history_repaired", "recording_paused", "users_unreadable", "frames_dropped"),
+    "computer": (
+        "disk_full", "history_repaired", "recording_paused", "users_unreadable",
+        "reports_failing", "frames_dropped",
+    ),
 }  # fmt: skip
 """Alarms that one cause may raise together; in each group causes stand before their effects, which decides a tie."""
 

@@ -57,6 +57,7 @@ RATIONALES: Mapping[str, Rationale] = {
     "disk_full": Rationale("major", "prompt"),  # the reserve is finite
     "history_repaired": Rationale("minor", "slow"),
     "users_unreadable": Rationale("minor", "soon"),  # nobody can sign in
+    "reports_failing": Rationale("minor", "soon"),  # the shift's paper is missing
     "recording_paused": Rationale("minor", "slow"),
     "encoder_silent": Rationale("major", "soon"),  # the material's own motion is less certain
     "encoder_wrong": Rationale("major", "soon"),

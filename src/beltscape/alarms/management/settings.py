@@ -15,6 +15,7 @@ _OF_THE_COMPUTER = (
     "disk_full",
     "history_repaired",
     "users_unreadable",
+    "reports_failing",
     "recording_paused",
     "certificate_expiring",
 )

@@ -31,6 +31,7 @@ def check_software() -> Iterator[InstallationCheck]:
     yield from check_extras()
     yield check_camera_library()
     yield check_browser()
+    yield check_printing()
 
 
 def check_kernels() -> InstallationCheck:
@@ -94,4 +95,14 @@ def check_browser() -> InstallationCheck:
         return InstallationCheck("browser", found)
     return InstallationCheck(
         "browser", "none on this machine; reports and the page open in another machine's browser"
+    )
+
+
+def check_printing() -> InstallationCheck:
+    """Return whether reports can be handed to a printer; `beltscape run --check` asks for the printer itself."""
+    found = [shutil.which(name) for name in ("lp", "lpstat")]
+    if None not in found:
+        return InstallationCheck("printing", f"CUPS by {found[0]}")
+    return InstallationCheck(
+        "printing", "no lp here; reports are printed from another machine, or after: apt install cups-client"
     )

@@ -56,6 +56,7 @@ class RunOptions:
     """Whether what sound images show is learned anew."""
     certificate_days: Callable[[], float] = field(default=lambda: float("nan"))
     users_trouble: Callable[[], str] = field(default=lambda: "")
+    reports_trouble: Callable[[], str] = field(default=lambda: "")
     heartbeat: Callable[[], None] = field(default=lambda: None)
 
 
@@ -144,6 +145,7 @@ def _assemble_around(
         zero=parts.zero,
         certificate_days=options.certificate_days,
         users_trouble=options.users_trouble,
+        reports_trouble=options.reports_trouble,
         heartbeat=options.heartbeat,
         maintenance=MaintenanceMode(options.data),
         learned_images=context.learned_images,

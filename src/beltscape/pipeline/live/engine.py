@@ -255,6 +255,7 @@ class Engine(OperatorControls):
             history_trouble=next((text for text in troubles if text), ""),
             history_repair=self._repair.check(),
             users_trouble=components.users_trouble(),
+            reports_trouble=components.reports_trouble(),
             recording_trouble="" if recorder is None else recorder.trouble,
             encoder_silent_s=float("nan") if encoder is None else encoder.silent_s,
             encoder_trouble=None if encoder is None else encoder.trouble,

@@ -67,6 +67,8 @@ class EngineComponents:
     certificate_days: Callable[[], float] = lambda: float("nan")
     users_trouble: Callable[[], str] = lambda: ""
     """Why nobody can sign in, in one line; empty without a fault."""
+    reports_trouble: Callable[[], str] = lambda: ""
+    """Why reports are not delivered, in one line; empty without a fault."""
     heartbeat: Callable[[], None] = lambda: None
     """Called periodically while the worker thread lives; it feeds a watchdog."""
     read_tag: Callable[[], RecordTag] = RecordTag

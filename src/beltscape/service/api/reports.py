@@ -11,6 +11,7 @@ from beltscape.core.errors import InputError
 from beltscape.report.production.summary import make_title
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, ResponseModel, describe_refusals
+from beltscape.service.production.reports import ReportWriter
 
 Viewer = Annotated[User, Depends(require_role("viewer"))]
 Key = Annotated[str, Path(pattern=r"^\d{8}T\d{4}Z_(shift|day)$", description="Name of a report")]
@@ -34,33 +35,26 @@ class ReportOut(ResponseModel):
     until_ms: int
     has_pdf: bool
     is_mailed: bool
+    is_printed: bool
 
 
 def make_router(context: AppContext) -> APIRouter:
-    """Return the routes below /api/reports; none where no reports are written."""
+    """Return the routes below /api/reports; none where the system counts no production."""
     router = APIRouter(prefix="/api/reports", tags=["production"])
-    writer = None if context.production is None else context.production.reports
-    if writer is None:
+    production = context.production
+    if production is None:
         return router
 
-    @router.get("", responses=describe_refusals())
+    def require_writer() -> ReportWriter:
+        if production.reports is None:
+            raise HTTPException(404, "the settings have no [reports]")
+        return production.reports
+
+    @router.get("", responses=describe_refusals(404))
     def list_reports(_: Viewer, limit: Annotated[int, Query(ge=1, le=500)] = 60) -> list[ReportOut]:
         """The newest reports, newest first."""
-        return [found for key in writer.list_keys()[:limit] if (found := describe(key)) is not None]
-
-    def describe(key: str) -> ReportOut | None:
-        try:
-            document = writer.read(key)
-        except InputError:
-            return None
-        return ReportOut(
-            key=key,
-            title=make_title(document),
-            since_ms=document.period.since_ms,
-            until_ms=document.period.until_ms,
-            has_pdf=writer.find_file(key, ".pdf") is not None,
-            is_mailed=writer.is_mailed(key),
-        )
+        writer = require_writer()
+        return [found for key in writer.list_keys()[:limit] if (found := _describe(writer, key)) is not None]
 
     @router.get(
         "/{key}",
@@ -70,7 +64,7 @@ def make_router(context: AppContext) -> APIRouter:
     )
     def report(_: Viewer, key: Key, form: Annotated[Form, Query(alias="format")] = "html") -> FileResponse:
         """A report as HTML, PDF or its figures as JSON."""
-        path = writer.find_file(key, f".{form}")
+        path = require_writer().find_file(key, f".{form}")
         if path is None:
             raise HTTPException(404, "there is no such report")
         return FileResponse(
@@ -82,3 +76,20 @@ def make_router(context: AppContext) -> APIRouter:
         )
 
     return router
+
+
+def _describe(writer: ReportWriter, key: str) -> ReportOut | None:
+    """Return a report of the list; None where its file is damaged."""
+    try:
+        document = writer.read(key)
+    except InputError:
+        return None
+    return ReportOut(
+        key=key,
+        title=make_title(document),
+        since_ms=document.period.since_ms,
+        until_ms=document.period.until_ms,
+        has_pdf=writer.find_file(key, ".pdf") is not None,
+        is_mailed=writer.is_mailed(key),
+        is_printed=writer.is_printed(key),
+    )

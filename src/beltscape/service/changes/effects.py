@@ -15,7 +15,18 @@ MEASURING = ("rig", "empty", "matching", "flow", "density", "watch", "health")
 """Exchanged together between two records."""
 CERTIFICATE = ("web.tls_certificate", "web.tls_key")
 SINKS = ("history", "csv", "recording")
-AT_ONCE = (*MEASURING, *SINKS, "queue", "alarms", "products", "production", "web", *STARTERS)
+AT_ONCE = (
+    *MEASURING,
+    *SINKS,
+    "queue",
+    "alarms",
+    "products",
+    "production",
+    "scale",
+    "reports",
+    "web",
+    *STARTERS,
+)
 """Keys and tables that a running plant takes over."""
 RESTART = {
     "web.host": "the page's address is open",

@@ -18,6 +18,9 @@ from beltscape.service.access import Access
 from beltscape.service.access.tls import CertificateExpiry
 from beltscape.service.changes.effects import CERTIFICATE, MEASURING, SINKS
 from beltscape.service.live_state import LiveState
+from beltscape.service.production.report_checks import check_reports_and_printer
+from beltscape.service.production.scale_counter import check_scale
+from beltscape.service.production.serving import ServedProduction, name_plant
 from beltscape.service.project import ProjectSettings
 from beltscape.service.protocols.checks import CHECKS
 from beltscape.service.protocols.serving import STARTERS, ServedPlant, ServedProtocols
@@ -38,6 +41,7 @@ class RunningPlant:
     access: Access
     expiry: CertificateExpiry
     served: ServedPlant
+    production: ServedProduction
     server: RunningServer | None = None
     protocols: ServedProtocols | None = None
 
@@ -116,6 +120,23 @@ def _prepare_production(plant: RunningPlant, project: Project[ProjectSettings]) 
     )
 
 
+def _prepare_scale(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+    production, before, after = plant.production, plant.project.settings.scale, project.settings.scale
+    if after is not None:
+        check_scale(after)
+    return Change(lambda: production.exchange_scale(after), lambda: production.exchange_scale(before))
+
+
+def _prepare_reports(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+    production, before, after = plant.production, plant.project.settings, project.settings
+    if after.reports is not None:
+        check_reports_and_printer(after.reports, after.production.time_zone)
+    return Change(
+        lambda: production.exchange_reports(after.reports, name_plant(after)),
+        lambda: production.exchange_reports(before.reports, name_plant(before)),
+    )
+
+
 def _prepare_page(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
     def use(settings: ProjectSettings) -> None:
         plant.live_state.set_settings(settings.web)
@@ -158,6 +179,8 @@ PARTS: tuple[ReloadablePart, ...] = (
     ReloadablePart(("queue",), _prepare_queue),
     ReloadablePart(("alarms",), _prepare_alarms),
     ReloadablePart(("products", "production"), _prepare_production),
+    ReloadablePart(("scale",), _prepare_scale),
+    ReloadablePart(("reports", "web.plant"), _prepare_reports),
     ReloadablePart(("web",), _prepare_page),
 )
 """In the order in which they change: first what may still fail, as a port that another program holds."""

@@ -13,11 +13,12 @@ from pathlib import Path
 
 from beltscape.core.errors import BeltscapeError, InputError
 from beltscape.production.settings import MailSettings
+from beltscape.service.production.outbox import Outbox
 
 _TIMEOUT_S = 30.0
 """Time for the server to answer one command."""
-UNSENT = ".unsent"
-"""Ending of the file that marks a report which is not mailed yet."""
+UNSENT, SENT = ".unsent", ".sent"
+"""Endings of the marks of a report that is to be mailed, and of one that was."""
 _MEDIA = {".html": ("text", "html"), ".pdf": ("application", "pdf")}
 _SUBJECT_MAX = 150
 """Longest subject, characters."""
@@ -112,26 +113,20 @@ def _connect(settings: MailSettings) -> smtplib.SMTP:
     return server
 
 
-def send_unsent(settings: MailSettings, folder: Path, read_report: Callable[[str], Report]) -> list[str]:
-    """Offer every report that is marked as unsent, the oldest first; return the recipients that were refused.
+def send_waiting(settings: MailSettings, outbox: Outbox, read_report: Callable[[str], Report]) -> list[str]:
+    """Offer every report that waits, the oldest first; return the recipients that were refused.
 
     Raises
     ------
     MailError
-        If the server does not take one; it and the later ones keep their marks.
+        If the server does not take one; it and the later ones go on waiting.
     InputError
-        If a report cannot be read; it loses its mark.
+        If a report cannot be read; it no longer waits.
     """
     refused: list[str] = []
-    for mark in sorted(folder.glob(f"*{UNSENT}")):
-        key = mark.name.removesuffix(UNSENT)
-        if not (folder / f"{key}.html").is_file():
-            continue  # it is being written
-        try:
-            report = read_report(key)
-        except InputError:
-            mark.unlink(missing_ok=True)
-            raise
-        refused += send_mail(settings, make_mail(settings, report, folder))
-        mark.unlink(missing_ok=True)
+
+    def send(key: str) -> None:
+        refused.extend(send_mail(settings, make_mail(settings, read_report(key), outbox.folder)))
+
+    outbox.deliver(send)
     return refused

@@ -1,10 +1,9 @@
-"""The reports of shifts and days: written when they are over, rendered by a process of its own, and mailed."""
+"""The reports of shifts and days: written when they are over, rendered by a process of its own, and delivered."""
 
 from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -17,17 +16,18 @@ from beltscape.files.folders.atomic import ensure_output_folder, write_text
 from beltscape.production.settings import ReportSettings
 from beltscape.production.shifts import Period, PeriodKind
 from beltscape.report.production.document import ChangeOut, FlowOut, ReportDocument
-from beltscape.report.production.pdf import require_pdf
 from beltscape.report.production.summary import make_title, summarise
-from beltscape.report.production.texts import open_texts
+from beltscape.service.production.commands import run_command
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.mail import (
+    SENT,
     UNSENT,
     Report,
-    make_context,
-    read_password,
-    send_unsent,
+    send_waiting,
 )
+from beltscape.service.production.outbox import Outbox
+from beltscape.service.production.printing import PRINTED, UNPRINTED, check_printer, print_report
+from beltscape.service.production.report_checks import check_reports
 from beltscape.sinks.historian import Historian
 
 _POLL_S = 10.0
@@ -39,10 +39,12 @@ _CATCH_UP_NS = 7 * 86_400 * 10**9
 _RENDER_S = 300.0
 """Time for rendering a report; it takes some seconds."""
 _RETRY_S = 300.0
-"""Wait after a report that could not be written: rendering takes seconds of a processor. Chosen."""
+"""Wait after a report that could not be written or printed: rendering takes seconds of a processor. Chosen."""
 _FLOW_POINTS = 96
 """Bars of the flow: quarters of an hour of a day."""
 _KEY = re.compile(r"\d{8}T\d{4}Z_(shift|day)")
+_ENDINGS = (".html", ".pdf", ".json", UNSENT, SENT, UNPRINTED, PRINTED)
+"""Endings of the files of a report."""
 _MS_NS = 1_000_000
 """Nanoseconds of a millisecond."""
 _DAY_NS = 86_400 * 10**9
@@ -51,21 +53,8 @@ _NICE = 10
 """Priority of rendering below the measurement."""
 
 
-def check_reports(settings: ReportSettings, zone: str) -> str:
-    """Return what would be reported; InputError where it cannot be."""
-    open_texts(settings.language, zone)
-    if settings.pdf:
-        require_pdf()
-    what = " and ".join(name for name in ("shifts", "days") if getattr(settings, name)) or "nothing"
-    if settings.mail is None:
-        return f"{what}, in {settings.folder}"
-    read_password(settings.mail)
-    make_context(settings.mail)
-    return f"{what}, in {settings.folder}, mailed by {settings.mail.host} port {settings.mail.server_port}"
-
-
 class ReportWriter:
-    """Writes and mails the reports that are due, in a thread of its own, until it is closed."""
+    """Writes, mails and prints the reports that are due, in a thread of its own, until it is closed."""
 
     def __init__(
         self,
@@ -75,8 +64,11 @@ class ReportWriter:
         data: Path,
         plant: str,
         on_message: Callable[[str], None],
+        on_trouble: Callable[[str], None] = lambda _: None,
     ) -> None:
         """Prepare; ``data`` is the folder of a relative ``settings.folder``.
+
+        ``on_trouble`` gets after every attempt why reports are not delivered; empty: they are.
 
         Raises
         ------
@@ -85,22 +77,18 @@ class ReportWriter:
         """
         check_reports(settings, figures.control.settings.time_zone)
         self.folder = ensure_output_folder(data / settings.folder)
+        self._mails = Outbox(self.folder, UNSENT, SENT)
+        self._prints = Outbox(self.folder, UNPRINTED, PRINTED)
         self._settings, self._figures, self._historian = settings, figures, historian
-        self._plant, self._on_message = plant, on_message
-        kinds: Sequence[tuple[PeriodKind, bool]] = (
-            ("shift", settings.shifts and bool(figures.control.settings.shifts)),
-            ("day", settings.days),
-        )
-        self._kinds: list[PeriodKind] = [kind for kind, is_on in kinds if is_on]
+        self._plant, self._on_message, self._on_trouble = plant, on_message, on_trouble
         self._empty: set[str] = set()
         """Shifts and days in which nothing ran."""
         self._stop = threading.Event()
         self._troubles: dict[str, str] = {}
-        self._next_s = {"write": 0.0, "mail": 0.0}
-        self._wait_s = {
-            "write": _RETRY_S,
-            "mail": _RETRY_S if settings.mail is None else settings.mail.retry_s,
-        }
+        self._printer_s = 0.0
+        """Monotonic clock at which the printer is looked for again where nothing waits for it."""
+        self._next_s: dict[str, float] = {}
+        self._wait_s = {} if settings.mail is None else {"mail": settings.mail.retry_s}
         self._thread = make_supervised_thread("reports", self._run, on_message, self._stop.wait)
 
     def start(self) -> None:
@@ -108,7 +96,7 @@ class ReportWriter:
         self._thread.start()
 
     def close(self, patience_s: float = 5.0) -> None:
-        """Stop it; a mail that is not sent waits for the next start."""
+        """Stop it; what is not mailed or printed waits for the next start."""
         self._stop.set()
         self._thread.join(patience_s)
 
@@ -125,7 +113,11 @@ class ReportWriter:
 
     def is_mailed(self, key: str) -> bool:
         """Return whether a report was handed to the mail server."""
-        return self._settings.mail is not None and not (self.folder / f"{key}{UNSENT}").exists()
+        return self._mails.is_done(key)
+
+    def is_printed(self, key: str) -> bool:
+        """Return whether a report was handed to the printer."""
+        return self._prints.is_done(key)
 
     def read(self, key: str) -> ReportDocument:
         """Return the figures of a report; InputError if its file is damaged."""
@@ -147,7 +139,7 @@ class ReportWriter:
         first_ns = self._historian.totals.since_ns
         if first_ns is None:
             return written
-        for kind in self._kinds:
+        for kind in self._list_kinds():
             for period in self._figures.list_periods(kind, max(first_ns, now_ns - _CATCH_UP_NS), now_ns):
                 try:
                     if self._is_due(period, now_ns) and self._write(period, now_ns):
@@ -159,6 +151,15 @@ class ReportWriter:
         if failures:
             raise failures[0]
         return written
+
+    def _list_kinds(self) -> list[PeriodKind]:
+        """Return what is reported; the shifts are those of the present settings."""
+        has_shifts = bool(self._figures.control.settings.shifts)
+        kinds: Sequence[tuple[PeriodKind, bool]] = (
+            ("shift", self._settings.shifts and has_shifts),
+            ("day", self._settings.days),
+        )
+        return [kind for kind, is_on in kinds if is_on]
 
     def _is_due(self, period: Period, now_ns: int) -> bool:
         is_over = period.until_ns + _SETTLE_NS <= now_ns
@@ -195,8 +196,9 @@ class ReportWriter:
             self._empty.add(period.key)
             return False
         write_text(document, figures.model_dump_json(indent=1) + "\n")
-        if self._settings.mail is not None:
-            write_text(self.folder / f"{period.key}{UNSENT}", "")
+        for wanted, outbox in ((self._settings.mail, self._mails), (self._settings.printer, self._prints)):
+            if wanted is not None:
+                outbox.mark(period.key)
         command = [sys.executable, "-m", "beltscape.report.production", str(document)]
         command += ["--pdf"] if self._settings.pdf else []
         self._render(command)
@@ -208,20 +210,35 @@ class ReportWriter:
         if os.name == "posix":
             command = ["nice", "-n", str(_NICE), *command]
         try:
-            done = subprocess.run(command, capture_output=True, timeout=_RENDER_S, check=False, text=True)
-        except (OSError, subprocess.TimeoutExpired) as error:
+            done = run_command(command, _RENDER_S, self._stop.wait)
+        except OSError as error:
             raise OutputError(f"[reports]: {command[-1]}: cannot be rendered ({error})") from error
-        if done.returncode:
-            lines = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+        if done is None:
+            raise OutputError(f"[reports]: {command[-1]}: rendering was ended before it was done")
+        if done.code:
+            lines = done.errors.strip().splitlines() or [f"exit code {done.code}"]
             raise OutputError(f"[reports]: {command[-1]}: cannot be rendered ({lines[-1][:200]})")
 
     def mail(self) -> None:
         """Offer the reports that are not mailed yet. MailError if one is not taken."""
         if self._settings.mail is None:
             return
-        refused = send_unsent(self._settings.mail, self.folder, self._summarise)
+        refused = send_waiting(self._settings.mail, self._mails, self._summarise)
         if refused:
             self._on_message(f"[reports.mail] to: the server refused {', '.join(sorted(set(refused)))}")
+
+    def print(self) -> None:
+        """Hand the reports that are not printed yet to the printer. PrintError if it is missing or refuses one."""
+        printer = self._settings.printer
+        if printer is None or (self._prints.is_empty and monotonic() < self._printer_s):
+            return
+        check_printer(printer, self._stop.wait)
+        self._printer_s = monotonic() + _RETRY_S
+
+        def send(key: str) -> None:
+            print_report(printer, self.folder / f"{key}.pdf", make_title(self.read(key)), self._stop.wait)
+
+        self._prints.deliver(send)
 
     def _summarise(self, key: str) -> Report:
         document = self.read(key)
@@ -230,37 +247,29 @@ class ReportWriter:
     def _remove_old(self, now_ns: int) -> None:
         oldest_s = (now_ns - self._settings.keep_days * _DAY_NS) / 1e9
         for path in self.folder.iterdir():
-            if path.suffix in (".html", ".pdf", ".json") and path.stat().st_mtime < oldest_s:
+            if path.suffix in _ENDINGS and path.stat().st_mtime < oldest_s:
                 path.unlink(missing_ok=True)
 
     def _run(self) -> None:
         while True:
-            self._attempt("write", self._write_when_due)
-            self._attempt("mail", self._mail_when_due)
+            self._attempt("write", lambda: self.write_due(time_ns()))
+            self._attempt("mail", self.mail)
+            self._attempt("print", self.print)
             if self._stop.wait(_POLL_S):
                 return
 
-    def _attempt(self, name: str, step: Callable[[], bool]) -> None:
-        """Take a step; tell a failure once until the step has succeeded."""
+    def _attempt(self, name: str, step: Callable[[], object]) -> None:
+        """Take a step, after a failure only when its wait is over; report a failure once until the step succeeds."""
+        if self._stop.is_set() or monotonic() < self._next_s.get(name, 0.0):
+            return
         try:
-            if step():
-                self._troubles[name] = ""
+            step()
+            self._troubles[name] = ""
         except (BeltscapeError, OSError) as error:
-            self._next_s[name] = monotonic() + self._wait_s[name]
+            self._next_s[name] = monotonic() + self._wait_s.get(name, _RETRY_S)
+            if self._stop.is_set():
+                return
             if self._troubles.get(name) != str(error):
                 self._troubles[name] = str(error)
                 self._on_message(str(error))
-
-    def _write_when_due(self) -> bool:
-        """Write the reports that are due; return whether it was time to try."""
-        if monotonic() < self._next_s["write"]:
-            return False
-        self.write_due(time_ns())
-        return True
-
-    def _mail_when_due(self) -> bool:
-        """Offer the reports that are not mailed yet; return whether it was time to try."""
-        if monotonic() < self._next_s["mail"]:
-            return False
-        self.mail()
-        return True
+        self._on_trouble(next((trouble for trouble in self._troubles.values() if trouble), ""))

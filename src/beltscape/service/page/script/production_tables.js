@@ -107,7 +107,7 @@ function show_trends() {
 function show_reports() {
   $("production-reports-title").closest("section").hidden = !results.has_reports;
   const link = (key, format) => create_element("a", { class: "plain small", href: `/api/reports/${key}?format=${format}`, target: "_blank", rel: "noopener" }, format.toUpperCase());
-  const rows = results.reports.map((one) => [create_element("b", {}, one.title), format_date_time(one.since_ms), create_element("span", { class: "links" }, link(one.key, "html"), one.has_pdf ? link(one.key, "pdf") : ""), one.is_mailed ? t("production.mailed") : ""]);
+  const rows = results.reports.map((one) => [create_element("b", {}, one.title), format_date_time(one.since_ms), create_element("span", { class: "links" }, link(one.key, "html"), one.has_pdf ? link(one.key, "pdf") : ""), [one.is_mailed && t("production.mailed"), one.is_printed && t("production.printed")].filter(Boolean).join(", ")]);
   fill("reports", ["production.report", "production.from", "", ""], rows, "production.no_reports");
 }
 

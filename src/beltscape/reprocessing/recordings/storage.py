@@ -6,6 +6,7 @@ import errno
 import os
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from stat import S_ISDIR, S_ISREG
 from typing import IO, TYPE_CHECKING, Any
 
 from beltscape.core.errors import InputError
@@ -19,10 +20,10 @@ LARGEST_BYTES = 1 << 30
 
 _S3_CONFIG = {
     "connect_timeout": 5,
-    "read_timeout": 30,
-    "retries": {"max_attempts": 2, "mode": "standard"},
+    "read_timeout": 10,
+    "retries": {"total_max_attempts": 2, "mode": "standard"},
 }
-"""Limits of botocore's client, s and tries: a silent store fails in half a minute, by its defaults in five."""
+"""Limits of botocore's client, s and tries: a silent store fails in 100 s with s3fs's five tries, by default in 25 min."""
 _LOST_FOLDER = {errno.ESTALE, errno.ENOTCONN, errno.EHOSTDOWN, errno.ETIMEDOUT, errno.EREMOTEIO}
 """Errors by which a network file system says that its server is away (errno(3), nfs(5))."""
 
@@ -42,6 +43,16 @@ def normalise_address(source: str) -> str:
     if is_local(source):
         return os.path.abspath(os.path.expanduser(source))  # noqa: PTH100, PTH111  pathlib drops a symlink's parent
     return source.rstrip("/") if not source.endswith("://") else source
+
+
+def follow_link(entry: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the listing of what a symbolic link of this machine leads to; its type is empty without it."""
+    try:
+        target = os.stat(entry["name"])  # noqa: PTH116
+    except OSError:
+        return {"type": ""}
+    kind = "directory" if S_ISDIR(target.st_mode) else "file" if S_ISREG(target.st_mode) else ""
+    return {"type": kind, "size": target.st_size, "mtime": target.st_mtime}
 
 
 def resolve_links(path: str) -> str:

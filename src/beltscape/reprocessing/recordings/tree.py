@@ -11,6 +11,7 @@ from beltscape.reprocessing.recordings.archives.member import normalise_name
 from beltscape.reprocessing.recordings.archives.reading import KINDS, list_archive
 from beltscape.reprocessing.recordings.place import Place
 from beltscape.reprocessing.recordings.storage import (
+    follow_link,
     is_local,
     join_address,
     named_faults,
@@ -76,10 +77,11 @@ class StorageTree:
             name = str(entry["name"]).rstrip("/").rpartition("/")[2]
             if not name or str(entry["name"]).strip("/") == own.strip("/"):
                 continue  # an object store may list the folder itself
-            if entry["type"] == "directory":
+            followed = follow_link(entry) if entry.get("islink") else entry
+            if followed["type"] == "directory":
                 folder.folders.add(name)
-            elif entry["type"] == "file":
-                folder.files[name] = FileEntry(name, int(entry.get("size") or 0), choose_stamp(entry))
+            elif followed["type"] == "file":
+                folder.files[name] = FileEntry(name, int(followed.get("size") or 0), choose_stamp(followed))
         return folder
 
     def place(self, path: str) -> Place:

@@ -21,7 +21,18 @@ from beltscape.report.measuring.belt import render_belt_page
 from beltscape.report.measuring.flow import FlowReport, render_flow_page
 from beltscape.report.measuring.lumps import render_lumps_page
 from beltscape.report.planning.plan import render_plan_page
+from beltscape.reprocessing.comparison.comparison import Comparison
+from beltscape.reprocessing.comparison.presentation.page import render_comparison
 from tests.evaluate.test_page import paper
+from tests.reprocessing.comparison.histories import (
+    OTHER_RIG,
+    compared,
+    degraded,
+    lost,
+    measured,
+    noisy,
+    scaled,
+)
 from tests.synthetic.packings import camera, make_ellipsoids, render_depth_map
 
 LIMIT_MM = 62.0
@@ -88,6 +99,13 @@ def flow(count: int = 24) -> FlowReport:
     )
 
 
+def comparison() -> Comparison:
+    """Another calibration with lost frames, a stretch that differs and cameras missing."""
+    records = measured(400)
+    changed = [scaled([each], 1.2)[0] if 90 < each.number < 99 else each for each in noisy(records)]
+    return compared(records, degraded(lost(changed, range(150, 160)), range(200, 230)), of_second=OTHER_RIG)
+
+
 def pages() -> dict[str, str]:
     """Name → the report as text."""
     from beltscape.evaluate.paper.pages.page import render_paper_page
@@ -98,4 +116,5 @@ def pages() -> dict[str, str]:
         "lumps": render_lumps_page(*lumps()),
         "flow": render_flow_page(flow(), warnings=["a frame lacks"]),
         "paper": render_paper_page(paper()),
+        "comparison": render_comparison(comparison()),
     }

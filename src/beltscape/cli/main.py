@@ -30,6 +30,8 @@ COMMANDS = {
     "site": "several belts, each measured by its own run: one page, balances over transfer points, totals",
     "reload": "a running plant reads its settings, rig and empty belt again, without a stop",
     "replay": "a recorded capture through the running system, at full or at its own speed",
+    "reprocess": "recordings measured again, a year of them on a cluster, into one ledger",
+    "compare": "two measurements of the same belt: flow, totals, where and why they differ, with σ",
     "backup": "history, users, settings, rig, belt and certificates of a plant, while it runs",
     "restore": "a backup back in its place, on this machine or an empty one",
     "cameras": "cameras on the network, and whether a project's settings fit them",

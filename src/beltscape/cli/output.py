@@ -14,6 +14,8 @@ from beltscape.core.type_guards import is_dict, is_list_or_tuple, is_mapping
 
 _OWN_JSON = ("rig.json", "belt.json")
 """Files whose ``format`` key names their kind."""
+_HISTORIES = ("a", "b")
+"""Arguments that name histories, which a comparison leaves as they are."""
 
 
 @contextmanager
@@ -131,3 +133,5 @@ def _refuse_input(out: Path, arguments: Namespace) -> None:
             raise OutputError(
                 f"--out {out}: lies in the capture {value}, whose folders are cameras; choose an --out beside it"
             )
+        if name in _HISTORIES and read in place.parents:
+            raise OutputError(f"--out {out}: lies in the history {value}; choose an --out beside it")

@@ -155,6 +155,22 @@ def test_a_clock_that_is_off_is_named_and_its_ledger_is_not_complete(tmp_path: P
     assert any("no longer: its clock" in text for text in messages)
 
 
+@pytest.mark.parametrize(("first_s", "is_named"), [(0.0, False), (9.0, True)])
+def test_a_slow_answer_is_no_wrong_clock(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, first_s: float, *, is_named: bool
+) -> None:
+    """A busy belt reads its clock at the beginning of the 8 s that its answer takes, or shows a time 9 s earlier."""
+    now_s = iter(
+        [START_MS / 1000 + 1] * 2 + [START_MS / 1000 + 1, START_MS / 1000 + 9] + [START_MS / 1000 + 9] * 9
+    )
+    belt, store, messages = FakeBelt(), SiteStore(tmp_path), list[str]()
+    monkeypatch.setattr(follower_module.time, "time", lambda: next(now_s))
+    follower = make_follower(tmp_path, store, messages)
+    belt.clock_ms = START_MS + 1000 - round(first_s * 1000)
+    follower.poll(belt)
+    assert any("its clock differs" in text for text in messages) == is_named
+
+
 def test_answers_that_no_belt_gives_are_refused() -> None:
     good = make_record(7, START_MS).model_dump()
     bad = [

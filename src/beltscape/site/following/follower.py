@@ -169,10 +169,12 @@ class BeltFollower:
         """Read the state and the records behind the cursor once; BeltFaultError where the belt cannot be read."""
         before_s = time.time()
         state = client.read_state()
-        offset_s = state.wall_ms / 1000 - (before_s + time.time()) / 2
+        half_s = (time.time() - before_s) / 2
+        offset_s = state.wall_ms / 1000 - (before_s + half_s)
         with self._lock:
             self._state, self._state_s = state, time.monotonic()
-        is_right = abs(offset_s) <= self._site.clock_s
+        # a slow answer says no more than that the clock was read within its time
+        is_right = abs(offset_s) - half_s <= self._site.clock_s
         self._set_fault("clock", None if is_right else Fault("clock", {"offset_s": offset_s}))
         stale_s = 5.0 if self._page is None else self._page.stale_s
         age_s = state.frames.age_s

@@ -23,7 +23,7 @@ _S3_CONFIG = {
     "read_timeout": 10,
     "retries": {"total_max_attempts": 2, "mode": "standard"},
 }
-"""Limits of botocore's client, s and tries: a silent store fails in 100 s with s3fs's five tries, by default in 25 min."""
+"""Limits of botocore's client, s and tries: with s3fs's five tries a silent store fails in 100 s (default: 375 s)."""
 _LOST_FOLDER = {errno.ESTALE, errno.ENOTCONN, errno.EHOSTDOWN, errno.ETIMEDOUT, errno.EREMOTEIO}
 """Errors by which a network file system says that its server is away (errno(3), nfs(5))."""
 

@@ -158,6 +158,9 @@ class Reader:
             small = [word.removeprefix("/etc/beltscape/") for word in small]
         if words[0] == "backup":
             make_history(self.folder / "data")
+        if words[0] == "compare":
+            for name in words[1:3]:
+                make_history(self.folder / name)
         if words[0] == "restore":
             small[1] = find_newest(self.folder, words[1])
         return small

@@ -74,26 +74,19 @@ def _match_frames(one: LedgerColumns, other: LedgerColumns) -> tuple[Codes, Code
 
     A name and time that a ledger has more than once identifies nothing and is left out.
     """
-    places, others = _place_frames(one), _place_frames(other)
-    pairs: list[tuple[int, int]] = []
-    for (frame, tick), at in places.items():
-        near = [others.get((frame, each), -1) for each in (tick, tick - 1, tick + 1)]
-        match = next((place for place in near if place >= 0), -1)
-        if at >= 0 and match >= 0 and abs(int(one.time_ns[at]) - int(other.time_ns[match])) <= TIME_NS:
-            pairs.append((at, match))
-    found = np.array(pairs, np.int64).reshape(-1, 2)
-    found = found[np.argsort(found[:, 0])]
-    return found[:, 0], found[:, 1]
-
-
-def _place_frames(columns: LedgerColumns) -> dict[tuple[str, int], int]:
-    """Return the place of each frame by its name and its time in steps of `TIME_NS`; -1 where it is ambiguous."""
-    places: dict[tuple[str, int], int] = {}
-    frames, ticks = columns.frame.tolist(), (columns.time_ns // TIME_NS).tolist()
-    for at in np.flatnonzero(columns.quality >= 0).tolist():
-        key = frames[at], ticks[at]
-        places[key] = -1 if key in places else at
-    return places
+    places = [np.flatnonzero(columns.quality >= 0) for columns in (one, other)]
+    frames = np.concatenate([one.frame[places[0]], other.frame[places[1]]])
+    times = np.concatenate([one.time_ns[places[0]], other.time_ns[places[1]]])
+    names = np.unique(frames, return_inverse=True)[1]
+    order = np.lexsort((times, names))
+    is_near = (np.diff(names[order]) == 0) & (np.diff(times[order]) <= TIME_NS)
+    alone = np.concatenate([[True], ~is_near[:-1]]) & np.concatenate([~is_near[1:], [True]])
+    is_second = order >= len(places[0])
+    pair = np.flatnonzero(is_near & alone & (is_second[:-1] != is_second[1:])) if len(is_near) else order[:0]
+    low, high = np.minimum(order[pair], order[pair + 1]), np.maximum(order[pair], order[pair + 1])
+    at_one, at_other = places[0][low], places[1][high - len(places[0])]
+    ascending = np.argsort(at_one)
+    return at_one[ascending], at_other[ascending]
 
 
 def _follow_frames(

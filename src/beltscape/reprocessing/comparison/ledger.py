@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from sys import intern
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +18,8 @@ from beltscape.sinks.historian.reading.runs import Run
 
 Numbers = NDArray[np.float64]
 Codes = NDArray[np.int64]
+Texts = NDArray[Any]
+"""Texts as Python objects: in arrays of fixed width one long reason would widen all others."""
 
 NO_TIME = np.iinfo(np.int64).min
 """Stands for a time that is not known: the least 64-bit integer, which no clock gives."""
@@ -38,11 +42,11 @@ class LedgerColumns:
     """(n,) beginning and end of each stretch by the ledger's count, ascending."""
     standing: Codes
     """(n,) place in `STANDINGS`."""
-    reason: NDArray[np.str_]
+    reason: Texts
     """(n,) why a record is not valid; empty where it is."""
-    product: NDArray[np.str_]
+    product: Texts
     """(n,) product names."""
-    frame: NDArray[np.str_]
+    frame: Texts
     """(n,) names of the frames; empty without a strip."""
     time_ns: Codes
     """(n,) trigger times; `NO_TIME`: not known."""
@@ -140,5 +144,5 @@ def _codes(values: Sequence[int]) -> Codes:
     return np.array(values, np.int64)
 
 
-def _texts(values: Sequence[str]) -> NDArray[np.str_]:
-    return np.array(values, np.str_)
+def _texts(values: Sequence[str]) -> Texts:
+    return np.array([intern(value) for value in values], object)

@@ -71,6 +71,15 @@ def test_flipped_bytes_never_end_in_another_error_nor_in_other_images(
                 assert (image == whole.images[name]).all()
 
 
+def test_a_compressed_tar_with_a_wrong_checksum_is_refused(tmp_path: Path, recorded: Path) -> None:
+    archive = pack(recorded, tmp_path / "day.tgz")
+    data = bytearray(archive.read_bytes())
+    data[-8] ^= 1
+    archive.write_bytes(data)
+    with pytest.raises(InputError, match=r"damaged or cut short .*incorrect data check"):
+        find(archive)
+
+
 def test_members_that_would_leave_the_archive_are_left_out(tmp_path: Path, recorded: Path) -> None:
     archive = pack(recorded, tmp_path / "day.zip", NAME)
     with zipfile.ZipFile(archive, "a") as packed:

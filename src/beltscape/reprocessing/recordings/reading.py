@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
-from time import perf_counter
+from time import perf_counter, thread_time
 
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image
@@ -47,7 +47,7 @@ class FrameReader:
         self.read_s = 0.0
         """Seconds spent on reading, summed over threads that read at the same time."""
         self.decode_s = 0.0
-        """Seconds spent on decoding, summed likewise."""
+        """Seconds of processor time spent on decoding."""
 
     def read(self, frames: Sequence[RecordedFrame]) -> Iterator[FrameSet]:
         """Yield the frame sets in order; an image that cannot be used is named and left out.
@@ -93,17 +93,19 @@ class FrameReader:
         return FrameSet(frame.frame, images, frame.time_ns, frame.position_mm, frame.exposures_us)
 
     def _read_image(self, camera: str, path: str) -> _ReadImage:
-        name, size, start = self._place.describe(path), 0, perf_counter()
-        between = start
+        name, start = self._place.describe(path), perf_counter()
+        data, image, problem = b"", None, ""
         try:
             data = self._place.read(path)
-            size, between = len(data), perf_counter()
-            image = decode_image(data, name)
-            require_size(image, name, camera, self._sizes_px[camera])
         except UnreachableError:
             raise
         except InputError as error:
-            return _ReadImage(
-                None, describe_lost_image(error), size, between - start, perf_counter() - between
-            )
-        return _ReadImage(image, "", size, between - start, perf_counter() - between)
+            problem = describe_lost_image(error)
+        read_s, decode_start = perf_counter() - start, thread_time()
+        if not problem:
+            try:
+                image = decode_image(data, name)
+                require_size(image, name, camera, self._sizes_px[camera])
+            except InputError as error:
+                image, problem = None, describe_lost_image(error)
+        return _ReadImage(image, problem, len(data), read_s, thread_time() - decode_start)

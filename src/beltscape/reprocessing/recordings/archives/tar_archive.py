@@ -13,6 +13,8 @@ from beltscape.reprocessing.recordings.archives.member import Member
 
 _BLOCK = 512
 """Bytes of a tar's block; an archive ends with blocks of zeros (POSIX.1-2017, pax, ustar interchange format)."""
+_CHUNK = 1 << 20
+"""Bytes of a stream that are unpacked at once where only its checksum is of interest."""
 
 
 class UnpackedFile(io.RawIOBase):
@@ -65,6 +67,8 @@ def list_tar(file: IO[bytes] | UnpackedFile, url: str) -> dict[str, Member]:
             file.seek(archive.offset)
             if file.read(_BLOCK) != bytes(_BLOCK):
                 raise tarfile.ReadError("no end mark")
+            while isinstance(file, UnpackedFile) and file.read(_CHUNK):
+                pass  # up to the checksum at the end of the stream
     except (tarfile.TarError, EOFError, zlib.error, ValueError) as error:
         raise InputError(f"{url}: the archive is damaged or cut short ({error}); copy it again") from error
     return members

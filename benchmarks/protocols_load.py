@@ -9,7 +9,6 @@ clients in another process read the protocols as a control room does.
 from __future__ import annotations
 
 import argparse
-import asyncio
 import json
 import logging
 import shutil
@@ -20,7 +19,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,18 +35,29 @@ from beltscape.pipeline.live.writer import Writer, notify_records
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.outputs.settings import AnalogueSettings, OutputSettings, PulseSettings
 from beltscape.protocols.syslog.settings import SyslogSettings
 from beltscape.service.live_state import LiveState
 from beltscape.service.protocols.serving import ProtocolSettings, ServedPlant, ServedProtocols
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
+from protocols_clients import CLIENTS, READ
 
 NOTES = """A simulated plant at 10 frame sets and records a second with cross-sections of 301 points, without
 matching: its CPU seconds per second, as the mean of the rounds, with one client for each protocol. Modbus: all
-registers ten times a second. MQTT: every record, and the state each second, to mosquitto. OPC UA: a subscription to
-every variable, without encryption. syslog: changes of alarms by UDP. *Frame*: time that the feeding thread spends for
-a frame set, which a protocol could delay; the machine has other work beside it."""
-NAMES = ("modbus", "mqtt", "opcua", "syslog")
+registers ten times a second. MQTT: every record, and the state each second, to mosquitto and a subscriber, as JSON or
+as Sparkplug B. OPC UA: a subscription to every variable, without encryption. syslog: changes of alarms by UDP.
+Outputs: three pulses a second, two currents and a heartbeat five times a second, to an I/O module. *All* is every
+table that project.toml can have at once: MQTT has one form. *Frame*: time that the feeding thread spends for a frame
+set, which a protocol could delay; the machine has other work beside it."""
+_OTHERS = ("modbus", "opcua", "syslog", "outputs")
+CASES: dict[str, tuple[str, ...]] = {
+    "none": (),
+    **{name: (name,) for name in ("modbus", "mqtt", "sparkplug", "opcua", "syslog", "outputs")},
+    "all, MQTT as JSON": ("mqtt", *_OTHERS),
+    "all, MQTT as Sparkplug": ("sparkplug", *_OTHERS),
+}
+"""By row of the table: what is served."""
 _HZ, _WARM_S, _STEP_MM = 10.0, 4.0, 120.0
 _X_MM = np.linspace(-600, 600, 301, dtype=np.float32)
 
@@ -81,10 +91,11 @@ def protocols_load(seconds: float = 12.0, rounds: int = 2) -> list[str]:
     missing = [name for name in ("asyncua", "paho", "pymodbus") if find_spec(name) is None]
     if missing or _find_broker() is None:
         return [f"Not run: {', '.join(missing) or 'mosquitto'} is not installed."]
-    cases: dict[str, tuple[str, ...]] = {"none": (), **{name: (name,) for name in NAMES}, "all": NAMES}
-    loads: dict[str, list[Load]] = {name: [] for name in cases}
+    for name in ("asyncua", "pymodbus_internal"):  # the clients begin before the servers and outlive them
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    loads: dict[str, list[Load]] = {name: [] for name in CASES}
     for _ in range(rounds):  # in turn, so that other work of the machine falls on all
-        for name, served in cases.items():
+        for name, served in CASES.items():
             loads[name].append(measure(served, seconds))
     none = mean(loads["none"])
     lines = [
@@ -108,20 +119,22 @@ def mean(loads: list[Load]) -> float:
 
 def measure(names: tuple[str, ...], seconds: float) -> Load:
     """Serve these protocols in a process of its own, with clients in this one."""
-    with tempfile.TemporaryDirectory() as folder, run_broker(Path(folder), needed="mqtt" in names) as broker:
-        ports = {name: broker if name == "mqtt" else find_port() for name in names}
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        run_broker(Path(folder), needed=not BROKERED.isdisjoint(names)) as broker,
+    ):
+        ports = {name: broker if name in BROKERED else find_port() for name in names}
         words = ["--serve", json.dumps(ports), "--folder", folder, "--seconds", str(seconds)]
-        process = subprocess.Popen([sys.executable, __file__, *words], stdout=subprocess.PIPE, text=True)
         ended = threading.Event()
         clients = [
             threading.Thread(target=CLIENTS[name], args=(ports[name], ended))
             for name in names
             if name in CLIENTS
         ]
-        time.sleep(1.5)
+        before = dict(READ)
         for client in clients:
             client.start()
-        before = dict(READ)
+        process = subprocess.Popen([sys.executable, __file__, *words], stdout=subprocess.PIPE, text=True)
         out, _ = process.communicate()
         ended.set()
         for client in clients:
@@ -135,7 +148,9 @@ def measure(names: tuple[str, ...], seconds: float) -> Load:
 
 def serve(ports: dict[str, int], folder: Path, seconds: float) -> dict[str, Any]:
     """Serve a simulated plant for a time; return its load."""
-    settings = ProtocolSettings(**{name: SETTINGS[name](port) for name, port in ports.items()})
+    settings = ProtocolSettings(
+        **{"mqtt" if name in BROKERED else name: SETTINGS[name](port) for name, port in ports.items()}
+    )
     historian = Historian(folder / "data", HistorySettings(reserve_mib=1))
     live_state = LiveState()
     writer = Writer("historian", historian, notify_records(live_state, historian))
@@ -184,65 +199,23 @@ def make_record(number: int) -> BeltRecord:
 SETTINGS = {
     "modbus": lambda port: ModbusSettings(port=port, pulse_kg=100),
     "mqtt": lambda port: MqttSettings(host="127.0.0.1", port=port),
+    "sparkplug": lambda port: MqttSettings(host="127.0.0.1", port=port, payload="sparkplug"),
     "opcua": lambda port: OpcUaSettings(port=port, security="none", clients="any", anonymous_role="viewer"),
     "syslog": lambda port: SyslogSettings(host="127.0.0.1", port=port),
+    "outputs": lambda port: OutputSettings(
+        host="127.0.0.1",
+        port=port,
+        heartbeat=12,
+        pulse=PulseSettings(kg=25, address=3),
+        analogue=(
+            AnalogueSettings(value="flow_t_h", address=10, full=1000),
+            AnalogueSettings(value="speed_m_s", address=11, full=4),
+        ),
+    ),
 }
 """By protocol: its settings for a port."""
-
-
-def read_modbus(port: int, ended: threading.Event) -> None:
-    """Read all registers ten times a second."""
-    from pymodbus.client import ModbusTcpClient
-
-    client = ModbusTcpClient("127.0.0.1", port=port, retries=0, timeout=2)
-    while not ended.is_set():
-        with suppress(Exception):
-            if client.connected or client.connect():
-                answer = client.read_holding_registers(0, count=40, device_id=1)
-                READ["modbus"] += not answer.isError()
-        ended.wait(0.1)
-    client.close()
-
-
-def subscribe_opcua(port: int, ended: threading.Event) -> None:
-    """Subscribe to every variable of the server."""
-    with suppress(Exception):
-        asyncio.run(_subscribe(port, ended))
-
-
-async def _subscribe(port: int, ended: threading.Event) -> None:
-    from asyncua import Client, ua
-
-    class Handler:
-        def datachange_notification(self, *_: object) -> None:
-            READ["opcua"] += 1
-
-    client = Client(f"opc.tcp://127.0.0.1:{port}/")
-    while not ended.is_set():
-        with suppress(Exception):
-            await client.connect()
-            break
-        await asyncio.sleep(0.2)
-    subscription = await client.create_subscription(500, Handler())
-    nodes, variables = [client.nodes.objects], []
-    for node in nodes:
-        for child in await node.get_children():
-            if child.nodeid.NamespaceIndex == 0 or child in nodes:
-                continue
-            nodes.append(child)
-            if await child.read_node_class() == ua.NodeClass.Variable:
-                variables.append(child)
-    await subscription.subscribe_data_change(variables)
-    while not ended.is_set():
-        await asyncio.sleep(0.2)
-    with suppress(Exception):
-        await client.disconnect()
-
-
-READ = {"modbus": 0, "opcua": 0}
-"""By protocol: what its client has read; a benchmark without it measures nothing."""
-CLIENTS = {"modbus": read_modbus, "opcua": subscribe_opcua}
-"""By protocol: what reads it in the process of the benchmark."""
+BROKERED = frozenset({"mqtt", "sparkplug"})
+"""What speaks to the broker."""
 
 
 def _find_broker() -> str | None:
@@ -275,5 +248,4 @@ def find_port() -> int:
 
 
 if __name__ == "__main__":
-    logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # the client outlives the server
     main()

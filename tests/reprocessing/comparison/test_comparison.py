@@ -171,6 +171,24 @@ def test_a_strip_compared_in_part_has_the_error_of_its_unknown_profile():
     assert comparison.volume.difference_sigma >= 0.25 * volume / math.sqrt(3)
 
 
+def test_the_pattern_of_a_difference_is_found():
+    long = measured(400)
+    lifted = with_strips(long, lambda strip: {"volume_mm3": strip.volume_mm3 + 5000.0 * 300.0})
+    # loads differ up to fourfold, so both patterns can be told apart
+    for other, kind, value in (
+        (scaled(long, 1.05), "proportional", 0.05 / 1.025),
+        (lifted, "constant", 5000.0),
+    ):
+        back, forth = compared(other, long).pattern, compared(long, other).pattern
+        assert back is not None
+        assert forth is not None
+        assert (back.kind, forth.kind) == (kind, kind)
+        assert forth.value == pytest.approx(value, abs=2 * forth.sigma)
+        assert back.value == pytest.approx(-forth.value)
+    assert compared(long, noisy(long)).pattern is None
+    assert compared(long, scaled(long[:200], 1.3) + long[200:]).pattern is None
+
+
 def test_the_ten_stretches_that_differ_most_are_those_that_were_changed():
     changed = [scaled([record], 1.3)[0] if 40 <= record.number < 44 else record for record in noisy(RECORDS)]
     stretches = compared(RECORDS, changed).stretches

@@ -2,6 +2,6 @@
 
 `reading` opens a history without a lock and without a trace; `alignment` lays both along the belt by the frames that
 both have; `segments` cuts the belt where either has an edge; `uncertainty` sums with σ of each and of the difference;
-`comparison` joins these with `intervals`, `stretches`, `reasons`, `identity` and `provenance`; `presentation` gives
-the terminal summary, the JSON document and the page.
+`comparison` joins these with `intervals`, `stretches`, `reasons`, `identity`, `provenance` and `pattern`;
+`presentation` gives the terminal summary, the JSON document and the page.
 """

@@ -14,6 +14,7 @@ from beltscape.reprocessing.comparison.alignment import Alignment, align_ledgers
 from beltscape.reprocessing.comparison.identity import count_differing_values
 from beltscape.reprocessing.comparison.intervals import Intervals, make_intervals
 from beltscape.reprocessing.comparison.ledger import ComparedLedger
+from beltscape.reprocessing.comparison.pattern import Pattern, find_pattern
 from beltscape.reprocessing.comparison.provenance import Provenance, compare_provenance
 from beltscape.reprocessing.comparison.reading import read_ledger
 from beltscape.reprocessing.comparison.reasons import BeltPart, list_changed_standings
@@ -95,6 +96,8 @@ class Comparison:
     stretches: tuple[DifferingStretch, ...]
     """Those that differ most beyond their σ."""
     provenance: tuple[Provenance, ...]
+    pattern: Pattern | None
+    """What the differences of the intervals have in common; None: nothing."""
 
     @property
     def is_identical(self) -> bool:
@@ -142,6 +145,7 @@ def compare_ledgers(first: ComparedLedger, second: ComparedLedger) -> Comparison
         changes=list_changed_standings(segments),
         stretches=list_differing_stretches(segments, blocks, intervals.of_block),
         provenance=compare_provenance(segments),
+        pattern=find_pattern(intervals.volume),
     )
 
 

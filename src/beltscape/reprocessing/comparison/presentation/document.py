@@ -9,6 +9,7 @@ from typing import Any
 from beltscape.reprocessing.comparison.comparison import Comparison, PairedTotal, WholeLedger
 from beltscape.reprocessing.comparison.intervals import Intervals
 from beltscape.reprocessing.comparison.ledger import ComparedLedger
+from beltscape.reprocessing.comparison.pattern import Pattern
 from beltscape.reprocessing.comparison.presentation.texts import (
     explain_causes,
     explain_sigma,
@@ -45,6 +46,7 @@ def make_document(comparison: Comparison) -> dict[str, Any]:
         "without_density_m": [mm / 1000 for mm in comparison.without_density_mm],
         "sigma": explain_sigma(comparison),
         "provenance": [_describe_provenance(one) for one in comparison.provenance],
+        "pattern": None if comparison.pattern is None else _describe_pattern(comparison.pattern),
         "causes": list(explain_causes(comparison)),
         "changed_standings": [_describe_part(part) for part in comparison.changes],
         "largest_differences": [_describe_stretch(one) for one in comparison.stretches],
@@ -78,6 +80,11 @@ def _describe_provenance(one: Provenance) -> dict[str, Any]:
         "differing_m": one.differing_mm / 1000,
         "values": pairs,
     }
+
+
+def _describe_pattern(pattern: Pattern) -> dict[str, Any]:
+    unit = "relative" if pattern.kind == "proportional" else "mm2"
+    return {"kind": pattern.kind, unit: pattern.value, f"sigma_{unit}": pattern.sigma}
 
 
 def _describe_part(part: BeltPart) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 
 from beltscape.reprocessing.comparison.alignment import EDGE_MM
 from beltscape.reprocessing.comparison.comparison import Comparison, PairedTotal
+from beltscape.reprocessing.comparison.pattern import Pattern
 from beltscape.reprocessing.comparison.reasons import NO_RECORD, BeltPart
 from beltscape.reprocessing.comparison.stretches import DifferingStretch, StretchSide
 from beltscape.reprocessing.comparison.uncertainty import COVERAGE_FACTOR
@@ -143,11 +144,25 @@ def explain_causes(comparison: Comparison) -> Iterator[str]:
     yield from (one.sentence for one in same)
     if comparison.is_identical:
         return
+    if comparison.pattern is not None:
+        yield describe_pattern(comparison.pattern)
     if not {one.part for one in differing} & {"program", "rig", "empty", "settings"}:
         yield (
             "Program, rig, empty belt and settings do not explain a difference of the volumes: other frames, another "
             "machine, or what no provenance records"
         )
+
+
+def describe_pattern(pattern: Pattern) -> str:
+    """Return the pattern of the differences, and what has such a pattern."""
+    if pattern.kind == "proportional":
+        share = format_with_sigma(100 * pattern.value, 100 * pattern.sigma, sign="+")
+        return f"pattern: B is {share} % of the load away from A everywhere, as by another scale of the calibration"
+    area = format_with_sigma(pattern.value / 100, pattern.sigma / 100, sign="+")
+    return (
+        f"pattern: B is {area} cm² of cross-section away from A everywhere, whatever the load, as by another empty "
+        "belt or another zero"
+    )
 
 
 def describe_change(part: BeltPart) -> str:

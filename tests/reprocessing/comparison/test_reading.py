@@ -100,6 +100,14 @@ def test_records_that_are_gone_are_named(tmp_path):
     assert "5 records are no longer there" in reporter.warnings[0]
 
 
+def test_a_record_that_another_program_changed_is_named(tmp_path):
+    folder = write_history(tmp_path / "data", RECORDS)
+    damage(folder, "UPDATE records SET volume = volume * 1.001 WHERE number = 2")
+    reporter = Silent()
+    read_ledger(folder, reporter)
+    assert "its records add up to" in reporter.warnings[0]
+
+
 def damage(folder: Path, script: str) -> None:
     with closing(sqlite3.connect(folder / "history.db")) as connection, connection:
         connection.executescript(script)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
 from collections.abc import Generator, Iterator
 from contextlib import closing, contextmanager
@@ -24,6 +25,7 @@ from beltscape.sinks.historian.reading.runs import Run, read_runs
 from beltscape.sinks.historian.storage.day_files import UNBOUNDED
 from beltscape.sinks.historian.storage.schema import MIGRATIONS, open_reader, require_known
 from beltscape.sinks.historian.writing.recovery import DATABASE
+from beltscape.sinks.historian.writing.sums import Sums, read_sums
 
 HISTORY = "history"
 """Sub-folder of a re-processing's store with its history."""
@@ -31,6 +33,8 @@ _PAGE = 20_000
 """Records that are read at once; 20,000 records take some 50 MB as objects. Chosen."""
 _TRIES = 3
 """Readings of a database that a starting or ending run changes meanwhile. Chosen."""
+_ROUNDING = 1e-9
+"""Rounding of a sum of 10⁸ records in double precision, as a share of it: √10⁸ × 1.1e-16 and a margin."""
 _DAMAGE = (sqlite3.Error, ValueError, TypeError, IndexError, KeyError, OverflowError)
 """What values of another kind than the tables' raise."""
 
@@ -119,7 +123,10 @@ def _open(path: Path) -> Generator[sqlite3.Connection]:
 
 def _read(folder: Path, path: Path, connection: sqlite3.Connection, reporter: Reporter) -> ComparedLedger:
     _require_present_version(connection, path)
-    (shift_ns, number) = connection.execute("SELECT coalesce(shift_ns, 0), number FROM ledger").fetchone()
+    _require_sound(connection, path)
+    shift_ns, number, state = connection.execute(
+        "SELECT coalesce(shift_ns, 0), number, state FROM ledger"
+    ).fetchone()
     runs: dict[int, Run] = {run.number: run for run in read_runs(connection, UNBOUNDED)}
     parts: list[LedgerColumns] = []
     for part in _read_pages(connection, path.parent / "days", shift_ns):
@@ -129,9 +136,31 @@ def _read(folder: Path, path: Path, connection: sqlite3.Connection, reporter: Re
         raise InputError(f"{path}: has no records; there is nothing to compare")
     columns = concatenate_columns(parts)
     _require_order(columns, path)
-    if missing := int(columns.number[-1] - columns.number[0]) + 1 - len(columns):
+    if missing := number - len(columns):
         reporter.warn(f"{path}: {missing} records are no longer there; their belt is not compared")
+    else:
+        _check_sums(columns, read_sums(state), path, reporter)
     return ComparedLedger(folder, columns, runs)
+
+
+def _require_sound(connection: sqlite3.Connection, path: Path) -> None:
+    """Raise InputError if SQLite finds damage in the structure of the file."""
+    (answer,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+    if answer != "ok":
+        raise InputError(
+            f"{path}: is damaged ({' '.join(answer.split())}); restore it from a backup, or let a run repair it"
+        )
+
+
+def _check_sums(columns: LedgerColumns, sums: Sums | None, path: Path, reporter: Reporter) -> None:
+    """Warn if the records do not add up to the sums that the ledger keeps with a checksum."""
+    volumes = columns.volume_mm3[columns.is_counted]
+    kept = math.nan if sums is None else sums.totals.volume_mm3
+    if not abs(float(volumes.sum()) - kept) <= _ROUNDING * float(np.abs(volumes).sum()):
+        reporter.warn(
+            f"{path}: its records add up to {volumes.sum() * 1e-9:.6g} m³, its totals are {kept * 1e-9:.6g} m³: they "
+            "were changed or are damaged; restore it from a backup"
+        )
 
 
 def _require_present_version(connection: sqlite3.Connection, path: Path) -> None:

@@ -181,6 +181,10 @@ def test_captures_that_cannot_be_measured_are_named_and_the_others_found(
 
 
 def test_a_source_without_recordings_is_refused_with_the_fix(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the source is empty; give"):
+        find("")
+    with pytest.raises(InputError, match="Protocol not known"):
+        find("foo://bar")
     with pytest.raises(InputError, match=r"No such file"):
         find(tmp_path / "nowhere")
     with pytest.raises(
@@ -200,11 +204,13 @@ def test_links_that_lead_back_end_and_links_to_captures_count_once(tmp_path: Pat
     (tmp_path / "ring/up").symlink_to(tmp_path)
     (tmp_path / "today").mkdir()
     (tmp_path / "today" / NAME).symlink_to(folder)
+    (tmp_path / "another_name").symlink_to(folder)
     (tmp_path / "broken").symlink_to(tmp_path / "nowhere")
     recordings, unreadable, _ = find(tmp_path)
-    assert [one.name for one in recordings] == [f"ring/{NAME}"]
-    assert [one.name for one in unreadable] == ["ring/up", f"today/{NAME}"]
-    assert "is a link to a folder above it" in unreadable[0].reason
+    assert [one.name for one in recordings] == ["another_name"]
+    assert [one.name for one in unreadable] == [f"ring/{NAME}", "ring/up", f"today/{NAME}"]
+    assert "is by a link the same folder as another_name; remove the link" in unreadable[0].reason
+    assert "is by a link the same folder as the source" in unreadable[1].reason
 
 
 def test_a_folder_that_may_not_be_listed_is_named(

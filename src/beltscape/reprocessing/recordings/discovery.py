@@ -56,6 +56,8 @@ def find_recordings(
     InputError
         When the source is not there, does not answer, or holds no recording.
     """
+    if not source:
+        raise InputError("the source is empty; give the folder, archive or address of the recordings")
     address = normalise_address(source)
     search = _Search(CaptureOptions(cameras, core, with_positions, frames_per_s), reporter)
     search.start(address)
@@ -73,35 +75,38 @@ class _Search:
         self.recordings: list[Recording] = []
         self.unreadable: list[Unreadable] = []
         self._hidden: list[str] = []
+        self._names: dict[str, str] = {}
+        """Name of each folder that was searched, by its path without links."""
         self._is_local = True
         self._other_images = ""
         """A folder with images that belongs to no camera of the rig."""
 
     def start(self, address: str) -> None:
         """Search everything below an address."""
-        place = Place(address)
-        self._is_local = is_local(address if place.archive is None else place.archive[2])
-        if place.archive is not None:
-            kind, inner, address = place.archive
-            self._search_archive(kind, address, address.rpartition("/")[2], inner)
+        archive = Place(address).archive
+        if archive is None:
+            self._is_local = is_local(address)
+            self._search_address(address)
         else:
-            with named_faults(address):
-                file_system, path = open_storage(address)
-                info = file_system.info(path)
-            base = address.rstrip("/").rpartition("/")[2]
-            if info["type"] == "directory":
-                tree = StorageTree(address)
-                tree.list_folder("")  # a source that cannot be listed ends the search
-                self._walk(tree, "", "", base, frozenset())
-            elif kind := find_archive_kind(base):
-                self._search_archive(kind, address, base)
-            else:
-                raise InputError(
-                    f"{address}: is a file; give a folder, or an archive: .zip, .tar, .tar.gz, .tgz"
-                )
+            outer = normalise_address(archive[2])
+            self._is_local = is_local(outer)
+            self._search_archive(archive[0], outer, _base(outer), archive[1].strip("/"))
         if self._hidden:
             shown = summarise_names(self._hidden)
             self._reporter.warn(f"{address}: hidden files and folders are left out: {shown}")
+
+    def _search_address(self, address: str) -> None:
+        with named_faults(address):
+            file_system, path = open_storage(address)
+            info = file_system.info(path)
+        if info["type"] == "directory":
+            tree = StorageTree(address)
+            tree.list_folder("")  # a source that cannot be listed ends the search
+            self._walk(tree, "", "", _base(address), 0)
+        elif kind := find_archive_kind(address):
+            self._search_archive(kind, address, _base(address))
+        else:
+            raise InputError(f"{address}: is a file; give a folder, or an archive: .zip, .tar, .tar.gz, .tgz")
 
     def describe_failure(self, address: str) -> str:
         """Return why no recording was found, with the fix."""
@@ -117,16 +122,18 @@ class _Search:
             f"{other}; give the recorder's folder or the rig of these recordings"
         )
 
-    def _walk(self, tree: Tree, path: str, name: str, base: str, above: frozenset[str]) -> None:
+    def _walk(self, tree: Tree, path: str, name: str, base: str, depth: int) -> None:
         """Search a folder; ``name`` is its name in reports, ``base`` that of a source that is itself a capture."""
         own = name or base
         try:
             folder, identity = tree.list_folder(path), tree.identify(path)
-            if identity in above:
+            if identity in self._names:
+                also = self._names[identity] or "the source"
                 raise InputError(
-                    f"{tree.place(path).address}: is a link to a folder above it; remove the link"
+                    f"{tree.place(path).address}: is by a link the same folder as {also}; remove the link"
                 )
-            if len(above) > _DEEPEST:
+            self._names[identity] = name
+            if depth > _DEEPEST:
                 raise InputError(
                     f"{tree.place(path).address}: deeper than {_DEEPEST} folders; give it as the source"
                 )
@@ -143,7 +150,7 @@ class _Search:
             elif child.endswith(".part"):
                 self.unreadable.append(Unreadable(_join(name, child), _PART))
             else:
-                self._walk(tree, _join(path, child), _join(name, child), base, above | {identity})
+                self._walk(tree, _join(path, child), _join(name, child), base, depth + 1)
         self._search_files(tree, path, name, folder)
 
     def _search_files(self, tree: Tree, path: str, name: str, folder: Folder) -> None:
@@ -171,15 +178,13 @@ class _Search:
         if tree.outside:
             shown = summarise_names(tree.outside)
             self._reporter.warn(f"{url}: members that would leave the archive's folder are left out: {shown}")
-        self._walk(tree, inner, name, name, frozenset())
+        self._walk(tree, inner, name, name, 0)
 
     def _take_capture(self, tree: Tree, path: str, name: str, folder: Folder) -> bool:
         """Add the recording of a folder if it is a capture; InputError for a capture that cannot be measured."""
-        cameras = {
-            camera: tree.list_folder(_join(path, camera))
-            for camera in self._options.cameras
-            if camera in folder.folders
-        }
+        names = [camera for camera in self._options.cameras if camera in folder.folders]
+        listed = tree.list_folders([_join(path, camera) for camera in names])
+        cameras = dict(zip(names, listed, strict=True))
         with_images = [camera for camera, own in cameras.items() if _has_images(own)]
         if not with_images:
             return False
@@ -202,6 +207,10 @@ class _Search:
         if isinstance(error, UnreachableError) and not self._is_local:
             raise error
         self.unreadable.append(Unreadable(name, " ".join(str(error).split())))
+
+
+def _base(address: str) -> str:
+    return address.rstrip("/").rpartition("/")[2]
 
 
 def _join(folder: str, name: str) -> str:

@@ -6,6 +6,7 @@ import errno
 import os
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 from typing import IO, TYPE_CHECKING, Any
 
@@ -24,8 +25,8 @@ _S3_CONFIG = {
     "retries": {"total_max_attempts": 2, "mode": "standard"},
 }
 """Limits of botocore's client, s and tries: with s3fs's five tries a silent store fails in 100 s (default: 375 s)."""
-_LOST_FOLDER = {errno.ESTALE, errno.ENOTCONN, errno.EHOSTDOWN, errno.ETIMEDOUT, errno.EREMOTEIO}
-"""Errors by which a network file system says that its server is away (errno(3), nfs(5))."""
+_SERVER_AWAY = ("ESTALE", "ENOTCONN", "EHOSTDOWN", "ETIMEDOUT", "EREMOTEIO")
+"""Errors of network file systems whose server is away (errno(3), nfs(5)); not every system has all."""
 
 
 class UnreachableError(InputError):
@@ -41,7 +42,7 @@ def normalise_address(source: str) -> str:
     """Return a path as an absolute one, an address without a slash at its end."""
     source = source.removeprefix("file://")
     if is_local(source):
-        return os.path.abspath(os.path.expanduser(source))  # noqa: PTH100, PTH111  pathlib drops a symlink's parent
+        return Path(os.path.abspath(os.path.expanduser(source))).as_posix()  # noqa: PTH100, PTH111  keeps links
     return source.rstrip("/") if not source.endswith("://") else source
 
 
@@ -128,7 +129,8 @@ def named_faults(url: str) -> Generator[None]:
         fix = "give read permission" if is_local(url) else "check the keys (AWS_*, fsspec's configuration)"
         raise InputError(f"{url}: cannot be read ({_describe(error)}); {fix}") from error
     except Exception as error:
-        if is_local(url) and not (isinstance(error, OSError) and error.errno in _LOST_FOLDER):
+        code = errno.errorcode.get(getattr(error, "errno", None) or 0)
+        if isinstance(error, ValueError) or (is_local(url) and code not in _SERVER_AWAY):
             raise InputError(f"{url}: cannot be read ({_describe(error)})") from error
         raise UnreachableError(
             f"{url}: does not answer ({_describe(error)}); check address, network and keys, and run it again"

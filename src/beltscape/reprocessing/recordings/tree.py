@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -49,6 +50,10 @@ class Tree(Protocol):
         """Return what a folder holds; InputError if it cannot be listed, UnreachableError if its store is away."""
         ...
 
+    def list_folders(self, paths: Sequence[str]) -> list[Folder]:
+        """Return what several folders hold, as `list_folder`."""
+        ...
+
     def place(self, path: str) -> Place:
         """Return the place of a folder."""
         ...
@@ -83,6 +88,13 @@ class StorageTree:
             elif followed["type"] == "file":
                 folder.files[name] = FileEntry(name, int(followed.get("size") or 0), choose_stamp(followed))
         return folder
+
+    def list_folders(self, paths: Sequence[str]) -> list[Folder]:
+        """Return what several folders hold; those of an object store are requested at the same time."""
+        if is_local(self._url) or len(paths) < 2:
+            return [self.list_folder(path) for path in paths]
+        with ThreadPoolExecutor(len(paths)) as pool:
+            return list(pool.map(self.list_folder, paths))
 
     def place(self, path: str) -> Place:
         """Return the place of a folder."""
@@ -126,13 +138,17 @@ class ArchiveTree:
             raise InputError(f"{join_address(self._url, path)}: no such folder in the archive")
         return self._folders[path]
 
+    def list_folders(self, paths: Sequence[str]) -> list[Folder]:
+        """Return what several folders hold."""
+        return [self.list_folder(path) for path in paths]
+
     def place(self, path: str) -> Place:
         """Return the place of a folder."""
         return Place(f"{self._kind}://{path}::{self._url}")
 
     def identify(self, path: str) -> str:
-        """Return the path: an archive's links are not followed."""
-        return path
+        """Return the address: an archive's links are not followed."""
+        return join_address(self._url, path)
 
 
 def find_archive_kind(name: str) -> str | None:

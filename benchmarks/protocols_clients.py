@@ -62,7 +62,8 @@ async def _subscribe(port: int, ended: threading.Event) -> None:
 
 def subscribe_mqtt(name: str, topic: str, port: int, ended: threading.Event) -> None:
     """Subscribe to everything that the plant publishes."""
-    from paho.mqtt.client import CallbackAPIVersion, Client
+    from paho.mqtt.client import Client
+    from paho.mqtt.enums import CallbackAPIVersion
 
     def count(*_: object) -> None:
         READ[name] += 1

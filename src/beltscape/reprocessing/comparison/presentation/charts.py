@@ -82,7 +82,7 @@ def _plot_difference(axis: Axes, edges: Numbers, intervals: Intervals, scale: Nu
     axis.stairs(difference, edges, baseline=None, color=light("third"), linewidth=1.4)
     beyond = (volume.length_mm > 0) & ~volume.agrees & np.isfinite(sigma)
     middle = 0.5 * (edges[1:] + edges[:-1])
-    axis.plot(middle[beyond], difference[beyond], "o", color=light("missing"), markersize=3.5)
+    axis.plot(middle[beyond], difference[beyond], "o", color=light("missing"), markersize=2.4)
 
 
 def _choose_quantity(intervals: Intervals) -> tuple[Numbers, str]:

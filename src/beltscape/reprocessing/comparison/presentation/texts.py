@@ -157,11 +157,11 @@ def describe_pattern(pattern: Pattern) -> str:
     """Return the pattern of the differences, and what has such a pattern."""
     if pattern.kind == "proportional":
         share = format_with_sigma(100 * pattern.value, 100 * pattern.sigma, sign="+")
-        return f"pattern: B is {share} % of the load away from A everywhere, as by another scale of the calibration"
+        return f"pattern: B differs from A by {share} % of the load everywhere, as by a calibration of other scale"
     area = format_with_sigma(pattern.value / 100, pattern.sigma / 100, sign="+")
     return (
-        f"pattern: B is {area} cm² of cross-section away from A everywhere, whatever the load, as by another empty "
-        "belt or another zero"
+        f"pattern: B differs from A by {area} cm² of cross-section everywhere, whatever the load, as by another "
+        "empty belt or zero"
     )
 
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
-from beltscape.measure.flow.records.totals import SigmaParts
-from beltscape.reprocessing.results import MeasuredEntry, PieceResult, PieceTimes
+from beltscape.core.belt.sigma_parts import SigmaParts
+from beltscape.reprocessing.results import PieceResult, PieceTimes
 
-_STRIP = tuple(field.name for field in fields(FlowRecord))
+_STRIP = tuple(field.name for field in fields(FlowRecord) if field.name != "sigma_parts")
 _OWN = ("belt_mm", "standing", "reason", "cameras", "offset_mm")
 """Fields of an entry that its piece determines; the others are given where the pieces are joined."""
 
@@ -39,38 +39,37 @@ def decode_result(data: bytes) -> PieceResult:
     return PieceResult(entries, tuple(document["warnings"]), PieceTimes(**document["times"]))
 
 
-def _encode_entry(entry: MeasuredEntry) -> dict[str, Any]:
-    record, strip = entry.record, entry.record.strip
+def _encode_entry(record: BeltRecord) -> dict[str, Any]:
+    strip = record.strip
     values: dict[str, Any] = {name: getattr(record, name) for name in _OWN}
-    values["parts"] = astuple(entry.parts)
     if strip is not None:
         values["strip"] = [getattr(strip, name) for name in _STRIP]
+        values["parts"] = astuple(strip.sigma_parts)
     if record.section is not None:
         values["section"] = [_encode_array(a) for a in (record.section.x_mm, record.section.height_mm)]
     return values
 
 
-def _decode_entry(values: dict[str, Any]) -> MeasuredEntry:
+def _decode_entry(values: dict[str, Any]) -> BeltRecord:
     strip, section = values.pop("strip", None), values.pop("section", None)
-    parts = SigmaParts(*values.pop("parts"))
+    parts = SigmaParts(*values.pop("parts", ()))
     begin_mm, end_mm = values.pop("belt_mm")
-    record = BeltRecord(
+    return BeltRecord(
         number=0,
         run=0,
         belt_mm=(begin_mm, end_mm),
         wall_ns=0,
-        strip=None if strip is None else _decode_strip(strip),
+        strip=None if strip is None else _decode_strip(strip, parts),
         run_sigma_mm3=math.nan,
         section=None if section is None else CrossSection(*map(_decode_array, section)),
         **values,
     )
-    return MeasuredEntry(record, parts)
 
 
-def _decode_strip(values: Sequence[Any]) -> FlowRecord:
+def _decode_strip(values: Sequence[Any], parts: SigmaParts) -> FlowRecord:
     named = dict(zip(_STRIP, values, strict=True))
     low, high = named.pop("strip_mm")
-    return FlowRecord(strip_mm=(low, high), **named)
+    return FlowRecord(strip_mm=(low, high), sigma_parts=parts, **named)
 
 
 def _encode_array(array: np.ndarray) -> str:

@@ -24,8 +24,8 @@ from beltscape.sinks.historian.historian import Historian
 
 _AT_ONCE = 2000
 """Records in one transaction: some MB."""
-_MOST_WARNINGS = 200
-"""Different warnings that are kept; a damaged disk can give one for every image."""
+_MOST_FINDINGS = 200
+"""Different findings that are kept; a damaged disk can give one for every image."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class JoinedLedger:
     lengths_mm: dict[str, float]
     """Length of belt by standing."""
     seams: Sequence[Seam]
-    warnings: list[str]
+    findings: list[str]
     """What the pieces' measurements found, with the recording, each once."""
     folder: Path
 
@@ -58,10 +58,10 @@ def join_pieces(
     part = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     joiner = LedgerJoiner(read_density(project), make_tag_finder(project))
-    warnings: dict[str, None] = {}
+    findings: dict[str, None] = {}
     with closing(Historian(part, project.settings.history)) as historian:
         joiner.run = historian.begin_run(describe_provenance(project))
-        records = _join(pieces, manifest, joiner, warnings, reporter)
+        records = _join(pieces, manifest, joiner, findings, reporter)
         while batch := list(islice(records, _AT_ONCE)):
             historian.write(batch)
         totals = historian.totals
@@ -71,14 +71,14 @@ def join_pieces(
     except OSError as error:
         raise output_error(folder, error) from error
     lengths = {name: getattr(totals, f"{name}_mm") for name in STANDINGS}
-    return JoinedLedger(asdict(totals), lengths, joiner.seams, list(warnings)[:_MOST_WARNINGS], folder)
+    return JoinedLedger(asdict(totals), lengths, joiner.seams, list(findings)[:_MOST_FINDINGS], folder)
 
 
 def _join(
     pieces: Sequence[Piece],
     manifest: Manifest,
     joiner: LedgerJoiner,
-    warnings: dict[str, None],
+    findings: dict[str, None],
     reporter: Reporter,
 ) -> Iterator[BeltRecord]:
     """Yield the records of all pieces in order."""
@@ -86,6 +86,6 @@ def _join(
     for done, (piece, measured) in enumerate(zip(pieces, results, strict=True), 1):
         result = None if measured is None else decode_result(measured.result)
         if result is not None:
-            warnings.update(dict.fromkeys(f"{piece.recording}: {text}" for text in result.warnings))
+            findings.update(dict.fromkeys(f"{piece.recording}: {text}" for text in result.warnings))
         yield from joiner.add(piece, None if result is None else result.entries)
         reporter.step("joining pieces", done, len(pieces))

@@ -6,11 +6,10 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from beltscape.core.belt.ledger_entries import BeltRecord, RecordTag
+from beltscape.core.belt.sigma_parts import SigmaParts
 from beltscape.measure.flow.records.density import Density
-from beltscape.measure.flow.records.totals import SigmaParts
 from beltscape.pipeline.live.measurement.ledger import add_tag
 from beltscape.reprocessing.pieces import Piece
-from beltscape.reprocessing.results import MeasuredEntry
 
 SEAM_MM = 2.0
 """Largest difference of two pieces about their seam that is not named: positions by the material scatter by less."""
@@ -48,18 +47,15 @@ class LedgerJoiner:
         self.seams: list[Seam] = []
         """Seams at which pieces disagree by more than `SEAM_MM`."""
 
-    def add(self, piece: Piece, entries: Iterable[MeasuredEntry] | None) -> Iterator[BeltRecord]:
+    def add(self, piece: Piece, entries: Iterable[BeltRecord] | None) -> Iterator[BeltRecord]:
         """Yield the records of the next piece; ``entries`` None: it could not be measured."""
         if entries is None:
             yield from self._add_missing(piece)
             return
-        base, is_first = self._parts, True
-        for entry in entries:
-            if is_first:
-                self._place(piece, entry.record.belt_mm[0])
-                is_first = False
-            self._parts = base + entry.parts
-            yield self._make_record(piece, entry.record)
+        for index, entry in enumerate(entries):
+            if not index:
+                self._place(piece, entry.belt_mm[0])
+            yield self._make_record(piece, entry)
 
     def _place(self, piece: Piece, begin_mm: float) -> None:
         """Set the offset with which a piece's positions continue the ledger."""
@@ -82,6 +78,7 @@ class LedgerJoiner:
         end = max(begin, entry.belt_mm[1] + self._offset_mm)
         strip = entry.strip
         if strip is not None:
+            self._parts += strip.sigma_parts
             self._wall_ns = (strip.time_ns or 0) + (piece.start_wall_ns or 0)
             density, sigma = self._density.at(strip.time_ns)
             strip = replace(strip, density_kg_m3=density, density_sigma_kg_m3=sigma)

@@ -9,22 +9,22 @@ from itertools import groupby
 
 import cv2
 
+from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter, Silent
 from beltscape.files.rasters.images import decode_image
 from beltscape.files.rig_json import read_rig
-from beltscape.measure.flow.records.totals import SigmaParts
 from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun, Outcome
+from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.measuring_parts import build_context
 from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.pipeline.measuring.flow import scale_rig_to_images
 from beltscape.reprocessing.parcel import Parcel, unpack_project
 from beltscape.reprocessing.pieces import Piece, PlacedFrame
 from beltscape.reprocessing.recordings.reading import FrameReader
-from beltscape.reprocessing.results import MeasuredEntry, PieceResult, PieceTimes
+from beltscape.reprocessing.results import PieceResult, PieceTimes
 
 _BEFORE, _AFTER = "before:", "after:"
 """Prefixes of the names of frames that are not a piece's own: two recordings may use the same names, and no file's
@@ -105,38 +105,27 @@ class _PieceReader:
             self.decode_s += reader.decode_s
 
 
-def _measure(run: MeasurementRun, frames: Iterator[FrameSet], reporter: Reporter) -> list[MeasuredEntry]:
+def _measure(run: MeasurementRun, frames: Iterator[FrameSet], reporter: Reporter) -> list[BeltRecord]:
     """Return the entries of all frames; a frame that fails restarts the measurement, as in the live system."""
-    entries: list[MeasuredEntry] = []
-
-    def add(outcome: Outcome) -> None:
-        parts = SigmaParts() if run.meter is None else run.meter.totals.sigma_parts
-        entries.extend(MeasuredEntry(record, parts) for record in outcome.entries)
-
+    entries: list[BeltRecord] = []
     for frame_set in frames:
         try:
-            add(run.push(frame_set))
+            entries += run.push(frame_set).entries
         except Exception as error:
             reporter.warn(
                 f"frame {frame_set.frame}: {type(error).__name__}: {error}; measuring restarts after it"
             )
             run.reset()
-    add(run.finish())
-    return entries
+    return entries + run.finish().entries
 
 
-def _select_own(entries: Sequence[MeasuredEntry]) -> Iterator[MeasuredEntry]:
-    """Yield the entries of the own frames, with the gaps before them; parts of σ count from the first of them on."""
-    before, gap = SigmaParts(), None
+def _select_own(entries: Sequence[BeltRecord]) -> Iterator[BeltRecord]:
+    """Yield the entries of the own frames, each with the gap before it."""
+    gap = None
     for entry in entries:
-        strip = entry.record.strip
-        if strip is None:  # a gap belongs to the record after it
+        if entry.strip is None:
             gap = entry
             continue
-        if strip.frame.startswith((_BEFORE, _AFTER)):
-            before, gap = entry.parts, None
-            continue
-        for own in (gap, entry):
-            if own is not None:
-                yield MeasuredEntry(own.record, own.parts - before)
+        if not entry.strip.frame.startswith((_BEFORE, _AFTER)):
+            yield from (gap, entry) if gap is not None else (entry,)
         gap = None

@@ -28,7 +28,7 @@ def render_report(document: Mapping[str, Any], ledger: JoinedLedger, measured: S
         sections.append(
             Section(
                 "What could not be measured",
-                "The belt of a piece that could not be measured is in the ledger as missing; the next run tries it again.",
+                "The belt of a piece that was not measured is in the ledger as missing; the next run tries it again.",
                 [_table(["recording", "why"], problems)],
             )
         )
@@ -39,8 +39,8 @@ def render_report(document: Mapping[str, Any], ledger: JoinedLedger, measured: S
             [Tiles(_work_tiles(document["work"])), make_timeline(measured)],
         )
     )
-    if ledger.warnings:
-        rows = [("", text) for text in ledger.warnings]
+    if ledger.findings:
+        rows = [("", text) for text in ledger.findings]
         sections.append(Section("What the checks found", "", [_table(["", "finding"], rows)]))
     return render("Recordings measured again", summarise(document), sections)
 

@@ -5,16 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from beltscape.core.belt.ledger_entries import BeltRecord
-from beltscape.measure.flow.records.totals import SigmaParts
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredEntry:
-    """An entry of a piece's own ledger."""
-
-    record: BeltRecord
-    parts: SigmaParts
-    """The parts of σ of the piece's own volume up to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +27,7 @@ class PieceTimes:
 class PieceResult:
     """The measurement of a piece."""
 
-    entries: tuple[MeasuredEntry, ...]
+    entries: tuple[BeltRecord, ...]
     """Those of the own frames, without densities; belt positions are the encoder's, or begin anywhere without one."""
     warnings: tuple[str, ...]
     """What was found about images, cameras and encoder, each once."""

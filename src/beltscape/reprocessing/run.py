@@ -193,7 +193,7 @@ def _describe(
         "totals": ledger.totals,
         "standings": ledger.lengths_mm,
         "seams": [{"recording": one.recording, "difference_mm": one.difference_mm} for one in ledger.seams],
-        "warnings": ledger.warnings,
+        "findings": ledger.findings,
         "work": throughput.describe(),
         "history": HISTORY,
         "report": REPORT,

@@ -30,14 +30,13 @@ def _plot(measured: Sequence[Measured], workers: Sequence[str], form: Form) -> F
     figure, (axes,) = make_panels(1, form, height=60.0 + 16.0 * max(len(workers), 2))
     rows = {worker: row for row, worker in enumerate(workers)}
     starts = _cut_pauses(measured)
-    for one, start_s in zip(measured, starts, strict=True):
-        if one.worker in rows:
-            axes.broken_barh(
-                [(start_s, one.seconds)],
-                (rows[one.worker] - 0.4, 0.8),
-                color=light("measured"),
-                edgecolor="white",
-            )
+    bars = [
+        (rows[one.worker], start_s, one.seconds)
+        for one, start_s in zip(measured, starts, strict=True)
+        if one.worker in rows
+    ]
+    at, begins, lengths = zip(*bars, strict=True) if bars else ((), (), ())
+    axes.barh(at, lengths, left=begins, height=0.8, color=light("measured"), edgecolor="white")
     axes.set_yticks(range(len(workers)), [str(row + 1) for row in rows.values()])
     axes.set_ylim(len(workers) - 0.5, -0.5)
     axes.set_xlabel("time, s")

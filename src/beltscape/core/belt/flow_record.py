@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
+from beltscape.core.belt.sigma_parts import SigmaParts
+
 Quality = Literal["measured", "degraded", "bridged", "missing"]
 """Quality of a strip:
 
@@ -15,6 +17,7 @@ degraded   much of it was hidden, a camera was missing or contradicts the rig, o
 bridged    part of it passed between frames and was interpolated between its neighbours
 missing    not measured: it is not in the total, or it is counted with the next frame's strip
 """
+_NO_PARTS = SigmaParts()
 QUALITIES: tuple[Quality, ...] = ("measured", "degraded", "bridged", "missing")
 """All qualities, from good to bad."""
 
@@ -59,6 +62,8 @@ class FlowRecord:
     """The part of ``sigma_mm3`` that other strips share; it does not average out. NaN: not known, up to all."""
     density_sigma_kg_m3: float = math.nan
     """One standard deviation of the density, common to all strips of a product; NaN: not known."""
+    sigma_parts: SigmaParts = _NO_PARTS
+    """What the strip adds to the parts of σ of a total; histories do not keep it."""
 
     def __repr__(self) -> str:
         length = (self.strip_mm[1] - self.strip_mm[0]) / 1000

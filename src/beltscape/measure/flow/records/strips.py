@@ -122,7 +122,7 @@ class Strips:
             combine_relative_sigma(strip.findings.values()),
         )
         density = self._density.at(strip.time_ns)
-        self._sums.add((strip.start_mm, strip.end_mm), stretch, moved, fault, density)
+        parts = self._sums.add((strip.start_mm, strip.end_mm), stretch, moved, fault, density)
         return FlowRecord(
             frame=strip.frame,
             time_ns=strip.time_ns,
@@ -139,6 +139,7 @@ class Strips:
             reason=_summarise(strip, quality),
             common_sigma_mm3=0.0 if quality == "missing" else self._sums.compute_common_sigma(stretch, fault),
             density_sigma_kg_m3=density[1],
+            sigma_parts=parts,
         )
 
 

@@ -2,42 +2,14 @@
 
 from __future__ import annotations
 
-import operator
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
+from beltscape.core.belt.sigma_parts import SigmaParts
 from beltscape.measure.flow.records.profile import Stretch
 
 Strip = tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class SigmaParts:
-    """The parts of σ of a volume, which add up over strips; the sums give the σ of their total."""
-
-    apart_mm6: float = 0.0
-    """Variance of errors that are independent from strip to strip."""
-    edges_mm3: float = 0.0
-    """σ of the common displacement of all edges."""
-    holes_mm3: float = 0.0
-    """σ of the common error of all filled holes."""
-    drift_mm3: float = 0.0
-    """σ of slow errors of depth, common to the whole belt."""
-    faults_mm3: float = 0.0
-    """σ of the faults that were found, common to all strips."""
-
-    def __add__(self, other: SigmaParts) -> SigmaParts:
-        return SigmaParts(*map(operator.add, astuple(self), astuple(other)))
-
-    def __sub__(self, other: SigmaParts) -> SigmaParts:
-        return SigmaParts(*map(operator.sub, astuple(self), astuple(other)))
-
-    @property
-    def sigma_mm3(self) -> float:
-        """Return one standard deviation of the total."""
-        common = self.drift_mm3**2 + self.faults_mm3**2
-        return float((self.apart_mm6 + self.edges_mm3**2 + self.holes_mm3**2 + common) ** 0.5)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +37,6 @@ class FlowTotals:
     """The first frame's strip: all that was in view."""
     last_strip_mm: Strip | None = None
     """The last strip with a length."""
-    sigma_parts: SigmaParts = SigmaParts()
-    """The parts of ``sigma_mm3``."""
 
 
 class Sums:
@@ -76,8 +46,8 @@ class Sums:
         """``drift_mm`` are slow errors of depth, common to the whole belt of this width."""
         self._drift_mm2 = drift_mm * width_mm  # cross-section of slow depth errors over the belt's width
         self._width_mm = width_mm
-        self._volume = self._apart = self._edges = self._holes = self._faults = 0.0
-        self._mass = self._mass_common = 0.0
+        self._parts = SigmaParts()
+        self._volume = self._mass = self._mass_common = 0.0
         self._length = self._seen = self._bridged = self._unseen = 0.0
         self._measured = self._single = 0.0
         self._first: Strip | None = None
@@ -103,14 +73,16 @@ class Sums:
 
     def add(
         self, strip: Strip, stretch: Stretch, moved_mm3: float, fault_mm3: float, density: tuple[float, float]
-    ) -> None:
-        """Add a strip with the parts of its σ due to position and faults; density and its σ in kg/m³."""
+    ) -> SigmaParts:
+        """Add a strip with the parts of its σ due to position and faults; density and its σ in kg/m³.
+
+        Return what it adds to the parts of σ.
+        """
         counted = stretch.seen_mm + stretch.bridged_mm
         self._volume += stretch.volume_mm3
-        self._apart += stretch.apart_mm6 + moved_mm3**2
-        self._faults += fault_mm3
-        self._edges += stretch.edges_mm3
-        self._holes += stretch.holes_mm3
+        apart_mm6, drift_mm3 = stretch.apart_mm6 + moved_mm3**2, self._drift_mm2 * counted
+        parts = SigmaParts(apart_mm6, stretch.edges_mm3, stretch.holes_mm3, drift_mm3, fault_mm3)
+        self._parts += parts
         self._mass += stretch.volume_mm3 * density[0] * 1e-9
         self._mass_common += stretch.volume_mm3 * density[1] * 1e-9
         self._length += counted
@@ -122,13 +94,12 @@ class Sums:
         if stretch.length_mm > 0:
             self._first = self._first or strip
             self._last = strip
+        return parts
 
     @property
     def totals(self) -> FlowTotals:
         """Return the totals so far."""
-        drift = self._drift_mm2 * self._length
-        parts = SigmaParts(self._apart, self._edges, self._holes, drift, self._faults)
-        sigma = parts.sigma_mm3
+        sigma = self._parts.sigma_mm3
         relative = sigma / self._volume if self._volume else 0.0
         return FlowTotals(
             volume_mm3=self._volume,
@@ -143,5 +114,4 @@ class Sums:
             single_share=self._single / self._length if self._length else 0.0,
             first_strip_mm=self._first,
             last_strip_mm=self._last,
-            sigma_parts=parts,
         )

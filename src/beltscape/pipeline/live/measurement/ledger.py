@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, RecordTag, standing_from_quality
+from beltscape.core.belt.sigma_parts import SigmaParts
 
 _NO_TAG = RecordTag()
 _ROUNDING_MM = 1e-6
@@ -58,6 +59,8 @@ class Ledger:
         self.state = state
         self._cameras = tuple(cameras)
         self._pending: deque[_PendingFrame] = deque()
+        self._parts = SigmaParts()
+        """The parts of σ of the run's volume."""
         self._has_strip = False
         """Whether a strip of the present meter has been entered."""
         self._continues = False
@@ -66,6 +69,10 @@ class Ledger:
         """Encoder position less meter position, at the last frame that had both."""
         self._follows_encoder = True
         """Whether the encoder was trusted at the last frame that had a reading."""
+
+    def begin_run(self, run: int) -> None:
+        """Count the next entries, and their σ, for another run."""
+        self.state.run, self._parts = run, SigmaParts()
 
     def begin_meter(self, encoder_mm: float | None) -> float | None:
         """Begin a new meter at an encoder reading; return the encoder position up to which the belt is counted.
@@ -117,7 +124,6 @@ class Ledger:
         self,
         records: Sequence[FlowRecord],
         sections: Mapping[str, CrossSection],
-        run_sigma_mm3: float,
         wall_ns: int,
     ) -> list[BeltRecord]:
         """Return the entries of finished records; belt that passed unmeasured before them is a separate entry."""
@@ -127,13 +133,14 @@ class Ledger:
             start, end = self._strip_interval(record, pending)
             if self.state.end_mm is not None and start - self.state.end_mm > _ROUNDING_MM:
                 reason = "nothing measured while it passed"
-                gap = self._entry(start, None, reason, run_sigma_mm3, wall_ns, 0, None)
+                gap = self._entry(start, None, reason, wall_ns, 0, None)
                 out.append(add_tag(gap, pending.tag))
             if self.state.end_mm is None:
                 self.state.end_mm = start
             reason = _reason(record, pending)
+            self._parts += record.sigma_parts
             section = sections.get(record.frame)
-            entry = self._entry(end, record, reason, run_sigma_mm3, wall_ns, pending.present, section)
+            entry = self._entry(end, record, reason, wall_ns, pending.present, section)
             out.append(add_tag(entry, pending.tag))
         return out
 
@@ -165,7 +172,6 @@ class Ledger:
         end_mm: float,
         strip: FlowRecord | None,
         reason: str,
-        run_sigma_mm3: float,
         wall_ns: int,
         cameras: int,
         section: CrossSection | None,
@@ -181,7 +187,7 @@ class Ledger:
             reason=reason,
             wall_ns=wall_ns,
             strip=strip,
-            run_sigma_mm3=run_sigma_mm3,
+            run_sigma_mm3=self._parts.sigma_mm3,
             cameras=cameras,
             section=section,
             offset_mm=state.offset_mm,

@@ -90,8 +90,6 @@ class MeasurementRun:
         self._chain: FlowChain | None = None
         self._has_encoder = False
         """Whether a frame set of the present meter had an encoder reading."""
-        self._finished_sigma_mm3 = 0.0
-        """σ of the finished meters of this run."""
         self._needs_new_meter = False
         self._next: tuple[MeasurementContext, int] | None = None
         """The context to measure in from the next frame set on, and the run of its records."""
@@ -129,7 +127,6 @@ class MeasurementRun:
             self._needs_new_meter = True
         if self._needs_new_meter:
             entries += self._finish_meter(frames, self._chain, self.context.empty_belt)
-            self._finished_sigma_mm3 += self._chain.meter.totals.sigma_mm3
             self._chain = self._continue_meter(frames, self._chain.meter)
         self._has_encoder |= frames.position_mm is not None
         whole = set(self._cameras) <= set(frames.images)
@@ -157,8 +154,6 @@ class MeasurementRun:
 
     def reset(self) -> None:
         """Restart after a failure with the next frame set; belt whose record was not finished becomes missing."""
-        if self._chain is not None:
-            self._finished_sigma_mm3 += self._chain.meter.totals.sigma_mm3
         self._chain, self._has_encoder, self._stretches = None, False, []
         self._ledger.discard_pending()
 
@@ -170,8 +165,9 @@ class MeasurementRun:
         if chain is not None:
             entries = self._finish_meter(frames, chain, self._next[0].empty_belt)
             self._chain = None
-        (self.context, self._ledger.state.run), self._next = self._next, None
-        self._finished_sigma_mm3, self.first_number = 0.0, self._ledger.state.number
+        self.context, run = self._next
+        self._ledger.begin_run(run)
+        self._next, self.first_number = None, self._ledger.state.number
         if chain is not None:
             self._chain = self._continue_meter(frames, chain.meter)
             self._has_encoder = frames.position_mm is not None
@@ -245,8 +241,7 @@ class MeasurementRun:
             section = self._sections.mean_section(record.strip_mm)
             if section is not None:
                 sections[record.frame] = section
-        sigma = self._finished_sigma_mm3 + self._chain.meter.totals.sigma_mm3
-        return self._ledger.make_entries(records, sections, sigma, self._wall_ns())
+        return self._ledger.make_entries(records, sections, self._wall_ns())
 
     def _resize(self, frames: FrameSet) -> FrameSet:
         """Return the frame set with its images at the size that is matched."""

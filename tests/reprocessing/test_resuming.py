@@ -1,0 +1,136 @@
+"""What a re-processing does again and what it keeps: changes of settings and recordings, failures, invalid input.
+
+The measurement itself is replaced by one that takes no time.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from beltscape.reprocessing import run as module
+from beltscape.reprocessing.results import PieceResult, PieceTimes
+from tests.reprocessing.test_joining import measure
+from tests.reprocessing.test_run import read_records
+
+
+@pytest.fixture(autouse=True)
+def measured(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[int]]:
+    """Give the entries of a belt with a steady load; return the numbers of the pieces that were measured."""
+    numbers: list[int] = []
+
+    def measure_piece(parcel: object, piece: module.Piece) -> PieceResult:
+        del parcel
+        numbers.append(piece.number)
+        return PieceResult(tuple(measure(piece)), (), PieceTimes(0.1, 0.1, 0.1, 1.0, 10, len(piece.frames)))
+
+    monkeypatch.setattr(module, "measure_piece", measure_piece)
+    yield numbers
+
+
+def test_a_second_run_does_nothing_and_a_density_measures_nothing(
+    reprocess, recorded_plant, tmp_path
+) -> None:
+    first = reprocess()
+    files = {path: path.read_bytes() for path in (tmp_path / "store").glob("*.json")}
+    again = reprocess()
+    assert (again["changed"], again["measured_now"]) == (False, 0)
+    assert again["totals"] == first["totals"]
+    assert {path: path.read_bytes() for path in files if path.name == "reprocessing.json"} == {
+        path: data for path, data in files.items() if path.name == "reprocessing.json"
+    }
+    lighter = _write_project(recorded_plant, tmp_path, "kg_m3 = 1500", "kg_m3 = 750")
+    changed = reprocess(project=lighter)
+    assert (changed["changed"], changed["measured_now"]) == (True, 0)
+    assert changed["totals"]["volume_mm3"] == first["totals"]["volume_mm3"]
+    assert changed["totals"]["mass_kg"] == pytest.approx(first["totals"]["mass_kg"] / 2, rel=1e-12)
+
+
+def _write_project(plant: Path, folder: Path, old: str, new: str) -> Path:
+    for name in ("rig.json", "empty"):
+        (folder / name).symlink_to(plant / name)
+    path = folder / "project.toml"
+    path.write_text((plant / "project.toml").read_text().replace(old, new))
+    return path
+
+
+def test_other_settings_of_measuring_need_a_store_of_their_own(
+    reprocess, run, recorded_plant, tmp_path
+) -> None:
+    reprocess("moving")
+    other = _write_project(recorded_plant, tmp_path, "[density]", "[flow]\ncell_mm = 9\n[density]")
+    code, out, err = run(
+        "reprocess", recorded_plant / "moving", "--project", other, "--out", tmp_path / "store"
+    )  # fmt: skip
+    assert (code, out) == (2, "")
+    assert "give another folder with --out" in err[-1]
+
+
+def test_a_recording_that_comes_later_measures_only_what_it_touches(
+    reprocess, recorded_plant, tmp_path
+) -> None:
+    source = tmp_path / "source"
+    shutil.copytree(recorded_plant / "recordings", source)
+    last = max((source / "all").iterdir())
+    shutil.move(last, tmp_path / last.name)
+    assert reprocess(source)["pieces"] == 2
+    shutil.move(tmp_path / last.name, last)
+    grown = reprocess(source)
+    assert grown["pieces"] == 3
+    assert grown["measured_now"] >= 1  # the new one, and those whose lead-out reaches into it
+    reprocess(source, store="fresh")
+    assert read_records(tmp_path / "store" / "history") == read_records(tmp_path / "fresh" / "history")
+
+
+def test_a_piece_that_cannot_be_measured_is_missing_belt_and_tried_again(
+    reprocess, recorded_plant, tmp_path, monkeypatch
+) -> None:
+    measure_piece = module.measure_piece
+
+    def fail_once(parcel, piece):
+        if piece.number == 1:
+            raise MemoryError("no memory")
+        return measure_piece(parcel, piece)
+
+    monkeypatch.setattr(module, "measure_piece", fail_once)
+    answer = reprocess()
+    assert answer["failed"] == [
+        {"piece": f"all/{piece_name(recorded_plant)} frames 005 to 009", "reason": "MemoryError: no memory"}
+    ]
+    assert answer["standings"]["missing"] == pytest.approx(5 * 50.0)
+    monkeypatch.setattr(module, "measure_piece", measure_piece)
+    again = reprocess()
+    assert (again["measured_now"], again["failed"], again["standings"]["missing"]) == (1, [], 0.0)
+
+
+def piece_name(plant: Path) -> str:
+    """Return the name of the second recording."""
+    return sorted((plant / "recordings" / "all").iterdir())[1].name
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--workers", 0), "--workers 0"),
+        (("--piece-frames", 3), "--piece-frames 3"),
+    ],
+)
+def test_invalid_options_are_refused_in_one_line(run, recorded_plant, tmp_path, options, message) -> None:
+    code, out, err = run(
+        "reprocess", recorded_plant / "moving", "--project", recorded_plant / "project.toml", "--out",
+        tmp_path / "store", *options,
+    )  # fmt: skip
+    assert (code, out) == (2, "")
+    assert message in err[-1]
+
+
+def test_a_source_without_recordings_is_refused(run, recorded_plant, tmp_path) -> None:
+    (tmp_path / "nothing").mkdir()
+    code, _, err = run(
+        "reprocess", tmp_path / "nothing", "--project", recorded_plant / "project.toml", "--out", tmp_path / "store"
+    )  # fmt: skip
+    assert code == 2
+    assert "nothing" in err[-1]

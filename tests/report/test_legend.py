@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,6 +19,7 @@ from beltscape.report.drawing.legend import (
     Scale,
     Swatches,
     draw_scale_with_key,
+    draw_text,
     round_above,
     round_below,
 )
@@ -90,3 +93,16 @@ def test_a_key_shows_its_colours_beside_the_scale():
         assert ((row == color).all(axis=1)).sum() >= 16
     np.testing.assert_array_equal(row[-2:], [PAPER] * 2)  # nothing is cut off
     np.testing.assert_array_equal(row[0], DIFFERENCE[0])
+
+
+def test_texts_of_two_threads_do_not_take_each_others_size():
+    def draw(size):
+        images = set()
+        for _ in range(300):
+            image = np.full((60, 300, 3), PAPER, np.uint8)
+            draw_text(image, "depth, mm", (5, 45), size)
+            images.add(image.tobytes())
+        return len(images)
+
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(draw, (13, 40))) == [1, 1]

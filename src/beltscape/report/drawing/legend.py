@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from threading import Lock
 from typing import Any
 
 import cv2
@@ -60,6 +61,10 @@ UNCERTAINTY = _opencv_colormap(cv2.COLORMAP_VIRIDIS)
 CERTAINTY = np.ascontiguousarray(UNCERTAINTY[::-1])
 """(256, 3) for confidence, views and coverage, from low (bright, uncertain) to high (dark, certain)."""
 DARK_IS_CERTAIN = "dark: sure, bright: unsure"
+
+
+_drawing = Lock()
+"""OpenCV's typeface keeps its size between calls: two threads at a time would draw with each other's."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,12 +175,14 @@ def round_below(value: float) -> float:
 
 def draw_text(image: Rgb, text: str, left_base: tuple[int, int], size: int, color: Color = INK) -> None:
     """Draw text into an image; the position is the left end of its base line, px."""
-    cv2.putText(image, text, left_base, color, _font(), size, 400)
+    with _drawing:
+        cv2.putText(image, text, left_base, color, _font(), size, 400)
 
 
 def measure_text(text: str, size: int) -> int:
     """Return the width of a text, px."""
-    return int(cv2.getTextSize((0, 0), text, (0, 0), _font(), size, 400)[2])
+    with _drawing:
+        return int(cv2.getTextSize((0, 0), text, (0, 0), _font(), size, 400)[2])
 
 
 def _paper(width_px: int) -> Rgb:

@@ -11,7 +11,15 @@ from pathlib import Path
 import pytest
 
 import beltscape
-from beltscape.core.system_calls import lock_file, lock_folder, reserve_space, sync_folder
+from beltscape.core.errors import SettingsError
+from beltscape.core.system_calls import (
+    CORES,
+    count_usable_cores,
+    lock_file,
+    lock_folder,
+    reserve_space,
+    sync_folder,
+)
 from tests.synthetic.demo import DEMO
 
 POSIX_MODULES = ("fcntl", "termios", "tty", "pty", "resource", "pwd", "grp", "posix")
@@ -152,3 +160,15 @@ def test_no_other_module_calls_what_windows_lacks():
     }
     found = {str(path.relative_to(source)): find_posix_names(path) for path in source.rglob("*.py")}
     assert {name: names for name, names in found.items() if names} == allowed
+
+
+def test_a_process_uses_no_more_cores_than_it_was_given(monkeypatch):
+    monkeypatch.delenv(CORES, raising=False)
+    cores = count_usable_cores()
+    for given, expected in (("1", 1), ("1000", cores), ("", cores)):
+        monkeypatch.setenv(CORES, given)
+        assert count_usable_cores() == expected
+    for wrong in ("0", "-1", "two", "1.5", "²"):
+        monkeypatch.setenv(CORES, wrong)
+        with pytest.raises(SettingsError, match=f"BELTSCAPE_CORES={wrong}: must be"):
+            count_usable_cores()

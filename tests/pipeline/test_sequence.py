@@ -75,10 +75,11 @@ def run(frames, at_a_time):
         RIG, RIG.auxiliaries, (570.0, 750.0), lambda names: CountingMatcher(names, counts)
     )
     monitor, reporter = ImageMonitor(RIG, HealthSettings(learning=False)), Silent()
-    done = [
-        (f.frame_set.frame, f.checked.depth.sigma_mm.tobytes(), f.checked.auxiliaries, f.checked.faults)
-        for f in reconstruct(frames, matcher, monitor, reporter, at_a_time)
-    ]
+    with ahead.open_threads(at_a_time) as pool:
+        done = [
+            (f.frame_set.frame, f.checked.depth.sigma_mm.tobytes(), f.checked.auxiliaries, f.checked.faults)
+            for f in reconstruct(frames, matcher, monitor, reporter, pool, at_a_time)
+        ]
     return done, reporter.warnings, max(counts)
 
 
@@ -110,9 +111,10 @@ def test_frames_that_are_no_longer_wanted_are_not_matched(frames):
     matcher = CheckedMatcher(
         RIG, RIG.auxiliaries, (570.0, 750.0), lambda names: CountingMatcher(names, counts)
     )
-    waiting = ahead.match_ahead(frames, matcher, 2)
-    next(waiting)
-    waiting.close()
+    with ahead.open_threads(2) as pool:
+        waiting = ahead.match_ahead(frames, matcher, pool, 2)
+        next(waiting)
+        waiting.close()
     assert len(counts) <= 3
 
 

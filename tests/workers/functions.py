@@ -5,7 +5,10 @@ from __future__ import annotations
 import os
 import signal
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from beltscape.core.errors import InputError
 
@@ -19,7 +22,7 @@ def multiply(factor: int, number: int) -> int:
     return factor * number
 
 
-def die_at_first(folder: str, number: int) -> int:
+def die_at_first(folder: str, number: int | str) -> int | str:
     """Kill the own process the first time that a task is run."""
     mark = Path(folder) / str(number)
     if not mark.exists():
@@ -32,3 +35,16 @@ def sleep(seconds: float, number: int) -> tuple[int, int]:
     """Take a while; return the process."""
     time.sleep(seconds)
     return number, os.getpid()
+
+
+@dataclass(frozen=True)
+class KillOnce:
+    """A function of frames that kills its process the first time that it is given a frame."""
+
+    function: Callable[[Any, Any], Any]
+    folder: str
+
+    def __call__(self, shared: Any, task: Any) -> Any:
+        """Return what the function returns."""
+        die_at_first(self.folder, task.frame_set.frame)
+        return self.function(shared, task)

@@ -9,6 +9,7 @@ import pytest
 
 from beltscape.core.errors import SettingsError
 from beltscape.workers.tasks import WorkerOptions, run_tasks
+from tests.workers.cluster import start_cluster
 from tests.workers.functions import die_at_first, multiply, sleep
 
 HERE, TWO = WorkerOptions(), WorkerOptions(workers=2)
@@ -17,12 +18,7 @@ HERE, TWO = WorkerOptions(), WorkerOptions(workers=2)
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[None]:
     """A local cluster that all tests of the file share."""
-    ray = pytest.importorskip(
-        "ray", reason="Ray is not installed; pip install 'beltscape[cluster]' brings it"
-    )
-    ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
-    yield
-    ray.shutdown()
+    yield from start_cluster()
 
 
 def test_tasks_here_run_in_order_and_a_failure_is_one_tasks_own() -> None:

@@ -9,7 +9,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import add_output_folder, require_positive_range
+from beltscape.cli.arguments import add_output_folder, add_workers, require_positive_range
 from beltscape.core.progress import Reporter
 
 
@@ -34,13 +34,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--cloud", choices=("las", "laz"), action="append", default=[],
         help="also write each cloud as LAS or LAZ, in m; can be given twice (pip install beltscape[export])",
     )  # fmt: skip
+    add_workers(parser)
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Reconstruct every frame and write its folder."""
     from beltscape.files.rig_json import read_rig
     from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
+    from beltscape.workers.tasks import WorkerOptions
 
+    workers = WorkerOptions(arguments.workers, arguments.address)
     if arguments.cloud:
         import_module("laspy")  # a missing package is reported before anything is computed
 
@@ -54,6 +57,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         preset=arguments.preset,
         depth_range_mm=require_positive_range("--depth-range", arguments.depth_range),
         clouds=arguments.cloud,
+        workers=workers,
     )
     return {
         "method": arguments.method,

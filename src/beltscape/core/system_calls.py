@@ -13,6 +13,11 @@ from hashlib import sha256
 from pathlib import Path
 from typing import IO, TextIO
 
+from beltscape.core.errors import SettingsError
+
+CORES = "BELTSCAPE_CORES"
+"""Variable of the environment: the most processor cores that one process may use."""
+
 if sys.platform == "win32":
     import msvcrt
 
@@ -72,10 +77,25 @@ else:
 
 
 def count_usable_cores() -> int:
-    """Return the number of processor cores that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1  # Windows and macOS do not pin processes to cores by default
+    """Return the number of processor cores that this process may use, at most BELTSCAPE_CORES of the environment.
+
+    Raises
+    ------
+    SettingsError
+        When BELTSCAPE_CORES is not a positive whole number.
+    """
+    # Windows and macOS do not pin processes to cores by default
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    most = os.environ.get(CORES)
+    return min(cores, _parse_cores(most)) if most else cores
+
+
+def _parse_cores(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and int(text) > 0):
+        raise SettingsError(
+            f"{CORES}={text}: must be a whole number of at least 1; set it in the environment"
+        )
+    return int(text)
 
 
 def sync_files() -> None:

@@ -78,6 +78,11 @@ class FolderSource:
         images = {name: self._image(name, frame) for name in self.cameras}
         return {name: image for name, image in images.items() if image is not None}
 
+    def files(self, frame: str) -> dict[str, Path]:
+        """Return the files of one frame's images by camera, whether they can be used or not."""
+        found = {name: self._capture.files[name].get(frame) for name in self.cameras}
+        return {name: path for name, path in found.items() if path is not None}
+
     def exposures_us(self, frame: str) -> Mapping[str, float]:
         """Return by camera the exposure times of one frame, µs; empty where the capture does not state them."""
         return self._exposures_us.get(frame, {})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
@@ -9,8 +10,11 @@ from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
+import cv2
+
 from beltscape import __version__
 from beltscape.core.errors import SettingsError
+from beltscape.core.system_calls import CORES
 from beltscape.workers.call import call
 from beltscape.workers.tasks import Completed, WorkerOptions
 
@@ -32,49 +36,94 @@ def run_on_ray(
     describe: Callable[[Any], str],
 ) -> Generator[Completed[Any]]:
     """Yield the ends of the tasks in the order in which they come; see `tasks.run_tasks`."""
+    with open_ray_pool(function, shared, options) as pool:
+        waiting = deque(tasks)
+        while waiting or pool.running:
+            while waiting and len(pool.running) < _AHEAD * pool.workers:
+                task = waiting.popleft()
+                pool.submit(task, describe(task))
+            yield from pool.wait(_POLL_S)
+
+
+@contextmanager
+def open_ray_pool(
+    function: Callable[[Any, Any], Any], shared: Any, options: WorkerOptions
+) -> Generator[RayPool]:
+    """Yield a pool of a cluster's workers; see `tasks.open_pool`."""
     with _connect(options) as ray:
-        remote = ray.remote(num_cpus=1, max_retries=_RETRIES, retry_exceptions=False)(_call_on_worker)
-        everywhere, waiting = ray.put((__version__, function, shared)), deque(enumerate(tasks))
-        running: dict[Any, int] = {}
+        pool = RayPool(ray, function, shared, options)
         try:
-            while waiting or running:
-                while waiting and len(running) < _AHEAD * _count_workers(ray, options):
-                    number, task = waiting.popleft()
-                    running[remote.options(name=describe(task)).remote(everywhere, number, task)] = number
-                for reference in ray.wait(list(running), num_returns=1, timeout=_POLL_S)[0]:
-                    yield _get_end(ray, reference, running.pop(reference))
+            yield pool
         finally:
-            for reference in running:
+            for reference in pool.running:
                 ray.cancel(reference, force=True)
 
 
+class RayPool:
+    """Runs the tasks of one function on the workers of a cluster."""
+
+    def __init__(
+        self, ray: Any, function: Callable[[Any, Any], Any], shared: Any, options: WorkerOptions
+    ) -> None:
+        self._ray, self._options, self._count = ray, options, 0
+        self._remote = ray.remote(num_cpus=1, max_retries=_RETRIES, retry_exceptions=False)(_call_on_worker)
+        self._everywhere = ray.put((__version__, function, shared))
+        self.running: dict[Any, int] = {}
+        """Reference → number of every task whose end was not taken yet."""
+
+    @property
+    def workers(self) -> int:
+        """Return the present number of workers; nodes come and go."""
+        cores, most = int(self._ray.cluster_resources().get("CPU", 1)), self._options.workers
+        return max(1, cores if most is None else min(cores, most))
+
+    def submit(self, task: Any, name: str) -> _RayTask:
+        """Hand out a task; see `tasks.TaskPool`."""
+        reference = self._remote.options(name=name).remote(self._everywhere, self._count, task)
+        self.running[reference] = self._count
+        self._count += 1
+        return _RayTask(self, reference)
+
+    def wait(self, seconds: float) -> Generator[Completed[Any]]:
+        """Yield the end of a task that ends within a time; nothing if none does."""
+        for reference in self._ray.wait(list(self.running), num_returns=1, timeout=seconds)[0]:
+            yield self.take(reference)
+
+    def take(self, reference: Any) -> Completed[Any]:
+        """Wait for the end of a task that was run, or whose workers died."""
+        number = self.running.pop(reference)
+        try:
+            return self._ray.get(reference)
+        except (
+            self._ray.exceptions.RayTaskError
+        ) as error:  # the function's own failures are values: this is the call around it
+            raise SettingsError(str(error.cause).splitlines()[0]) from error
+        except self._ray.exceptions.RayError as error:
+            kind = type(error).__name__
+            return Completed(number, None, f"its worker died {_RETRIES + 1} times ({kind})", "", 0.0, 0.0)
+
+
+class _RayTask:
+    """A task of a pool."""
+
+    def __init__(self, pool: RayPool, reference: Any) -> None:
+        self._pool, self._reference = pool, reference
+
+    def result(self) -> Completed[Any]:
+        """Return the task's end; see `tasks.PendingTask`."""
+        return self._pool.take(self._reference)
+
+
 def _call_on_worker(everywhere: tuple[str, Any, Any], number: int, task: Any) -> Completed[Any]:
-    """Run a task on a worker that has the driver's version of the program."""
+    """Run a task on a worker that has the driver's version of the program, on one core."""
     version, function, shared = everywhere
     if version != __version__:
         raise SettingsError(
             f"a worker has Beltscape {__version__}, this machine has {version}; install one version on all"
         )
+    os.environ[CORES] = "1"
+    cv2.setNumThreads(1)
     return call(function, shared, number, task)
-
-
-def _get_end(ray: Any, reference: Any, number: int) -> Completed[Any]:
-    """Return the end of a task that was run, or whose workers died."""
-    try:
-        return ray.get(reference)
-    except (
-        ray.exceptions.RayTaskError
-    ) as error:  # the function's own failures are values: this is the call around it
-        raise SettingsError(str(error.cause).splitlines()[0]) from error
-    except ray.exceptions.RayError as error:
-        kind = type(error).__name__
-        return Completed(number, None, f"its worker died {_RETRIES + 1} times ({kind})", "", 0.0, 0.0)
-
-
-def _count_workers(ray: Any, options: WorkerOptions) -> int:
-    """Return the present number of workers; nodes come and go."""
-    cores = int(ray.cluster_resources().get("CPU", 1))
-    return max(1, cores if options.workers is None else min(cores, options.workers))
 
 
 def _silence(ray: Any) -> None:

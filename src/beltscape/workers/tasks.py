@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from beltscape.core.errors import SettingsError
 
 Shared = TypeVar("Shared")
 Arguments = TypeVar("Arguments")
+Arguments_contra = TypeVar("Arguments_contra", contravariant=True)
 Value = TypeVar("Value")
 Value_co = TypeVar("Value_co", covariant=True)
 
@@ -34,6 +36,10 @@ class WorkerOptions:
     def is_here(self) -> bool:
         """Return whether the tasks run in this process, one after the other."""
         return self.address is None and self.workers in (None, 1)
+
+
+HERE = WorkerOptions()
+"""In this process."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,3 +85,41 @@ def run_tasks(
     from beltscape.workers.ray_cluster import run_on_ray
 
     return run_on_ray(function, shared, tasks, options, describe)
+
+
+class PendingTask(Protocol[Value_co]):
+    """A task that was handed out."""
+
+    def result(self) -> Completed[Value_co]:
+        """Wait for the task's end and return it."""
+        ...
+
+
+class TaskPool(Protocol[Arguments_contra, Value_co]):
+    """Workers that take tasks of one function one by one; their number is the caller's to bound."""
+
+    @property
+    def workers(self) -> int:
+        """Return the present number of workers."""
+        ...
+
+    def submit(self, task: Arguments_contra, name: str) -> PendingTask[Value_co]:
+        """Hand out a task; ``name`` is the one under which a cluster's dashboard shows it."""
+        ...
+
+
+def open_pool(
+    function: Callable[[Shared, Arguments], Value], shared: Shared, options: WorkerOptions
+) -> AbstractContextManager[TaskPool[Arguments, Value]]:
+    """Return workers for tasks that become known one after the other; what runs at the end is cancelled.
+
+    Otherwise as `run_tasks`. For tasks in this process there is no pool.
+
+    Raises
+    ------
+    SettingsError
+        When Ray is not installed, or the cluster does not answer.
+    """
+    from beltscape.workers.ray_cluster import open_ray_pool
+
+    return open_ray_pool(function, shared, options)

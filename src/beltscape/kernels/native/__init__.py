@@ -12,6 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
+from beltscape.core.system_calls import count_usable_cores
 
 _ORDER = ("scalar", "base", "v2", "v3", "v4")
 
@@ -41,5 +42,5 @@ class NativeBackend:
         self, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
     ) -> Sequence[NDArray[Any]]:
         """See `beltscape.kernels.backend.Backend`."""
-        getattr(self._module, kernel)(given, out, threads)
+        getattr(self._module, kernel)(given, out, threads or count_usable_cores())
         return out

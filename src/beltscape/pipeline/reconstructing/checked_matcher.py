@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from concurrent.futures import Executor, Future
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -14,10 +12,11 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.progress import Reporter, Silent
+from beltscape.core.progress import Reporter
 from beltscape.pipeline.reconstructing.camera_check import CameraCheck
 from beltscape.pipeline.reconstructing.camera_findings import CameraFindings
 from beltscape.pipeline.reconstructing.check_schedule import CheckSchedule
+from beltscape.pipeline.reconstructing.match_pool import FrameMatcher, MatchPool, PendingMatch
 from beltscape.pipeline.reconstructing.rig_proposal import RigProposals
 from beltscape.pipeline.reconstructing.systematic_error import (
     add_systematic_error,
@@ -52,15 +51,6 @@ class CheckedDepth:
     """One line per camera fault, or the likely cause of low coverage."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PendingMatch:
-    """A frame that is being matched on another thread."""
-
-    auxiliaries: tuple[str, ...]
-    """The auxiliaries used for the depth."""
-    depth: Future[DepthMap]
-
-
 class CheckedMatcher:
     """Reconstructs frames and checks the cameras' consistency in some of them."""
 
@@ -69,7 +59,7 @@ class CheckedMatcher:
         rig: Rig,
         auxiliaries: tuple[str, ...],
         depth_range_mm: tuple[float, float],
-        make_matcher: Callable[[tuple[str, ...]], Any],
+        make_matcher: Callable[[tuple[str, ...]], FrameMatcher],
         *,
         every: int = 1,
         propose_rig: Callable[[Rig], None] | None = None,
@@ -85,7 +75,7 @@ class CheckedMatcher:
         """Whether the last checked frame was inconsistent with the rig."""
         self._auxiliaries, self._near_far = auxiliaries, depth_range_mm
         self._make_matcher = make_matcher
-        self._matchers: dict[tuple[str, ...], Any] = {}
+        self._matchers: dict[tuple[str, ...], FrameMatcher] = {}
         self._schedule = CheckSchedule(every)
         self._cameras = CameraCheck(rig, depth_range_mm)
         self._findings = CameraFindings(rig, auxiliaries)
@@ -109,17 +99,17 @@ class CheckedMatcher:
             self._reported = state
         return checked.depth
 
-    def submit(self, frame_set: FrameSet, pool: Executor) -> PendingMatch | None:
+    def submit(self, frame_set: FrameSet, pool: MatchPool) -> PendingMatch | None:
         """Begin to match a frame in ``pool`` with the auxiliaries used at present; None if that cannot be begun.
 
         `measure` uses the result unless cameras were excluded since; its results are the same without it.
         """
         try:
             names = self._select_auxiliaries(frame_set)
-            matcher = self._find_matcher(names, frame_set)
+            key = self._select_matcher(names, frame_set)
+            return PendingMatch(names, pool.submit(frame_set, key, lambda: self._get_matcher(key)))
         except ReconstructionError:  # `measure` raises it when it is this frame's turn
             return None
-        return PendingMatch(names, pool.submit(matcher.reconstruct, frame_set, Silent()))
 
     def measure(
         self, frame_set: FrameSet, reporter: Reporter, *, pending: PendingMatch | None = None
@@ -136,9 +126,10 @@ class CheckedMatcher:
         self._findings.set_unmatched()
         names = self._select_auxiliaries(frame_set)
         try:
+            depth = None
             if pending is not None and pending.auxiliaries == names:
                 depth = pending.depth.result()
-            else:
+            if depth is None:
                 depth = self._match(names, frame_set, reporter)
         except ReconstructionError:
             self._explain_failure(frame_set)
@@ -251,15 +242,18 @@ class CheckedMatcher:
         return tuple(n for n in usable if n not in self.excluded) or usable
 
     def _match(self, names: tuple[str, ...], frame_set: FrameSet, reporter: Reporter) -> DepthMap:
-        return self._find_matcher(names, frame_set).reconstruct(frame_set, reporter)
+        return self._get_matcher(self._select_matcher(names, frame_set)).reconstruct(frame_set, reporter)
 
-    def _find_matcher(self, names: tuple[str, ...], frame_set: FrameSet) -> Any:
-        """Return the matcher that matches a frame with these auxiliaries."""
+    def _select_matcher(self, names: tuple[str, ...], frame_set: FrameSet) -> tuple[str, ...]:
+        """Return the auxiliaries of the matcher that matches a frame with these auxiliaries."""
         key = tuple(n for n in self._auxiliaries if n not in self.excluded or n in names)
-        key = key if set(names) == set(key) & set(frame_set.images) else names
-        if key not in self._matchers:
-            self._matchers[key] = self._make_matcher(key)
-        return self._matchers[key]
+        return key if set(names) == set(key) & set(frame_set.images) else names
+
+    def _get_matcher(self, auxiliaries: tuple[str, ...]) -> FrameMatcher:
+        """Return the matcher of a set of auxiliaries."""
+        if auxiliaries not in self._matchers:
+            self._matchers[auxiliaries] = self._make_matcher(auxiliaries)
+        return self._matchers[auxiliaries]
 
     def _add_systematic(self, depth: DepthMap) -> DepthMap:
         if not self._systematic_px or not depth.measured.any():

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,15 +22,22 @@ from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.cloud_export import export_clouds
+from beltscape.pipeline.reconstructing.match_pool import MatchPool
+from beltscape.pipeline.reconstructing.matcher_factory import MatcherFactory
 from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
 from beltscape.pipeline.reconstructing.search_range import check_depth_range, find_capture_depth_range
 from beltscape.pipeline.reconstructing.sequence.frame_writer import Frame, FrameWriter
-from beltscape.pipeline.reconstructing.sequence.match_ahead import choose_threads, match_ahead
+from beltscape.pipeline.reconstructing.sequence.match_ahead import (
+    choose_threads,
+    match_ahead,
+    open_threads,
+)
+from beltscape.pipeline.reconstructing.sequence.match_on_workers import open_workers
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
-from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, find_horizontal_auxiliary
+from beltscape.stereo.pairwise.reconstructor import find_horizontal_auxiliary
 from beltscape.stereo.pairwise.settings import PairwiseSettings
+from beltscape.workers.tasks import HERE, WorkerOptions
 
 METHODS = ("multiview", "pairwise", "binocular")
 """Methods of `reconstruct`: all auxiliaries at once, or the paper's two methods."""
@@ -58,11 +66,13 @@ def reconstruct_capture(
     preset: str = "standard",
     depth_range_mm: tuple[float, float] | None = None,
     clouds: Sequence[str] = (),
+    workers: WorkerOptions = HERE,
 ) -> Reconstruction:
     """Reconstruct every frame of a capture into ``out``: rig.json, reconstruction.json and a folder per frame.
 
     The projected markers of the first frame that can be measured are drawn in regions.png. ``clouds`` names the
-    formats in which the clouds are written beside cloud.ply.
+    formats in which the clouds are written beside cloud.ply. Several ``workers`` match the frames; the checks of the
+    cameras and the files are this process's, and the same with any number of workers.
 
     Raises
     ------
@@ -83,11 +93,16 @@ def reconstruct_capture(
     check_depth_range(depth_range_mm, source, rig, reporter)
     near_far = depth_range_mm or find_capture_depth_range(source, rig, reporter)
     at_a_time, threads = choose_threads(len(source), rig.core_camera.size_px)
-    settings = _make_settings(method, preset, threads)
-    matcher = _make_matcher(settings, rig, near_far, auxiliaries, make_rig_writer(out, rig, reporter))
+    make_matcher = MatcherFactory(rig, near_far, _make_settings(method, preset, threads))
+    matcher = CheckedMatcher(
+        rig, auxiliaries, near_far, make_matcher, propose_rig=make_rig_writer(out, rig, reporter)
+    )
     monitor = ImageMonitor(rig, HealthSettings(learning=False))
-    with FrameWriter(out, rig, (rig.core, *auxiliaries)) as writer:
-        for done, frame in enumerate(reconstruct(source, matcher, monitor, reporter, at_a_time), start=1):
+    with (
+        _open_pool(source, make_matcher, workers, at_a_time, reporter) as (pool, ahead),
+        FrameWriter(out, rig, (rig.core, *auxiliaries)) as writer,
+    ):
+        for done, frame in enumerate(reconstruct(source, matcher, monitor, reporter, pool, ahead), start=1):
             writer.add(frame)
             reporter.step("reconstructing", done, len(source))
         regions = writer.finish()
@@ -147,19 +162,21 @@ def _make_settings(method: str, preset: str, threads: int) -> MultiviewSettings 
     return MultiviewSettings.preset(preset).model_copy(update={"threads": threads})
 
 
-def _make_matcher(
-    settings: MultiviewSettings | PairwiseSettings,
-    rig: Rig,
-    near_far: tuple[float, float],
-    auxiliaries: tuple[str, ...],
-    propose_rig: Callable[[Rig], None],
-) -> CheckedMatcher:
-    def make_matcher(names: tuple[str, ...]) -> PairwiseReconstructor | MultiviewReconstructor:
-        if isinstance(settings, PairwiseSettings):
-            return PairwiseReconstructor(rig, near_far, settings, auxiliaries=names)
-        return MultiviewReconstructor(rig, near_far, settings, auxiliaries=names)
-
-    return CheckedMatcher(rig, auxiliaries, near_far, make_matcher, propose_rig=propose_rig)
+@contextmanager
+def _open_pool(
+    source: FolderSource,
+    make_matcher: MatcherFactory,
+    options: WorkerOptions,
+    at_a_time: int,
+    reporter: Reporter,
+) -> Generator[tuple[MatchPool, int]]:
+    """Yield threads or workers that match frames, and the number of frames to hand out at a time."""
+    if options.is_here:
+        with open_threads(at_a_time) as threads:
+            yield threads, at_a_time
+        return
+    with open_workers(make_matcher, options, source.files, reporter) as workers:
+        yield workers, workers.count_frames_ahead(make_matcher.rig.core_camera.size_px, len(source.cameras))
 
 
 def check_images(monitor: ImageMonitor, frame_set: FrameSet, reporter: Reporter) -> tuple[Finding, ...]:
@@ -176,11 +193,12 @@ def reconstruct(
     matcher: CheckedMatcher,
     monitor: ImageMonitor,
     reporter: Reporter,
+    pool: MatchPool,
     at_a_time: int,
 ) -> Iterator[Frame]:
     """Yield every frame that can be measured; warn of the others, of faulty images and of inconsistent cameras.
 
-    The frames come in their order; ``at_a_time`` of them are matched at a time.
+    The frames come in their order; ``at_a_time`` of them are handed out to the pool at a time.
 
     Raises
     ------
@@ -188,7 +206,7 @@ def reconstruct(
         When not a single frame can be measured.
     """
     done, failure = 0, None
-    for frame_set, pending in match_ahead(source, matcher, at_a_time):
+    for frame_set, pending in match_ahead(source, matcher, pool, at_a_time):
         health = check_images(monitor, frame_set, reporter)
         try:
             checked = matcher.measure(frame_set, reporter, pending=pending)

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Generator, Iterable
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 
+from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
+from beltscape.core.progress import Silent
 from beltscape.core.system_calls import count_usable_cores
-from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher, PendingMatch
+from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
+from beltscape.pipeline.reconstructing.match_pool import FrameMatcher, MatchPool, PendingMatch
 
 _MOST_FRAMES = 2
 """Frames that are matched side by side. The steps between the kernels run on one thread, so one frame keeps two cores
@@ -26,24 +30,44 @@ def choose_threads(frames: int, size_px: tuple[int, int]) -> tuple[int, int]:
     return at_a_time, max(1, cores // at_a_time)
 
 
+class MatchThreads:
+    """Matches frames on threads of this process."""
+
+    def __init__(self, pool: ThreadPoolExecutor) -> None:
+        self._pool = pool
+
+    def submit(
+        self, frame_set: FrameSet, auxiliaries: tuple[str, ...], make_matcher: Callable[[], FrameMatcher]
+    ) -> Future[DepthMap]:
+        """Begin to match a frame; see `MatchPool`."""
+        del auxiliaries
+        return self._pool.submit(make_matcher().reconstruct, frame_set, Silent())
+
+
+@contextmanager
+def open_threads(at_a_time: int) -> Generator[MatchThreads]:
+    """Yield threads that match frames; what is not begun at the end is left out."""
+    pool = ThreadPoolExecutor(at_a_time)
+    try:
+        yield MatchThreads(pool)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
 def match_ahead(
-    frames: Iterable[FrameSet], matcher: CheckedMatcher, at_a_time: int
+    frames: Iterable[FrameSet], matcher: CheckedMatcher, pool: MatchPool, at_a_time: int
 ) -> Generator[tuple[FrameSet, PendingMatch | None]]:
     """Yield the frames in order, each with its match, which was begun while the frames before it were measured.
 
-    At most ``at_a_time`` frames are matched at a time, and one more is read; a single one is left to the caller.
+    At most ``at_a_time`` frames are handed out at a time, and one more is read; a single one is left to the caller.
     """
     if at_a_time < 2:
         yield from ((frame_set, None) for frame_set in frames)
         return
-    pool = ThreadPoolExecutor(at_a_time)
     waiting: deque[tuple[FrameSet, PendingMatch | None]] = deque()
-    try:
-        for frame_set in frames:
-            waiting.append((frame_set, matcher.submit(frame_set, pool)))
-            if len(waiting) > at_a_time:
-                yield waiting.popleft()
-        while waiting:
+    for frame_set in frames:
+        waiting.append((frame_set, matcher.submit(frame_set, pool)))
+        if len(waiting) > at_a_time:
             yield waiting.popleft()
-    finally:
-        pool.shutdown(cancel_futures=True)
+    while waiting:
+        yield waiting.popleft()

@@ -1,0 +1,149 @@
+"""Frames matched on workers: the same bytes in every file as without workers, whatever happens to a worker."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.scaling import scale_rig
+from beltscape.core.progress import Silent
+from beltscape.files.rasters.images import read_image
+from beltscape.files.rig_json import read_rig
+from beltscape.pipeline.reconstructing import reconstruction
+from beltscape.pipeline.reconstructing.matcher_factory import MatcherFactory
+from beltscape.pipeline.reconstructing.sequence import match_on_workers
+from beltscape.pipeline.reconstructing.sequence.match_on_workers import MatchTask
+from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.workers.tasks import Completed, WorkerOptions
+from tests.optional import require
+from tests.synthetic.demo import DEMO, TRUE_RIG
+from tests.workers.cluster import start_cluster
+from tests.workers.functions import KillOnce
+
+RIG = scale_rig(read_rig(TRUE_RIG), 0.5)
+RANGE_MM = (570.0, 750.0)
+FRAMES = ("000", "001", "002", "003")
+"""The load, a frame with a mirrored camera, one without an image of the core, and the load in another light."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def cluster() -> Iterator[None]:
+    """A local cluster that all tests of the file share."""
+    yield from start_cluster()
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four frames: the cameras in use change after the second, the third cannot be matched."""
+    folder = tmp_path_factory.mktemp("workers") / "capture"
+    for camera in RIG.cameras:
+        image = cv2.resize(
+            read_image(DEMO / "belt_loaded" / camera / "000.png"),
+            RIG.cameras[camera].size_px,
+            interpolation=cv2.INTER_AREA,
+        )
+        mirrored = np.ascontiguousarray(image[:, ::-1]) if camera == "cam3" else image
+        (folder / camera).mkdir(parents=True)
+        for name, one in zip(FRAMES, (image, mirrored, image, image // 2), strict=True):
+            cv2.imwrite(str(folder / camera / f"{name}.png"), one)
+    for path in (folder / "cam4" / "003.png", folder / RIG.core / "002.png"):
+        path.write_bytes(b"no image")
+    return folder
+
+
+def reconstruct(
+    capture: Path, out: Path, options: WorkerOptions, **more: str
+) -> tuple[dict[str, bytes], list[str]]:
+    """Return the files of a reconstruction, and its warnings."""
+    reporter = Silent()
+    reconstruction.reconstruct_capture(
+        capture, RIG, out, reporter, depth_range_mm=RANGE_MM, preset="fast", workers=options
+    )
+    files = {str(path.relative_to(out)): path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    return files, [line.replace(str(out), "") for line in reporter.warnings]
+
+
+@pytest.fixture(scope="module")
+def alone(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], list[str]]:
+    """The files and warnings without workers."""
+    return reconstruct(capture, tmp_path_factory.mktemp("alone"), WorkerOptions())
+
+
+def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path) -> None:
+    files, warnings = reconstruct(capture, tmp_path, WorkerOptions(workers=2))
+    assert sorted(files) == sorted(alone[0])
+    assert [name for name in files if files[name] != alone[0][name]] == []
+    assert warnings == alone[1]
+    assert {"000/depth.tiff", "001/sigma.tiff", "003/depth.tiff", "reconstruction.json"} <= files.keys()
+    assert any("002" in line and "going on without this frame" in line for line in warnings)
+
+
+def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkeypatch) -> None:
+    marks = tmp_path / "marks"
+    marks.mkdir()
+    killing = KillOnce(match_on_workers.match_frame, str(marks))
+    monkeypatch.setattr(match_on_workers, "match_frame", killing)
+    files, warnings = reconstruct(capture, tmp_path / "r", WorkerOptions(workers=2))
+    assert [name for name in alone[0] if files[name] != alone[0][name]] == []
+    assert warnings == alone[1]
+    assert sorted(path.name for path in marks.iterdir()) == [name for name in FRAMES if name != "002"]
+
+
+@pytest.mark.parametrize("elsewhere", ["nothing", "another_frame"])
+def test_images_are_sent_to_workers_that_do_not_see_them(capture, tmp_path, elsewhere: str) -> None:
+    other = {name: capture / name / "003.png" for name in ("cam0", "cam1", "cam2", "cam3")}
+    files = {name: tmp_path / name for name in other} if elsewhere == "nothing" else other
+    frame = next(iter(reconstruction.open_capture(capture, RIG, Silent())))
+    frame = replace(frame, images={name: frame.images[name] for name in files})
+    factory = MatcherFactory(RIG, RANGE_MM, MultiviewSettings.preset("fast"))
+    reporter = Silent()
+    with match_on_workers.open_workers(
+        factory, WorkerOptions(workers=2), lambda _: files, reporter
+    ) as workers:
+        begun = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
+        assert begun.task.files.keys() == files.keys()
+        first = require(begun.result())
+        later = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
+        assert not later.task.files
+        assert first.depth_mm.tobytes() == require(later.result()).depth_mm.tobytes()
+    here = factory(("cam1", "cam2", "cam3")).reconstruct(frame, reporter)
+    assert first.depth_mm.tobytes() == here.depth_mm.tobytes()
+    assert not reporter.warnings
+
+
+@dataclass(frozen=True)
+class DeadPool:
+    """Workers that do not survive a frame."""
+
+    workers: int
+
+    def submit(self, task: MatchTask, name: str) -> DeadPool:
+        """Take a frame."""
+        del task, name
+        return self
+
+    def result(self) -> Completed[DepthMap | None]:
+        """Return the workers' death."""
+        return Completed(0, None, "its worker died 11 times (WorkerCrashedError)", "", 0.0, 0.0)
+
+
+def test_frames_ahead_keep_every_worker_busy_within_the_memory() -> None:
+    workers = match_on_workers.MatchWorkers(DeadPool(64), lambda _: {}, Silent())
+    assert workers.count_frames_ahead((612, 512), 5) == 128
+    assert workers.count_frames_ahead((4096, 3000), 5) * 4096 * 3000 * 18 <= 4 << 30
+
+
+def test_a_frame_that_no_worker_survives_is_matched_here(capture) -> None:
+    reporter = Silent()
+    frame = next(iter(reconstruction.open_capture(capture, RIG, Silent())))
+    workers = match_on_workers.MatchWorkers(DeadPool(2), lambda _: {}, reporter)
+    assert workers.submit(frame, RIG.auxiliaries, lambda: pytest.fail("made here")).result() is None
+    assert reporter.warnings == [
+        "frame 000: its worker died 11 times (WorkerCrashedError); it is matched by this process"
+    ]

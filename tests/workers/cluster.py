@@ -1,0 +1,17 @@
+"""A local Ray cluster that the tests of a file share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+
+def start_cluster() -> Iterator[None]:
+    """Start a cluster of two workers, and stop it at the end; without Ray the tests are skipped."""
+    ray = pytest.importorskip(
+        "ray", reason="Ray is not installed; pip install 'beltscape[cluster]' brings it"
+    )
+    ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+    yield
+    ray.shutdown()

@@ -1,6 +1,6 @@
 # Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
 .DEFAULT_GOAL := help
-.PHONY: help install dev system demo test quick sanitize scalar check format bench train faults wheel docs lock clean
+.PHONY: help install dev system demo test quick sanitize scalar check format bench train faults wheel screenshots docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
 SOURCES := $(wildcard native/*.* native/*/*)
@@ -79,9 +79,9 @@ bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md, a
 	$(BIN)/python benchmarks/run.py
 	$(BIN)/python tools/write_figures.py
 
-train: dev ## fit every network that ships to simulated captures, from their seeds (hours; goes on where it was)
+train: dev ## fit every network that ships to simulated captures, from their seeds (hours; goes on where it was; WORKERS=4)
 	$(BIN)/python -m pip install --quiet 'torch>=2.5'
-	cd tools && ../$(BIN)/python -m training $(if $(ONLY),--only $(ONLY))
+	cd tools && ../$(BIN)/python -m training $(if $(ONLY),--only $(ONLY)) $(if $(WORKERS),--workers $(WORKERS))
 
 faults: dev ## play every fault to the running system, against exact truth; writes benchmarks/FAULTS.md (an hour)
 	cd benchmarks && ../$(BIN)/python -m faults
@@ -95,6 +95,9 @@ $(VENV)-wheel/.made: requirements/wheel.lock
 
 wheel: $(VENV)-wheel/.made ## dist/: the wheel for glibc 2.28 and newer, and the source archive
 	$(VENV)-wheel/bin/python tools/build_wheel.py dist
+
+screenshots: dev ## docs/images/operator_*.png anew, from a simulated plant in Chromium
+	$(BIN)/python -m tests.service.page.take_screenshots
 
 docs: dev ## the manual as a web site in site/
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet

@@ -95,8 +95,9 @@ def add_production(
     served = ServedProduction(figures.control, parts.history, parts.folder, print, ReportStatus())
     served.figures, served.reports = figures, reports
     parts.app = create_app(
-        parts.live_state, parts.history, parts.access, parts.plant, parts.settings, production=served
-    )
+        parts.live_state, parts.history, parts.access, parts.plant, parts.settings, production=served,
+        reloader=parts.reloader,
+    )  # fmt: skip
     return parts
 
 

@@ -40,6 +40,7 @@ def test_wall_display_shows_everything_at_once(site):
         box = page.locator(f"section.{name}").first.bounding_box()
         assert box["y"] + box["height"] <= 1080, name
     assert not page.locator("nav").is_visible()
+    assert page.locator("main button:visible").count() == 0
     assert site.errors == []
     page.context.close()
 

@@ -66,12 +66,12 @@ def simulate(costs: Costs, workers: int, store_bytes_per_s: float, pieces: int, 
         for worker in range(workers):
             if handed < pieces:
                 queued[worker], handed = queued[worker] + 1, handed + 1
-    begun = 0
+    started = 0
     while stored < pieces:
         for worker in np.flatnonzero(np.isnan(left)).tolist():
             if queued[worker]:
                 queued[worker] -= 1
-                left[worker], needs_s[worker], begun = 1.0, seconds[begun], begun + 1
+                left[worker], needs_s[worker], started = 1.0, seconds[started], started + 1
         active = np.flatnonzero(~np.isnan(left))
         if to_store and driver_until == np.inf:
             driver_until = clock + costs.driver_s

@@ -6,9 +6,12 @@ from collections.abc import Iterator
 
 import pytest
 
+from beltscape.workers.ray_connection import set_authentication
+
 
 def start_cluster() -> Iterator[None]:
     """Start a cluster of two workers, and stop it at the end; without Ray the tests are skipped."""
+    set_authentication(None)
     ray = pytest.importorskip(
         "ray", reason="Ray is not installed; pip install 'beltscape[cluster]' brings it"
     )

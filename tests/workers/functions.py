@@ -10,7 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
+
 from beltscape.core.errors import InputError
+from beltscape.core.system_calls import count_usable_cores
 
 
 def multiply(factor: int, number: int) -> int:
@@ -29,6 +32,12 @@ def die_at_first(folder: str, number: int | str) -> int | str:
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return number
+
+
+def count_cores(shared: None, task: None) -> tuple[int, int, str | None]:
+    """Return the numbers of cores that the program, OpenCV and the libraries of linear algebra use."""
+    del shared, task
+    return count_usable_cores(), cv2.getNumThreads(), os.environ.get("OMP_NUM_THREADS")
 
 
 def sleep(seconds: float, number: int) -> tuple[int, int]:

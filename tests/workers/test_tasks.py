@@ -7,10 +7,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from beltscape.core.errors import SettingsError
+from beltscape.core.errors import InputError, SettingsError
+from beltscape.workers.collecting import collect_values
 from beltscape.workers.tasks import WorkerOptions, run_tasks
 from tests.workers.cluster import start_cluster
-from tests.workers.functions import die_at_first, multiply, sleep
+from tests.workers.functions import count_cores, die_at_first, multiply, sleep
 
 HERE, TWO = WorkerOptions(), WorkerOptions(workers=2)
 
@@ -44,7 +45,7 @@ def test_two_workers_give_the_same_values(cluster: None) -> None:
     ]
 
 
-def test_tasks_run_side_by_side(cluster: None) -> None:
+def test_two_tasks_run_at_a_time(cluster: None) -> None:
     ends = list(run_tasks(sleep, 0.2, [*range(6)], TWO))
     assert len({end.worker for end in ends}) == 2
     begins = sorted((end.begin_s, end.begin_s + end.seconds) for end in ends)
@@ -75,3 +76,19 @@ def test_without_ray_the_fix_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(SettingsError, match=r"pip install 'beltscape\[cluster\]'"):
         list(run_tasks(multiply, 2, [1], TWO))
+
+
+@pytest.mark.parametrize("options", [HERE, TWO])
+def test_values_that_are_all_needed_come_in_order_or_as_the_error_of_one(cluster: None, options) -> None:
+    counts: list[int] = []
+    assert collect_values(multiply, 2, [3, 1, 2], options, counts.append) == [6, 2, 4]
+    assert counts == [0, 1, 2, 3]
+    with pytest.raises(InputError, match=r"^thirteen\.png: the file is damaged"):
+        collect_values(multiply, 2, [3, 13, 1], options, counts.append)
+    with pytest.raises(ZeroDivisionError):
+        collect_values(multiply, 2, [14], options, counts.append)
+
+
+def test_a_worker_has_one_core(cluster: None) -> None:
+    (cores,) = collect_values(count_cores, None, [None], TWO, lambda _: None)
+    assert cores == (1, 1, "1")

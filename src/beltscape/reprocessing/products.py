@@ -11,6 +11,7 @@ from beltscape.production.calendar import open_zone
 from beltscape.production.timetable import find_due_change
 
 _MINUTE_NS = 60 * 10**9
+"""The live system looks at its timetable once a minute."""
 Change = tuple[int, str]
 """System clock, ns, and the name of the product from then on."""
 
@@ -39,7 +40,7 @@ def make_tag_finder(
     due_by_minute: dict[int, Change | None] = {}
 
     def find_due(wall_ns: int) -> Change | None:
-        minute = wall_ns // _MINUTE_NS  # the live system looks once a minute
+        minute = wall_ns // _MINUTE_NS
         if minute not in due_by_minute:
             due = find_due_change(production.timetable, zone, minute * _MINUTE_NS)
             due_by_minute.clear()

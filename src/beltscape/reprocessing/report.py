@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from beltscape.report.page import Section, Table, Tile, Tiles, render
+from beltscape.report.page import Lines, Section, Table, Tile, Tiles, render
 from beltscape.reprocessing.history import JoinedLedger
 from beltscape.reprocessing.manifest import Measured
 from beltscape.reprocessing.timeline import make_timeline
@@ -40,8 +40,7 @@ def render_report(document: Mapping[str, Any], ledger: JoinedLedger, measured: S
         )
     )
     if ledger.findings:
-        rows = [("", text) for text in ledger.findings]
-        sections.append(Section("What the checks found", "", [_table(["", "finding"], rows)]))
+        sections.append(Section("What the checks found", "", [Lines(ledger.findings)]))
     return render("Recordings measured again", summarise(document), sections)
 
 

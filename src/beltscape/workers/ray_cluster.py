@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import socket
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 from typing import Any
 
 import cv2
@@ -16,14 +14,13 @@ from beltscape import __version__
 from beltscape.core.errors import SettingsError
 from beltscape.core.system_calls import CORES
 from beltscape.workers.call import call
+from beltscape.workers.ray_connection import connect
 from beltscape.workers.tasks import Completed, WorkerOptions
 
 _RETRIES = 10
 """Number of deaths of its worker after which a task is given up: by then the task kills the worker, not chance."""
 _AHEAD = 2
 """Tasks handed out for each worker: one runs and one waits beside it, so that no worker waits for the driver."""
-_ANSWER_S = 5.0
-"""Time in which a cluster's port must answer."""
 _POLL_S = 1.0
 """Time after which the cluster's size is looked at again."""
 
@@ -50,7 +47,7 @@ def open_ray_pool(
     function: Callable[[Any, Any], Any], shared: Any, options: WorkerOptions
 ) -> Generator[RayPool]:
     """Yield a pool of a cluster's workers; see `tasks.open_pool`."""
-    with _connect(options) as ray:
+    with connect(options) as ray:
         pool = RayPool(ray, function, shared, options)
         try:
             yield pool
@@ -99,8 +96,9 @@ class RayPool:
         ) as error:  # the function's own failures are values: this is the call around it
             raise SettingsError(str(error.cause).splitlines()[0]) from error
         except self._ray.exceptions.RayError as error:
-            kind = type(error).__name__
-            return Completed(number, None, f"its worker died {_RETRIES + 1} times ({kind})", "", 0.0, 0.0)
+            has_crashed = isinstance(error, self._ray.exceptions.WorkerCrashedError)
+            what = f"its worker died {_RETRIES + 1} times" if has_crashed else "the cluster was lost"
+            return Completed(number, None, f"{what} ({type(error).__name__})", "", 0.0, 0.0)
 
 
 class _RayTask:
@@ -124,47 +122,3 @@ def _call_on_worker(everywhere: tuple[str, Any, Any], number: int, task: Any) ->
     os.environ[CORES] = "1"
     cv2.setNumThreads(1)
     return call(function, shared, number, task)
-
-
-def _silence(ray: Any) -> None:
-    """Keep Ray from printing on standard output, which belongs to the result."""
-    ray._private.worker._worker_logs_enabled = False
-
-
-def _probe(address: str | None) -> None:
-    """Raise OSError if nothing listens at host:port; Ray itself would try for minutes."""
-    host, separator, port = (address or "").removeprefix("ray://").rpartition(":")
-    if separator and port.isdigit():
-        socket.create_connection((host, int(port)), _ANSWER_S).close()
-
-
-@contextmanager
-def _connect(options: WorkerOptions) -> Generator[Any]:
-    """Connect to the cluster, or start one of this machine; both are left at the end."""
-    try:
-        ray: Any = import_module("ray")
-    except ImportError as error:
-        raise SettingsError(
-            "several workers need Ray, which is not installed; pip install 'beltscape[cluster]', or leave out "
-            "--workers and --address"
-        ) from error
-    _silence(ray)
-    if ray.is_initialized():
-        yield ray
-        return
-    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
-    try:
-        _probe(options.address)
-        if options.address is None:
-            ray.init(address="local", num_cpus=options.workers, include_dashboard=False, **quiet)
-        else:
-            ray.init(address=options.address, **quiet)
-    except (ConnectionError, OSError, RuntimeError, ValueError) as error:
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise SettingsError(
-            f"--address {options.address}: no Ray cluster answers ({reason}); start one with ray start --head"
-        ) from error
-    try:
-        yield ray
-    finally:
-        ray.shutdown()

@@ -211,6 +211,25 @@ def test_a_server_that_is_away_is_named_and_the_mails_wait(written: ReportWriter
     assert not any(written.is_mailed(key) for key in written.list_keys())
 
 
+def test_a_password_that_cannot_be_read_loses_no_mail(
+    written: ReportWriter, certificate: tuple[Path, Path], tmp_path: Path
+) -> None:
+    server = serve_mail(Inbox(), certificate)
+    server.start()
+    try:
+        settings = MailSettings(
+            host="localhost", port=server.port, sender="b@x.org", to=("a@x.org",),
+            user="belt", password_file=tmp_path / "gone", tls_ca=certificate[0],
+        )  # fmt: skip
+        with_mail(written, settings)
+        mark_unsent(written)
+        with pytest.raises(InputError, match="gone: cannot be read"):
+            written.mail()
+    finally:
+        server.stop()
+    assert all((written.folder / f"{key}.unsent").exists() for key in written.list_keys())
+
+
 def test_starttls_with_a_password(
     written: ReportWriter, certificate: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

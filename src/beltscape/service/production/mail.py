@@ -125,8 +125,8 @@ def send_waiting(settings: MailSettings, outbox: Outbox, read_report: Callable[[
     """
     refused: list[str] = []
 
-    def send(key: str) -> None:
-        refused.extend(send_mail(settings, make_mail(settings, read_report(key), outbox.folder)))
+    def send(report: Report) -> None:
+        refused.extend(send_mail(settings, make_mail(settings, report, outbox.folder)))
 
-    outbox.deliver(send)
+    outbox.deliver(read_report, send)
     return refused

@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from beltscape.core.errors import InputError
 from beltscape.files.folders.atomic import write_text
+
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,20 +38,21 @@ class Outbox:
         waits = (self.folder / f"{key}{self.waiting}").exists()
         return not waits and (self.folder / f"{key}{self.done}").exists()
 
-    def deliver(self, send: Callable[[str], None]) -> None:
+    def deliver(self, prepare: Callable[[str], Item], send: Callable[[Item], None]) -> None:
         """Send every report that waits, the oldest first.
 
-        The error of ``send`` ends the round: that report and the later ones go on waiting. After an InputError, which
-        says that the report itself cannot be sent, it no longer waits. After a power cut between the two, a report is
-        sent twice.
+        The error of ``send`` ends the round: that report and the later ones go on waiting. After an InputError of
+        ``prepare``, which says that the report itself is damaged, it no longer waits. After a power cut before the
+        mark of a sent report is changed, it is sent twice.
         """
         for mark in sorted(self.folder.glob(f"*{self.waiting}")):
             key = mark.name.removesuffix(self.waiting)
             if not (self.folder / f"{key}.html").is_file():
                 continue  # it is being written
             try:
-                send(key)
+                item = prepare(key)
             except InputError:
                 mark.unlink(missing_ok=True)
                 raise
+            send(item)
             mark.replace(mark.with_name(f"{key}{self.done}"))

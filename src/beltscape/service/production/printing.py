@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from beltscape.core.errors import BeltscapeError, InputError
+from beltscape.core.errors import BeltscapeError
 from beltscape.service.production.commands import Pause, run_command
 
 UNPRINTED, PRINTED = ".unprinted", ".printed"
@@ -51,13 +51,9 @@ def print_report(printer: str, pdf: Path, title: str, pause: Pause | None = None
 
     Raises
     ------
-    InputError
-        If there is no PDF.
     PrintError
         If ``lp`` is missing, refuses it, or does not end in time. It may then have been taken all the same.
     """
-    if not pdf.is_file():
-        raise InputError(f"[reports] printer: {pdf}: there is no such PDF; it is not printed")
     words = "".join(letter if letter.isprintable() else " " for letter in title).split()
     chosen = [] if printer == DEFAULT else ["-d", printer]
     _run(["lp", *chosen, "-t", " ".join(words)[:_TITLE_MAX], "--", str(pdf.resolve())], pause)

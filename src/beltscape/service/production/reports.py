@@ -235,10 +235,17 @@ class ReportWriter:
         check_printer(printer, self._stop.wait)
         self._printer_s = monotonic() + _RETRY_S
 
-        def send(key: str) -> None:
-            print_report(printer, self.folder / f"{key}.pdf", make_title(self.read(key)), self._stop.wait)
+        def send(found: tuple[Path, str]) -> None:
+            print_report(printer, *found, self._stop.wait)
 
-        self._prints.deliver(send)
+        self._prints.deliver(self._find_pdf, send)
+
+    def _find_pdf(self, key: str) -> tuple[Path, str]:
+        """Return the PDF of a report and its title; InputError if it is gone."""
+        pdf = self.folder / f"{key}.pdf"
+        if not pdf.is_file():
+            raise InputError(f"[reports] printer: {pdf}: there is no such PDF; it is not printed")
+        return pdf, make_title(self.read(key))
 
     def _summarise(self, key: str) -> Report:
         document = self.read(key)

@@ -12,9 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
+from beltscape.learned import registry
 from beltscape.learned.registry import PURPOSES, load_network
 from beltscape.pipeline.simulation import simulate
+from beltscape.workers.tasks import WorkerOptions
 from tests.simulate.tiny import tiny
 
 pytestmark = pytest.mark.slow
@@ -153,6 +156,48 @@ def test_every_recipe_gives_a_network_like_the_shipped_one(load, capture, tmp_pa
         assert sorted(network.features) == sorted(shipped.features)
         assert network.outputs == shipped.outputs
         assert all(np.isfinite(layer).all() for layer in network.layers)
+
+
+def draw_depth(capture: Path, turn: int) -> dict[str, np.ndarray]:
+    """Return the capture's depth as the matcher gives it with the networks in use."""
+    found = importlib.import_module("training.reconstructions").reconstruct_capture(capture)
+    assert found is not None
+    return {
+        "names": np.array(["depth"]),
+        "depth_mm": found.depth_mm,
+        "turn": np.full(len(found.depth_mm), turn),
+    }
+
+
+def test_samples_are_the_same_bytes_with_any_number_of_workers(load, capture, tmp_path, monkeypatch) -> None:
+    ray = pytest.importorskip(
+        "ray", reason="Ray is not installed; pip install 'beltscape[cluster]' brings it"
+    )
+    monkeypatch.setenv(
+        "PYTHONPATH", str(TOOLS)
+    )  # the workers', which begin in another folder than `make train`'s
+    others = [tmp_path / f"capture{number}" for number in range(2)]
+    for other in others:
+        other.symlink_to(capture)
+    Drawing, SampleCache = load("drawing").Drawing, load("cache").SampleCache
+    for number in (1, 2):
+        cache = SampleCache(tmp_path / str(number), Silent(), Drawing(WorkerOptions(number)))
+        samples = cache.collect("depth", others, draw_depth)
+        assert list(samples["turn"][:: len(samples["turn"]) // 2]) == [0, 1]
+    assert not ray.is_initialized()
+    for other in others:
+        one, two = (tmp_path / number / "depth" / f"{other.name}.npz" for number in "12")
+        assert one.read_bytes() == two.read_bytes()
+
+
+def test_samples_are_drawn_with_the_networks_in_use(load, capture, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(registry, "_folder", registry._folder)
+    cache = load("cache").SampleCache(
+        tmp_path / "samples", Silent(), load("drawing").Drawing(networks=tmp_path)
+    )
+    with pytest.raises(InputError, match=f"{tmp_path}.*is missing"):
+        cache.collect("depth", [capture], draw_depth)
+    registry.load_network.cache_clear()
 
 
 def test_the_assessment_scores_the_networks_in_use(load, capture, tmp_path, monkeypatch) -> None:

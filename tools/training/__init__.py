@@ -2,5 +2,6 @@
 
 `scenarios` draws plants, materials and sensors, and renders them into a cache. `samples` matches them and collects
 features with their truth. `perceptron` fits a network by PyTorch; `confidence`, `refinement`, `holes` and `lumps` are
-the recipes. ``python -m training`` runs what is missing, in order, and writes the manifest and the model cards.
+the recipes; `drawing` renders and draws on several workers. ``python -m training`` runs what is missing, in order,
+and writes the manifest and the model cards.
 """

@@ -1,11 +1,14 @@
 """Train every network from nothing but the simulator's seeds; what is there already is not done again.
 
-    cd tools && python -m training [--work FOLDER] [--captures N] [--only NETWORK …] [--out FOLDER]
+    cd tools && python -m training [--work FOLDER] [--captures N] [--only NETWORK …] [--workers N] [--out FOLDER]
 
 Captures, samples and networks are kept in the work folder (default: out/train); a run that was stopped goes on where
 it was. With --only some networks are fitted, from samples that the networks that ship gave; each fit says whether it
 gave the network that ships. When all networks are trained they are written to the package's data with their manifest.
 The whole takes some hours on two cores. It needs PyTorch: pip install 'beltscape[train]'.
+
+With --workers captures are rendered and samples drawn in N processes, a core each, which needs Ray: pip install
+'beltscape[cluster]'. One process fits the networks; samples and networks are the same bytes with any number.
 """
 
 from __future__ import annotations
@@ -23,16 +26,18 @@ from beltscape.core.progress import Reporter
 from beltscape.learned.network import Network
 from beltscape.learned.registry import PURPOSES, use_networks
 from beltscape.learned.weights_file import write_network
+from beltscape.workers.tasks import HERE, WorkerOptions
 from training.assessment import assess_networks, assess_reconstruction
 from training.cache import SampleCache
 from training.confidence import train_candidates, train_pixels
+from training.drawing import Drawing
 from training.holes import train_measuring
 from training.lumps import train_lumps
 from training.manifest import Assessment, write_manifest
 from training.perceptron import set_deterministic
 from training.progress import PrintedProgress
 from training.refinement import train_refinement
-from training.scenarios import HELD_OUT, render_scenario
+from training.scenarios import HELD_OUT, locate_capture, render_scenario
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(beltscape.__file__).parent / "data" / "networks"
@@ -49,6 +54,7 @@ class Training:
     work: Path
     captures: list[Path]
     reporter: Reporter
+    workers: WorkerOptions = HERE
 
     @property
     def networks(self) -> Path:
@@ -58,7 +64,17 @@ class Training:
     @property
     def samples(self) -> SampleCache:
         """Return the cache of samples."""
-        return SampleCache(self.work / "samples", self.reporter)
+        return SampleCache(self.work / "samples", self.reporter, self.drawing)
+
+    @property
+    def drawing(self) -> Drawing:
+        """Return where samples are drawn, with the networks in use."""
+        return Drawing(self.workers, self.in_use if self.in_use.is_dir() else None)
+
+    @property
+    def in_use(self) -> Path:
+        """Return the folder that `use` fills with the networks in use."""
+        return self.work / "in_use"
 
     def is_done(self, *names: str) -> bool:
         """Return whether the networks of these names are trained."""
@@ -73,7 +89,7 @@ class Training:
 
     def use(self, *, shipped: bool) -> None:
         """Let samples be drawn with the networks trained so far; with those that ``shipped`` for the missing ones."""
-        folder = self.work / "in_use"
+        folder = self.in_use
         shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True)
         for source in (DATA, self.networks) if shipped else (self.networks,):
@@ -101,7 +117,6 @@ def list_recipes(training: Training) -> list[tuple[tuple[str, ...], Callable[[],
     """Return the names and the recipe of each fit, in the order in which they depend on each other."""
     captures, samples = training.captures, training.samples
     refined = ("refinement", *(name for name in PURPOSES if name.startswith("message_round")))
-    tiles = training.work / "samples" / "refinement"
     return [
         *(
             ((name,), lambda name=name: {name: train_pixels(name, captures, samples)})
@@ -109,7 +124,7 @@ def list_recipes(training: Training) -> list[tuple[tuple[str, ...], Callable[[],
         ),
         (("candidates",), lambda: {"candidates": train_candidates(captures, samples)}),
         (("confidence",), lambda: {"confidence": train_pixels("confidence", captures, samples)}),
-        (refined, lambda: train_refinement(captures, tiles, training.reporter)),
+        (refined, lambda: train_refinement(captures, samples)),
         *(
             ((name,), lambda name=name: {name: train_measuring(name, captures, samples)})
             for name in ("holes", "edge_fattening")
@@ -118,13 +133,12 @@ def list_recipes(training: Training) -> list[tuple[tuple[str, ...], Callable[[],
     ]
 
 
-def render_all(work: Path, numbers: range, reporter: Reporter) -> list[Path]:
+def render_all(work: Path, numbers: range, reporter: Reporter, workers: WorkerOptions = HERE) -> list[Path]:
     """Return the captures of scenarios, rendered where they are missing."""
-    captures: list[Path] = []
-    for done, number in enumerate(numbers, 1):
-        captures.append(render_scenario(number, work / "captures"))
-        reporter.step("captures", done, len(numbers))
-    return captures
+    cache = work / "captures"
+    tasks = [(number, cache) for number in numbers]
+    Drawing(workers).run(render_scenario, tasks, lambda done: reporter.step("captures", done, len(numbers)))
+    return [locate_capture(number, cache) for number in numbers]
 
 
 def main() -> None:
@@ -135,20 +149,22 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=ROOT / "out" / "train")
     parser.add_argument("--captures", type=int, default=CAPTURES)
     parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--workers", type=int)
     parser.add_argument("--out", type=Path, default=DATA)
     arguments = parser.parse_args()
     set_deterministic()
-    reporter = PrintedProgress()
-    captures = render_all(arguments.work, range(arguments.captures), reporter)
-    training = Training(arguments.work, captures, reporter)
+    reporter, workers = PrintedProgress(), WorkerOptions(arguments.workers)
+    work = arguments.work.absolute()
+    captures = render_all(work, range(arguments.captures), reporter, workers)
+    training = Training(work, captures, reporter, workers)
     for names, train in list_recipes(training):
         if not training.is_done(*names) and (not arguments.only or set(names) & set(arguments.only)):
             training.use(shipped=bool(arguments.only))
             training.keep(train())
     training.use(shipped=False)
     if training.is_done(*PURPOSES):
-        held_out = render_all(arguments.work, range(HELD_OUT, HELD_OUT + ASSESSED), reporter)
-        cache = SampleCache(arguments.work / "held_out", reporter)
+        held_out = render_all(work, range(HELD_OUT, HELD_OUT + ASSESSED), reporter, workers)
+        cache = SampleCache(work / "held_out", reporter, training.drawing)
         scores = {preset: assess_reconstruction(held_out, preset) for preset in ("standard", "fast")}
         assessment = Assessment(arguments.captures, ASSESSED, assess_networks(held_out, cache), scores)
         write_manifest(training.networks, arguments.out, assessment)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from beltscape.core.progress import Reporter
+from training.drawing import Drawing
 
 Arrays = dict[str, np.ndarray]
 _SHARED = "names"
@@ -28,18 +30,16 @@ class SampleCache:
 
     folder: Path
     reporter: Reporter
+    drawing: Drawing = field(default_factory=Drawing)
 
     def collect(self, network: str, captures: list[Path], draw: Callable[[Path, int], Arrays]) -> Arrays:
         """Return the samples of all captures for a network; ``draw(capture, turn)`` draws those not kept yet."""
+        folder = self.folder / network
+        self.draw_missing(f"samples for {network}", folder, captures, partial(_write_samples, draw))
         found: list[Arrays] = []
-        for turn, capture in enumerate(captures):
-            path = self.folder / network / f"{capture.name}.npz"
-            if not path.is_file():
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_whole(path, draw(capture, turn))
-            with np.load(path, allow_pickle=False) as arrays:
+        for capture in captures:
+            with np.load(folder / f"{capture.name}.npz", allow_pickle=False) as arrays:
                 found.append(dict(arrays))
-            self.reporter.step(f"samples for {network}", turn + 1, len(captures))
         found = [arrays for arrays in found if arrays]
         if not found:
             raise ValueError(f"no capture has samples for {network}")
@@ -47,3 +47,21 @@ class SampleCache:
             name: found[0][name] if name == _SHARED else np.concatenate([arrays[name] for arrays in found])
             for name in found[0]
         }
+
+    def draw_missing(
+        self, stage: str, folder: Path, captures: list[Path], write: Callable[[Path, Path, int], object]
+    ) -> None:
+        """Call ``write(path, capture, turn)`` for every capture without a file in a folder."""
+        folder.mkdir(parents=True, exist_ok=True)
+        paths = [folder / f"{capture.name}.npz" for capture in captures]
+        tasks = [
+            (path, capture, turn)
+            for turn, (path, capture) in enumerate(zip(paths, captures, strict=True))
+            if not path.is_file()
+        ]
+        kept = len(captures) - len(tasks)
+        self.drawing.run(write, tasks, lambda done: self.reporter.step(stage, kept + done, len(captures)))
+
+
+def _write_samples(draw: Callable[[Path, int], Arrays], path: Path, capture: Path, turn: int) -> None:
+    write_whole(path, draw(capture, turn))

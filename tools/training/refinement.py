@@ -13,6 +13,7 @@ from beltscape.core.progress import Reporter
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.learned.network import Network
 from beltscape.stereo.multiview.confidence.message_passing import OFFSETS
+from training.cache import SampleCache
 from training.confidence import ACCEPTED, GROSS_MM, MOST_MM, ROUND
 from training.losses import huber
 from training.perceptron import compute_limits, export_layers, make_layers, unscale_first_layer
@@ -119,19 +120,16 @@ def fit_networks(tiles: list[Tile], reporter: Reporter) -> RefinementNetwork:
     return model
 
 
-def train_refinement(captures: list[Path], folder: Path, reporter: Reporter) -> dict[str, Network]:
-    """Train on tiles of the captures, which are kept in ``folder``; return the networks by name."""
+def train_refinement(captures: list[Path], cache: SampleCache) -> dict[str, Network]:
+    """Train on tiles of the captures, which are kept in the cache; return the networks by name."""
     names: tuple[str, ...] = ()
     tiles: list[Tile] = []
-    folder.mkdir(parents=True, exist_ok=True)
-    for turn, capture in enumerate(captures):
-        path = folder / f"{capture.name}.npz"
-        if not path.is_file():
-            write_tiles(path, capture, turn)
-        found, more = read_tiles(path)
+    folder = cache.folder / "refinement"
+    cache.draw_missing("samples for the refinement", folder, captures, write_tiles)
+    for capture in captures:
+        found, more = read_tiles(folder / f"{capture.name}.npz")
         names, tiles = found or names, [*tiles, *more]
-        reporter.step("samples for the refinement", turn + 1, len(captures))
-    return export_networks(names, fit_networks(tiles, reporter))
+    return export_networks(names, fit_networks(tiles, cache.reporter))
 
 
 def export_networks(names: tuple[str, ...], model: RefinementNetwork) -> dict[str, Network]:

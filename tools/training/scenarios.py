@@ -140,9 +140,14 @@ def _draw_sensor(rng: np.random.Generator) -> dict[str, Any]:
     }
 
 
+def locate_capture(number: int, cache: Path) -> Path:
+    """Return the folder of a scenario's capture in the cache."""
+    return cache / f"{number:04d}"
+
+
 def render_scenario(number: int, cache: Path) -> Path:
     """Return the folder of a scenario's capture, rendered into the cache where it is not there yet."""
-    folder = cache / f"{number:04d}"
+    folder = locate_capture(number, cache)
     if not (folder / "preview.png").is_file():  # written last
         simulate(draw_scenario(number), folder, Silent())
     return folder

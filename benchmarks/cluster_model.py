@@ -58,14 +58,11 @@ def simulate(costs: Costs, workers: int, store_bytes_per_s: float, pieces: int, 
     seconds = rng.choice(np.asarray(costs.piece_s, float), pieces)
     left = np.full(workers, np.nan)  # share of the present piece that is left; NaN: idle
     needs_s = np.ones(workers)  # time of the present piece without waiting for the store
-    queued = [0] * workers
-    handed, done, clock, stored = 0, 0, 0.0, 0
+    handed = min(pieces, _AHEAD * workers)
+    queued = [handed // workers + (worker < handed % workers) for worker in range(workers)]
+    clock, stored = 0.0, 0
     to_store: list[int] = []  # workers whose results wait for the driver
     driver_until = np.inf
-    for _ in range(_AHEAD):
-        for worker in range(workers):
-            if handed < pieces:
-                queued[worker], handed = queued[worker] + 1, handed + 1
     started = 0
     while stored < pieces:
         for worker in np.flatnonzero(np.isnan(left)).tolist():
@@ -81,7 +78,7 @@ def simulate(costs: Costs, workers: int, store_bytes_per_s: float, pieces: int, 
         clock += step
         left[active] -= rates * step
         for worker in active[left[active] <= 1e-12].tolist():
-            left[worker], done = np.nan, done + 1
+            left[worker] = np.nan
             to_store.append(worker)
         if driver_until <= clock:
             worker, driver_until, stored = to_store.pop(0), np.inf, stored + 1

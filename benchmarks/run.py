@@ -23,6 +23,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.kernels.native import levels
 from calibration import calibration as benchmark_calibration
 from captures import Scene, demo_scenes, full_size_scene, rendered_scenes
+from cluster_scaling import cluster_scaling
 from live import live
 from matching import frames, kernels
 from matching.robustness import NOTES as ROBUSTNESS_NOTES
@@ -45,6 +46,7 @@ class Benchmarks:
             "Whole frames": self.whole_frames,
             "Running system": lambda: live(self.folder, self.scenes[0].rig),
             "Protocols": protocols_load,
+            "Re-processing": cluster_scaling,
             "Without speckle": lambda: frames.without_speckle(self.folder),
             "Spoiled frames": self.degraded_frames,
             "Real pairs": lambda: real_pairs(self.folder.parent / "real"),

@@ -158,6 +158,8 @@ class Reader:
             small = [word.removeprefix("/etc/beltscape/") for word in small]
         if words[0] == "backup":
             make_history(self.folder / "data")
+        if words[0] == "reprocess":  # the recording that the page's project names, in this process
+            small[1:] = ["moving", "--project", "recorded.toml", "--out", words[words.index("--out") + 1]]
         if words[0] == "compare":
             for name in words[1:3]:
                 make_history(self.folder / name)

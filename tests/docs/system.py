@@ -15,7 +15,10 @@ from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
+import yaml
+
 from beltscape.files.documents.toml_text import read_toml
+from tests.docs.program import unknown_options
 
 ROOT = Path(__file__).resolve().parents[2]
 UNITS = {path.name for path in (ROOT / "deploy").iterdir()}
@@ -218,12 +221,44 @@ def nc(words: Sequence[str], folder: Path) -> None:
     demand(words[1] == "-klu" and words[2].isdigit() and len(words) == 3, "only nc -klu PORT is known")
 
 
+def ray(words: Sequence[str], folder: Path) -> None:
+    """Its options are Ray's own."""
+    demand(words[1] in ("start", "stop"), f"ray {words[1]}: only start and stop are known")
+    unknown = {word.split("=")[0] for word in words[2:]} - {"--head", "--port", "--address"}
+    demand(not unknown, f"ray {words[1]}: {unknown}")
+
+
+def sbatch(words: Sequence[str], folder: Path) -> None:
+    """The script is there and is a shell script; what follows are arguments of the command that it runs."""
+    (script_at,) = [at for at, word in enumerate(words) if word.startswith("deploy/")]
+    done = subprocess.run(["bash", "-n", ROOT / words[script_at]], capture_output=True, text=True, check=False)
+    demand(done.returncode == 0, done.stderr)
+    demand("beltscape reprocess \"$@\"" in (ROOT / words[script_at]).read_text(), "runs another command")
+    demand(not unknown_options(["reprocess", *words[script_at + 1 :]]), "options that reprocess does not have")
+
+
+def podman(words: Sequence[str], folder: Path) -> None:
+    """It builds from a file of ``deploy/``, pushes an image, or starts the composed services."""
+    demand(words[1] in ("build", "push", "compose"), f"podman {words[1]}")
+    if words[1] == "build":
+        demand((ROOT / words[words.index("-f") + 1]).is_file(), "no such Containerfile")
+
+
+def kubectl(words: Sequence[str], folder: Path) -> None:
+    """The file is a RayJob whose entry point is a command with the options that it has."""
+    demand(list(words[1:3]) == ["apply", "-f"], "only kubectl apply -f is known")
+    job = yaml.safe_load((ROOT / words[3]).read_text())
+    demand(job["kind"] == "RayJob", "no RayJob")
+    command = job["spec"]["entrypoint"].split()
+    demand(command[0] == "beltscape" and not unknown_options(command[1:]), "an entry point that does not run")
+
+
 RULES: dict[str, Callable[[Sequence[str], Path], None]] = {
     "make": make, "sudo": sudo, "apt": apt, "pip": pip, "unshare": unshare, "python": python, "python3": python,
     "openssl": openssl, "systemctl": systemctl, "journalctl": journalctl, "ip": ip, "sysctl": sysctl, "cd": files,
     "cp": files, "install": files, "chown": files, "systemd-sysusers": systemd_files,
     "systemd-tmpfiles": systemd_files, "systemd-analyze": systemd_analyze, "sqlite3": sqlite3,
-    "sh": sh, "rerun": rerun, "nc": nc,
+    "sh": sh, "rerun": rerun, "nc": nc, "ray": ray, "sbatch": sbatch, "podman": podman, "kubectl": kubectl,
 }  # fmt: skip
 """Program → its rule."""
 

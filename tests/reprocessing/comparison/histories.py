@@ -64,7 +64,7 @@ def moved(records: Sequence[BeltRecord], by_mm: float) -> Records:
     ]
 
 
-def lost(records: Sequence[BeltRecord], numbers: range) -> Records:
+def mark_missing(records: Sequence[BeltRecord], numbers: range) -> Records:
     """Records whose belt was not measured."""
     return [
         replace(record, standing="missing", reason="frames lost", strip=None)

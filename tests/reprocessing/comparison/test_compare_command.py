@@ -13,7 +13,7 @@ from beltscape.reprocessing.comparison.presentation.summary import summarise
 from tests.reprocessing.comparison.histories import (
     OTHER_RIG,
     compared,
-    lost,
+    mark_missing,
     measured,
     noisy,
     scaled,
@@ -28,7 +28,7 @@ RECORDS = measured(80)
 def histories(tmp_path_factory):
     folder = tmp_path_factory.mktemp("histories")
     write_history(folder / "a", RECORDS)
-    write_history(folder / "store" / "history", lost(noisy(scaled(RECORDS, 1.05)), range(40, 45)), OTHER_RIG)
+    write_history(folder / "store" / "history", mark_missing(noisy(scaled(RECORDS, 1.05)), range(40, 45)), OTHER_RIG)
     write_history(folder / "again", [replace(record, wall_ns=record.wall_ns + 5) for record in RECORDS])
     write_history(folder / "empty", [])
     return folder

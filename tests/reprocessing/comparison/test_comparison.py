@@ -15,7 +15,7 @@ from tests.reprocessing.comparison.histories import (
     OTHER_RIG,
     compared,
     degraded,
-    lost,
+    mark_missing,
     measured,
     moved,
     noisy,
@@ -92,7 +92,7 @@ def test_a_missing_sigma_gives_no_verdict():
 
 
 def test_missing_and_degraded_stretches_are_named_with_their_reasons():
-    comparison = compared(RECORDS, degraded(lost(RECORDS, range(10, 13)), range(30, 33)))
+    comparison = compared(RECORDS, degraded(mark_missing(RECORDS, range(10, 13)), range(30, 33)))
     kept = [record for record in RECORDS if record.number in range(10, 13) and record.standing != "missing"]
     first, second = comparison.wholes
     assert first.alone_mm == pytest.approx(sum(record.length_mm for record in kept))
@@ -279,7 +279,7 @@ changes = st.fixed_dictionaries(
 @given(changes)
 def test_the_comparison_of_b_with_a_is_the_opposite(change):
     numbers = range(change["lost"], change["lost"] + 4)
-    other = moved(lost(scaled(noisy(RECORDS, change["seed"]), change["factor"]), numbers), change["by_mm"])
+    other = moved(mark_missing(scaled(noisy(RECORDS, change["seed"]), change["factor"]), numbers), change["by_mm"])
     forth = compared(RECORDS, other, of_second=change["of_second"])
     of_first = forth.second.runs[1].provenance
     back = compared(other, RECORDS, of_first, forth.first.runs[1].provenance)

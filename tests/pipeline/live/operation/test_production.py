@@ -145,7 +145,7 @@ def test_a_record_carries_what_its_frame_was_counted_for() -> None:
         )
         for k in range(2)
     ]
-    found = ledger.make_entries(strips, {}, 0.0, 0)
+    found = ledger.make_entries(strips, {}, 0)
     assert [(r.product, r.batch) for r in found] == [("coal", 0), ("ore", 5)]
     assert [r.mass_kg for r in found] == [pytest.approx(0.8), pytest.approx(2.4)]
     assert found[1].strip is not None

@@ -19,6 +19,7 @@ from beltscape.learned.registry import PURPOSES, load_network
 from beltscape.pipeline.simulation import simulate
 from beltscape.workers.tasks import WorkerOptions
 from tests.simulate.tiny import tiny
+from tests.workers.cluster import forget_processes
 
 pytestmark = pytest.mark.slow
 TOOLS = Path(__file__).resolve().parents[2] / "tools"
@@ -185,6 +186,7 @@ def test_samples_are_the_same_bytes_with_any_number_of_workers(load, capture, tm
         samples = cache.collect("depth", others, draw_depth)
         assert list(samples["turn"][:: len(samples["turn"]) // 2]) == [0, 1]
     assert not ray.is_initialized()
+    forget_processes()
     for other in others:
         one, two = (tmp_path / number / "depth" / f"{other.name}.npz" for number in "12")
         assert one.read_bytes() == two.read_bytes()

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import add_output_folder
+from beltscape.cli.arguments import add_output_folder, add_workers
 from beltscape.core.progress import Reporter
 
 
@@ -24,6 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "each also with _nospeckle",
     )  # fmt: skip
     parser.add_argument("--seed", type=int, default=1, help="of heap, board poses and noise (1)")
+    add_workers(parser)
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
@@ -33,13 +34,18 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.evaluate.paper.pages.page import render_paper_page
     from beltscape.files.documents.json_text import write_json
     from beltscape.files.folders.atomic import ensure_output_folder, write_text
+    from beltscape.workers.tasks import WorkerOptions
 
+    workers = WorkerOptions(arguments.workers, arguments.address)
+    if arguments.address is not None:  # workers elsewhere have another working folder
+        arguments.captures = arguments.captures and arguments.captures.absolute()
+        arguments.out = arguments.out.absolute()
     given = arguments.captures and read_laboratory(arguments.captures)
     out = ensure_output_folder(arguments.out)
     if given is None:
         _link_captures(arguments.earlier / "captures", out / "captures")
-    lab = given or render_laboratory(out / "captures", arguments.size, arguments.seed, reporter)
-    paper = evaluate_paper(lab, out, arguments.seed, reporter)
+    lab = given or render_laboratory(out / "captures", arguments.size, arguments.seed, reporter, workers)
+    paper = evaluate_paper(lab, out, arguments.seed, reporter, workers)
     document = {**make_paper_document(paper), "report": out / "report.html"}
     write_text(out / "report.html", render_paper_page(paper))
     write_json(out / "paper.json", document)

@@ -32,6 +32,7 @@ from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.calibration_files import write_calibration
 from beltscape.target.board import read_board
 from beltscape.target.module import read_module
+from beltscape.workers.tasks import HERE, WorkerOptions
 
 TRAVELS_MM = (0.0, 0.1, 1.0, 10.0)
 """Belt travel between two structured-light images; at 1 m/s 10,000, 1000 and 100 images per second."""
@@ -67,8 +68,13 @@ class Paper:
         )
 
 
-def evaluate_paper(lab: Laboratory, out: Path, seed: int, reporter: Reporter) -> Paper:
+def evaluate_paper(
+    lab: Laboratory, out: Path, seed: int, reporter: Reporter, workers: WorkerOptions = HERE
+) -> Paper:
     """Run all experiments for which captures exist and write the results to ``out``.
+
+    Reconstructions and simulated sensors run on ``workers``, which write to the same folders; the results are the
+    same with any number of them.
 
     Raises
     ------
@@ -81,12 +87,12 @@ def evaluate_paper(lab: Laboratory, out: Path, seed: int, reporter: Reporter) ->
     rig = calibration.rig
     truth = next(iter(lab.scenes.values())).truth
     clock.lap("calibration")
-    surfaces = reconstruct_all(lab, rig, out, reporter)
+    surfaces = reconstruct_all(lab, rig, out, reporter, workers)
     clock.lap("reconstruction")
     tof = measure_time_of_flight(lab.scenes["module"]) if "module" in lab.scenes else None
     seen = {name: lab.scenes[name] for name in BASELINE_SCENES if name in lab.scenes}
-    baselines = measure_baselines(seen, out, seed, reporter)
-    moving = _measure_moving(lab, baselines, seed, reporter)
+    baselines = measure_baselines(seen, out, seed, reporter, workers)
+    moving = _measure_moving(lab, baselines, seed, reporter, workers)
     clock.lap("other sensors")
     numbers = read_paper_numbers()
     measured = _measure_dimensions(lab, rig, surfaces, tof, baselines, reporter)
@@ -108,14 +114,18 @@ def evaluate_paper(lab: Laboratory, out: Path, seed: int, reporter: Reporter) ->
 
 
 def _measure_moving(
-    lab: Laboratory, baselines: Mapping[tuple[str, str], ScoredDepth], seed: int, reporter: Reporter
+    lab: Laboratory,
+    baselines: Mapping[tuple[str, str], ScoredDepth],
+    seed: int,
+    reporter: Reporter,
+    workers: WorkerOptions,
 ) -> tuple[ScoredDepth, ...]:
     """Return structured light of the moving loaded belt; the belt at rest is measured with the baselines."""
     loaded = lab.scenes.get("belt_loaded")
     if loaded is None or loaded.simulation is None:
         return ()
     rest = baselines[loaded.name, BASELINES[0].name]
-    return (rest, *measure_moving_belt(loaded, TRAVELS_MM[1:], seed, reporter))
+    return (rest, *measure_moving_belt(loaded, TRAVELS_MM[1:], seed, reporter, workers))
 
 
 def _measure_dimensions(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,8 @@ from beltscape.files.documents.json_text import read_json
 from beltscape.pipeline.simulation import read_scenario, simulate
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
+from beltscape.workers.collecting import collect_values
+from beltscape.workers.tasks import HERE, WorkerOptions
 
 SIZES = {"full": 1.0, "half": 0.5, "quarter": 0.25}
 """Name → share of the sensor's pixels in each direction."""
@@ -43,6 +45,10 @@ class Scene:
     simulation: SimulatedScene | None
     """The scene for the simulation of other sensors; None if the capture was not rendered by Beltscape."""
 
+    def without_caches(self) -> Scene:
+        """Return the scene without the objects that its simulation has made so far, as it is sent to workers."""
+        return replace(self, simulation=self.simulation and SimulatedScene(self.simulation.scenario))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Laboratory:
@@ -56,7 +62,9 @@ class Laboratory:
     """All scenes except the calibration."""
 
 
-def render_laboratory(folder: Path, size: str, seed: int, reporter: Reporter) -> Laboratory:
+def render_laboratory(
+    folder: Path, size: str, seed: int, reporter: Reporter, workers: WorkerOptions = HERE
+) -> Laboratory:
     """Render the missing captures into a folder by size and seed below ``folder``.
 
     Raises
@@ -65,14 +73,22 @@ def render_laboratory(folder: Path, size: str, seed: int, reporter: Reporter) ->
         When a capture there was rendered with other settings.
     """
     home = folder / f"{size}_seed{seed}"
-    reporter.step("rendering the laboratory", 0, len(SCENES))
-    for number, (name, own) in enumerate(SCENES.items()):
+    missing: list[tuple[Scenario, Path]] = []
+    for name, own in SCENES.items():
         values = {"seed": seed, "rig": {"scale": SIZES[size]}, **own}
         scenario = read_scenario(str(own["kind"]), {k: v for k, v in values.items() if k != "kind"})
         if not _is_complete(scenario, home / name):
-            simulate(scenario, home / name, Silent())
-        reporter.step("rendering the laboratory", number + 1, len(SCENES))
+            missing.append((scenario, home / name))
+    collect_values(
+        _render, None, missing, workers,
+        lambda done: reporter.step("rendering the laboratory", len(SCENES) - len(missing) + done, len(SCENES)),
+    )  # fmt: skip
     return read_laboratory(home)
+
+
+def _render(_: None, task: tuple[Scenario, Path]) -> None:
+    scenario, capture = task
+    simulate(scenario, capture, Silent())
 
 
 def read_laboratory(folder: Path) -> Laboratory:

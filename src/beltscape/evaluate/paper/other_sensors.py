@@ -35,6 +35,8 @@ from beltscape.simulate.sensors.line_laser import (
 )
 from beltscape.simulate.sensors.sequence import render_sequence
 from beltscape.stereo.pointcloud.cloud import CloudBuilder
+from beltscape.workers.collecting import collect_values
+from beltscape.workers.tasks import HERE, WorkerOptions
 
 SPEED_MM_S = 1000.0
 """Speed of the belt under the profile sensors."""
@@ -143,24 +145,24 @@ BASELINES = (
 
 
 def measure_baselines(
-    scenes: Mapping[str, Scene], out: Path, seed: int, reporter: Reporter
+    scenes: Mapping[str, Scene], out: Path, seed: int, reporter: Reporter, workers: WorkerOptions = HERE
 ) -> Mapping[tuple[str, str], ScoredDepth]:
     """Measure every scene that can be rendered again with every baseline; write the results to ``out``."""
-    jobs = [
-        (scene, baseline)
-        for scene in scenes.values()
-        if scene.simulation is not None
-        for baseline in BASELINES
-    ]
-    found: dict[tuple[str, str], ScoredDepth] = {}
-    for number, (scene, baseline) in enumerate(jobs):
-        reporter.step("other sensors", number, len(jobs))
-        assert scene.simulation is not None
-        depth = baseline.measure(scene.simulation, seed)
-        folder = out / baseline.name.replace(",", "").replace(" ", "_").replace("'", "") / scene.name
-        found[scene.name, baseline.name] = _write_depth(scene, baseline.name, folder, depth)
-    reporter.step("other sensors", len(jobs), max(len(jobs), 1))
-    return found
+    simulated = {name: scene.without_caches() for name, scene in scenes.items() if scene.simulation}
+    jobs = [(scene, number) for scene in simulated for number in range(len(BASELINES))]
+    found = collect_values(
+        _measure_baseline, (simulated, out, seed), jobs, workers,
+        lambda done: reporter.step("other sensors", done, max(len(jobs), 1)),
+    )  # fmt: skip
+    return {(one.scene, one.by): one for one in found}
+
+
+def _measure_baseline(shared: tuple[Mapping[str, Scene], Path, int], job: tuple[str, int]) -> ScoredDepth:
+    scenes, out, seed = shared
+    scene, baseline = scenes[job[0]], BASELINES[job[1]]
+    assert scene.simulation is not None
+    folder = out / baseline.name.replace(",", "").replace(" ", "_").replace("'", "") / scene.name
+    return _write_depth(scene, baseline.name, folder, baseline.measure(scene.simulation, seed))
 
 
 def _write_depth(scene: Scene, name: str, folder: Path, depth: DepthMap) -> ScoredDepth:
@@ -174,14 +176,22 @@ def _write_depth(scene: Scene, name: str, folder: Path, depth: DepthMap) -> Scor
 
 
 def measure_moving_belt(
-    scene: Scene, travels_mm: tuple[float, ...], seed: int, reporter: Reporter
+    scene: Scene,
+    travels_mm: tuple[float, ...],
+    seed: int,
+    reporter: Reporter,
+    workers: WorkerOptions = HERE,
 ) -> tuple[ScoredDepth, ...]:
     """Measure a scene by structured light for every belt travel between images."""
-    assert scene.simulation is not None
-    found: list[ScoredDepth] = []
-    for number, travel in enumerate(travels_mm):
-        reporter.step("structured light on a moving belt", number, len(travels_mm))
-        depth = measure_structured_light(scene.simulation, seed, beside=True, travel_mm=travel)
-        found.append(score_surface(scene, f"{travel:g} mm", None, depth, scene.truth.rig))
-    reporter.step("structured light on a moving belt", len(travels_mm), max(len(travels_mm), 1))
+    found = collect_values(
+        _measure_moving, (scene.without_caches(), seed), travels_mm, workers,
+        lambda done: reporter.step("structured light on a moving belt", done, max(len(travels_mm), 1)),
+    )  # fmt: skip
     return tuple(found)
+
+
+def _measure_moving(shared: tuple[Scene, int], travel_mm: float) -> ScoredDepth:
+    scene, seed = shared
+    assert scene.simulation is not None
+    depth = measure_structured_light(scene.simulation, seed, beside=True, travel_mm=travel_mm)
+    return score_surface(scene, f"{travel_mm:g} mm", None, depth, scene.truth.rig)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,8 @@ from beltscape.evaluate.scores.frame_score import RegionScore, score_frame
 from beltscape.evaluate.truth.simulated import Truth
 from beltscape.files.reconstruction import read_frame
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
+from beltscape.workers.collecting import collect_values
+from beltscape.workers.tasks import HERE, WorkerOptions
 
 METHODS = ("binocular", "pairwise", "multiview")
 """Pairwise is the paper's method, multiview Beltscape's, and binocular the paper's comparison."""
@@ -69,20 +71,39 @@ def base_scene(scene: str) -> str:
     return scene.removesuffix("_nospeckle")
 
 
-def reconstruct_all(lab: Laboratory, rig: Rig, out: Path, reporter: Reporter) -> Surfaces:
+def reconstruct_all(
+    lab: Laboratory, rig: Rig, out: Path, reporter: Reporter, workers: WorkerOptions = HERE
+) -> Surfaces:
     """Reconstruct every scene by every method and write it to ``out`` / method / scene.
 
-    Without speckle the depth range of the capture with speckle is used, because an empty belt does not show one.
+    Without speckle the depth range of the capture with speckle is used, because an empty belt does not show one: the
+    first surfaces of every kind of scene are reconstructed before the others.
     """
-    jobs = [(scene, method) for scene in lab.scenes.values() for method in METHODS]
+    laboratory = _Reconstructed(
+        {name: scene.without_caches() for name, scene in lab.scenes.items()}, rig, out
+    )
+    jobs = [(scene.name, method) for scene in lab.scenes.values() for method in METHODS]
     found: dict[tuple[str, str], ScoredDepth] = {}
+
+    def run(series: list[_Series]) -> None:
+        before = len(found)
+        step = sum(len(one.jobs) for one in series) / max(len(series), 1)
+        ends = collect_values(
+            _reconstruct_series, laboratory, series, workers,
+            lambda done: reporter.step("reconstructing", before + round(done * step), len(jobs)),
+        )  # fmt: skip
+        for one, (surfaces, near_far) in zip(series, ends, strict=True):
+            found.update(zip(one.jobs, surfaces, strict=True))
+            ranges[lab.scenes[one.jobs[0][0]].kind] = near_far
+
     ranges: dict[str, Range | None] = {}
-    reporter.step("reconstructing", 0, len(jobs))
-    for number, (scene, method) in enumerate(jobs):
-        near_far = ranges.get(scene.kind)
-        found[scene.name, method], ranges[scene.kind] = _reconstruct(scene, method, rig, out, near_far)
-        reporter.step("reconstructing", number + 1, len(jobs))
-    return found
+    kinds = {
+        scene.kind: [job for job in jobs if lab.scenes[job[0]].kind == scene.kind]
+        for scene in lab.scenes.values()
+    }
+    run([_Series((of_kind[0],), None) for of_kind in kinds.values()])
+    run([one for kind, of_kind in kinds.items() for one in _list_series(of_kind[1:], ranges[kind])])
+    return {job: found[job] for job in jobs}
 
 
 def score_surface(scene: Scene, by: str, folder: Path | None, depth: DepthMap, rig: Rig) -> ScoredDepth:
@@ -99,6 +120,41 @@ def make_empty_depth_map(rig: Rig) -> DepthMap:
 
 
 Range = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reconstructed:
+    """What all reconstructions share."""
+
+    scenes: Mapping[str, Scene]
+    rig: Rig
+    out: Path
+
+
+@dataclass(frozen=True, slots=True)
+class _Series:
+    """Surfaces that are reconstructed one after the other."""
+
+    jobs: tuple[tuple[str, str], ...]
+    """Scene and method of each."""
+    near_far: Range | None
+    """Their depth range; None: that which the first of them finds."""
+
+
+def _list_series(jobs: Sequence[tuple[str, str]], near_far: Range | None) -> list[_Series]:
+    """Return surfaces of one kind of scene: each by itself, or all in turn where a depth range is to be found."""
+    if near_far is not None:
+        return [_Series((job,), near_far) for job in jobs]
+    return [_Series(tuple(jobs), None)] if jobs else []
+
+
+def _reconstruct_series(shared: _Reconstructed, series: _Series) -> tuple[list[ScoredDepth], Range | None]:
+    found: list[ScoredDepth] = []
+    near_far = series.near_far
+    for scene, method in series.jobs:
+        one, near_far = _reconstruct(shared.scenes[scene], method, shared.rig, shared.out, near_far)
+        found.append(one)
+    return found, near_far
 
 
 def _reconstruct(

@@ -1,0 +1,65 @@
+"""The experiments on several workers: the same scores and files as in one process."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from beltscape.core.progress import Silent
+from beltscape.evaluate.paper import surfaces
+from beltscape.evaluate.paper.laboratory import Laboratory, Scene
+from beltscape.evaluate.paper.surfaces import reconstruct_all
+from beltscape.evaluate.truth.simulated import read_truth
+from beltscape.files.rasters.images import write_image
+from beltscape.pipeline.simulation import simulate
+from beltscape.simulate.scene_assembly import SimulatedScene
+from beltscape.workers.tasks import WorkerOptions
+from tests.simulate.tiny import tiny
+from tests.workers.cluster import start_cluster
+
+cluster = pytest.fixture(scope="module", autouse=True)(start_cluster)
+
+
+@pytest.fixture(scope="module")
+def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Laboratory:
+    """A loaded belt of 320 × 264 px, with speckle and, as another scene of the same kind, with fewer rocks."""
+    folder = tmp_path_factory.mktemp("laboratory")
+    scenes: dict[str, Scene] = {}
+    for name, rocks in (("belt_loaded", 12), ("belt_loaded_nospeckle", 4)):
+        scenario = tiny("belt_loaded", heap={"rocks": rocks})
+        simulate(scenario, folder / name, Silent())
+        truth = read_truth(folder / name / "truth", "belt_loaded").truths[0]
+        scenes[name] = Scene(name, "belt_loaded", folder / name, truth, SimulatedScene(scenario))
+    return Laboratory(folder, folder, folder, scenes)
+
+
+def rig_sizes(laboratory: Laboratory) -> dict[str, tuple[int, int]]:
+    """Return the size of each camera's images."""
+    rig = laboratory.scenes["belt_loaded"].truth.rig
+    return {name: camera.size_px for name, camera in rig.cameras.items()}
+
+
+@pytest.mark.parametrize("first_fails", [False, True])
+def test_scores_and_files_are_those_of_one_process(
+    laboratory, tmp_path, monkeypatch, first_fails: bool
+) -> None:
+    monkeypatch.setattr(surfaces, "METHODS", ("binocular", "multiview"))
+    if first_fails:  # then the next surface of its kind finds the depth range
+        black = tmp_path / "black"
+        for camera, (width, height) in rig_sizes(laboratory).items():
+            write_image(black / camera / "000.png", np.zeros((height, width), np.uint8))
+        scene = Scene("belt_loaded", "belt_loaded", black, laboratory.scenes["belt_loaded"].truth, None)
+        laboratory = Laboratory(black, black, black, {**laboratory.scenes, "belt_loaded": scene})
+    rig = laboratory.scenes["belt_loaded"].truth.rig
+    one, two = (
+        reconstruct_all(laboratory, rig, tmp_path / str(n), Silent(), WorkerOptions(n)) for n in (1, 2)
+    )
+    assert list(one) == list(two) == [(s, m) for s in laboratory.scenes for m in ("binocular", "multiview")]
+    for job, found in one.items():
+        np.testing.assert_equal(asdict(found.score), asdict(two[job].score))
+    files = [path.relative_to(tmp_path / "1") for path in sorted(Path(tmp_path / "1").rglob("*.*"))]
+    assert len(files) > 10
+    assert [f for f in files if (tmp_path / "1" / f).read_bytes() != (tmp_path / "2" / f).read_bytes()] == []

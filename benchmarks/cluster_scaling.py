@@ -36,8 +36,8 @@ the preset ``fast``."""
 STORES = {"hard disk, 0.2 GB/s": 0.2e9, "10 Gbit/s, 1.2 GB/s": 1.2e9, "object store, 10 GB/s": 10e9}
 WORKERS = (1, 2, 8, 64, 512)
 NOTES = """Recordings without overlap, so that all work counts; *speed-up* is between the begin of the first and the
-end of the last piece, without the start of Ray (*start*, once for a run). *Simulated*: pieces of a plant (640 frames of
-5 cameras with 1224×1024 px as TIFF, 1.5 s a frame), with the measured scatter between pieces and the measured time of
+end of the last piece, without the start of Ray (*start*, once for a run). *Simulated*: pieces of a plant (640 frames
+of 5 cameras with 1224×1024 px as TIFF, 1.5 s a frame), with the measured scatter of pieces and the measured time of
 the driver for a piece, until 20 pieces for every worker are done; *predicted* is the slowest of workers, store and
 driver."""
 

@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from beltscape.reprocessing import run as module
 from beltscape.reprocessing.results import PieceResult, PieceTimes
+from beltscape.sinks.historian.historian import Historian
+from beltscape.sinks.settings import HistorySettings
 from tests.reprocessing.test_joining import measure
 from tests.reprocessing.test_run import read_records
 
@@ -134,3 +138,29 @@ def test_a_source_without_recordings_is_refused(run, recorded_plant, tmp_path) -
     )  # fmt: skip
     assert code == 2
     assert "nothing" in err[-1]
+
+
+def test_products_follow_the_plants_own_history(reprocess, recorded_plant, tmp_path) -> None:
+    products = (
+        '[[products]]\nname = "coal"\ndensity_kg_m3 = 800\n[[products]]\nname = "ore"\ndensity_kg_m3 = 2000\n'
+    )
+    project = _write_project(
+        recorded_plant, tmp_path, "[density]\nkg_m3 = 1500\nsigma_kg_m3 = 30\n", products
+    )
+    assert {record[-1] for record in _list_products(reprocess(project=project), tmp_path)} == {"coal"}
+    second = sorted((recorded_plant / "recordings" / "all").iterdir())[1].name
+    began = datetime.strptime(second[7:], "%Y%m%dT%H%M%SZ").replace(tzinfo=UTC)
+    historian = Historian(tmp_path / "data", HistorySettings(reserve_mib=1))
+    historian.production.change_product("ore", "anna", int(began.timestamp()) * 10**9)
+    changed = reprocess(project=project)
+    historian.close()
+    assert changed["measured_now"] == 0
+    assert [record[-1] for record in _list_products(changed, tmp_path)] == ["coal"] * 5 + ["ore"] * 10
+
+
+def _list_products(answer: dict[str, Any], folder: Path) -> list[tuple[int, str]]:
+    historian = Historian(folder / "store" / "history", HistorySettings(reserve_mib=1))
+    records = historian.records(0, 2**62, 1000)
+    historian.close()
+    assert len(records) == answer["totals"]["records"]
+    return [(record.number, record.product) for record in records]

@@ -19,7 +19,7 @@ from beltscape.reprocessing.entries_file import decode_result
 from beltscape.reprocessing.joining import LedgerJoiner, Seam
 from beltscape.reprocessing.manifest import Manifest
 from beltscape.reprocessing.pieces import Piece
-from beltscape.reprocessing.products import make_tag_finder
+from beltscape.reprocessing.products import Change, make_tag_finder
 from beltscape.sinks.historian.historian import Historian
 
 _AT_ONCE = 2000
@@ -45,10 +45,13 @@ def join_pieces(
     pieces: Sequence[Piece],
     manifest: Manifest,
     project: Project[RunSettings],
+    changes: Sequence[Change],
     folder: Path,
     reporter: Reporter,
 ) -> JoinedLedger:
     """Write the ledger of all pieces into ``folder``, which is replaced only when it is complete.
+
+    ``changes`` are those of the product in the plant.
 
     Raises
     ------
@@ -57,7 +60,7 @@ def join_pieces(
     """
     part = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(part, ignore_errors=True)
-    joiner = LedgerJoiner(read_density(project), make_tag_finder(project))
+    joiner = LedgerJoiner(read_density(project), make_tag_finder(project, changes))
     findings: dict[str, None] = {}
     with closing(Historian(part, project.settings.history)) as historian:
         joiner.run = historian.begin_run(describe_provenance(project))

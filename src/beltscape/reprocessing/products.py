@@ -2,18 +2,39 @@
 
 from __future__ import annotations
 
+import sqlite3
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 
 from beltscape.core.belt.ledger_entries import RecordTag
+from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.production.calendar import open_zone
 from beltscape.production.timetable import find_due_change
+from beltscape.reprocessing.comparison.reading import ChangedMeanwhileError, open_history
+from beltscape.sinks.historian.reading.production import read_changes
+from beltscape.sinks.historian.writing.recovery import DATABASE
 
+_LATEST_NS = 2**63 - 1
+"""The last time that SQLite can hold."""
 _MINUTE_NS = 60 * 10**9
 """The live system looks at its timetable once a minute."""
 Change = tuple[int, str]
 """System clock, ns, and the name of the product from then on."""
+
+
+def read_product_changes(project: Project[RunSettings], reporter: Reporter) -> list[Change]:
+    """Return the changes that people and the timetable made in the plant, by its own history, if there is one."""
+    path = project.resolve(project.settings.data) / DATABASE
+    if not project.settings.products or not path.is_file():
+        return []
+    try:
+        with open_history(path) as connection:
+            return [(one.wall_ns, one.product) for one in read_changes(connection, 0, _LATEST_NS)]
+    except (ChangedMeanwhileError, sqlite3.Error, OSError) as error:
+        reason = " ".join(str(error).split()) or "it changes meanwhile"
+        reporter.warn(f"{path}: cannot be read ({reason}); products follow the timetable alone")
+        return []
 
 
 def find_no_product(wall_ns: int) -> RecordTag:
@@ -22,9 +43,7 @@ def find_no_product(wall_ns: int) -> RecordTag:
     return RecordTag()
 
 
-def make_tag_finder(
-    project: Project[RunSettings], changes: Sequence[Change] = ()
-) -> Callable[[int], RecordTag]:
+def make_tag_finder(project: Project[RunSettings], changes: Sequence[Change]) -> Callable[[int], RecordTag]:
     """Return the function that gives a record's product by the system clock's time.
 
     The newest change counts: of the timetable, or of ``changes``, which people made; before the first of them the

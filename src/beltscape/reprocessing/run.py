@@ -16,6 +16,7 @@ from beltscape.files.documents.json_text import write_json
 from beltscape.files.folders.atomic import write_text
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.live.measuring_parts import build_context, describe_provenance
+from beltscape.pipeline.live.operation import zero
 from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.reprocessing.entries_file import encode_result
 from beltscape.reprocessing.history import JoinedLedger, join_pieces
@@ -23,6 +24,7 @@ from beltscape.reprocessing.manifest import Manifest, Measured
 from beltscape.reprocessing.measuring import measure_piece
 from beltscape.reprocessing.parcel import Parcel, pack_project
 from beltscape.reprocessing.pieces import PIECE_FRAMES, Piece, compute_overlap, cut_into_pieces
+from beltscape.reprocessing.products import Change, read_product_changes
 from beltscape.reprocessing.recordings.discovery import find_recordings
 from beltscape.reprocessing.recordings.recording import Recording, Unreadable
 from beltscape.reprocessing.report import render_report
@@ -75,12 +77,13 @@ def reprocess(
     with closing(Manifest(store, parcel.digest)) as manifest:
         throughput = Throughput(store, len(found.pieces))
         failures = _measure_missing(found.pieces, manifest, parcel, options, throughput, reporter)
-        state = _digest_result(found, failures, project)
+        changes = read_product_changes(project, reporter)
+        state = _digest_result(found, failures, project, changes)
         earlier = _read_earlier(store, manifest, state)
         if earlier is not None:
             return {**earlier, "measured_now": 0, "changed": False}
         manifest.remove_others(piece.key for piece in found.pieces)
-        ledger = join_pieces(found.pieces, manifest, project, store / HISTORY, reporter)
+        ledger = join_pieces(found.pieces, manifest, project, changes, store / HISTORY, reporter)
         document = _describe(found, failures, ledger, throughput)
         write_json(store / RESULT, document)
         measured = [one for one in manifest.read(piece.key for piece in found.pieces) if one is not None]
@@ -100,6 +103,12 @@ def _find(source: str, project: Project[RunSettings], piece_frames: int, reporte
         raise InputError(
             f"{project.path}: [encoder] path = {settings.encoder.path!r} belongs to one capture; every recording has "
             "its own encoder.csv: remove path"
+        )
+    zero_path = project.resolve(settings.data) / zero.FILE
+    if zero_path.is_file():
+        reporter.warn(
+            f"{zero_path}: the zero that was set in the plant is not used; name a belt.json with it as empty = … "
+            "(beltscape measure zero)"
         )
     rig = read_rig(project.resolve(settings.rig))
     reference = build_context(project, rig, reporter).empty_belt
@@ -158,7 +167,9 @@ def _name_piece(piece: Piece) -> str:
     return f"{piece.recording} frames {first} to {last}"
 
 
-def _digest_result(found: Source, failures: Sequence[Failure], project: Project[RunSettings]) -> str:
+def _digest_result(
+    found: Source, failures: Sequence[Failure], project: Project[RunSettings], changes: Sequence[Change]
+) -> str:
     """Return a digest of everything that the joined ledger depends on."""
     settings = project.settings
     content = [
@@ -167,6 +178,7 @@ def _digest_result(found: Source, failures: Sequence[Failure], project: Project[
         [[one.name, one.reason] for one in found.unreadable],
         describe_provenance(project),
         settings.model_dump(mode="json", include={"density", "products", "production", "history"}),
+        changes,
     ]
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 

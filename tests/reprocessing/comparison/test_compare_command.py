@@ -28,7 +28,9 @@ RECORDS = measured(80)
 def histories(tmp_path_factory):
     folder = tmp_path_factory.mktemp("histories")
     write_history(folder / "a", RECORDS)
-    write_history(folder / "store" / "history", mark_missing(noisy(scaled(RECORDS, 1.05)), range(40, 45)), OTHER_RIG)
+    write_history(
+        folder / "store" / "history", mark_missing(noisy(scaled(RECORDS, 1.05)), range(40, 45)), OTHER_RIG
+    )
     write_history(folder / "again", [replace(record, wall_ns=record.wall_ns + 5) for record in RECORDS])
     write_history(folder / "empty", [])
     return folder

@@ -279,7 +279,9 @@ changes = st.fixed_dictionaries(
 @given(changes)
 def test_the_comparison_of_b_with_a_is_the_opposite(change):
     numbers = range(change["lost"], change["lost"] + 4)
-    other = moved(mark_missing(scaled(noisy(RECORDS, change["seed"]), change["factor"]), numbers), change["by_mm"])
+    other = moved(
+        mark_missing(scaled(noisy(RECORDS, change["seed"]), change["factor"]), numbers), change["by_mm"]
+    )
     forth = compared(RECORDS, other, of_second=change["of_second"])
     of_first = forth.second.runs[1].provenance
     back = compared(other, RECORDS, of_first, forth.first.runs[1].provenance)

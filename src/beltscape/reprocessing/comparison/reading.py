@@ -39,7 +39,7 @@ _DAMAGE = (sqlite3.Error, ValueError, TypeError, IndexError, KeyError, OverflowE
 """What values of another kind than the tables' raise."""
 
 
-class _ChangedMeanwhileError(Exception):
+class ChangedMeanwhileError(Exception):
     """Another process has begun to write the database."""
 
 
@@ -54,9 +54,9 @@ def read_ledger(folder: Path, reporter: Reporter) -> ComparedLedger:
     path = _find_database(folder)
     for attempt in range(_TRIES):
         try:
-            with _open(path) as connection:
+            with open_history(path) as connection:
                 return _read(folder, path, connection, reporter)
-        except _ChangedMeanwhileError:
+        except ChangedMeanwhileError:
             continue
         except _DAMAGE as error:
             if attempt + 1 < _TRIES and _beside(path, "wal").exists():
@@ -95,7 +95,7 @@ def _copy(path: Path, folder: Path) -> Path:
 
 
 @contextmanager
-def _open(path: Path) -> Generator[sqlite3.Connection]:
+def open_history(path: Path) -> Generator[sqlite3.Connection]:
     """Yield a connection with one consistent view.
 
     A database that nobody has open has no log; it is opened as immutable, because a usual reader would leave an empty
@@ -118,7 +118,7 @@ def _open(path: Path) -> Generator[sqlite3.Connection]:
         after.st_mtime_ns,
         after.st_size,
     ):
-        raise _ChangedMeanwhileError
+        raise ChangedMeanwhileError
 
 
 def _read(folder: Path, path: Path, connection: sqlite3.Connection, reporter: Reporter) -> ComparedLedger:

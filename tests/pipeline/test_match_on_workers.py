@@ -106,9 +106,9 @@ def test_images_are_sent_to_workers_that_do_not_see_them(capture, tmp_path, else
     with match_on_workers.open_workers(
         factory, WorkerOptions(workers=2), lambda _: files, reporter
     ) as workers:
-        begun = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
-        assert begun.task.files.keys() == files.keys()
-        first = require(begun.result())
+        pending = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
+        assert pending.task.files.keys() == files.keys()
+        first = require(pending.result())
         later = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
         assert not later.task.files
         assert first.depth_mm.tobytes() == require(later.result()).depth_mm.tobytes()

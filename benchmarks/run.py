@@ -23,7 +23,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.kernels.native import levels
 from calibration import calibration as benchmark_calibration
 from captures import Scene, demo_scenes, full_size_scene, rendered_scenes
-from cluster_scaling import cluster_scaling
+from cluster.scaling import cluster_scaling
 from live import live
 from matching import frames, kernels
 from matching.robustness import NOTES as ROBUSTNESS_NOTES

@@ -28,7 +28,7 @@ from tests.reprocessing.comparison.histories import (
     OTHER_RIG,
     compared,
     degraded,
-    lost,
+    mark_missing,
     measured,
     noisy,
     scaled,
@@ -100,10 +100,10 @@ def flow(count: int = 24) -> FlowReport:
 
 
 def comparison() -> Comparison:
-    """Another calibration with lost frames, a stretch that differs and cameras missing."""
+    """Another calibration with mark_missing frames, a stretch that differs and cameras missing."""
     records = measured(400)
     changed = [scaled([each], 1.2)[0] if 90 < each.number < 99 else each for each in noisy(records)]
-    return compared(records, degraded(lost(changed, range(150, 160)), range(200, 230)), of_second=OTHER_RIG)
+    return compared(records, degraded(mark_missing(changed, range(150, 160)), range(200, 230)), of_second=OTHER_RIG)
 
 
 def pages() -> dict[str, str]:

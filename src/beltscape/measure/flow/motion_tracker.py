@@ -35,8 +35,6 @@ from beltscape.measure.flow.motion.registration import Shift
 from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.settings import FlowSettings
 
-_NAN = float("nan")
-
 
 class MotionTracker:
     """Locates frames one after the other."""
@@ -79,8 +77,8 @@ class MotionTracker:
     def continue_motion(self, motion: MotionPrediction) -> None:
         """Begin with the speed and the direction that another tracker of the same belt found."""
         self.motion.speed = motion.speed
-        towards = float(motion.along @ self._reference.belt.belt_from_core.rotation[1])
-        self.direction = self.direction or (1 if towards > 0 else -1)
+        is_forward = motion.along @ self._reference.belt.belt_from_core.rotation[1] > 0
+        self.direction = self.direction or (1 if is_forward else -1)
 
     def can_locate(self, waiting: Sequence[PushedFrame]) -> bool:
         """Return whether frames can be placed: by a known motion, by an encoder, or by a first motion found now."""
@@ -120,15 +118,14 @@ class MotionTracker:
             self.check.distrust(contradiction)
         elif shift is None:
             self._compare_with_speed(frame)
-        before, place = self.motion.last, self._place(frame, observed)
+        before, place, finding = self.motion.last, self._place(frame, observed), None
         if place is not None:
             is_confirmed = shift is not None and (agrees or not self.check.is_trusted)
             located = LocatedFrame(frame.number, frame.frame, place)
             self._travel.add(located, self.motion.speed, is_confirmed=is_confirmed)
+            if frame.encoder_mm is not None or not self.check.is_trusted:
+                finding = make_encoder_finding(self.check, before, place)
         has_turned = was_assumed and self.direction != direction
-        finding = None
-        if place is not None and not (frame.encoder_mm is None and self.check.is_trusted):
-            finding = make_encoder_finding(self.check, before, place)
         return Location(
             place, shift, self.check.is_trusted, contradiction, finding, has_turned, tuple(relocated)
         )
@@ -147,7 +144,7 @@ class MotionTracker:
                 None if shift is None else self.direction * shift.along_mm,
                 0.0 if shift is None else shift.sigma_mm,
                 uses_encoder=trusted and not (observed.is_doubtful and motion.speed is not None),
-                encoder_ratio=_NAN if trusted else self.check.constant_ratio,
+                encoder_ratio=np.nan if trusted else self.check.constant_ratio,
             )
         )
         self._readings.add(frame, place, motion.speed)
@@ -160,10 +157,9 @@ class MotionTracker:
         key, elapsed = self.motion.key, self._compute_elapsed(frame)
         if key is None or self._key.heights is None or elapsed <= 0:
             return []
-        along = self.direction * shift.along_mm
         proven = ProvenMotion(
             LocatedFrame(self._key.number, "", key),
-            along / elapsed,
+            self.direction * shift.along_mm / elapsed,
             self.check.constant_ratio if contradiction is None else 1 + contradiction.value,
             compute_free_mm(self._key.heights, self.direction),
         )
@@ -249,7 +245,7 @@ class MotionTracker:
         if not trusted or not key.count_unmatched():
             return Observation(is_doubtful=True)
         first = 1 + min(key.number, self.check.agreed)
-        return Observation(None, Contradiction("unmatched", first, _NAN, _NAN), is_doubtful=True)
+        return Observation(None, Contradiction("unmatched", first, np.nan, np.nan), is_doubtful=True)
 
     def _is_credible(
         self,
@@ -282,8 +278,7 @@ class MotionTracker:
         if shift is None or not self.is_assumed or apart or abs(shift.along_mm) <= LEAST_MM:
             return
         self.is_assumed = False
-        if self.direction * shift.along_mm < 0:
-            self.direction = -self.direction
+        self.direction = 1 if shift.along_mm > 0 else -1
 
     def _encoder_step_mm(self, frame: PushedFrame) -> float | None:
         """Return the raw encoder's step since the key frame; None without an encoder."""

@@ -1,9 +1,9 @@
 """Re-processing with one and two workers, and a simulation of more with the measured times.
 
-    python benchmarks/cluster_scaling.py [--frames 30] [--recordings 6]
+    cd benchmarks && python -m cluster.scaling [--frames 30] [--recordings 6]
 
 Recordings of a simulated belt (5 cameras of 306×256 px, preset ``fast``) are measured by ``beltscape reprocess`` on
-one and on two workers. `cluster_model` then predicts and simulates larger clusters that read the plant's own images.
+one and on two workers. `cluster.model` then predicts and simulates larger clusters that read the plant's own images.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ import numpy as np
 from beltscape.core.progress import Silent
 from beltscape.reprocessing.entries_file import decode_result
 from beltscape.reprocessing.manifest import Manifest, Measured
-from cluster_model import Costs, predict, simulate
+from cluster.model import Costs, predict, simulate
 from faults.capture import FRAMES_PER_S, SHORT, RoundCapture, open_capture
 
-CAPTURES = Path(__file__).parent.parent / "out" / "bench-faults"
+CAPTURES = Path(__file__).parents[2] / "out" / "bench-faults"
 SEED = 31
 PIECE_FRAMES, FRAME_BYTES, FRAME_S = 640, 5 * 1224 * 1024, 1.5
 """A plant's piece: its frames with the overlap; bytes of a frame of five cameras as TIFF; its time on one core with

@@ -231,10 +231,14 @@ def ray(words: Sequence[str], folder: Path) -> None:
 def sbatch(words: Sequence[str], folder: Path) -> None:
     """The script is there and is a shell script; what follows are arguments of the command that it runs."""
     (script_at,) = [at for at, word in enumerate(words) if word.startswith("deploy/")]
-    done = subprocess.run(["bash", "-n", ROOT / words[script_at]], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        ["bash", "-n", ROOT / words[script_at]], capture_output=True, text=True, check=False
+    )
     demand(done.returncode == 0, done.stderr)
-    demand("beltscape reprocess \"$@\"" in (ROOT / words[script_at]).read_text(), "runs another command")
-    demand(not unknown_options(["reprocess", *words[script_at + 1 :]]), "options that reprocess does not have")
+    demand('beltscape reprocess "$@"' in (ROOT / words[script_at]).read_text(), "runs another command")
+    demand(
+        not unknown_options(["reprocess", *words[script_at + 1 :]]), "options that reprocess does not have"
+    )
 
 
 def podman(words: Sequence[str], folder: Path) -> None:

@@ -103,7 +103,9 @@ def comparison() -> Comparison:
     """Another calibration with mark_missing frames, a stretch that differs and cameras missing."""
     records = measured(400)
     changed = [scaled([each], 1.2)[0] if 90 < each.number < 99 else each for each in noisy(records)]
-    return compared(records, degraded(mark_missing(changed, range(150, 160)), range(200, 230)), of_second=OTHER_RIG)
+    return compared(
+        records, degraded(mark_missing(changed, range(150, 160)), range(200, 230)), of_second=OTHER_RIG
+    )
 
 
 def pages() -> dict[str, str]:

@@ -121,7 +121,8 @@ class Server:
     def _take_datagrams(self) -> None:
         with suppress(OSError):
             while self._is_open:
-                self._keep(self._socket.recv(65_536))
+                if datagram := self._socket.recv(65_536):  # empty: the socket was shut down
+                    self._keep(datagram)
 
     def _accept(self) -> None:
         with suppress(OSError):

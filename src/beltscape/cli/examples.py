@@ -39,12 +39,12 @@ EXAMPLES = {
         "reprocess data/recordings --project project.toml --workers 4 --out reprocessed",
         "reprocess s3://plant/2026 --project project.toml --address ray://head:10001 --out reprocessed",
     ),
+    "compare": ("compare data reprocessed --out comparison",),
     "backup": ("backup project.toml /var/backups/beltscape --archive tar.zst --keep 14",),
     "restore": (
         "restore /var/backups/beltscape/2026-11-21T024000Z.tar.zst --check",
         "restore /var/backups/beltscape/2026-11-21T024000Z.tar.zst restored",
     ),
-    "compare": ("compare data reprocessed --out comparison",),
     "cameras": ("cameras --check project.toml",),
     "record": (
         "record project.toml --out calibration --board board.toml   (space or Enter takes a shot, q ends)",

@@ -1,0 +1,24 @@
+"""An engine for tasks in place of Ray's: last task first, everything pickled as on its way to another machine."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Generator, Sequence
+from typing import Any
+
+from beltscape.workers.call import call
+from beltscape.workers.tasks import Completed, WorkerOptions
+
+
+def run_backwards(
+    function: Callable[[Any, Any], Any],
+    shared: Any,
+    tasks: Sequence[Any],
+    options: WorkerOptions,
+    describe: Callable[[Any], str],
+) -> Generator[Completed[Any]]:
+    """Yield the ends of the tasks, the last task's first; for ``beltscape.workers.ray_cluster.run_on_ray``."""
+    del options, describe
+    for number, task in reversed([*enumerate(tasks)]):
+        there = pickle.loads(pickle.dumps((function, shared, number, task)))
+        yield pickle.loads(pickle.dumps(call(*there)))

@@ -176,8 +176,8 @@ def test_samples_are_the_same_bytes_with_any_number_of_workers(load, capture, tm
     for other in others:
         other.symlink_to(capture)
     Drawing, SampleCache = load("drawing").Drawing, load("cache").SampleCache
-    for number in (1, 2):
-        cache = SampleCache(tmp_path / str(number), Silent(), Drawing(WorkerOptions(number)))
+    for number, options in ((1, WorkerOptions()), (2, WorkerOptions(2))):
+        cache = SampleCache(tmp_path / str(number), Silent(), Drawing(options))
         samples = cache.collect("depth", others, draw_depth)
         assert list(samples["turn"][:: len(samples["turn"]) // 2]) == [0, 1]
     for other in others:

@@ -115,7 +115,10 @@ def require_positive(option: str, value: float | None) -> float | None:
 def add_workers(parser: ArgumentParser) -> None:
     """Declare ``--workers`` and ``--address``: on how many workers, and on which machines, independent parts run."""
     parser.add_argument(
-        "--workers", type=int, metavar="N", help="parts at a time, in processes of their own (default: 1)"
+        "--workers",
+        type=int,
+        metavar="N",
+        help="parts at a time, in processes with a core each (default: one by one, with all cores)",
     )
     parser.add_argument(
         "--address",

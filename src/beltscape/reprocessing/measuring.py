@@ -7,8 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import groupby
 
-import cv2
-
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
@@ -40,7 +38,6 @@ def measure_piece(parcel: Parcel, piece: Piece) -> PieceResult:
         With one line that names the fault, if the piece cannot be measured at all.
     """
     began = time.perf_counter()
-    cv2.setNumThreads(1)  # a worker has one core
     reporter, project = RecordingReporter(Silent()), unpack_project(parcel)
     rig = _scale_rig(project, piece, reporter)
     for direction in (1, -1):

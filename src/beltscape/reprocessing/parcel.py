@@ -56,7 +56,7 @@ def pack_project(project: Project[RunSettings], reporter: Reporter) -> Parcel:
         rig=Path(_RIG),
         empty=Path(_BELT),
         capture=CaptureSettings(folder=Path("recording")),
-        matching=settings.matching.model_copy(update={"threads": 1}),
+        matching=settings.matching.model_copy(update={"threads": 0}),
         flow=settings.flow,
         health=settings.health,
     )

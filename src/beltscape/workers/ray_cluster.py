@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-import cv2
-
 from beltscape import __version__
 from beltscape.core.errors import SettingsError
-from beltscape.core.system_calls import CORES
 from beltscape.workers.call import call
+from beltscape.workers.core import take_core
 from beltscape.workers.ray_connection import connect
 from beltscape.workers.tasks import Completed, WorkerOptions
 
@@ -119,6 +116,5 @@ def _call_on_worker(everywhere: tuple[str, Any, Any], number: int, task: Any) ->
         raise SettingsError(
             f"a worker has Beltscape {__version__}, this machine has {version}; install one version on all"
         )
-    os.environ[CORES] = "1"
-    cv2.setNumThreads(1)
+    take_core()
     return call(function, shared, number, task)

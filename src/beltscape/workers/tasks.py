@@ -24,7 +24,7 @@ class WorkerOptions:
     """Where tasks run."""
 
     workers: int | None = None
-    """Largest number of tasks at a time; None: one without an address, else as many as the cluster has cores."""
+    """Largest number of tasks at a time, with a core each; None: as many as the cluster of ``address`` has cores."""
     address: str | None = None
     """A Ray cluster: "auto", "host:port" or "ray://host:port"; None: this machine."""
 
@@ -34,8 +34,8 @@ class WorkerOptions:
 
     @property
     def is_here(self) -> bool:
-        """Return whether the tasks run in this process, one after the other."""
-        return self.address is None and self.workers in (None, 1)
+        """Return whether the tasks run in this process, one after the other, each with all cores."""
+        return self.address is None and self.workers is None
 
 
 HERE = WorkerOptions()

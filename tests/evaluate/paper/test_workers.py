@@ -51,7 +51,8 @@ def test_scores_and_files_are_those_of_one_process(laboratory, tmp_path, monkeyp
     laboratory = Laboratory(black, black, black, {**laboratory.scenes, "belt_loaded": scene})
     rig = laboratory.scenes["belt_loaded"].truth.rig
     one, two = (
-        reconstruct_all(laboratory, rig, tmp_path / str(n), Silent(), WorkerOptions(n)) for n in (1, 2)
+        reconstruct_all(laboratory, rig, tmp_path / name, Silent(), options)
+        for name, options in (("1", WorkerOptions()), ("2", WorkerOptions(2)))
     )
     assert list(one) == list(two) == [(s, m) for s in laboratory.scenes for m in ("binocular", "multiview")]
     for job, found in one.items():

@@ -137,6 +137,33 @@ assert main(["export", rig, "--format", "ros", "--out", "ros"]) == 0
     assert (tmp_path / "back.json").is_file()
 
 
+@pytest.mark.skipif(
+    not hasattr(os, "sched_setaffinity"), reason="this system does not bind processes to cores"
+)
+def test_processes_take_different_cores_and_free_them(tmp_path):
+    code = (
+        "import sys, pathlib; from beltscape.core.system_calls import bind_to_free_core as bind; import os; "
+    )
+    code += "core = bind(pathlib.Path(sys.argv[1])); "
+    code += "print(core, sorted(os.sched_getaffinity(0)), flush=True); input()"
+    cores = sorted(os.sched_getaffinity(0))
+
+    def start():
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, tmp_path], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert process.stdout is not None
+        return process, process.stdout.readline().strip()
+
+    started = [start() for _ in range(len(cores) + 1)]
+    assert [line for _, line in started] == [f"{core} [{core}]" for core in cores] + [f"None {cores}"]
+    for process, _ in started:
+        process.communicate("\n")
+    last, line = start()
+    last.communicate("\n")
+    assert line == f"{cores[0]} [{cores[0]}]"
+
+
 def find_posix_names(path: Path) -> set[str]:
     """Return the modules and attributes of `os` in a source file that Windows does not have."""
     text = path.read_text(encoding="utf-8")
@@ -152,6 +179,7 @@ def test_no_other_module_calls_what_windows_lacks():
             "termios",
             "tty",
             "os.O_DIRECTORY",
+            "os.getuid",
             "os.posix_fallocate",
             "os.sched_getaffinity",
             "os.sync",

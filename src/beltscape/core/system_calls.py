@@ -90,6 +90,29 @@ def count_usable_cores() -> int:
     return min(cores, _parse_cores(most)) if most else cores
 
 
+def bind_to_free_core(folder: Path) -> int | None:
+    """Keep this process, until it ends, to a core that no other process of this user took by this function.
+
+    The locks are files below ``folder``, the same one for all these processes. Return the core's number; None
+    without a free one, and on systems that do not bind processes to cores.
+    """
+    if not hasattr(os, "sched_setaffinity"):
+        return None
+    locks = folder / f"beltscape-cores-{os.getuid()}"
+    locks.mkdir(mode=0o700, parents=True, exist_ok=True)
+    for core in sorted(os.sched_getaffinity(0)):
+        handle = os.open(locks / str(core), os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            lock_file(handle)  # the system frees it when the process ends
+        except BlockingIOError:
+            os.close(handle)
+            continue
+        for thread in Path("/proc/self/task").iterdir():
+            os.sched_setaffinity(int(thread.name), {core})
+        return core
+    return None
+
+
 def _parse_cores(text: str) -> int:
     if not (text.isascii() and text.isdigit() and int(text) > 0):
         raise SettingsError(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import cv2
 
-from beltscape.core.system_calls import CORES
+from beltscape.core.system_calls import CORES, bind_to_free_core
 
 
 @cache
@@ -20,20 +20,4 @@ def take_core() -> int | None:
     """
     os.environ[CORES] = "1"
     cv2.setNumThreads(1)
-    if not hasattr(os, "sched_setaffinity"):
-        return None
-    import fcntl
-
-    folder = Path(tempfile.gettempdir()) / f"beltscape-cores-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    for core in sorted(os.sched_getaffinity(0)):
-        lock = os.open(folder / str(core), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # the system frees it when the process ends
-        except OSError:
-            os.close(lock)
-            continue
-        for thread in Path("/proc/self/task").iterdir():
-            os.sched_setaffinity(int(thread.name), {core})
-        return core
-    return None
+    return bind_to_free_core(Path(tempfile.gettempdir()))

@@ -24,7 +24,7 @@ import numpy as np
 
 from beltscape.core.progress import Silent
 from beltscape.reprocessing.entries_file import decode_result
-from beltscape.reprocessing.manifest import Manifest, Measured
+from beltscape.reprocessing.manifest import Manifest, WorkSpan
 from cluster.model import Costs, predict, simulate
 from faults.capture import FRAMES_PER_S, SHORT, RoundCapture, open_capture
 
@@ -110,7 +110,7 @@ def measure_driver_s(folder: Path, results: list[bytes]) -> float:
     began_s = time.perf_counter()
     for number in range(20):
         for index, result in enumerate(results):
-            manifest.add("recording", Measured(f"{number}-{index}", result, "worker", 0.0, 1.0))
+            manifest.add(f"{number}-{index}", "recording", result, WorkSpan("worker", 0.0, 1.0))
             decode_result(result)
     spent_s = time.perf_counter() - began_s
     manifest.close()

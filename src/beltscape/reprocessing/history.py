@@ -85,9 +85,9 @@ def _join(
     reporter: Reporter,
 ) -> Iterator[BeltRecord]:
     """Yield the records of all pieces in order."""
-    results = manifest.read(piece.key for piece in pieces)
-    for done, (piece, measured) in enumerate(zip(pieces, results, strict=True), 1):
-        result = None if measured is None else decode_result(measured.result)
+    results = manifest.read_results(piece.key for piece in pieces)
+    for done, (piece, encoded) in enumerate(zip(pieces, results, strict=True), 1):
+        result = None if encoded is None else decode_result(encoded)
         if result is not None:
             findings.update(dict.fromkeys(f"{piece.recording}: {text}" for text in result.warnings))
         yield from joiner.add(piece, None if result is None else result.entries)

@@ -24,12 +24,9 @@ _LOCK_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
-    """A piece that is done."""
+class WorkSpan:
+    """When and where a piece was measured."""
 
-    key: str
-    result: bytes
-    """As `entries_file.encode_result` encodes it."""
     worker: str
     """Machine and process."""
     begin_s: float
@@ -89,25 +86,28 @@ class Manifest:
         """Return the keys of all pieces that are done."""
         return {key for (key,) in self._connection.execute("SELECT key FROM pieces")}
 
-    def add(self, recording: str, done: Measured) -> None:
-        """Store a piece's result; OutputError if that is not possible, as on a full disk."""
+    def add(self, key: str, recording: str, result: bytes, span: WorkSpan) -> None:
+        """Store a piece's ``result``, as `entries_file.encode_result` encodes it; OutputError if that fails."""
         try:
             self._connection.execute(
                 "INSERT OR REPLACE INTO pieces VALUES (?, ?, ?, ?, ?, ?)",
-                (done.key, recording, done.result, done.worker, done.begin_s, done.seconds),
+                (key, recording, result, span.worker, span.begin_s, span.seconds),
             )
         except sqlite3.Error as error:
             raise OutputError(
                 f"{self._path}: cannot be written ({error}); free some space and run again"
             ) from error
 
-    def read(self, keys: Iterable[str]) -> Iterator[Measured | None]:
-        """Yield the pieces with these keys in order; None for one that is not done."""
+    def read_results(self, keys: Iterable[str]) -> Iterator[bytes | None]:
+        """Yield the results of the pieces with these keys in order; None for one that is not done."""
         for key in keys:
-            row = self._connection.execute(
-                "SELECT key, result, worker, begin_s, seconds FROM pieces WHERE key = ?", (key,)
-            ).fetchone()
-            yield None if row is None else Measured(*row)
+            row = self._connection.execute("SELECT result FROM pieces WHERE key = ?", (key,)).fetchone()
+            yield None if row is None else row[0]
+
+    def list_spans(self) -> list[WorkSpan]:
+        """Return when and where all pieces that are done were measured, in the order of their begins."""
+        rows = self._connection.execute("SELECT worker, begin_s, seconds FROM pieces ORDER BY begin_s, key")
+        return [WorkSpan(*row) for row in rows]
 
     def remove_others(self, keys: Iterable[str]) -> None:
         """Remove the pieces with other keys, which the source no longer has."""

@@ -34,14 +34,9 @@ class Parcel:
     @property
     def digest(self) -> str:
         """Return the SHA-256 of all that decides the volumes: settings, rig, empty belt and the program's version."""
-        texts = [__version__.encode(), self.settings.model_dump_json().encode()]
-        return hashlib.sha256(
-            b"".join(hashlib.sha256(one).digest() for one in [*texts, *self._contents])
-        ).hexdigest()
-
-    @property
-    def _contents(self) -> list[bytes]:
-        return [content for _, content in self.files]
+        contents = [content for _, content in self.files]
+        parts = [__version__.encode(), self.settings.model_dump_json().encode(), *contents]
+        return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
 
 
 def pack_project(project: Project[RunSettings], reporter: Reporter) -> Parcel:

@@ -8,14 +8,14 @@ from typing import Any
 
 from beltscape.report.page import Lines, Section, Table, Tile, Tiles, render
 from beltscape.reprocessing.history import JoinedLedger
-from beltscape.reprocessing.manifest import Measured
+from beltscape.reprocessing.manifest import WorkSpan
 from beltscape.reprocessing.timeline import make_timeline
 
 _MOST_ROWS = 400
 """Largest number of rows of a table; reprocessing.json has all."""
 
 
-def render_report(document: Mapping[str, Any], ledger: JoinedLedger, measured: Sequence[Measured]) -> str:
+def render_report(document: Mapping[str, Any], ledger: JoinedLedger, spans: Sequence[WorkSpan]) -> str:
     """Return report.html."""
     sections = [Section("What passed", "", [Tiles(_totals_tiles(document))])]
     problems = [(one["name"], one["reason"]) for one in document["unreadable"]]
@@ -36,7 +36,7 @@ def render_report(document: Mapping[str, Any], ledger: JoinedLedger, measured: S
         Section(
             "Where the time went",
             "Every bar is a piece on the worker that measured it; white is waiting.",
-            [Tiles(_work_tiles(document["work"])), make_timeline(measured)],
+            [Tiles(_work_tiles(document["work"])), make_timeline(spans)],
         )
     )
     if ledger.findings:

@@ -18,9 +18,10 @@ from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.live.measuring_parts import build_context, describe_provenance
 from beltscape.pipeline.live.operation import zero
 from beltscape.pipeline.live.project import Project, RunSettings
-from beltscape.reprocessing.entries_file import encode_result
+from beltscape.reprocessing.comparison.reading import HISTORY
+from beltscape.reprocessing.entries_file import decode_result, encode_result
 from beltscape.reprocessing.history import JoinedLedger, join_pieces
-from beltscape.reprocessing.manifest import Manifest, Measured
+from beltscape.reprocessing.manifest import Manifest, WorkSpan
 from beltscape.reprocessing.measuring import measure_piece
 from beltscape.reprocessing.parcel import Parcel, pack_project
 from beltscape.reprocessing.pieces import PIECE_FRAMES, Piece, compute_overlap, cut_into_pieces
@@ -33,8 +34,6 @@ from beltscape.workers.tasks import WorkerOptions, run_tasks
 
 RESULT = "reprocessing.json"
 REPORT = "report.html"
-HISTORY = "history"
-"""Folder of the joined ledger in the store, as that of a plant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +85,7 @@ def reprocess(
         ledger = join_pieces(found.pieces, manifest, project, changes, store / HISTORY, reporter)
         document = _describe(found, failures, ledger, throughput)
         write_json(store / RESULT, document)
-        measured = [one for one in manifest.read(piece.key for piece in found.pieces) if one is not None]
-        write_text(store / REPORT, render_report(document, ledger, measured))
+        write_text(store / REPORT, render_report(document, ledger, manifest.list_spans()))
         manifest.write_about("joined", state)
     return {**document, "changed": True}
 
@@ -149,9 +147,9 @@ def _measure_missing(
                 failures.append(Failure(piece, end.failure))
                 reporter.warn(f"{_name_piece(piece)}: {end.failure}; it is tried again by the next run")
             else:
-                measured = Measured(piece.key, end.value, end.worker, end.begin_s, end.seconds)
-                manifest.add(piece.recording, measured)
-                throughput.add(piece, measured)
+                span = WorkSpan(end.worker, end.begin_s, end.seconds)
+                manifest.add(piece.key, piece.recording, end.value, span)
+                throughput.add(piece, decode_result(end.value).times, span)
             reporter.step(stage, throughput.done + len(failures) + len(pieces) - len(missing), len(pieces))
     throughput.end()
     return sorted(failures, key=lambda failure: failure.piece.number)

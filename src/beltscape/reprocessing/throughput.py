@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.files.documents.json_text import write_json
-from beltscape.reprocessing.entries_file import decode_result
-from beltscape.reprocessing.manifest import Measured
+from beltscape.reprocessing.manifest import WorkSpan
 from beltscape.reprocessing.pieces import Piece
 from beltscape.reprocessing.results import PieceTimes
 
@@ -41,12 +40,12 @@ class Throughput:
         self._missing_frames = sum(len(piece.own) for piece in missing)
         self._began_s = time.perf_counter()
 
-    def add(self, piece: Piece, measured: Measured) -> None:
+    def add(self, piece: Piece, times: PieceTimes, span: WorkSpan) -> None:
         """Add a piece that was measured."""
-        self._times.append(decode_result(measured.result).times)
-        self._workers.add(measured.worker)
+        self._times.append(times)
+        self._workers.add(span.worker)
         self._own_frames += len(piece.own)
-        self._busy_s += measured.seconds
+        self._busy_s += span.seconds
         self._wall_s = time.perf_counter() - self._began_s
         if self._wall_s - self._written_s >= _WRITE_S:
             self._written_s = self._wall_s

@@ -88,9 +88,8 @@ class RayPool:
         number = self.running.pop(reference)
         try:
             return self._ray.get(reference)
-        except (
-            self._ray.exceptions.RayTaskError
-        ) as error:  # the function's own failures are values: this is the call around it
+        except self._ray.exceptions.RayTaskError as error:
+            # the function's own failures are values: this is the call around it
             raise SettingsError(str(error.cause).splitlines()[0]) from error
         except self._ray.exceptions.RayError as error:
             has_crashed = isinstance(error, self._ray.exceptions.WorkerCrashedError)

@@ -1,4 +1,4 @@
-"""Independent tasks with one function, and the door through which they are run."""
+"""Independent tasks of one function, and the functions that run them on workers."""
 
 from __future__ import annotations
 

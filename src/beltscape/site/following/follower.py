@@ -173,7 +173,7 @@ class BeltFollower:
         offset_s = state.wall_ms / 1000 - (before_s + half_s)
         with self._lock:
             self._state, self._state_s = state, time.monotonic()
-        # a slow answer says no more than that the clock was read within its time
+        # the clock was read at an unknown moment of a slow answer
         is_right = abs(offset_s) - half_s <= self._site.clock_s
         self._set_fault("clock", None if is_right else Fault("clock", {"offset_s": offset_s}))
         stale_s = 5.0 if self._page is None else self._page.stale_s

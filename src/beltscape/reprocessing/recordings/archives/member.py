@@ -1,4 +1,4 @@
-"""Path of an archive's member with its byte range: whoever reads it needs no list of the archive's members."""
+"""Path of an archive's member with its byte range, so that it is read without a list of the archive's members."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ import numpy as np
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import FrameEvent
+from beltscape.core.live.events import FrameEvent
 from beltscape.pipeline.live.writer import Writer, notify_records
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import CameraHealth
+from beltscape.core.live.events import CameraHealth
 from beltscape.files.rasters.images import read_image
 from beltscape.simulate.faults.images import apply_to_images
 from beltscape.simulate.faults.settings import Faults

@@ -13,7 +13,7 @@ from typing import Any
 
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
 from beltscape.core.errors import BeltscapeError
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Silent
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.live.engine import Engine

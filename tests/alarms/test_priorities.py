@@ -18,7 +18,7 @@ from beltscape.alarms.management.priorities import (
 )
 from beltscape.alarms.names import KINDS, require_alarm
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.core.alarms import PRIORITIES
+from beltscape.core.live.alarms import PRIORITIES
 from tests.alarms.plant import BAD, GOOD, Plant
 
 TIMES: tuple[Response, ...] = ("slow", "soon", "prompt")

@@ -14,7 +14,7 @@ from beltscape.alarms.management.statistics import (
     Annunciation,
     compute_statistics,
 )
-from beltscape.core.alarms import Alarm
+from beltscape.core.live.alarms import Alarm
 
 MINUTE_NS = 60_000_000_000
 NAN = float("nan")

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter, Silent
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings

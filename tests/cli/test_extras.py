@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.core.extras import EXTRAS, describe_missing_library
+from beltscape.core.runtime.extras import EXTRAS, describe_missing_library
 from tests.synthetic.demo import DEMO
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -12,7 +12,7 @@ import pytest
 
 import beltscape
 from beltscape.core.errors import SettingsError
-from beltscape.core.system_calls import (
+from beltscape.core.runtime.system_calls import (
     CORES,
     count_usable_cores,
     lock_file,
@@ -55,7 +55,7 @@ for name in CALLS:
     delattr(os, name)
 sys.modules["msvcrt"] = Console("msvcrt")
 here, sys.platform = sys.platform, "win32"
-import beltscape.core.system_calls as calls
+import beltscape.core.runtime.system_calls as calls
 sys.platform = here
 """
 )
@@ -141,9 +141,7 @@ assert main(["export", rig, "--format", "ros", "--out", "ros"]) == 0
     not hasattr(os, "sched_setaffinity"), reason="this system does not bind processes to cores"
 )
 def test_processes_take_different_cores_and_free_them(tmp_path):
-    code = (
-        "import sys, pathlib; from beltscape.core.system_calls import bind_to_free_core as bind; import os; "
-    )
+    code = "import os, sys, pathlib; from beltscape.core.runtime.system_calls import bind_to_free_core as bind; "
     code += "core = bind(pathlib.Path(sys.argv[1])); "
     code += "print(core, sorted(os.sched_getaffinity(0)), flush=True); input()"
     cores = sorted(os.sched_getaffinity(0))
@@ -174,7 +172,7 @@ def find_posix_names(path: Path) -> set[str]:
 def test_no_other_module_calls_what_windows_lacks():
     source = Path(beltscape.__file__).parent
     allowed = {
-        "core/system_calls.py": {
+        "core/runtime/system_calls.py": {
             "fcntl",
             "termios",
             "tty",

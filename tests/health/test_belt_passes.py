@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.health.belt.belt_findings import make_event_findings
 from beltscape.health.belt.monitor import BeltMonitor
 from beltscape.health.belt.passes import BeltEvent, BeltPasses

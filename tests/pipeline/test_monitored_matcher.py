@@ -8,8 +8,8 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
+from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter, Silent
 from beltscape.files.rig_json import read_rig
 from beltscape.health.images.monitor import ImageMonitor

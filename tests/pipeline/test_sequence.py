@@ -10,8 +10,8 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import OutputError, ReconstructionError
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
+from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Silent
 from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig

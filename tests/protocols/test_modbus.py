@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import Totals
 from beltscape.core.errors import InputError
+from beltscape.core.live.alarms import Alarm
 
 pytest.importorskip("pymodbus", reason="pymodbus is not installed; pip install 'beltscape[modbus]' brings it")
 

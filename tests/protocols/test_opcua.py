@@ -15,7 +15,7 @@ import pytest
 
 from beltscape.core.belt.ledger_entries import Totals
 from beltscape.core.errors import OutputError
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 
 pytest.importorskip("asyncua", reason="asyncua is not installed; pip install 'beltscape[opcua]' brings it")
 

@@ -15,7 +15,7 @@ pytest.importorskip(
     "google.protobuf", reason="protobuf is not installed; pip install 'beltscape[mqtt]' brings it"
 )
 
-from beltscape.core.alarms import Alarm
+from beltscape.core.live.alarms import Alarm
 from beltscape.protocols.mqtt.publisher import Publisher
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.mqtt.sparkplug.payload import REBIRTH, Metric, encode, is_rebirth

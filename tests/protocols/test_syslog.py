@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.core.alarms import Alarm, Suppression
 from beltscape.core.errors import InputError
+from beltscape.core.live.alarms import Alarm, Suppression
 from beltscape.protocols.syslog.messages import (
     UDP_BYTES,
     Origin,

@@ -10,9 +10,9 @@ from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
 from beltscape.service.access.identity.roles import User
+from beltscape.service.api.now.live_stream import SentState, collect_messages
+from beltscape.service.hosting.server import serve
 from beltscape.service.live_state import LiveState
-from beltscape.service.live_stream import SentState, collect_messages
-from beltscape.service.server import serve
 from beltscape.service.settings import WebSettings
 from beltscape.service.view_models.belt import UNKNOWN, decode_heights
 from tests.service.feeder import SimulatedPlant, SummingLedger, make_heights

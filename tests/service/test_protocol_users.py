@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.core.alarms import Alarm
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import FrameEvent
+from beltscape.core.live.alarms import Alarm
+from beltscape.core.live.events import FrameEvent
 from beltscape.service.access import Access
 from beltscape.service.live_state import LiveState
 from beltscape.service.protocols.checks import CHECKS

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.core.alarms import Alarm
 from beltscape.core.errors import InputError
+from beltscape.core.live.alarms import Alarm
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.outputs.settings import OutputSettings

@@ -8,7 +8,7 @@ from math import nan
 import numpy as np
 import pytest
 
-from beltscape.core.findings import Effect, Finding
+from beltscape.core.live.findings import Effect, Finding
 from beltscape.sinks.historian import CheckKey, Historian, StoredFinding
 from beltscape.sinks.historian.storage import schema
 from beltscape.sinks.historian.storage.finding_files import read_findings

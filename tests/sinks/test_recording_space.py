@@ -134,7 +134,7 @@ def test_a_folder_that_cannot_be_entered_pauses_recording_only():
     "error", [PermissionError(13, "Permission denied"), RuntimeError("no idea"), KeyError("x")]
 )
 def test_no_error_ends_the_recorder(tmp_path, monkeypatch, error):
-    monkeypatch.setattr("beltscape.core.supervision.RESTART_S", 0.01)
+    monkeypatch.setattr("beltscape.core.runtime.supervision.RESTART_S", 0.01)
     recorder = Recorder(tmp_path, settings(mode="all"))
 
     def fail(*_):

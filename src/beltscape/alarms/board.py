@@ -20,7 +20,7 @@ from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES, Conditions
 from beltscape.alarms.settings import AlarmSettings, CommonSettings, NoMeasurement
 from beltscape.alarms.state_machine import Elapsed
-from beltscape.core.alarms import Alarm, Suppression
+from beltscape.core.live.alarms import Alarm, Suppression
 
 _NAN = float("nan")
 _State = tuple[str, str]

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from beltscape.core.alarms import Severity
-from beltscape.core.findings import Finding
+from beltscape.core.live.alarms import Severity
+from beltscape.core.live.findings import Finding
 
 ConditionState = Literal["on", "off", "between", "unknown"]
 """past the limit; back beyond the clear limit; between the two; not known"""

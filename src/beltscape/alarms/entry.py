@@ -11,7 +11,7 @@ from beltscape.alarms.management.snapshot import SavedAlarm, SavedText
 from beltscape.alarms.settings import CommonSettings, LoadSettings
 from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
 from beltscape.alarms.texts import format_amount, format_detail
-from beltscape.core.alarms import Alarm, AlarmState, Priority, Severity, Suppression
+from beltscape.core.live.alarms import Alarm, AlarmState, Priority, Severity, Suppression
 
 
 @dataclass(slots=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beltscape.core.findings import Finding
-from beltscape.core.live import CameraHealth
+from beltscape.core.live.events import CameraHealth
+from beltscape.core.live.findings import Finding
 
 _NAN = float("nan")
 

@@ -16,7 +16,7 @@ from beltscape.alarms.condition import (
 )
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.core.live import CameraHealth
+from beltscape.core.live.events import CameraHealth
 
 Conditions = Mapping[str, AlarmCondition]
 """By subject: a camera or a quantity; "" for the alarms that have only one subject."""

@@ -16,7 +16,7 @@ from beltscape.alarms.checks import require_check
 from beltscape.alarms.management.groups import GROUPS
 from beltscape.alarms.management.settings import Groups, ShelvingSettings, SuppressionSettings
 from beltscape.alarms.names import AlarmKey
-from beltscape.core.alarms import Priority, Severity
+from beltscape.core.live.alarms import Priority, Severity
 
 Seconds = Annotated[float, Field(ge=0, le=86_400, allow_inf_nan=False)]
 """A time, up to a day."""

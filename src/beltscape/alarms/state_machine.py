@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from beltscape.alarms.condition import ConditionState
-from beltscape.core.alarms import AlarmState
+from beltscape.core.live.alarms import AlarmState
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ import traceback
 from pathlib import Path
 
 from beltscape.core.errors import BeltscapeError
-from beltscape.core.extras import describe_missing_library
+from beltscape.core.runtime.extras import describe_missing_library
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
 """Exit codes: usage or input error, internal error (EX_SOFTWARE of sysexits.h), Ctrl-C."""

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Replay the capture and return the summary of the run."""
     from beltscape.pipeline.live.assembly import RunOptions
-    from beltscape.service.lifecycle import log_to_stderr, make_stop_event
+    from beltscape.service.hosting.lifecycle import log_to_stderr, make_stop_event
     from beltscape.service.plant import run_plant
     from beltscape.service.project import open_project, substitute_capture
 
@@ -48,6 +48,6 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 def summary(result: Mapping[str, Any]) -> str:
     """Return the result in a few lines."""
-    from beltscape.service.lifecycle import format_summary
+    from beltscape.service.hosting.lifecycle import format_summary
 
     return format_summary(result)

@@ -30,8 +30,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Run until SIGINT or SIGTERM, or to the end of a capture."""
     from beltscape.pipeline.live.assembly import RunOptions
     from beltscape.service.check import check_plant
-    from beltscape.service.data_rights import restrict_rights
-    from beltscape.service.lifecycle import log_to_stderr, make_stop_event, make_watchdog
+    from beltscape.service.hosting.data_rights import restrict_rights
+    from beltscape.service.hosting.lifecycle import log_to_stderr, make_stop_event, make_watchdog
     from beltscape.service.plant import run_plant
     from beltscape.service.project import open_project
 
@@ -55,6 +55,6 @@ def summary(result: Mapping[str, Any]) -> str:
     if result.get("checked"):
         parts = (f"{name:<8} {line}" for name, line in result["parts"].items())
         return "\n".join([f"{result['project']}: the settings fit", *parts])
-    from beltscape.service.lifecycle import format_summary
+    from beltscape.service.hosting.lifecycle import format_summary
 
     return format_summary(result)

@@ -20,8 +20,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Run until SIGINT or SIGTERM."""
-    from beltscape.service.data_rights import restrict_rights
-    from beltscape.service.lifecycle import log_to_stderr, make_stop_event
+    from beltscape.service.hosting.data_rights import restrict_rights
+    from beltscape.service.hosting.lifecycle import log_to_stderr, make_stop_event
     from beltscape.site.run import check_site, run_site
     from beltscape.site.settings import read_site
 

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Coroutine
 
 from beltscape.core.errors import InputError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.runtime.supervision import make_supervised_thread
 
 
 class ListeningThread:

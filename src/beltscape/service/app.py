@@ -6,16 +6,19 @@ from fastapi import FastAPI
 from fastapi.responses import FileResponse
 
 from beltscape import __version__
-from beltscape.core.live import Controls
-from beltscape.service import live_stream, metrics
+from beltscape.core.live.interfaces import Controls
 from beltscape.service.access import Access, install_access
-from beltscape.service.api import alarms, export, health, images, pictures, state, zero
 from beltscape.service.api import controls as controls_api
+from beltscape.service.api import export
 from beltscape.service.api import history as history_api
 from beltscape.service.api import production as production_api
 from beltscape.service.api import reports as reports_api
 from beltscape.service.api import settings as settings_api
+from beltscape.service.api.alarms import routes as alarms
 from beltscape.service.api.common import AppContext
+from beltscape.service.api.health import checks as health
+from beltscape.service.api.health import images, zero
+from beltscape.service.api.now import live_stream, metrics, pictures, state
 from beltscape.service.live_state import LiveState
 from beltscape.service.production.serving import ServedProduction
 from beltscape.service.settings import WebSettings

@@ -10,11 +10,11 @@ from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.check import is_running, list_checks
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access.identity.database import FILE, Database
+from beltscape.service.hosting.server import check_listening
 from beltscape.service.production.report_checks import check_reports_and_printer
 from beltscape.service.production.scale_counter import check_scale
 from beltscape.service.project import ProjectSettings
 from beltscape.service.protocols.checks import CHECKS
-from beltscape.service.server import check_listening
 
 
 def check_plant(project: Project[ProjectSettings], reporter: Reporter, *, page: bool) -> dict[str, str]:

@@ -10,11 +10,11 @@ from itertools import islice
 from math import inf, isfinite
 from threading import Lock
 
-from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
-from beltscape.core.findings import Finding
 from beltscape.core.frames import Image
-from beltscape.core.live import BeltStretch, CameraHealth, FrameEvent, Maintenance
+from beltscape.core.live.alarms import Alarm
+from beltscape.core.live.events import BeltStretch, CameraHealth, FrameEvent, Maintenance
+from beltscape.core.live.findings import Finding
 from beltscape.service.settings import WebSettings
 from beltscape.service.view_models.belt import BeltRows, BeltWindow
 from beltscape.service.view_models.durations import DurationHistogram

@@ -10,7 +10,7 @@ from threading import Event
 from typing import Any
 
 from beltscape.core.belt.ledger_entries import Totals
-from beltscape.core.live import Observers
+from beltscape.core.live.interfaces import Observers
 from beltscape.files.systemd import notify
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.live.project import Project
@@ -21,14 +21,14 @@ from beltscape.service.app import create_app
 from beltscape.service.changes.parts import RunningPlant
 from beltscape.service.changes.reloader import SettingsReloader
 from beltscape.service.changes.requests import answer_requests, discard_requests
-from beltscape.service.lifecycle import log_address
+from beltscape.service.hosting.lifecycle import log_address
+from beltscape.service.hosting.server import RunningServer, check_listening, serve
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
 from beltscape.service.production.serving import ReportStatus, ServedProduction, serve_production
 from beltscape.service.project import ProjectSettings
 from beltscape.service.protocols.serving import STARTERS, ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.service.protocols.users import ServedUsers, describe_provenance
-from beltscape.service.server import RunningServer, check_listening, serve
 
 _POLL_S = 0.1
 """Interval at which the stop event and requests of the command `reload` are looked for."""

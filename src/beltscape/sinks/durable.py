@@ -6,7 +6,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from beltscape.core.system_calls import sync_folder
+from beltscape.core.runtime.system_calls import sync_folder
 
 
 def commit_file(temporary: Path, path: Path) -> None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.frames import FrameSet
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.sinks.recording.capture_store import CaptureStore
 from beltscape.sinks.recording.capture_writer import CaptureWriter
 from beltscape.sinks.recording.ring import PARTS, Ring

@@ -11,10 +11,10 @@ from threading import Event
 from typing import Any
 
 from beltscape.core.errors import OutputError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.files.systemd import notify
 from beltscape.service.access import Access
-from beltscape.service.server import RunningServer, check_listening, serve
+from beltscape.service.hosting.server import RunningServer, check_listening, serve
 from beltscape.site.app import SiteState, create_site_app
 from beltscape.site.balancing import Balancer
 from beltscape.site.following.client import BeltClient

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from beltscape.core.alarms import Severity
+from beltscape.core.live.alarms import Severity
 from beltscape.site.balance import BalanceResult
 from beltscape.site.balancing import BalanceStatus
 from beltscape.site.following.catch_up import Sums

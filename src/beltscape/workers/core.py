@@ -9,7 +9,7 @@ from pathlib import Path
 
 import cv2
 
-from beltscape.core.system_calls import CORES, bind_to_free_core
+from beltscape.core.runtime.system_calls import CORES, bind_to_free_core
 
 
 @cache

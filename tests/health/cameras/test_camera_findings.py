@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.core.findings import worst_effect
+from beltscape.core.live.findings import worst_effect
 from beltscape.health.cameras.poses import (
     PoseFault,
     make_pose_findings,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.health.images.projector_monitor import ProjectorMonitor
 from beltscape.health.settings import HealthSettings
 from tests.health.images.drawn_belt import RIG, STEP_MM, make_frame

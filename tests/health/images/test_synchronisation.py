@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.health.images.synchronisation import Delay, compute_depth_error, separate_delay
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings

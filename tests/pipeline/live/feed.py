@@ -12,11 +12,11 @@ import numpy as np
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import BeltRecord, Totals
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import BeltStretch, CameraHealth, FrameEvent, Maintenance
+from beltscape.core.live.alarms import Alarm
+from beltscape.core.live.events import BeltStretch, CameraHealth, FrameEvent, Maintenance
+from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Silent
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.pipeline.live.engine import Engine

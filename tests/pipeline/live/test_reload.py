@@ -11,7 +11,7 @@ import pytest
 
 from beltscape.cli.main import main
 from beltscape.core.errors import BeltscapeError, InputError, OutputError
-from beltscape.core.live import Observers
+from beltscape.core.live.interfaces import Observers
 from beltscape.core.progress import Silent
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.live.reporting.event_log import EventLog

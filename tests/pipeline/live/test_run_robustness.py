@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.service.data_rights import restrict_rights
+from beltscape.service.hosting.data_rights import restrict_rights
 from tests.pipeline.live.test_run_command import plant  # noqa: F401
 
 

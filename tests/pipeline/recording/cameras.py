@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import CameraHealth
+from beltscape.core.live.events import CameraHealth
 
 
 class MemoryCameras:

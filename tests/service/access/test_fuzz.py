@@ -15,8 +15,8 @@ import requests
 from hypothesis import HealthCheck, given, settings
 from hypothesis.errors import Unsatisfiable
 
-from beltscape.core.findings import Finding
-from beltscape.core.live import CameraHealth, ZeroProposal
+from beltscape.core.live.events import CameraHealth, ZeroProposal
+from beltscape.core.live.findings import Finding
 from beltscape.service.access import Access, AccessSettings
 from beltscape.service.access.identity.roles import ROLES, Role, User
 from beltscape.service.access.identity.sessions import derive_page_token

@@ -21,11 +21,11 @@ from typing import Any
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from beltscape.core.alarms import Alarm
+from beltscape.core.live.alarms import Alarm
 from beltscape.production.settings import ReportSettings, ScaleSettings
+from beltscape.service.hosting.server import serve
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.reports import ReportWriter
-from beltscape.service.server import serve
 from tests.service.feeder import SimulatedPlant
 from tests.service.page.site import ARGS, CHROMIUM, Site, wait_until_live
 from tests.service.plants import ServiceParts, add_production

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from beltscape.production.settings import ScaleSettings
+from beltscape.service.hosting.server import serve
 from beltscape.service.production.figures import ProductionFigures
-from beltscape.service.server import serve
 from tests.service.page.site import Site, needs_chromium, read_text, wait_for
 from tests.service.plants import add_production
 from tests.service.production.plants import make_control

@@ -13,10 +13,10 @@ import pytest
 
 from beltscape.alarms.checks import CHECKS
 from beltscape.alarms.rules import RULES
-from beltscape.core.alarms import AlarmState, Severity
 from beltscape.core.belt.ledger_entries import STANDINGS
-from beltscape.core.findings import EFFECTS
-from beltscape.core.live import CameraState
+from beltscape.core.live.alarms import AlarmState, Severity
+from beltscape.core.live.events import CameraState
+from beltscape.core.live.findings import EFFECTS
 from beltscape.measure.flow.motion.encoder_check import Kind
 from beltscape.service import languages
 from beltscape.service.access.identity.roles import ROLES
@@ -117,7 +117,7 @@ def find_check_names() -> set[str]:
     for path in SOURCE.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         names |= set(re.findall(r'\bFinding\(\s*"([a-z_]+)"', text))
-        if "core.findings import" in text:
+        if "core.live.findings import" in text:
             for line in re.findall(r'(?m)^[A-Z][A-Z_, ]* = ("[a-z_]+"(?:, "[a-z_]+")*)$', text):
                 names |= set(re.findall(r'"([a-z_]+)"', line))
     assert len(names) > 10

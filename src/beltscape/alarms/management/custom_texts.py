@@ -12,7 +12,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from beltscape.alarms.names import list_keys, require_alarm
 from beltscape.core.errors import InputError
-from beltscape.core.translatable_message import reword
+from beltscape.core.live.translatable_message import reword
 from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.toml_text import describe_first_error, read_toml
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from beltscape.alarms.names import list_keys, split_name
-from beltscape.core.alarms import Priority
+from beltscape.core.live.alarms import Priority
 
 Consequence = Literal["minor", "major", "severe"]
 """work or comfort; measured values lost or wrong; damage to the belt or an interruption of the plant"""

@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
 
-from beltscape.core.alarms import Severity
-from beltscape.core.translatable_message import attach_key, get_key, get_values
+from beltscape.core.live.alarms import Severity
+from beltscape.core.live.translatable_message import attach_key, get_key, get_values
 
 PresentState = Literal["raised", "acknowledged", "gone", "latched"]
 """The states of an alarm that is present: all but "clear"."""

@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from beltscape.core.alarms import PRIORITIES, Alarm, Priority
+from beltscape.core.live.alarms import PRIORITIES, Alarm, Priority
 
 _S_NS = 1_000_000_000
 """Nanoseconds of a second."""

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from beltscape import __version__
 from beltscape.core.errors import OutputError
-from beltscape.core.system_calls import lock_folder
+from beltscape.core.runtime.system_calls import lock_folder
 from beltscape.files.folders.atomic import output_error, write_bytes
 from beltscape.files.folders.manifest import (
     MANIFEST,

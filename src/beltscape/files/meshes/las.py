@@ -16,7 +16,7 @@ import numpy as np
 from beltscape import __version__
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
-from beltscape.core.extras import describe_missing_library
+from beltscape.core.runtime.extras import describe_missing_library
 from beltscape.files.folders.atomic import atomic_replacement
 
 if TYPE_CHECKING:

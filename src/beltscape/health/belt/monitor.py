@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.health.belt.belt_findings import make_carry_back_findings, make_event_findings
 from beltscape.health.belt.cells import compute_belt_cells
 from beltscape.health.belt.passes import BeltPasses

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_history import ZeroHistory
 from beltscape.health.belt.zero_shift import ZeroShift

@@ -12,7 +12,7 @@ from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.translatable_message import Message
 from beltscape.health.belt.cells import BeltCells, compute_belt_cells
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_finding import find_largest_tilt

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from beltscape.core.findings import Effect, Finding
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.findings import Effect, Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.stereo.consistency.fault_texts import CameraFault
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 

@@ -6,8 +6,8 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 
 REDUNDANCY = "camera_redundancy"

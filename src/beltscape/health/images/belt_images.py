@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.live.findings import Finding
 from beltscape.health.images.projector_monitor import ProjectorMonitor
 from beltscape.health.images.projector_position import LearnedPattern
 from beltscape.health.images.surface_samples import SurfaceGrid

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.core.translatable_message import Message
 from beltscape.health.image_statistics import FloatArray, ImageStatistics, find_place, remove_single_blocks
 from beltscape.health.reference import (
     LEAST_SPECKLE,

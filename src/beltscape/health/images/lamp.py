@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.health.image_statistics import FloatArray, ImageStatistics
 from beltscape.health.images.exposure import estimate_mode
 from beltscape.health.reference import CameraReference, FrameStatistics, Reference, has_projector

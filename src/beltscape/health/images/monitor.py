@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding, worst_effect
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.live.findings import Finding, worst_effect
 from beltscape.health.image_statistics import FloatArray, ImageStatistics, compute_levels, compute_statistics
 from beltscape.health.images.exposure import (
     check_brightness,

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.health.image_statistics import (
     GRID,
     FloatArray,

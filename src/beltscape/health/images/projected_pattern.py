@@ -7,8 +7,8 @@ from statistics import median
 
 import numpy as np
 
-from beltscape.core.findings import Effect, Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.findings import Effect, Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.health.image_statistics import ImageStatistics
 from beltscape.health.images.exposure import compute_lit_ratios, estimate_mode
 from beltscape.health.images.sharpness import FAINT_SIGNAL

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding, has_fault
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.live.findings import Finding, has_fault
 from beltscape.health.images.projector_position import (
     LearnedPattern,
     PatternShift,

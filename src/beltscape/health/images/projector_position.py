@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.health.images.motion_correlation import correlate_at_rest, find_peak
 from beltscape.health.images.surface_samples import Texture
 from beltscape.health.settings import HealthSettings

@@ -6,8 +6,8 @@ from statistics import median
 
 import numpy as np
 
-from beltscape.core.findings import Effect, Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.findings import Effect, Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.health.images.exposure import BLIND_DARKNESS
 from beltscape.health.reference import (
     LEAST_CONTRAST,

@@ -12,7 +12,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from beltscape.core.errors import KernelError
-from beltscape.core.system_calls import count_usable_cores
+from beltscape.core.runtime.system_calls import count_usable_cores
 
 _ORDER = ("scalar", "base", "v2", "v3", "v4")
 

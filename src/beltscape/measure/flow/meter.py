@@ -10,7 +10,7 @@ import numpy as np
 from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding, worst_effect
+from beltscape.core.live.findings import Finding, worst_effect
 from beltscape.measure.flow.fusion.buffer import LayerBuffer
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.fuse import Scatter

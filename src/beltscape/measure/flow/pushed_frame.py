@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding, worst_effect
+from beltscape.core.live.findings import Finding, worst_effect
 from beltscape.measure.flow.motion.high_pass import HighPassHeights
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 from beltscape import __version__
 from beltscape.core.errors import BeltscapeError
-from beltscape.core.extras import EXTRAS
-from beltscape.core.system_calls import count_usable_cores
+from beltscape.core.runtime.extras import EXTRAS
+from beltscape.core.runtime.system_calls import count_usable_cores
 from beltscape.pipeline.installation.result import InstallationCheck
 
 _LEVELS = {"v2": "SSE 4.2", "v3": "AVX2", "v4": "AVX-512", "base": "the compiler's default"}

@@ -10,7 +10,7 @@ from time import time_ns
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.live import LiveSource, Observer, Observers
+from beltscape.core.live.interfaces import LiveSource, Observer, Observers
 from beltscape.core.progress import Reporter
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.pipeline.live.alarm_settings import read_alarm_texts, require_cameras_of_banks

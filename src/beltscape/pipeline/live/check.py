@@ -10,7 +10,7 @@ from pathlib import Path
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.system_calls import lock_file
+from beltscape.core.runtime.system_calls import lock_file
 from beltscape.pipeline.live.alarm_settings import describe_alarms
 from beltscape.pipeline.live.assembly import check_encoder, open_source
 from beltscape.pipeline.live.measuring_parts import build_context, read_run_rig

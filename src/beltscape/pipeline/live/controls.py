@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from time import time_ns
 
-from beltscape.core.alarms import AlarmControls
-from beltscape.core.live import ZeroProposal
+from beltscape.core.live.alarms import AlarmControls
+from beltscape.core.live.events import ZeroProposal
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.operation.alarm_control import AlarmControl
 from beltscape.pipeline.live.reporting.event_log import EventLog
 
 
 class OperatorControls:
-    """Implements `core.live.Controls` on the components of an engine; every action is an event of the history."""
+    """Implements `Controls` on the components of an engine; every action is an event of the history."""
 
     def __init__(self, components: EngineComponents) -> None:
         self._components = components

@@ -8,8 +8,8 @@ from time import monotonic, monotonic_ns, time_ns
 
 from beltscape.alarms.readings import Readings
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import FrameEvent, Maintenance
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.live.events import FrameEvent, Maintenance
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.pipeline.live.controls import OperatorControls
 from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts
 from beltscape.pipeline.live.measurement.measurement_run import Outcome

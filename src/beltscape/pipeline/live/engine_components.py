@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.belt.ledger_entries import RecordTag
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.live import LiveSource, Observer
+from beltscape.core.live.interfaces import LiveSource, Observer
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.images.learned_images import LearnedImages
 from beltscape.pipeline.live.intake.frame_queue import FrameQueue

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import BeltscapeError
-from beltscape.core.live import Observer, RecordSink
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.live.interfaces import Observer, RecordSink
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.sinks.historian import Historian
 
 _RETRY_S = 1.0

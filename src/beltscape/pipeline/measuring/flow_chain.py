@@ -10,10 +10,10 @@ from pathlib import Path
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, ReconstructionError
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import pinhole_scale
+from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter
 from beltscape.health.belt.monitor import BeltMonitor
 from beltscape.health.belt.settings import BeltLimits

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from beltscape.core.findings import Finding
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.live.findings import Finding
 from beltscape.health.cameras.poses import (
     PoseFault,
     make_pose_findings,

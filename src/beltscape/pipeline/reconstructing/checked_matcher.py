@@ -9,9 +9,9 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.reconstructing.camera_check import CameraCheck
 from beltscape.pipeline.reconstructing.camera_findings import CameraFindings

@@ -7,8 +7,8 @@ from typing import Protocol
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
-from beltscape.core.findings import Finding, summarise_faults
 from beltscape.core.frames import FrameSet
+from beltscape.core.live.findings import Finding, summarise_faults
 from beltscape.core.progress import Reporter
 from beltscape.health.images.monitor import ImageMonitor
 

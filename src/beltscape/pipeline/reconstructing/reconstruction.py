@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.core.errors import InputError, ReconstructionError, SettingsError
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import read_capture
 from beltscape.files.folders.atomic import ensure_output_folder

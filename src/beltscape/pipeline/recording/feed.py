@@ -10,8 +10,8 @@ from dataclasses import replace
 
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import LiveSource
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.live.interfaces import LiveSource
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.sources.encoder.protocol import Encoder
 
 QUEUE = 32

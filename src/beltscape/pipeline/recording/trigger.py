@@ -7,8 +7,8 @@ import threading
 import time
 from typing import Protocol, TextIO
 
-from beltscape.core.supervision import make_supervised_thread
-from beltscape.core.system_calls import read_key
+from beltscape.core.runtime.supervision import make_supervised_thread
+from beltscape.core.runtime.system_calls import read_key
 
 
 class Trigger(Protocol):

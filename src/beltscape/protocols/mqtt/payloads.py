@@ -7,8 +7,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.live.alarms import Alarm
 from beltscape.core.type_guards import is_dict
 from beltscape.protocols.plant import PlantState
 

@@ -17,7 +17,7 @@ from typing import Protocol
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.protocols.mqtt.connection import list_tls_files
 from beltscape.protocols.mqtt.cursor import read_cursor
 from beltscape.protocols.mqtt.json_channel import JsonChannel

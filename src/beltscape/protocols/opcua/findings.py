@@ -7,7 +7,7 @@ import math
 from asyncua import ua
 from asyncua.server.internal_server import InternalServer
 
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.protocols.opcua.model.builder import Builder
 from beltscape.protocols.opcua.model.namespaces import OWN, own_id
 from beltscape.protocols.opcua.publication import to_datetime

@@ -15,7 +15,7 @@ from typing import Protocol
 
 from asyncua import ua
 
-from beltscape.core.supervision import describe_failure
+from beltscape.core.runtime.supervision import describe_failure
 from beltscape.protocols.listening import ListeningThread
 from beltscape.protocols.opcua.commands import Commands
 from beltscape.protocols.opcua.conditions import Conditions

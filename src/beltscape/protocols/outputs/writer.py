@@ -8,7 +8,7 @@ from threading import Event
 from time import monotonic
 
 from beltscape.core.errors import OutputError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.protocols.outputs.analogue import FAILURE_MA, compute_current_ma
 from beltscape.protocols.outputs.module import ModuleAwayError, OutputModule
 from beltscape.protocols.outputs.pulse_target import PulseTarget

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from typing import Literal
 
 from beltscape import __version__
-from beltscape.core.alarms import Alarm, Priority
+from beltscape.core.live.alarms import Alarm, Priority
 
 Severity = Literal[1, 2, 4, 5, 6]
 """alert, critical, warning, notice, informational (RFC 5424, table 2)"""

@@ -9,9 +9,9 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from time import monotonic, time_ns
 
-from beltscape.core.alarms import PRIORITIES, Alarm
 from beltscape.core.errors import InputError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.live.alarms import PRIORITIES, Alarm
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.protocols.client_tls import make_client_context
 from beltscape.protocols.syslog.messages import (
     Origin,

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.core.alarms import Priority
+from beltscape.core.live.alarms import Priority
 
 Transport = Literal["udp", "tcp", "tls"]
 PORTS: dict[Transport, int] = {"udp": 514, "tcp": 514, "tls": 6514}

@@ -7,7 +7,7 @@ from importlib import import_module
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.core.extras import describe_missing_library
+from beltscape.core.runtime.extras import describe_missing_library
 from beltscape.files.folders.atomic import write_bytes
 from beltscape.report.drawing.palette import ROLES, light
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from beltscape import __version__
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.progress import Reporter
-from beltscape.core.system_calls import sync_files
+from beltscape.core.runtime.system_calls import sync_files
 from beltscape.files.documents.digest import hash_file
 from beltscape.files.folders.atomic import output_error
 from beltscape.pipeline.live.project import Project, read_project

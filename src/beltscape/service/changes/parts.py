@@ -17,6 +17,7 @@ from beltscape.protocols.plant import Provenance
 from beltscape.service.access import Access
 from beltscape.service.access.tls import CertificateExpiry
 from beltscape.service.changes.effects import CERTIFICATE, MEASURING, SINKS
+from beltscape.service.hosting.server import RunningServer
 from beltscape.service.live_state import LiveState
 from beltscape.service.production.report_checks import check_reports_and_printer
 from beltscape.service.production.scale_counter import check_scale
@@ -25,7 +26,6 @@ from beltscape.service.project import ProjectSettings
 from beltscape.service.protocols.checks import CHECKS
 from beltscape.service.protocols.serving import STARTERS, ServedPlant, ServedProtocols
 from beltscape.service.protocols.users import describe_provenance
-from beltscape.service.server import RunningServer
 from beltscape.service.settings import WebSettings
 
 

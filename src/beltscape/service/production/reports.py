@@ -11,7 +11,7 @@ from pathlib import Path
 from time import monotonic, time_ns
 
 from beltscape.core.errors import BeltscapeError, InputError, OutputError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.files.folders.atomic import ensure_output_folder, write_text
 from beltscape.production.settings import ReportSettings
 from beltscape.production.shifts import Period, PeriodKind

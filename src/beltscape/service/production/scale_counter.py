@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from beltscape.core.errors import BeltscapeError, InputError
-from beltscape.core.extras import describe_missing_library
+from beltscape.core.runtime.extras import describe_missing_library
 from beltscape.production.scale import ScaleReading
 from beltscape.production.settings import ScaleModbusSettings, ScaleSettings
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from time import time_ns
 
 from beltscape.core.errors import BeltscapeError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.report.production.document import BatchOut
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.scale_counter import ScaleCounter

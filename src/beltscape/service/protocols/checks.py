@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import Any
 
 from beltscape.core.errors import InputError
-from beltscape.core.extras import describe_missing_library
+from beltscape.core.runtime.extras import describe_missing_library
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.opcua.settings import OpcUaSettings

@@ -9,9 +9,9 @@ from math import nan
 from pathlib import Path
 from typing import Any, Protocol
 
-from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
+from beltscape.core.live.alarms import Alarm
 from beltscape.files.folders.atomic import write_text
 from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.protocols.modbus.settings import ModbusSettings

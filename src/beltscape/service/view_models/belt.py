@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.live import BeltStretch
+from beltscape.core.live.events import BeltStretch
 
 STEP_MM = 1 / 16
 """Height of one count: 32,767 counts are two metres, and a step is below one pixel of colour."""

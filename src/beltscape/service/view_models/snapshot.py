@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import nan
 
-from beltscape.core.alarms import Alarm
 from beltscape.core.belt.ledger_entries import Totals
-from beltscape.core.findings import Finding
-from beltscape.core.live import CameraHealth, Maintenance
+from beltscape.core.live.alarms import Alarm
+from beltscape.core.live.events import CameraHealth, Maintenance
+from beltscape.core.live.findings import Finding
 from beltscape.service.view_models.flow import CurrentFlow
 
 

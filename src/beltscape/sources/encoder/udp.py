@@ -7,7 +7,7 @@ from threading import Event
 from time import monotonic_ns
 
 from beltscape.core.errors import InputError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.sources.encoder.offset import EncoderOffset
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.encoder.stream import ReadingStream

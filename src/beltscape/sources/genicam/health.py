@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from beltscape.core.frames import OVEREXPOSED_SHARE, Image, saturated_fraction
-from beltscape.core.live import CameraHealth, CameraState
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.events import CameraHealth, CameraState
+from beltscape.core.live.translatable_message import Message
 from beltscape.sources.genicam.matching.types import CameraStatistics
 from beltscape.sources.genicam.settings import CamerasSettings
 

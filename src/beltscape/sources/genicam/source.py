@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.frames import FrameSet, Image
-from beltscape.core.live import CameraHealth
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.events import CameraHealth
+from beltscape.core.live.translatable_message import Message
 from beltscape.sources.genicam.access.camera import REOPEN_AFTER_S, CameraThreads, OpenCamera, TriggerPace
 from beltscape.sources.genicam.access.device import RawImage
 from beltscape.sources.genicam.health import CameraMonitor, assess_health, silence_limit_s

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.translatable_message import Message
 from beltscape.stereo.consistency.diagnosis.mirroring import Mirroring
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 

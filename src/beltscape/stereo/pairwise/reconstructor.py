@@ -16,7 +16,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.system_calls import count_usable_cores
+from beltscape.core.runtime.system_calls import count_usable_cores
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from beltscape.stereo.pairwise.contrast import take_square_root

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import FrameEvent, Maintenance
+from beltscape.core.live.events import FrameEvent, Maintenance
 from beltscape.pipeline.live.intake.exposure_control import ExposureControl
 from beltscape.sources.genicam.settings import CamerasSettings
 

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.camera import Camera
+from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter, Silent
 from beltscape.pipeline.live.measurement.ledger import LedgerState
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun

@@ -8,7 +8,7 @@ import pytest
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, Standing
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.pipeline.live.monitoring import gauges as module
 from beltscape.pipeline.live.monitoring.gauges import Gauges
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.alarms.board import AlarmBoard
-from beltscape.core.alarms import Alarm
+from beltscape.core.live.alarms import Alarm
 from beltscape.pipeline.live.operation.alarm_control import AlarmControl
 from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
 from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import MeasureError
-from beltscape.core.findings import Finding
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.live import ZeroProposal
+from beltscape.core.live.events import ZeroProposal
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import get_key
 from beltscape.core.progress import Silent
-from beltscape.core.translatable_message import get_key
 from beltscape.files.belt_json import read_zero_settings
 from beltscape.health.belt.cells import compute_belt_cells
 from beltscape.health.belt.settings import BeltLimits

@@ -8,7 +8,7 @@ from math import nan
 import pytest
 
 from beltscape.core.errors import OutputError
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.pipeline.live.monitoring.gauges import Gauges
 from beltscape.pipeline.live.reporting.finding_log import FindingLog
 from beltscape.sinks.historian import StoredFinding

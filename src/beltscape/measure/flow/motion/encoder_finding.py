@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
 from beltscape.measure.flow.motion.encoder_check import EncoderCheck, Kind
 

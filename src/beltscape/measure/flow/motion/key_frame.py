@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from beltscape.core.findings import worst_effect
+from beltscape.core.live.findings import worst_effect
 from beltscape.measure.flow.motion.high_pass import HighPassHeights
 from beltscape.measure.flow.motion.plausibility import is_unmatched
 from beltscape.measure.flow.motion.registration import Shift, register

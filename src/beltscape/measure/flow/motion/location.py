@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
 from beltscape.measure.flow.motion.encoder_check import Contradiction
 from beltscape.measure.flow.motion.recount import LocatedFrame

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.measure.flow.fusion.buffer import LayerBuffer
 from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.records.fault_history import FaultHistory

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 
 
 @dataclass(slots=True)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from beltscape.core.belt.flow_record import FlowRecord, Quality
-from beltscape.core.findings import (
+from beltscape.core.live.findings import (
     EFFECTS,
     Finding,
     combine_relative_sigma,

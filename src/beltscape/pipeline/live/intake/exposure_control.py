@@ -8,7 +8,8 @@ from typing import Protocol
 import numpy as np
 
 from beltscape.core.frames import FrameSet
-from beltscape.core.live import FrameEvent, Maintenance, Observer
+from beltscape.core.live.events import FrameEvent, Maintenance
+from beltscape.core.live.interfaces import Observer
 from beltscape.sources.genicam.adaptive_exposure import ExposureChange, ExposureController, measure_level
 from beltscape.sources.genicam.settings import CamerasSettings
 

@@ -12,10 +12,10 @@ import numpy as np
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, RecordTag
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.live import BeltStretch
+from beltscape.core.live.events import BeltStretch
+from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.images.belt_images import BeltImageMonitor

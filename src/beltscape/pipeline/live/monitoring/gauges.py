@@ -12,7 +12,7 @@ from time import monotonic
 from beltscape.alarms.readings import Readings
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 
 _NAN = float("nan")
 _MINUTE_S = 60.0

@@ -9,9 +9,9 @@ from time import monotonic_ns, time_ns
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.names import list_keys
 from beltscape.alarms.readings import Readings
-from beltscape.core.alarms import Alarm
 from beltscape.core.errors import InputError
-from beltscape.core.live import Observer
+from beltscape.core.live.alarms import Alarm
+from beltscape.core.live.interfaces import Observer
 from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
 from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.reporting.event_log import EventLog

@@ -12,7 +12,7 @@ from time import monotonic, time_ns
 
 from pydantic import TypeAdapter
 
-from beltscape.core.alarms import Suppression
+from beltscape.core.live.alarms import Suppression
 from beltscape.sinks.durable import write_durably
 
 FILE = "alarms.json"

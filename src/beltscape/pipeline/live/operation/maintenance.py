@@ -10,9 +10,9 @@ from dataclasses import asdict
 from pathlib import Path
 from time import monotonic, time_ns
 
-from beltscape.core.findings import Finding
-from beltscape.core.live import Maintenance
-from beltscape.core.translatable_message import Message
+from beltscape.core.live.events import Maintenance
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.sinks.durable import write_durably
 
 CHECK = "maintenance"

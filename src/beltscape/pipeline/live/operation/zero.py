@@ -10,10 +10,10 @@ from time import monotonic
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
-from beltscape.core.findings import Finding
-from beltscape.core.live import ZeroProposal
+from beltscape.core.live.events import ZeroProposal
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.core.progress import Reporter
-from beltscape.core.translatable_message import Message
 from beltscape.files.belt_json import read_belt, read_zero_settings, write_belt
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_finding import DRIFT, SHIFT, TILT

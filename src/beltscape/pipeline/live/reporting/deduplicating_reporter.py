@@ -7,7 +7,7 @@ import threading
 from collections import OrderedDict
 from time import monotonic
 
-from beltscape.core.live import Observer
+from beltscape.core.live.interfaces import Observer
 
 _REPEAT_S = 300.0
 """A message is repeated after this time at the earliest."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from beltscape.core.alarms import Alarm, AlarmState
 from beltscape.core.errors import BeltscapeError
+from beltscape.core.live.alarms import Alarm, AlarmState
+from beltscape.core.live.translatable_message import get_key, get_values
 from beltscape.core.progress import Reporter
-from beltscape.core.translatable_message import get_key, get_values
 from beltscape.sinks.historian import Historian
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from time import monotonic, time_ns
 
 from beltscape.core.errors import BeltscapeError
-from beltscape.core.findings import Finding
+from beltscape.core.live.findings import Finding
 from beltscape.sinks.historian import Historian, StoredFinding
 
 _PERIOD_S = 1.0

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.live.findings import Finding
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.core.system_calls import count_usable_cores
+from beltscape.core.runtime.system_calls import count_usable_cores
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.match_pool import FrameMatcher, MatchPool, PendingMatch
 

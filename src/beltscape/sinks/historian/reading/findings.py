@@ -51,7 +51,7 @@ class FindingSeries:
     limit: Curve
     """(n,) greatest limit."""
     effect: NDArray[np.int64]
-    """(n,) worst effect, as its place in `core.findings.EFFECTS`."""
+    """(n,) worst effect, as its place in `core.live.findings.EFFECTS`."""
     faults: NDArray[np.int64]
     """(n,) findings that were faults."""
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.core.findings import EFFECTS
+from beltscape.core.live.findings import EFFECTS
 from beltscape.sinks.durable import commit_file
 
 if TYPE_CHECKING:

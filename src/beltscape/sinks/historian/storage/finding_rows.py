@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from beltscape.core.findings import EFFECTS, Finding
+from beltscape.core.live.findings import EFFECTS, Finding
 
 TEN_MINUTES_NS = 600_000_000_000
 """Width of the intervals of the sums."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from beltscape.core.system_calls import reserve_space
+from beltscape.core.runtime.system_calls import reserve_space
 
 
 class Reserve:

@@ -12,7 +12,7 @@ from typing import IO, TypeVar
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError, SettingsError
-from beltscape.core.system_calls import lock_file
+from beltscape.core.runtime.system_calls import lock_file
 from beltscape.sinks.days import compute_shift_ns
 from beltscape.sinks.historian.storage.connections import ReaderPool
 from beltscape.sinks.historian.storage.failures import is_damage, is_full, is_temporary

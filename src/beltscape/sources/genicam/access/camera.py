@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.sources.genicam.access.device import RawImage
 
 REOPEN_AFTER_S = 1.5

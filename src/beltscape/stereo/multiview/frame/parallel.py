@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import TypeVar
 
-from beltscape.core.system_calls import count_usable_cores
+from beltscape.core.runtime.system_calls import count_usable_cores
 
 Result = TypeVar("Result")
 Other = TypeVar("Other")

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Depends, HTTPException, Query
 from numpy.typing import NDArray
 from pydantic import Field
 
-from beltscape.core.findings import EFFECTS, Effect
-from beltscape.core.translatable_message import get_values
+from beltscape.core.live.findings import EFFECTS, Effect
+from beltscape.core.live.translatable_message import get_values
 from beltscape.files.documents.json_number import Number
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, ResponseModel, WallMs, check_period, describe_refusals

@@ -9,7 +9,7 @@ from fastapi.responses import JSONResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.errors import MeasureError, OutputError
-from beltscape.core.translatable_message import get_key, get_values
+from beltscape.core.live.translatable_message import get_key, get_values
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, Problem, ResponseModel, describe_refusals
 from beltscape.service.api.controls import Done

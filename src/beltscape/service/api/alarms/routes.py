@@ -12,14 +12,14 @@ from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.alarms.management.statistics import Annunciation, compute_statistics
-from beltscape.core.alarms import PRIORITIES, Priority
 from beltscape.core.errors import InputError
+from beltscape.core.live.alarms import PRIORITIES, Priority
 from beltscape.service.access import User, require_role
-from beltscape.service.api.alarm_models import AlarmOut, StatisticsOut
+from beltscape.service.api.alarms.journal_csv import HEADER, format_journal_row
+from beltscape.service.api.alarms.models import AlarmOut, StatisticsOut
 from beltscape.service.api.common import AlarmName, AppContext, WallMs, check_period, describe_refusals
 from beltscape.service.api.controls import Done
 from beltscape.service.api.history import MS_NS, EventOut, RecordNumber, map_history_errors
-from beltscape.service.journal_csv import HEADER, format_journal_row
 from beltscape.sinks.historian import Event, Historian
 
 _BATCH = 2000

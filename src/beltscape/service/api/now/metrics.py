@@ -14,7 +14,7 @@ from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
 from prometheus_client.registry import Collector
 
 from beltscape import __version__
-from beltscape.core.live import CameraState
+from beltscape.core.live.events import CameraState
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, describe_refusals
 from beltscape.service.live_state import LiveState

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from beltscape.core.translatable_message import get_key
+from beltscape.core.live.translatable_message import get_key
 
 Effect = Literal["none", "degraded", "missing"]
 """Effect of a finding on the records of its frame:

@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.service.access import get_socket_user
 from beltscape.service.api.common import AppContext
-from beltscape.service.api.state import StateOut
+from beltscape.service.api.now.state import StateOut
 from beltscape.service.live_state import LiveState
 from beltscape.service.view_models.belt import OFFSET_MM, STEP_MM, BeltRows, encode_heights
 from beltscape.service.view_models.snapshot import FlowPoint

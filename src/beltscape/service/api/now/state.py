@@ -8,11 +8,11 @@ from fastapi import APIRouter, Depends
 from pydantic import Field
 
 from beltscape.core.belt.ledger_entries import Standing, Totals
-from beltscape.core.live import CameraHealth, CameraState
-from beltscape.core.translatable_message import get_key, get_values
+from beltscape.core.live.events import CameraHealth, CameraState
+from beltscape.core.live.translatable_message import get_key, get_values
 from beltscape.files.documents.json_number import Number
 from beltscape.service.access import User, require_role
-from beltscape.service.api.alarm_models import AlarmOut
+from beltscape.service.api.alarms.models import AlarmOut
 from beltscape.service.api.common import AppContext, ResponseModel, describe_refusals
 from beltscape.service.view_models.flow import Trend
 from beltscape.service.view_models.snapshot import Snapshot

@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping
 from time import monotonic
 from typing import Any
 
-from beltscape.core.supervision import log_uncaught_errors
+from beltscape.core.runtime.supervision import log_uncaught_errors
 from beltscape.files.systemd import notify, watchdog_s
-from beltscape.service.server import RunningServer
+from beltscape.service.hosting.server import RunningServer
 
 
 def log_to_stderr() -> None:

@@ -16,7 +16,7 @@ from starlette.types import ASGIApp
 from uvicorn import Config, Server
 
 from beltscape.core.errors import OutputError, SettingsError
-from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.service.access.limits.connections import make_protocols
 from beltscape.service.access.settings import LimitSettings
 from beltscape.service.access.tls import create_tls_context, describe_expiry

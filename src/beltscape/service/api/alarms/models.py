@@ -8,7 +8,7 @@ from pydantic import Field
 
 from beltscape.alarms.management.priorities import Consequence, Response, get_rationale
 from beltscape.alarms.management.statistics import AlarmStatistics
-from beltscape.core.alarms import (
+from beltscape.core.live.alarms import (
     Alarm,
     AlarmState,
     IsaState,
@@ -17,7 +17,7 @@ from beltscape.core.alarms import (
     Suppression,
     SuppressionKind,
 )
-from beltscape.core.translatable_message import get_key, get_values
+from beltscape.core.live.translatable_message import get_key, get_values
 from beltscape.files.documents.json_number import Number
 from beltscape.service.api.common import ResponseModel
 

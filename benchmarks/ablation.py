@@ -2,7 +2,7 @@
 
     python benchmarks/ablation.py [--rendered FOLDER] [--cache FOLDER] [--scenes TEXT …] [--rows TEXT …] [--out FILE]
 
-The scenes (ablation_scenes.toml) were used for no fit. A stage that is switched off is left out without training the
+The scenes (matching/scenes.toml) were used for no fit. A stage that is switched off is left out without training the
 networks behind it anew, so a row shows what the matcher loses as it is shipped, not what a matcher built without the
 stage would reach. The table gives, for every scene and as the mean, shares of all true pixels of the scene's surface
 within 1 mm and 0.25 mm, gross errors (> 5 mm, of the measured), false fill (share of the pixels without a view that
@@ -22,7 +22,6 @@ from unittest.mock import patch
 
 import numpy as np
 
-from ablation_scenes import AblationScene, read_scenes
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import GROSS_MM, interior_mask, score_depth
@@ -35,6 +34,7 @@ from beltscape.stereo.multiview.initialisation.depth_range import find_depth_ran
 from beltscape.stereo.multiview.optimisation.textureless import FilledDiscs
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
+from matching.scenes import AblationScene, read_scenes
 
 ROOT = Path(__file__).parent.parent
 _RUNS = 2

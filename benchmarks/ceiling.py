@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ablation_scenes import AblationScene, read_scenes
 from beltscape.core.progress import Silent
 from beltscape.stereo.multiview.confidence.estimate import estimate_depth
 from beltscape.stereo.multiview.confidence.features import compute_selection_features
@@ -30,6 +29,7 @@ from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.selection.candidates import CandidateSelector
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
+from matching.scenes import AblationScene, read_scenes
 
 ROOT = Path(__file__).parent.parent
 HEAD = (

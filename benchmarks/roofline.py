@@ -1,7 +1,7 @@
 """Roofline of the matcher's kernels: python benchmarks/roofline.py CAPTURE --rig rig.json [--preset standard].
 
 Every kernel call of one frame is timed on one thread (processor time, the least of three frames). Beside it stand the
-bytes that must be moved at least, its arrays in and out, and its operations (`roofline_operations`). The machine's
+bytes that must be moved at least, its arrays in and out, and its operations (`matching.operations`). The machine's
 bandwidth is that of a copy much larger than its caches, its arithmetic peak that of BLAS's float32 matrix product.
 The roofline is the longer of bytes / bandwidth and operations / peak (Williams, Waterman & Patterson, CACM 52(4),
 2009, doi:10.1145/1498765.1498785); "share" is the roofline over the measured time. Kernels about given pixels read
@@ -31,7 +31,7 @@ from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
-from roofline_operations import OPERATIONS
+from matching.operations import OPERATIONS
 
 _COPY_BYTES = 256 << 20
 """Bytes of a copied array: eight times the third-level cache of the largest machine this was run on."""

@@ -26,11 +26,11 @@ from captures import Scene, demo_scenes, full_size_scene, rendered_scenes
 from cluster.scaling import cluster_scaling
 from live import live
 from matching import frames, kernels
+from matching.real_pairs import real_pairs
 from matching.robustness import NOTES as ROBUSTNESS_NOTES
 from matching.robustness import SCENES, robustness
 from matching.triangulation import triangulation
-from protocols_load import protocols_load
-from real import real_pairs
+from protocols.load import protocols_load
 from results import load_average, make_section, write_results
 
 HERE = Path(__file__).parent

@@ -1,1 +1,1 @@
-"""Benchmarks of the matcher: kernels, methods, whole frames, and degraded images."""
+"""Benchmarks of the matcher: kernels, methods, whole frames, degraded images, real pairs; speed beside OpenCV."""

@@ -28,7 +28,7 @@ def ablation(monkeypatch):
     monkeypatch.syspath_prepend(str(BENCHMARKS))
     before = set(sys.modules)
     yield import_module("ablation")
-    for name in ("ablation", "ablation_scenes", "captures"):
+    for name in ("ablation", "matching.scenes", "matching", "captures"):
         if name not in before:
             sys.modules.pop(name, None)
 
@@ -36,7 +36,7 @@ def ablation(monkeypatch):
 @pytest.fixture
 def scene(ablation):
     """The demo's loaded belt, one pair of cameras."""
-    scenes, captures = import_module("ablation_scenes"), import_module("captures")
+    scenes, captures = import_module("matching.scenes"), import_module("captures")
 
     rig = read_rig(TRUE_RIG)
     frame = next(iter(open_capture(DEMO / SCENE, rig, Silent())))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ pytestmark = pytest.mark.slow
 
 def test_better_decisions_reach_more(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
-    ceiling, captures, scenes = (__import__(name) for name in ("ceiling", "captures", "ablation_scenes"))
+    ceiling, captures, scenes = (import_module(name) for name in ("ceiling", "captures", "matching.scenes"))
     loaded = captures.demo_scenes()[-1]
     one = scenes.AblationScene(loaded, None, None)
     reached, accepted, selected, within_2mm, unseen, one_view, blank = ceiling.measure_ceilings(one)

@@ -21,7 +21,7 @@ def _path(monkeypatch):
 
 
 def test_operations_of_networks_are_exact():
-    operations = importlib.import_module("roofline_operations").OPERATIONS
+    operations = importlib.import_module("matching.operations").OPERATIONS
 
     layers = [np.zeros((3, 5), np.float32), np.zeros((2, 4), np.float32)]  # 4 inputs, 3 units, 2 outputs
     planes = [np.zeros((2, 7), np.float32)] * 4

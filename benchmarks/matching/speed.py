@@ -1,4 +1,4 @@
-"""Speed of the matcher beside OpenCV: python benchmarks/speed.py CAPTURE --rig rig.json.
+"""Speed of the matcher beside OpenCV: python benchmarks/matching/speed.py CAPTURE --rig rig.json.
 
 Prints the ratios that the project holds itself to, each of two times taken in turn in this run:
 

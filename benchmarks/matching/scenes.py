@@ -19,7 +19,7 @@ from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from captures import LABELS, REGION_MM, Scene, read_rendered
 
-_SCENES = Path(__file__).with_name("ablation_scenes.toml")
+_SCENES = Path(__file__).with_name("scenes.toml")
 
 
 @dataclass(frozen=True)

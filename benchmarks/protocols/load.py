@@ -1,6 +1,6 @@
 """Load of the protocols: CPU seconds per second of a service with none, each and all of them; delay of a frame.
 
-    python benchmarks/protocols_load.py [--seconds 12] [--rounds 2]
+    cd benchmarks; python -m protocols.load [--seconds 12] [--rounds 2]
 
 A simulated plant sends ten frame sets and records a second, without images and matching, to live state and history;
 clients in another process read the protocols as a control room does.
@@ -41,7 +41,7 @@ from beltscape.service.live_state import LiveState
 from beltscape.service.protocols.serving import ProtocolSettings, ServedPlant, ServedProtocols
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from protocols_clients import CLIENTS, READ
+from protocols.clients import CLIENTS, READ
 
 NOTES = """A simulated plant at 10 frame sets and records a second with cross-sections of 301 points, without
 matching: its CPU seconds per second, as the mean of the rounds, with one client for each protocol. Modbus: all
@@ -58,6 +58,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "all, MQTT as Sparkplug": ("sparkplug", *_OTHERS),
 }
 """By row of the table: what is served."""
+BENCHMARKS = Path(__file__).parents[1]
 _HZ, _WARM_S, _STEP_MM = 10.0, 4.0, 120.0
 _X_MM = np.linspace(-600, 600, 301, dtype=np.float32)
 
@@ -134,7 +135,8 @@ def measure(names: tuple[str, ...], seconds: float) -> Load:
         before = dict(READ)
         for client in clients:
             client.start()
-        process = subprocess.Popen([sys.executable, __file__, *words], stdout=subprocess.PIPE, text=True)
+        command = [sys.executable, "-m", "protocols.load", *words]
+        process = subprocess.Popen(command, cwd=BENCHMARKS, stdout=subprocess.PIPE, text=True)
         out, _ = process.communicate()
         ended.set()
         for client in clients:

@@ -1,6 +1,6 @@
 """Benchmark of the matchers on real stereo pairs; prints tables.
 
-    python benchmarks/real.py [REAL]
+    python benchmarks/matching/real_pairs.py [REAL]
 
 REAL is a folder with the pairs of `beltscape.evaluate.real_pairs.read_pairs` (default: ../shared/data/real beside the
 repository); missing pairs are listed and left out.
@@ -100,5 +100,5 @@ def _disparity_rows(pair: DisparityPair) -> list[str]:
 
 
 if __name__ == "__main__":
-    default = Path(__file__).parents[2] / "shared" / "data" / "real"
+    default = Path(__file__).parents[3] / "shared" / "data" / "real"
     print("\n".join(real_pairs(Path(sys.argv[1]) if len(sys.argv) > 1 else default)))

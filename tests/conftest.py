@@ -22,6 +22,8 @@ settings.load_profile("beltscape")
 
 cv2.setNumThreads(1)  # xdist already keeps every core busy
 
+pytest_plugins = ["tests.collecting"]
+
 REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 
 

@@ -9,7 +9,7 @@ import pytest
 from beltscape.core.errors import MeasureError
 from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.measure.flow.motion.registration import Shift
+from beltscape.measure.flow.motion.registration.shift import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
 from beltscape.pipeline.measuring.flow_checks import (
     describe_motion,

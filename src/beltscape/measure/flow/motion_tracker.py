@@ -17,9 +17,8 @@ from beltscape.measure.flow.motion.encoder_check import LEAST_MM, Contradiction,
 from beltscape.measure.flow.motion.encoder_finding import make_encoder_finding
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
 from beltscape.measure.flow.motion.first_motion import FirstMotion
-from beltscape.measure.flow.motion.high_pass import compute_free_mm
 from beltscape.measure.flow.motion.key_frame import KeyFrame
-from beltscape.measure.flow.motion.location import Location, Observation
+from beltscape.measure.flow.motion.location import Location, MotionPrediction, Observation
 from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion.plausibility import (
     LEAST_SUPPORT,
@@ -28,10 +27,10 @@ from beltscape.measure.flow.motion.plausibility import (
     is_certain,
     is_certain_apart,
 )
-from beltscape.measure.flow.motion.prediction import MotionPrediction
 from beltscape.measure.flow.motion.readings import ReadingCheck
 from beltscape.measure.flow.motion.recount import LocatedFrame, ProvenMotion, UnconfirmedTravel
-from beltscape.measure.flow.motion.registration import Shift
+from beltscape.measure.flow.motion.registration.high_pass import compute_free_mm
+from beltscape.measure.flow.motion.registration.shift import Shift
 from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.settings import FlowSettings
 

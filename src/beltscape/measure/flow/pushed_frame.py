@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.live.findings import Finding, worst_effect
-from beltscape.measure.flow.motion.high_pass import HighPassHeights
+from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,14 +1,17 @@
-"""The results of locating a frame: its position, and what was observed of the belt's motion."""
+"""The results of locating a frame: its position, what was observed of the belt's motion, and what is predicted."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from beltscape.core.live.findings import Finding
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
 from beltscape.measure.flow.motion.encoder_check import Contradiction
 from beltscape.measure.flow.motion.recount import LocatedFrame
-from beltscape.measure.flow.motion.registration import Shift
+from beltscape.measure.flow.motion.registration.shift import Shift
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,3 +43,17 @@ class Observation:
     """With the encoder."""
     is_doubtful: bool = False
     """Whether the material is not where the encoder puts it; while it is not trusted: whether it does not stand."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionPrediction:
+    """The prediction of the motion after a frame."""
+
+    along: NDArray[np.float64]
+    """(3,) direction of travel in the core's frame."""
+    ratio: float
+    """Encoder's over the material's motion."""
+    speed: float | None
+    """mm per unit of the meter's clock; None if unknown."""
+    uses_encoder: bool = True
+    """Whether the encoder is trusted."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from beltscape.measure.flow.motion.belt_motion import MAX_DISAGREEMENT
-from beltscape.measure.flow.motion.registration import Shift
+from beltscape.measure.flow.motion.registration.shift import Shift
 
 LEAST_MM = 2.0
 """A shorter motion is no evidence, since encoder jitter and registration errors reach tenths of it."""

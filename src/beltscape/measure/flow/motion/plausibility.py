@@ -8,9 +8,9 @@ import numpy as np
 
 from beltscape.measure.flow.motion.belt_motion import FASTEST_MM_S, MAX_DISAGREEMENT, BeltPosition
 from beltscape.measure.flow.motion.encoder_check import LEAST_MM
-from beltscape.measure.flow.motion.high_pass import HighPassHeights
 from beltscape.measure.flow.motion.motion_evidence import LEAST_PAIRS, MotionEvidence
-from beltscape.measure.flow.motion.registration import Shift, match_prediction
+from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights
+from beltscape.measure.flow.motion.registration.shift import Shift, match_prediction
 
 LEAST_SUPPORT = 0.02
 """Share of the view that two frames' loads must have in common to contradict an encoder: on three simulated heaps

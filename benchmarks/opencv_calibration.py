@@ -23,7 +23,7 @@ from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import calibrate_with_model
 from beltscape.calibration.network.resection import fit_board_pose
-from beltscape.calibration.network.two_sides import number_sides
+from beltscape.calibration.network.two_sided.two_sides import number_sides
 from beltscape.calibration.solver.deterministic import single_thread
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose

@@ -10,7 +10,7 @@ import pytest
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
-from beltscape.calibration.network.two_sides import describe_back, has_two_sides
+from beltscape.calibration.network.two_sided.two_sides import describe_back, has_two_sides
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent

@@ -1,1 +1,7 @@
-"""Networks of cameras: pairs, pose chains, association, global optimisation and fault isolation."""
+"""The network of cameras: each camera that sees a board is connected to the others by common views.
+
+`pairs` calibrates two cameras, `pose_chains` and `association` choose the way from each camera to the core,
+`global_optimisation` refines all poses together, `fault_isolation` names what does not fit. Before them,
+`synchronisation` and `symmetry` bring the views of all cameras to the same instants and corners; `two_sided` is for
+boards with several faces. `resection` finds a board in a finished rig.
+"""

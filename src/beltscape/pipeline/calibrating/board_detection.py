@@ -9,7 +9,7 @@ from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.detection.detect_capture import detect_board
 from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.calibration.detection.domain import drop_beyond_domains
-from beltscape.calibration.network.back_views import Side, classify_back_views
+from beltscape.calibration.network.two_sided.back_views import Side, classify_back_views
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter

@@ -10,8 +10,8 @@ from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import AUTO, calibrate_with_model
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera
-from beltscape.calibration.network.face_poses import Sighting, estimate_face_poses
-from beltscape.calibration.network.two_sides import has_two_sides, number_sides, place_back
+from beltscape.calibration.network.two_sided.face_poses import Sighting, estimate_face_poses
+from beltscape.calibration.network.two_sided.two_sides import has_two_sides, number_sides, place_back
 from beltscape.calibration.solver.deterministic import single_thread
 from beltscape.calibration.solver.lens_prior import LensPrior
 from beltscape.core.errors import CalibrationError

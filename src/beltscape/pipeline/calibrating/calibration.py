@@ -37,7 +37,7 @@ from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
-from beltscape.calibration.network.two_sides import describe_back
+from beltscape.calibration.network.two_sided.two_sides import describe_back
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter

@@ -27,8 +27,8 @@ from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.lens_choice import AUTO, calibrate_with_model
 from beltscape.calibration.intrinsics.zhang import calibrate_camera
 from beltscape.calibration.network.association import associate_cameras, find_groups
-from beltscape.calibration.network.board_symmetry import unify_numbering
 from beltscape.calibration.network.pairs import calibrate_pairs
+from beltscape.calibration.network.symmetry.board_symmetry import unify_numbering
 from beltscape.calibration.solver.deterministic import single_thread
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.pose import Pose

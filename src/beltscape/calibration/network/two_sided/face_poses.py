@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import Corners
-from beltscape.calibration.network.face_adjustment import FacePoses, FaceRays, adjust_face_poses
+from beltscape.calibration.network.two_sided.face_adjustment import FacePoses, FaceRays, adjust_face_poses
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose

@@ -17,8 +17,12 @@ from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
-from beltscape.calibration.network.pose_consensus import PoseConsensus, find_pose_consensus
-from beltscape.calibration.network.quarter_turns import list_quarter_turns, make_board_turn, turn_corners
+from beltscape.calibration.network.symmetry.pose_consensus import PoseConsensus, find_pose_consensus
+from beltscape.calibration.network.symmetry.quarter_turns import (
+    list_quarter_turns,
+    make_board_turn,
+    turn_corners,
+)
 from beltscape.calibration.network.synchronisation import CLEAR_IMPROVEMENT, MIN_FRAMES, SHIFTS
 from beltscape.calibration.solver.perspective import fit_view_pose
 from beltscape.core.geometry.pose import Pose

@@ -13,8 +13,8 @@ import numpy as np
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
-from beltscape.calibration.network.face_adjustment import FacePoses, adjust_face_poses
-from beltscape.calibration.network.face_poses import Sighting, list_face_views
+from beltscape.calibration.network.two_sided.face_adjustment import FacePoses, adjust_face_poses
+from beltscape.calibration.network.two_sided.face_poses import Sighting, list_face_views
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig

@@ -30,9 +30,9 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.pipeline.calibrating.board_detection import detect_rig_board
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
 from beltscape.target.board import Board, BoardSet, CharucoBoard, Chessboard, corner_points_mm
 
 Array = NDArray[np.float64]

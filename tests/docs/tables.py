@@ -10,7 +10,7 @@ from typing import Any
 
 from beltscape.alarms.management.custom_texts import read_custom_texts
 from beltscape.files.documents.toml_text import validate
-from beltscape.pipeline.measuring.density import read_product_density
+from beltscape.pipeline.measuring.flow.density import read_product_density
 from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
 from beltscape.service.languages import list_languages

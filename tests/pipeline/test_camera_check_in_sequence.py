@@ -12,7 +12,7 @@ from beltscape.core.errors import InputError, ReconstructionError
 from beltscape.core.progress import Silent
 from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.pipeline.measuring.same_rig import require_same_rig
+from beltscape.pipeline.measuring.flow.same_rig import require_same_rig
 from beltscape.pipeline.reconstructing.check_schedule import CheckSchedule
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture

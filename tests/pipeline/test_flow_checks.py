@@ -11,7 +11,7 @@ from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.motion.registration.shift import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
-from beltscape.pipeline.measuring.flow_checks import (
+from beltscape.pipeline.measuring.flow.checks import (
     describe_motion,
     require_consistent_motion,
     warn_of_motion_conflicts,

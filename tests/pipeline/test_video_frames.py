@@ -9,7 +9,7 @@ import pytest
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.files.rasters.images import read_image
-from beltscape.pipeline.calibrating.video_frames import extract_frames, select_frames
+from beltscape.pipeline.calibrating.views.video_frames import extract_frames, select_frames
 from tests.synthetic.demo import parse_json
 
 REPEATS = 5

@@ -17,7 +17,7 @@ from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.records.totals import FlowTotals
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.pipeline.measuring.flow_checks import require_consistent_motion
+from beltscape.pipeline.measuring.flow.checks import require_consistent_motion
 
 _ENCODER = Path("position_mm")
 """How errors name the encoder: by the argument of `FlowMeter.push`."""

@@ -95,7 +95,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.files.folders.atomic import ensure_output_folder
     from beltscape.pipeline.calibrating.calibration_files import make_calibration_document, write_calibration
     from beltscape.pipeline.calibrating.known_intrinsics import read_known_intrinsics
-    from beltscape.pipeline.calibrating.video_frames import locate_capture
+    from beltscape.pipeline.calibrating.views.video_frames import locate_capture
     from beltscape.target.board import read_board
 
     _check_options(arguments)

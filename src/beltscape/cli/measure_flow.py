@@ -54,8 +54,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.files.folders.atomic import ensure_output_folder
     from beltscape.files.rig_json import read_rig
     from beltscape.measure.flow.settings import FlowSettings
-    from beltscape.pipeline.measuring.flow import measure_flow_of_capture
-    from beltscape.pipeline.measuring.flow_files import write_flow_result
+    from beltscape.pipeline.measuring.flow.capture import measure_flow_of_capture
+    from beltscape.pipeline.measuring.flow.files import write_flow_result
 
     if arguments.direction == _MISSING_DIRECTION:
         raise SettingsError("--direction: give +y or -y, along or against the belt frame's y axis")
@@ -85,7 +85,7 @@ def _density(arguments: argparse.Namespace) -> Density:
     """Return the bulk density, which is given in one of three ways."""
     from beltscape.files.tables.density import DENSITY_LIMITS
     from beltscape.measure.flow.records.density import Density, make_unknown_density
-    from beltscape.pipeline.measuring.density import read_density_over_time, read_product_density
+    from beltscape.pipeline.measuring.flow.density import read_density_over_time, read_product_density
 
     given = [
         name

@@ -18,7 +18,7 @@ from beltscape.pipeline.live.measurement.ledger import LedgerState
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.measuring_parts import build_context
 from beltscape.pipeline.live.project import Project, RunSettings
-from beltscape.pipeline.measuring.flow import scale_rig_to_images
+from beltscape.pipeline.measuring.flow.capture import scale_rig_to_images
 from beltscape.reprocessing.parcel import Parcel, unpack_project
 from beltscape.reprocessing.pieces import Piece, PlacedFrame
 from beltscape.reprocessing.recordings.reading import FrameReader

@@ -13,7 +13,7 @@ import numpy as np
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.pipeline.measuring.instants import list_instants
+from beltscape.pipeline.measuring.flow.instants import list_instants
 from beltscape.reprocessing.recordings.discovery import find_recordings
 from beltscape.reprocessing.recordings.reading import FrameReader
 from beltscape.reprocessing.recordings.recording import Recording, Unreadable

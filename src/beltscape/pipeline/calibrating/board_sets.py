@@ -20,9 +20,9 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.json_text import to_plain
-from beltscape.pipeline.calibrating.board_views import split_boards
 from beltscape.pipeline.calibrating.intrinsics import compute_lens_covariance
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.views.board_views import split_boards
 from beltscape.target.board import Board, BoardSet, PlanarBoard, corner_points_mm
 
 WEAKENING = 1e4

@@ -44,10 +44,10 @@ from beltscape.core.progress import RecordingReporter, Reporter
 from beltscape.files.capture import Capture, read_capture
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
-from beltscape.pipeline.calibrating.board_detection import detect_rig_board
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
 from beltscape.pipeline.calibrating.plausibility import require_baselines, warn_of_distance, warn_of_split
+from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
 from beltscape.target.board import Board, BoardSet, list_triples
 
 

@@ -31,8 +31,8 @@ from beltscape.files.capture import read_capture
 from beltscape.files.documents.json_text import to_plain
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
-from beltscape.pipeline.calibrating.board_detection import detect_rig_board
 from beltscape.pipeline.calibrating.board_sets import resolve_checked_set
+from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
 from beltscape.target.board import Board, corner_points_mm, list_triples, parse_board
 
 MAX_REMAINING_RMS = 0.5

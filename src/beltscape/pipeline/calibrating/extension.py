@@ -38,9 +38,9 @@ from beltscape.files.capture import Capture, read_capture
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rig_json import write_rig
 from beltscape.kernels import load
-from beltscape.pipeline.calibrating.board_detection import detect_rig_board
 from beltscape.pipeline.calibrating.joined_covariance import join_covariances
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
 from beltscape.target.board import Board, corner_points_mm, list_triples
 
 Array = NDArray[np.float64]

@@ -31,7 +31,7 @@ from beltscape.core.progress import RecordingReporter, Reporter
 from beltscape.files.capture import Capture
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.intrinsics_json import Intrinsics, write_intrinsics
-from beltscape.pipeline.calibrating.board_views import read_board_views, split_boards
+from beltscape.pipeline.calibrating.views.board_views import read_board_views, split_boards
 from beltscape.target.board import Board, BoardSet, corner_points_mm
 
 Array = NDArray[np.float64]

@@ -24,8 +24,8 @@ from beltscape.files.capture import Capture
 from beltscape.files.exchange import RIG_JSON, detect_format, read_intrinsics
 from beltscape.files.intrinsics_json import Intrinsics, is_intrinsics_file, read_intrinsics_file
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.calibrating.board_views import has_board_views
 from beltscape.pipeline.calibrating.intrinsics import calibrate_intrinsics
+from beltscape.pipeline.calibrating.views.board_views import has_board_views
 from beltscape.target.board import Board, corner_points_mm
 
 IntrinsicsUse = Literal["held", "prior"]

@@ -31,7 +31,7 @@ from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.pipeline.live.writer import Writer, notify_records
-from beltscape.pipeline.measuring.instants import Instant, list_instants
+from beltscape.pipeline.measuring.flow.instants import Instant, list_instants
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder

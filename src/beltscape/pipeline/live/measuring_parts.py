@@ -23,8 +23,8 @@ from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
 from beltscape.pipeline.live.operation import zero
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.measuring.belt import hash_empty_belt
-from beltscape.pipeline.measuring.flow import scale_rig_to_capture
-from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
+from beltscape.pipeline.measuring.flow.capture import scale_rig_to_capture
+from beltscape.pipeline.measuring.flow.chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer

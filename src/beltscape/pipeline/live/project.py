@@ -19,7 +19,7 @@ from beltscape.health.settings import HealthSettings
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.volume.settings import SURCHARGE_DEG, Surcharge
-from beltscape.pipeline.measuring.density import read_density_over_time, read_product_density
+from beltscape.pipeline.measuring.flow.density import read_density_over_time, read_product_density
 from beltscape.production.settings import (
     ProductionSettings,
     ProductSettings,

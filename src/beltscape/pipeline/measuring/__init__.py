@@ -1,1 +1,4 @@
-"""The steps of the measuring commands, from reconstructed frames to volume, flow, lumps and dimensions."""
+"""The steps of the measuring commands, from reconstructed frames to results with their files and reports.
+
+One module per command: `belt`, `volume`, `lumps`, `features` (with `solids`), `zero`; `flow` of a moving belt.
+"""

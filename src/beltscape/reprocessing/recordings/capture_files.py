@@ -16,7 +16,7 @@ from beltscape.files.documents.plain_text import decode_text
 from beltscape.files.tables.encoder_csv import parse_encoder
 from beltscape.files.tables.exposures_csv import FILE as EXPOSURES
 from beltscape.files.tables.exposures_csv import parse_exposures
-from beltscape.pipeline.measuring.instants import Instant, drop_positions, pair_readings, time_frames
+from beltscape.pipeline.measuring.flow.instants import Instant, drop_positions, pair_readings, time_frames
 from beltscape.reprocessing.recordings.place import Place
 from beltscape.reprocessing.recordings.recording import RecordedFrame, Recording
 from beltscape.reprocessing.recordings.tree import FileEntry, Folder, Tree
@@ -117,7 +117,7 @@ def _list_instants(
     place: Place,
     reporter: Reporter,
 ) -> list[Instant]:
-    """Return the instants as `pipeline.measuring.instants.list_instants` does for a folder."""
+    """Return the instants as `pipeline.measuring.flow.instants.list_instants` does for a folder."""
     table, has_table = place.describe_folder(ENCODER), ENCODER in listing.folder.files
     if not has_table and (options.with_positions or options.frames_per_s is None):
         fix = "" if options.with_positions else ", or give frames_per_s in [capture]"

@@ -15,7 +15,7 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.measuring.flow_chain import FlowChain
+from beltscape.pipeline.measuring.flow.chain import FlowChain
 from tests.synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, frames, make_context, run
 
 STEP_MM = 60.0

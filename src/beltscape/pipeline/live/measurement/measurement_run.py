@@ -27,7 +27,7 @@ from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.images.learned_images import LearnedImages
 from beltscape.pipeline.live.measurement.ledger import Ledger, LedgerState
 from beltscape.pipeline.live.measurement.sections import SectionBuffer
-from beltscape.pipeline.measuring.flow_chain import FlowChain
+from beltscape.pipeline.measuring.flow.chain import FlowChain
 from beltscape.pipeline.reconstructing.monitored_matcher import SequenceMatcher
 
 _NO_TAG = RecordTag()

@@ -21,7 +21,7 @@ from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.pipeline.measuring.belt import read_empty_belt
-from beltscape.pipeline.measuring.same_rig import require_same_rig
+from beltscape.pipeline.measuring.flow.same_rig import require_same_rig
 from beltscape.pipeline.reconstructing.monitored_matcher import SequenceMatcher
 
 _MARGIN = 0.02

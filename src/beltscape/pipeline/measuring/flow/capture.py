@@ -22,14 +22,14 @@ from beltscape.measure.flow.fusion.picture import BeltPicture
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import Direction, FlowSettings
-from beltscape.pipeline.measuring.flow_chain import (
+from beltscape.pipeline.measuring.flow.chain import (
     FlowChain,
     compute_depth_range,
     read_reference,
     widen_to_belt,
 )
-from beltscape.pipeline.measuring.flow_checks import require_consistent_motion, warn_of_motion_conflicts
-from beltscape.pipeline.measuring.instants import Instant, list_instants
+from beltscape.pipeline.measuring.flow.checks import require_consistent_motion, warn_of_motion_conflicts
+from beltscape.pipeline.measuring.flow.instants import Instant, list_instants
 from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture

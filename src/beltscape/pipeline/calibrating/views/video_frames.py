@@ -19,7 +19,7 @@ from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture, natural_key, read_capture
 from beltscape.files.rasters.images import write_image
 from beltscape.files.rasters.videos import EXTENSIONS, read_video
-from beltscape.pipeline.calibrating.board_views import has_board_views
+from beltscape.pipeline.calibrating.views.board_views import has_board_views
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.tables.flow_csv import write_flow
 from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
 from beltscape.measure.flow.records.density import Density
-from beltscape.pipeline.measuring.flow import Flow
-from beltscape.pipeline.measuring.flow_checks import describe_motion
+from beltscape.pipeline.measuring.flow.capture import Flow
+from beltscape.pipeline.measuring.flow.checks import describe_motion
 from beltscape.report.measuring.flow import FlowReport, render_flow_page
 
 _DIRECTIONS = {1: "+y", -1: "-y", 0: None}

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.sources.encoder.count import CountUnwrapper
+from beltscape.sources.encoder.readings.count import CountUnwrapper
 from beltscape.sources.encoder.settings import EncoderSettings
 from tests.strategies import floats
 

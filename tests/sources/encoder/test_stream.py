@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.sources.encoder.offset import EncoderOffset
+from beltscape.sources.encoder.readings.stream import ReadingStream
+from beltscape.sources.encoder.readings.text import parse_reading
 from beltscape.sources.encoder.settings import EncoderSettings
-from beltscape.sources.encoder.stream import ReadingStream
-from beltscape.sources.encoder.text import parse_reading
 from tests.strategies import floats
 
 SETTINGS = EncoderSettings(kind="udp", wait_s=0)

@@ -10,8 +10,8 @@ from beltscape.core.errors import InputError
 from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.sources.encoder.file_tail import FileTail
 from beltscape.sources.encoder.offset import EncoderOffset
+from beltscape.sources.encoder.readings.stream import ReadingStream
 from beltscape.sources.encoder.settings import EncoderSettings
-from beltscape.sources.encoder.stream import ReadingStream
 
 
 class TailEncoder(ReadingStream):

@@ -9,8 +9,8 @@ from time import monotonic_ns
 from beltscape.core.errors import InputError
 from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.sources.encoder.offset import EncoderOffset
+from beltscape.sources.encoder.readings.stream import ReadingStream
 from beltscape.sources.encoder.settings import EncoderSettings
-from beltscape.sources.encoder.stream import ReadingStream
 
 _LARGEST = 2048
 """Bytes of a datagram: more than an Ethernet frame carries (1500)."""

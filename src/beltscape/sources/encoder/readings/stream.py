@@ -6,12 +6,12 @@ from collections import OrderedDict
 from threading import Lock
 from time import monotonic_ns
 
-from beltscape.sources.encoder.count import CountUnwrapper
-from beltscape.sources.encoder.device_clock import DeviceClock
 from beltscape.sources.encoder.offset import EncoderOffset
+from beltscape.sources.encoder.readings.count import CountUnwrapper
+from beltscape.sources.encoder.readings.device_clock import DeviceClock
+from beltscape.sources.encoder.readings.text import Reading, parse_reading
+from beltscape.sources.encoder.readings.track import PositionTrack
 from beltscape.sources.encoder.settings import EncoderSettings
-from beltscape.sources.encoder.text import Reading, parse_reading
-from beltscape.sources.encoder.track import PositionTrack
 
 _FRAMES = 10_000
 """Number of readings with a frame's name that are kept, which bounds the memory."""

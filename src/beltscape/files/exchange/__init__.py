@@ -1,4 +1,4 @@
-"""Exchange of rigs with OpenCV, Kalibr, COLMAP, ROS, VIC-3D, MC-Calib and caliscope; one module per format.
+"""Exchange of rigs with OpenCV, Kalibr, COLMAP, ROS, VIC-3D, MC-Calib and caliscope; `formats` has a module for each.
 
 Every format shares OpenCV's camera axes (x right, y down, z forward) and lens models; they differ in units, in the
 direction and the reference of their transforms and in the position of pixel (0, 0). Each module's docstring defines
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from beltscape.files.exchange.rig_description import RigDescription
 
 FORMATS = {"opencv": "opencv_yaml", "kalibr": "kalibr", "colmap": "colmap", "ros": "ros"}
-"""Name of a format → its module here, imported only when it is needed."""
+"""Name of a format → its module in `formats`, imported only when it is needed."""
 
 READABLE = {
     **FORMATS,
@@ -121,7 +121,7 @@ def _read(path: Path, kind: str, reporter: Reporter) -> RigDescription:
 def _module(kind: str) -> Format:
     if kind not in READABLE:
         raise InputError(f"format {kind!r} is not known; there are {', '.join(READABLE)}")
-    return import_module(f"{__name__}.{READABLE[kind]}")  # pyright: ignore[reportReturnType]
+    return import_module(f"{__name__}.formats.{READABLE[kind]}")  # pyright: ignore[reportReturnType]
 
 
 @contextmanager

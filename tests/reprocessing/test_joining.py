@@ -13,10 +13,10 @@ from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, RecordTag
 from beltscape.core.belt.sigma_parts import SigmaParts
 from beltscape.measure.flow.records.density import Density
-from beltscape.reprocessing.entries_file import decode_result, encode_result
-from beltscape.reprocessing.joining import LedgerJoiner
+from beltscape.reprocessing.history.entries_file import decode_result, encode_result
+from beltscape.reprocessing.history.joining import LedgerJoiner
+from beltscape.reprocessing.history.products import find_no_product
 from beltscape.reprocessing.pieces import Overlap, Piece, cut_into_pieces
-from beltscape.reprocessing.products import find_no_product
 from beltscape.reprocessing.results import PieceResult, PieceTimes
 from tests.reprocessing.recordings_made import STEP_MM, make_recording
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from beltscape.report.page import Lines, Section, Table, Tile, Tiles, render
-from beltscape.reprocessing.history import JoinedLedger
+from beltscape.reprocessing.history.history import JoinedLedger
 from beltscape.reprocessing.manifest import WorkSpan
 from beltscape.reprocessing.timeline import make_timeline
 

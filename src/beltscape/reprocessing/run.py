@@ -19,13 +19,13 @@ from beltscape.pipeline.live.measuring_parts import build_context, describe_prov
 from beltscape.pipeline.live.operation import zero
 from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.reprocessing.comparison.reading import HISTORY
-from beltscape.reprocessing.entries_file import decode_result, encode_result
-from beltscape.reprocessing.history import JoinedLedger, join_pieces
+from beltscape.reprocessing.history.entries_file import decode_result, encode_result
+from beltscape.reprocessing.history.history import JoinedLedger, join_pieces
+from beltscape.reprocessing.history.products import Change, read_product_changes
 from beltscape.reprocessing.manifest import Manifest, WorkSpan
 from beltscape.reprocessing.measuring import measure_piece
 from beltscape.reprocessing.parcel import Parcel, pack_project
 from beltscape.reprocessing.pieces import PIECE_FRAMES, Piece, compute_overlap, cut_into_pieces
-from beltscape.reprocessing.products import Change, read_product_changes
 from beltscape.reprocessing.recordings.discovery import find_recordings
 from beltscape.reprocessing.recordings.recording import Recording, Unreadable
 from beltscape.reprocessing.report import render_report

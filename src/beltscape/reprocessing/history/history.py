@@ -15,11 +15,11 @@ from beltscape.core.progress import Reporter
 from beltscape.files.folders.atomic import output_error
 from beltscape.pipeline.live.measuring_parts import describe_provenance
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
-from beltscape.reprocessing.entries_file import decode_result
-from beltscape.reprocessing.joining import LedgerJoiner, Seam
+from beltscape.reprocessing.history.entries_file import decode_result
+from beltscape.reprocessing.history.joining import LedgerJoiner, Seam
+from beltscape.reprocessing.history.products import Change, make_tag_finder
 from beltscape.reprocessing.manifest import Manifest
 from beltscape.reprocessing.pieces import Piece
-from beltscape.reprocessing.products import Change, make_tag_finder
 from beltscape.sinks.historian.historian import Historian
 
 _AT_ONCE = 2000

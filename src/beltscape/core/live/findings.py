@@ -60,9 +60,9 @@ class Finding:
         return get_key(self.text)
 
 
-def has_fault(findings: Iterable[Finding], check: str, subject: str) -> bool:
-    """Return whether a check found a fault of a subject."""
-    return any(one.check == check and one.subject == subject and one.is_fault for one in findings)
+def has_fault(findings: Iterable[Finding], check: str, *subjects: str) -> bool:
+    """Return whether a check found a fault of one of these subjects."""
+    return any(one.check == check and one.subject in subjects and one.is_fault for one in findings)
 
 
 def worst_effect(findings: Iterable[Finding]) -> Effect:

@@ -76,14 +76,14 @@ class ProjectorMonitor:
         """Return the finding "projector_moved" of a checked frame; between two checks the fault, if there is one.
 
         ``findings`` are those about the frame's images and cameras: a frame with a fault is not learned, and a core
-        camera that moved sees a projector at rest displaced.
+        camera that moved, or of which that is not known yet, sees a projector at rest displaced.
         """
         self._number += 1
         if self._must_forget:
             self._forget()
         if depth is None or self._settings.projector == "no" or not self._is_due(frames):
             return self._fault
-        if has_fault(findings, "camera_pose", self._rig.core):
+        if has_fault(findings, "camera_pose", "", self._rig.core):
             return self._fault
         view = self._grid.view(frames, depth)
         is_bare, height = self._find_bare_belt(view.surface)

@@ -94,8 +94,8 @@ class SynchronisationMonitor:
         """Return the findings "camera_sync" of the next frame; between two checks those that are faults.
 
         ``position_mm`` is the belt's travel at the frame, ``along`` (3,) its direction in the core's frame.
-        ``others`` are the findings about the frame's cameras: all auxiliaries disagree with a core that moved, so
-        that none of them is accused anew.
+        ``others`` are the findings about the frame's cameras: all auxiliaries disagree with a core that moved, or may
+        have while it is not known which camera did, so that none of them is accused anew.
         """
         self._number += 1
         if depth is None or position_mm is None or along is None or frames.time_ns is None:
@@ -113,7 +113,7 @@ class SynchronisationMonitor:
             self._before = now
             return self._faults
         findings = self._compare(before, now, along, distance)
-        if has_fault(others, "camera_pose", self._rig.core):
+        if has_fault(others, "camera_pose", "", self._rig.core):
             findings = [self._acquit(finding) for finding in findings]
         self._faults = tuple(finding for finding in findings if finding.is_fault)
         self._due = self._number + _EVERY

@@ -5,11 +5,12 @@ from __future__ import annotations
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.accumulation import ResidualAccumulator
-from beltscape.stereo.consistency.check import check_consistency
+from beltscape.stereo.consistency.accumulation import POOLED_FRAMES, ResidualAccumulator
+from beltscape.stereo.consistency.check import assess_tie_points, check_consistency
 from beltscape.stereo.consistency.diagnosis.diagnosis import MisplacedImages, find_misplaced_images
 from beltscape.stereo.consistency.fault_texts import CameraFault, list_faults
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
+from beltscape.stereo.consistency.tie_points.tie_points import TiePoints, join_tie_points
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
 
 
@@ -21,16 +22,35 @@ class CameraCheck:
         self._depth_mm = 2 / (1 / near_far_mm[0] + 1 / near_far_mm[1])
         self._tolerance: Tolerance | None = None
         self._accumulator: ResidualAccumulator | None = None
+        self._undecided: dict[str, TiePoints] = {}
+        """By frame: the tie points of the last frames that do not show which camera moved."""
         self._misplaced: dict[tuple[str, ...], MisplacedImages] = {}
         """What was found for a set of inconsistent cameras, since the last sound frame."""
 
     def check(
         self, frame_set: FrameSet, depth: DepthMap | None, auxiliaries: tuple[str, ...]
     ) -> RigConsistency:
-        """Return the consistency of one frame by itself."""
+        """Return the consistency of one frame, together with those before it that left open which camera moved."""
         if self._tolerance is None:
             self._tolerance = compute_tolerance(self._rig, self._depth_mm)
-        return check_consistency(frame_set, self._rig, depth, auxiliaries, self._tolerance)
+        consistency = check_consistency(frame_set, self._rig, depth, auxiliaries, self._tolerance)
+        if not (consistency.suspects and consistency.guided):
+            self._undecided.clear()
+            return consistency
+        return self._decide(frame_set.frame, consistency, auxiliaries, self._tolerance)
+
+    def _decide(
+        self, frame: str, consistency: RigConsistency, auxiliaries: tuple[str, ...], tolerance: Tolerance
+    ) -> RigConsistency:
+        """Return what an undecided frame and the undecided ones before it show together, or its own consistency."""
+        self._undecided.pop(frame, None)
+        self._undecided[frame] = consistency.tie_points
+        if len(self._undecided) > POOLED_FRAMES:
+            del self._undecided[next(iter(self._undecided))]
+        together = assess_tie_points(
+            join_tie_points(list(self._undecided.values())), self._rig, auxiliaries, tolerance
+        )
+        return consistency if together.is_sound or together.ambiguous else together
 
     def accumulate(self, consistency: RigConsistency) -> RigConsistency:
         """Return the contradiction that a sound frame shows together with those before it, or its own state."""

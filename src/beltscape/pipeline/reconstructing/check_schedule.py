@@ -18,6 +18,9 @@ _COVERAGE_CHANGE = 0.08
 on an empty belt and by 0.2 on material."""
 _SIGMA_RATIO = 1.3
 """Ratio of the median σ to that of the last passed check that is unusual; one moved auxiliary of four gives 1.35."""
+_MOST_REPEATED = 8
+"""Number of checks in a row that are made of successive frames while it is not known which camera moved: four frames
+together nearly always show it."""
 _STRIDE = 4
 """Rows and columns between the pixels that are compared."""
 
@@ -39,6 +42,7 @@ class CheckSchedule:
         self._frames_since = every
         self._time_ns: int | None = None
         self._passed: _Summary | None = None
+        self._repeated = 0
 
     def is_due(self, frame_set: FrameSet, depth: DepthMap | None) -> bool:
         """Return whether a frame must be checked; ``depth`` is None if it could not be matched."""
@@ -47,9 +51,17 @@ class CheckSchedule:
             return True
         return self._frames_since >= _LEAST_FRAMES and self._is_unusual(depth)
 
-    def note_check(self, frame_set: FrameSet, depth: DepthMap | None, *, has_passed: bool) -> None:
-        """Account for a check; an unusual frame that passed is the usual one from now on."""
+    def note_check(
+        self, frame_set: FrameSet, depth: DepthMap | None, *, has_passed: bool, is_undecided: bool = False
+    ) -> None:
+        """Account for a check; an unusual frame that passed is the usual one from now on.
+
+        After an undecided check the next frame is due, some times in a row.
+        """
         self._frames_since, self._time_ns = 0, frame_set.time_ns
+        self._repeated = self._repeated + 1 if is_undecided else 0
+        if 0 < self._repeated <= _MOST_REPEATED:
+            self.request()
         if has_passed and depth is not None:
             self._passed = _measure(depth)
 

@@ -181,7 +181,9 @@ class CheckedMatcher:
         # at low coverage or with gross residuals, an inconsistent camera's pixels match by chance
         is_gross = uses_inconsistent and consistency.misfit_px > GROSS_PX
         is_gross |= any(fault.concerns_core for fault in faults)
-        self._schedule.note_check(frame_set, depth, has_passed=consistency.is_sound)
+        self._schedule.note_check(
+            frame_set, depth, has_passed=consistency.is_sound, is_undecided=bool(consistency.suspects)
+        )
         self._proposals.add(consistency)
         if faults and (depth.coverage < LEAST_COVERAGE or is_gross):
             self._refuse(frame_set, consistency, faults)

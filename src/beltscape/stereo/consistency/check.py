@@ -9,12 +9,11 @@ import numpy as np
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.diagnosis.pose_change import PoseChange, fit_pose_change
+from beltscape.stereo.consistency.fault_attribution import Attribution, FrameData, attribute_faults
 from beltscape.stereo.consistency.fault_isolation import (
     FaultIsolation,
     FrameResiduals,
     compute_frame_residuals,
-    exceeds_tolerance,
     isolate_faults,
 )
 from beltscape.stereo.consistency.residual_reference import ResidualReference
@@ -32,8 +31,6 @@ LEAST_TIE_POINTS = 30
 """With fewer tie points in the depth map, unguided matching is used."""
 _AGREES_PX = 1.0
 """A point agrees with the rig within this distance from its epipolar line."""
-_EXPLAINED = 2.0
-"""A pose change explains residuals that it brings within this multiple of their tolerances."""
 
 
 def check_consistency(
@@ -88,24 +85,24 @@ def assess_tie_points(
     """
     residuals = compute_frame_residuals(tie_points, rig, names, reference)
     isolation = isolate_faults(tie_points, residuals, tolerance)
-    core_moved, pose_change = False, None
-    if isolation.contradicting or isolation.unmatched:
-        pose_change = _find_pose_change(tie_points, rig, residuals, isolation, tolerance, reference)
-        core_moved = pose_change is not None and pose_change.camera == rig.core
-    cameras = tuple(
-        _assess_camera(name, tie_points, rig, residuals, isolation, tolerance, core_moved) for name in names
-    )
+    attribution = Attribution(isolation)
+    if isolation.contradicting:
+        data = FrameData(tie_points, rig, residuals, tolerance, reference)
+        attribution = attribute_faults(data, isolation)
+        isolation = attribution.isolation
+    cameras = tuple(_assess_camera(name, tie_points, rig, residuals, isolation, tolerance) for name in names)
     return RigConsistency(
         cameras,
         len(tie_points.core_px),
         True,
-        isolation.ambiguous and not core_moved,
-        core_moved,
-        pose_change,
+        isolation.ambiguous,
+        attribution.core_moved,
+        attribution.pose_change,
         _find_depth_range(tie_points, rig, residuals),
         _compute_misfit(residuals, tuple(c.camera for c in cameras if c.state == "sound") or names),
         tie_points,
         reference is not None,
+        attribution.suspects,
     )
 
 
@@ -120,34 +117,6 @@ def _match_tie_points(
     return UnguidedMatcher(rig, compute_search_range(rig, names)).match(frame_set, names, points), False
 
 
-def _find_pose_change(
-    tie_points: TiePoints,
-    rig: Rig,
-    residuals: FrameResiduals,
-    isolation: FaultIsolation,
-    tolerance: Tolerance,
-    reference: ResidualReference | None,
-) -> PoseChange | None:
-    """Return the pose change that explains the frame: of the only contradicting auxiliary, or else of the core."""
-    measured = (name for name, residual in residuals.epipolar.items() if np.isfinite(residual.rms_px))
-    names = tuple(name for name in measured if name not in isolation.unmatched)
-    contradicting = isolation.contradicting
-    if len(names) < 2 or (isolation.unmatched and not contradicting):
-        return None
-    single = contradicting if len(contradicting) == 1 else ()
-    for camera in (*single, *((rig.core,) if len(contradicting) > 1 and len(names) > 2 else ())):
-        pose_change = fit_pose_change(tie_points, rig, camera, names, reference)
-        after = compute_frame_residuals(tie_points, pose_change.rig, names, reference)
-        if not any(
-            exceeds_tolerance(after.epipolar[n], _EXPLAINED * tolerance.epipolar_px[n]) for n in names
-        ) and not any(
-            exceeds_tolerance(residual, _EXPLAINED * tolerance.disparity_px[pair])
-            for pair, residual in after.disparity.items()
-        ):
-            return pose_change
-    return None
-
-
 def _assess_camera(
     name: str,
     tie_points: TiePoints,
@@ -155,7 +124,6 @@ def _assess_camera(
     residuals: FrameResiduals,
     isolation: FaultIsolation,
     tolerance: Tolerance,
-    core_moved: bool,
 ) -> CameraConsistency:
     epipolar = residuals.epipolar[name]
     searched = int(tie_points.searched[name].sum())
@@ -170,7 +138,7 @@ def _assess_camera(
     state: State = "not measured" if not np.isfinite(epipolar.rms_px) else "sound"
     if name in isolation.unmatched:
         state = "unmatched"
-    elif name in isolation.contradicting or (core_moved and state == "sound"):
+    elif name in isolation.contradicting:
         state = "contradicting"
     return CameraConsistency(
         name,

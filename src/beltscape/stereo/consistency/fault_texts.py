@@ -51,7 +51,9 @@ def list_faults(
         return [CameraFault((rig.core,), text)]
     contradicting = [each for each in inconsistent if each.state == "contradicting"]
     faults: list[CameraFault] = []
-    if contradicting and (consistency.ambiguous or not consistency.find_auxiliaries("sound")):
+    if consistency.suspects:
+        faults.append(CameraFault((), _describe_suspects(contradicting, consistency)))
+    elif contradicting and (consistency.ambiguous or not consistency.find_auxiliaries("sound")):
         faults.append(CameraFault((), _describe_without_sound_set(contradicting, rig, consistency)))
     else:
         faults += [
@@ -114,6 +116,16 @@ def _describe_mirroring(mirroring: Mirroring, rig: Rig) -> str:
     return Message(
         text, "camera_turned" if mirroring.flip == "by 180°" else "camera_mirrored", cameras=", ".join(names)
     )
+
+
+def _describe_suspects(contradicting: list[CameraConsistency], consistency: RigConsistency) -> str:
+    """Return the line for a frame that several movements explain."""
+    names = consistency.suspects
+    text = (
+        f"a camera moved, which one is not known yet: {', '.join(names[:-1])} or {names[-1]} "
+        f"({_list_residuals(contradicting, consistency)}); the next frames decide, or {_FIX}"
+    )
+    return Message(text, "camera_moved_undecided", cameras=", ".join(names))
 
 
 def _describe_without_sound_set(

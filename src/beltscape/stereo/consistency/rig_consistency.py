@@ -60,7 +60,7 @@ class RigConsistency:
     ambiguous: bool
     """Whether the frame does not show which of the contradicting cameras is right."""
     core_moved: bool
-    """Whether a pose change of the core alone explains the contradictions."""
+    """Whether the core moved: every plausible explanation of the contradictions contains it."""
     pose_change: PoseChange | None
     """The pose change of one camera that explains the contradictions; None if there is none."""
     found_depth_range_mm: tuple[float, float]
@@ -71,6 +71,8 @@ class RigConsistency:
     """The matched points."""
     is_change: bool = False
     """Whether the residuals are those since a reference was taken."""
+    suspects: tuple[str, ...] = ()
+    """Cameras of which one moved, while the images do not show yet which; also the core."""
 
     def find_auxiliaries(self, *states: State) -> tuple[str, ...]:
         """Return the auxiliaries in one of the states."""
@@ -95,6 +97,7 @@ def make_consistency_document(consistency: RigConsistency) -> Mapping[str, objec
         "guided_by_depth": consistency.guided,
         "core_moved": consistency.core_moved,
         "ambiguous": consistency.ambiguous,
+        "suspects": list(consistency.suspects),
         "misfit_px": consistency.misfit_px,
         "motion": change
         and {

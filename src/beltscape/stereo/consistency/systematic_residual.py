@@ -39,7 +39,7 @@ class SystematicResidual:
     """Signed median of all residuals."""
     points: int
     inlier_share: float
-    """Share of the residuals near their block's median."""
+    """Share of the residuals near their block's median; near that of all where no block has enough."""
     scatter_px: float
     """Median over the blocks of one standard deviation within a block."""
 
@@ -86,8 +86,10 @@ def estimate_systematic_residual(
             weights.append(len(own))
             scatters.append(scatter)
             inliers += int((np.abs(own - median) < _INLIER_PX * pixel_scale).sum())
-    if not medians:
-        return SystematicResidual(np.nan, np.nan, float(np.median(values)), count, np.nan, np.nan)
+    if not medians:  # too few in every block: inliers are near the median of all
+        middle = float(np.median(values))
+        near = float((np.abs(values - middle) < _INLIER_PX * pixel_scale).mean())
+        return SystematicResidual(np.nan, np.nan, middle, count, near, np.nan)
     share = np.array(weights) / np.sum(weights)
     noise = float(share @ np.array(variances))
     square = float(share @ np.square(medians))

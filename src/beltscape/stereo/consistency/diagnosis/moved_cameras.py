@@ -1,0 +1,216 @@
+"""Sets of cameras whose movement may explain the residuals of a frame, compared by χ².
+
+Every set of cameras that leaves a majority at rest is a hypothesis. Its movement is fitted to the medians of the
+residuals in blocks of the image. A camera is accused only if all hypotheses within `DECISIVE_SIGMAS` of the best one
+contain it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.statistics import MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA
+from beltscape.stereo.consistency.diagnosis.pose_change import apply_pose_change
+from beltscape.stereo.consistency.residual_reference import ResidualReference
+from beltscape.stereo.consistency.residuals import (
+    PairResiduals,
+    compute_disparity_residuals,
+    compute_pair_residuals,
+)
+from beltscape.stereo.consistency.systematic_residual import BLOCKS, LEAST_IN_BLOCK, find_blocks
+from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints
+
+DECISIVE_SIGMAS = 3.0
+"""A hypothesis is refuted from this number of standard deviations on: χ² larger than the best one's by its square."""
+_BIAS_PX = 0.02
+"""Systematic error of the matching in one block; rendered captures under their true rigs have 0.005 px, and what lens
+models leave varies more."""
+_STEPS = np.array([1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2])
+"""Steps of the numerical derivatives, rad and mm: some 0.01 px."""
+_PRIOR = np.array([0.1, 0.1, 0.1, 50.0, 50.0, 50.0])
+"""Standard deviations of a movement before it is measured, rad and mm: they bound what the residuals leave free."""
+_LEAST_MEDIANS = 18
+"""Least number of medians for each camera that may have moved, three for each degree of freedom: with fewer a movement
+of one camera was explained by those of two others in one of 30 frames of 40 points."""
+_LINEAR_PX = 1.0
+"""Movements that displace points by less are linear: an angle of 1 px at 600 px of focal length errs by 0.002 px."""
+_ITERATIONS = 4
+"""Steps of the fit of a larger movement; 2° need three."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """Movement of a set of cameras."""
+
+    cameras: tuple[str, ...]
+    chi_square: float
+    """What the movement leaves of the residuals, over their variances."""
+    rig: Rig
+    """The rig after the movement."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _BlockMedians:
+    """Medians of all series of residuals in blocks of the image."""
+
+    value_px: Array
+    """(B,) medians, NaN where a block has too few points."""
+    variance_px2: Array
+    """(B,) their variances."""
+
+
+def list_hypotheses(cameras: Sequence[str], size: int) -> list[tuple[str, ...]]:
+    """Return all sets of ``size`` cameras that leave a majority at rest, and at least two."""
+    return list(combinations(cameras, size)) if len(cameras) - size >= max(2, size + 1) else []
+
+
+def find_common(hypotheses: Sequence[Hypothesis]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the cameras that all plausible hypotheses have in common, and those that at least one of them has."""
+    best = min(each.chi_square for each in hypotheses)
+    plausible = [each.cameras for each in hypotheses if each.chi_square < best + DECISIVE_SIGMAS**2]
+    order = list(dict.fromkeys(name for each in hypotheses for name in each.cameras))
+    common = tuple(name for name in order if all(name in each for each in plausible))
+    return common, tuple(name for name in order if any(name in each for each in plausible))
+
+
+class MovementFit:
+    """Fits movements of cameras to the residuals of tie points under a rig, less those of the reference."""
+
+    def __init__(
+        self, tie_points: TiePoints, rig: Rig, names: tuple[str, ...], reference: ResidualReference | None
+    ) -> None:
+        """``names`` are the auxiliaries whose residuals are used."""
+        self._tie_points, self._rig, self._names, self._reference = tie_points, rig, names, reference
+        self._blocks = find_blocks(tie_points.core_px, rig.core_camera.size_px)
+        pairs = {name: compute_pair_residuals(tie_points, rig, name) for name in names}
+        self._base = self._compute_medians(pairs)
+        self._used = np.isfinite(self._base.value_px)
+        self._slopes = {camera: self._compute_slopes(camera, pairs) for camera in (rig.core, *names)}
+
+    def has_enough(self, size: int) -> bool:
+        """Return whether the residuals suffice to compare movements of ``size`` cameras."""
+        return int(self._used.sum()) >= _LEAST_MEDIANS * size
+
+    def compare(self, size: int) -> list[Hypothesis]:
+        """Return the hypotheses that ``size`` cameras moved, the best one first.
+
+        What no movement explains, such as an error of lens models, is common to the blocks of an image: the excess of
+        the best χ² over its expectation reduces the weight of all of them by the number of blocks.
+        """
+        sets = list_hypotheses((self._rig.core, *self._names), size)
+        fitted = sorted((self._fit(cameras) for cameras in sets), key=lambda each: each.chi_square)
+        free = max(int(self._used.sum()) - 6 * size, 1)
+        excess = max(fitted[0].chi_square / free - 1, 0.0)
+        scale = 1 + BLOCKS[0] * BLOCKS[1] * excess
+        return [replace(each, chi_square=each.chi_square / scale) for each in fitted]
+
+    def _fit(self, cameras: tuple[str, ...]) -> Hypothesis:
+        """Return the movement of a set of cameras that leaves the least χ²."""
+        slopes = np.concatenate([self._slopes[camera] for camera in cameras], axis=1)[self._used]
+        prior = np.tile(_PRIOR, len(cameras))
+        value, variance = self._base.value_px[self._used], self._base.variance_px2[self._used]
+        weight = 1 / variance
+        normal = (slopes * weight[:, None]).T @ slopes + np.diag(prior**-2)
+        change = np.zeros(len(prior))
+        for _ in range(_ITERATIONS):
+            step = -np.linalg.solve(normal, slopes.T @ (weight * value) + change / prior**2)
+            change, moved = change + step, slopes @ step
+            value = value + moved
+            if float(np.abs(moved).max(initial=0.0)) < _LINEAR_PX:
+                break
+            value = np.nan_to_num(self._measure(self._move(cameras, change))[self._used])
+        chi_square = float(weight @ np.square(value))
+        return Hypothesis(cameras, chi_square, self._move(cameras, change))
+
+    def _move(self, cameras: tuple[str, ...], change: Array) -> Rig:
+        """Return the rig after movements (6·n,) of n cameras; the core's last, since it moves all others."""
+        rig = self._rig
+        for i in sorted(range(len(cameras)), key=lambda i: cameras[i] == rig.core):
+            rig = apply_pose_change(rig, cameras[i], change[6 * i : 6 * i + 6])
+        return rig
+
+    def _measure(self, rig: Rig) -> Array:
+        """Return (B,) medians of the residuals under a rig."""
+        pairs = {name: compute_pair_residuals(self._tie_points, rig, name) for name in self._names}
+        return self._compute_medians(pairs).value_px
+
+    def _compute_slopes(self, camera: str, pairs: Mapping[str, PairResiduals]) -> Array:
+        """Return (B, 6) derivatives of the block medians by the movement of a camera, as means over the blocks."""
+        before = self._stack(pairs)
+        slopes = np.empty((len(self._base.value_px), 6))
+        affected = self._names if camera == self._rig.core else (camera,)
+        for i in range(6):
+            change = np.zeros(6)
+            change[i] = _STEPS[i]
+            rig = apply_pose_change(self._rig, camera, change)
+            moved = {name: compute_pair_residuals(self._tie_points, rig, name) for name in affected}
+            after = self._stack({**pairs, **moved})
+            slopes[:, i] = np.concatenate([
+                self._average((new - old) / _STEPS[i]) for new, old in zip(after, before, strict=True)
+            ])  # fmt: skip
+        return slopes
+
+    def _stack(self, pairs: Mapping[str, PairResiduals]) -> list[Array]:
+        """Return all series (N,) of residuals, px: epipolar ones by auxiliary, then disparities by pair."""
+        disparities = (
+            compute_disparity_residuals(pairs[one], pairs[other])
+            for one, other in combinations(self._names, 2)
+        )
+        return [*(pairs[name].epipolar_px for name in self._names), *disparities]
+
+    def _subtract(self, series: list[Array]) -> list[Array]:
+        """Return the series without the reference."""
+        reference, pixels = self._reference, self._tie_points.core_px
+        if reference is None:
+            return series
+        count = len(self._names)
+        return [
+            *(
+                reference.subtract_epipolar(px, pixels, name)
+                for px, name in zip(series, self._names, strict=False)
+            ),
+            *(
+                reference.subtract_disparity(px, pixels, pair)
+                for px, pair in zip(series[count:], combinations(self._names, 2), strict=True)
+            ),
+        ]
+
+    def _compute_medians(self, pairs: Mapping[str, PairResiduals]) -> _BlockMedians:
+        count = len(self._names)
+        # disparities of all pairs hold the same information several times
+        repeated = [1.0] * count + [max(1.0, count / 2)] * (count * (count - 1) // 2)
+        found = [self._find_medians(px) for px in self._subtract(self._stack(pairs))]
+        medians, numbers, scatters = (np.array(values) for values in zip(*found, strict=True))
+        # few points scatter less than their noise by chance, but seldom in most series
+        scatters = np.maximum(scatters, np.nanmedian(scatters) if np.isfinite(scatters).any() else 0.0)
+        with np.errstate(divide="ignore"):
+            variances = MEDIAN_TO_MEAN_SIGMA**2 * scatters[:, None] ** 2 / numbers + _BIAS_PX**2
+        return _BlockMedians(medians.ravel(), (np.array(repeated)[:, None] * variances).ravel())
+
+    def _find_medians(self, residual_px: Array) -> tuple[Array, Array, float]:
+        """Return medians (blocks,) of a series, their numbers of points, and one standard deviation of a point."""
+        medians, numbers = np.full(BLOCKS[0] * BLOCKS[1], np.nan), np.zeros(BLOCKS[0] * BLOCKS[1])
+        good = np.isfinite(residual_px)
+        deviations: list[Array] = []
+        for block in np.unique(self._blocks[good]):
+            own = residual_px[good & (self._blocks == block)]
+            if len(own) >= LEAST_IN_BLOCK:
+                medians[block], numbers[block] = np.median(own), len(own)
+                deviations.append(np.abs(own - medians[block]))
+        if not deviations:
+            return medians, numbers, float("nan")
+        every = np.concatenate(deviations)
+        free = len(every) / (len(every) - len(deviations))
+        return medians, numbers, MAD_TO_SIGMA * float(np.median(every)) * float(np.sqrt(free))
+
+    def _average(self, values: Array) -> Array:
+        """Return (blocks,) means of the finite values; 0 where there are none."""
+        good = np.isfinite(values)
+        size = BLOCKS[0] * BLOCKS[1]
+        sums = np.bincount(self._blocks[good], values[good], size)
+        return sums / np.maximum(np.bincount(self._blocks[good], minlength=size), 1)

@@ -14,9 +14,8 @@ from beltscape.core.errors import InputError
 
 pytest.importorskip("paho", reason="paho-mqtt is not installed; pip install 'beltscape[mqtt]' brings it")
 
-from beltscape.protocols.mqtt.cursor import read_cursor
 from beltscape.protocols.mqtt.payloads import format_alarm, format_record, format_state
-from beltscape.protocols.mqtt.publisher import Publisher, check_settings
+from beltscape.protocols.mqtt.publisher import Publisher, check_settings, read_cursor
 from beltscape.protocols.mqtt.settings import MqttSettings
 from tests.protocols.broker import Broker, Subscriber, find_port, wait_until, with_broker
 from tests.protocols.plant import FakePlant, make_record

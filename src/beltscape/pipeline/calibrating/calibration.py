@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -141,9 +139,7 @@ def calibrate(
     limited = limit_domains(adjustment.rig, adjustment, known.cameras)
     coverage = _assess_coverage(adjustment, limited, covariance, volume, reporter)
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
-    quality = _make_quality(board, adjustment, covariance, held_out, training, fit)
-    matrix = {"parameters": covariance.parameters, "matrix": covariance.matrix}
-    rig = replace(limited, quality=quality, covariance=matrix)
+    rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment,
@@ -261,17 +257,18 @@ def _score_rig(
     return rig_errors, halves
 
 
-def _make_quality(
+def _complete_rig(
+    rig: Rig,
     board: Board,
     adjustment: BundleAdjustmentResult,
     covariance: RigCovariance,
     held_out: Score | None,
     training: Score,
     fit: FitQuality,
-) -> Mapping[str, Any]:
-    """Return the quality record of rig.json, with the board's shape, which `check` needs."""
+) -> Rig:
+    """Return the rig with its covariance, and with its quality and the board's shape, which `check` needs."""
     shaped = bool(np.any(adjustment.shape_mm))
-    return {
+    quality = {
         "held_out": held_out.document() if held_out else None,
         "training": training.document(),
         "fit": {"sound": fit.is_sound, "doubts": fit.findings},
@@ -279,6 +276,8 @@ def _make_quality(
         "board": board.model_dump(),
         "board_corners_mm": adjustment.geometry.points_mm if shaped else None,
     }
+    matrix = {"parameters": covariance.parameters, "matrix": covariance.matrix}
+    return replace(rig, quality=quality, covariance=matrix)
 
 
 def _compute_depth_sigmas(

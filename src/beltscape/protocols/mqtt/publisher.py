@@ -18,8 +18,8 @@ from typing import Protocol
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.runtime.supervision import make_supervised_thread
+from beltscape.protocols.kept_number import KeptNumber
 from beltscape.protocols.mqtt.connection import list_tls_files
-from beltscape.protocols.mqtt.cursor import read_cursor
 from beltscape.protocols.mqtt.json_channel import JsonChannel
 from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.plant import Plant, PlantState
@@ -210,3 +210,15 @@ def check_settings(settings: MqttSettings) -> None:
     for path in list_tls_files(settings):
         if path is not None and not path.is_file():
             raise InputError(f"{path}: there is no such file; [mqtt] names it")
+
+
+def read_cursor(path: Path, broker: str) -> KeptNumber:
+    """Return the number of the last record that the broker has acknowledged, kept on the disk; at first none.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged.
+    """
+    key, fix = ("broker", broker), "publish from the newest record on"
+    return KeptNumber(path, "beltscape-mqtt/1", "acknowledged", key, fix)

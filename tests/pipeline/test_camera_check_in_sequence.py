@@ -13,10 +13,10 @@ from beltscape.core.progress import Silent
 from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.measuring.flow.same_rig import require_same_rig
-from beltscape.pipeline.reconstructing.check_schedule import CheckSchedule
+from beltscape.pipeline.reconstructing.camera_checks.rig_proposal import make_rig_writer
+from beltscape.pipeline.reconstructing.camera_checks.schedule import CheckSchedule
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
-from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
 from beltscape.stereo.consistency.diagnosis.pose_change import apply_pose_change
 from tests.synthetic.demo import DEMO, TRUE_RIG
 

@@ -8,7 +8,7 @@ import pytest
 from beltscape.core.frames import FrameSet
 from beltscape.files.rasters.images import read_image, write_image
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.reconstructing.regions import write_regions
+from beltscape.pipeline.reconstructing.sequence.regions import write_regions
 from beltscape.stereo.markers.grid import detect_marker_grid
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 

@@ -31,7 +31,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         measure_features_of_frame,
         write_features,
     )
-    from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
+    from beltscape.pipeline.reconstructing.camera_checks.faults import warn_of_camera_faults
 
     frame, measured = measure_features_of_frame(arguments.frame, arguments.module, arguments.image)
     warn_of_camera_faults(frame, reporter)

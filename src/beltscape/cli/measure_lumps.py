@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the lumps."""
     from beltscape.measure.lumps.settings import LumpSettings
     from beltscape.pipeline.measuring.lumps import make_lumps_document, measure_lumps_of_frame, write_lumps
-    from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
+    from beltscape.pipeline.reconstructing.camera_checks.faults import warn_of_camera_faults
 
     options = {"oversize_mm": arguments.oversize}
     if arguments.sieves is not None:

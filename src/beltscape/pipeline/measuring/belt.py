@@ -18,7 +18,7 @@ from beltscape.files.documents.digest import hash_file
 from beltscape.files.folders.atomic import write_text
 from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame, require_intact
 from beltscape.measure.belt.empty_belt import learn_belt
-from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
+from beltscape.pipeline.reconstructing.camera_checks.faults import warn_of_camera_faults
 
 
 def measure_empty_belt(folder: Path, frames: Sequence[str] | None, reporter: Reporter) -> tuple[Belt, Camera]:

@@ -16,7 +16,7 @@ from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.solid import build_load_mesh, build_surface_mesh
 from beltscape.measure.volume.volume import Volume, measure_volume
 from beltscape.pipeline.measuring.belt import read_empty_belt, require_same_camera
-from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
+from beltscape.pipeline.reconstructing.camera_checks.faults import warn_of_camera_faults
 from beltscape.report.measuring.volume import render_volume_page
 
 LEAST_COVERAGE = 0.5

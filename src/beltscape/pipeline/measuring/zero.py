@@ -15,7 +15,7 @@ from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_setting import ZeroSetting, zero_offset
 from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
 from beltscape.pipeline.measuring.belt import list_frame_names, read_intact_frame
-from beltscape.pipeline.reconstructing.camera_faults import warn_of_camera_faults
+from beltscape.pipeline.reconstructing.camera_checks.faults import warn_of_camera_faults
 
 
 def set_zero(

@@ -13,15 +13,15 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter
-from beltscape.pipeline.reconstructing.camera_check import CameraCheck
-from beltscape.pipeline.reconstructing.camera_findings import CameraFindings
-from beltscape.pipeline.reconstructing.check_schedule import CheckSchedule
-from beltscape.pipeline.reconstructing.match_pool import FrameMatcher, MatchPool, PendingMatch
-from beltscape.pipeline.reconstructing.rig_proposal import RigProposals
-from beltscape.pipeline.reconstructing.systematic_error import (
+from beltscape.pipeline.reconstructing.camera_checks.check import CameraCheck
+from beltscape.pipeline.reconstructing.camera_checks.findings import CameraFindings
+from beltscape.pipeline.reconstructing.camera_checks.rig_proposal import RigProposals
+from beltscape.pipeline.reconstructing.camera_checks.schedule import CheckSchedule
+from beltscape.pipeline.reconstructing.camera_checks.systematic_error import (
     add_systematic_error,
     compute_depth_error_per_px,
 )
+from beltscape.pipeline.reconstructing.match_pool import FrameMatcher, MatchPool, PendingMatch
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE
 from beltscape.stereo.consistency.diagnosis.low_coverage import diagnose_low_coverage

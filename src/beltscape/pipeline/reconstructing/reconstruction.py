@@ -20,11 +20,11 @@ from beltscape.files.reconstruction import write_reconstruction
 from beltscape.files.rig_limits import find_oddities
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
+from beltscape.pipeline.reconstructing.camera_checks.rig_proposal import make_rig_writer
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.cloud_export import export_clouds
 from beltscape.pipeline.reconstructing.match_pool import MatchPool
 from beltscape.pipeline.reconstructing.matcher_factory import MatcherFactory
-from beltscape.pipeline.reconstructing.rig_proposal import make_rig_writer
 from beltscape.pipeline.reconstructing.search_range import check_depth_range, find_capture_depth_range
 from beltscape.pipeline.reconstructing.sequence.frame_writer import Frame, FrameWriter
 from beltscape.pipeline.reconstructing.sequence.match_ahead import (

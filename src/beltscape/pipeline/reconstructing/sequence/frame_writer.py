@@ -18,7 +18,7 @@ from beltscape.core.live.findings import Finding
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth
-from beltscape.pipeline.reconstructing.regions import write_regions
+from beltscape.pipeline.reconstructing.sequence.regions import write_regions
 from beltscape.report.drawing.depth_picture import draw_depth_map
 from beltscape.stereo.consistency.rig_consistency import make_consistency_document
 from beltscape.stereo.pointcloud.cloud import CloudBuilder

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from beltscape.core.progress import Silent
-from beltscape.health.images.projector_monitor import ProjectorMonitor
+from beltscape.health.images.surface_checks.projector_monitor import ProjectorMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.live.images.pattern_reference import FILE, make_pattern_keeper, read_pattern
 from tests.health.images.drawn_belt import RIG, STEP_MM, make_frame

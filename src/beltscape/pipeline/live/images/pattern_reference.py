@@ -13,7 +13,7 @@ import numpy as np
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
 from beltscape.files.arrays import read_arrays, write_arrays
-from beltscape.health.images.projector_position import LearnedPattern
+from beltscape.health.images.surface_checks.projector_position import LearnedPattern
 from beltscape.pipeline.live.images.kept_file import read_kept
 
 FILE = "projector_pattern.npz"

@@ -8,7 +8,7 @@ import numpy as np
 
 from beltscape.core.live.findings import Effect, Finding
 from beltscape.core.live.translatable_message import Message
-from beltscape.health.images.exposure import BLIND_DARKNESS
+from beltscape.health.images.block_checks.exposure import BLIND_DARKNESS
 from beltscape.health.reference import (
     LEAST_CONTRAST,
     FrameStatistics,

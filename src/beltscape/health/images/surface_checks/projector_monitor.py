@@ -11,14 +11,14 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live.findings import Finding, has_fault
-from beltscape.health.images.projector_position import (
+from beltscape.health.images.surface_checks.projector_position import (
     LearnedPattern,
     PatternShift,
     check_projector_position,
     exceeds,
     measure_pattern_shift,
 )
-from beltscape.health.images.surface_samples import Surface, SurfaceGrid, Texture
+from beltscape.health.images.surface_checks.surface_samples import Surface, SurfaceGrid, Texture
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 

@@ -10,8 +10,8 @@ import numpy as np
 from beltscape.core.live.findings import Effect, Finding
 from beltscape.core.live.translatable_message import Message
 from beltscape.health.image_statistics import ImageStatistics
-from beltscape.health.images.exposure import compute_lit_ratios, estimate_mode
-from beltscape.health.images.sharpness import FAINT_SIGNAL
+from beltscape.health.images.block_checks.exposure import compute_lit_ratios, estimate_mode
+from beltscape.health.images.block_checks.sharpness import FAINT_SIGNAL
 from beltscape.health.reference import (
     CameraReference,
     FrameStatistics,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from beltscape.health.images.surface_samples import Surface, SurfaceGrid, Texture
+from beltscape.health.images.surface_checks.surface_samples import Surface, SurfaceGrid, Texture
 
 _WINDOW = 24
 """Largest displacement that is searched, in cells of the grid: some 50 mm."""

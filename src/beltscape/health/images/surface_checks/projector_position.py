@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.live.findings import Finding
 from beltscape.core.live.translatable_message import Message
-from beltscape.health.images.motion_correlation import correlate_at_rest, find_peak
-from beltscape.health.images.surface_samples import Texture
+from beltscape.health.images.surface_checks.motion_correlation import correlate_at_rest, find_peak
+from beltscape.health.images.surface_checks.surface_samples import Texture
 from beltscape.health.settings import HealthSettings
 
 MOVED = "projector_moved"

@@ -13,14 +13,14 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live.findings import Finding, has_fault
-from beltscape.health.images.motion_correlation import (
+from beltscape.health.images.surface_checks.motion_correlation import (
     Displacement,
     FrameTextures,
     correlate_at_rest,
     measure_displacement,
 )
-from beltscape.health.images.surface_samples import SurfaceGrid
-from beltscape.health.images.synchronisation import (
+from beltscape.health.images.surface_checks.surface_samples import SurfaceGrid
+from beltscape.health.images.surface_checks.synchronisation import (
     Delay,
     check_synchronisation,
     compute_core_delay,

@@ -9,7 +9,7 @@ import numpy as np
 from beltscape.core.live.findings import Finding
 from beltscape.core.live.translatable_message import Message
 from beltscape.health.image_statistics import FloatArray, ImageStatistics
-from beltscape.health.images.exposure import estimate_mode
+from beltscape.health.images.block_checks.exposure import estimate_mode
 from beltscape.health.reference import CameraReference, FrameStatistics, Reference, has_projector
 from beltscape.health.settings import HealthSettings
 

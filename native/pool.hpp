@@ -21,6 +21,7 @@ public:
             pool_.free_.push_back(std::move(workspace_));
         }
         Workspace* operator->() const { return workspace_.get(); }
+        Workspace& operator*() const { return *workspace_; }
 
     private:
         Pool& pool_;

@@ -1,5 +1,5 @@
-// Candidate propagation over a band of rows on the CPU: all candidates of the band and a halo around it, then
-// the selection. Paths begin at the halo's edge.
+// Candidate propagation on the CPU: all candidates, in strips of a tile's height, then the selection in bands
+// of rows. Paths begin at the edge of a halo around the band.
 #pragma once
 
 #include <optional>
@@ -11,36 +11,8 @@
 
 namespace beltscape {
 
-// At a width of 2448 and five candidates a workspace takes 25 MB.
 inline constexpr int kBandRows = 128;
 inline constexpr int kHaloRows = 12;
-
-class Propagator {
-public:
-    explicit Propagator(const PropagationProblem& in)
-        : in_(in),
-          tile_(in),
-          selector_(in, std::min(in.surface.height, kBandRows + 2 * kHaloRows), kBandRows) {}
-
-    void work(int keep_first, int keep_end, const PropagationResult& out) {
-        const int first = std::max(0, keep_first - kHaloRows),
-                  end = std::min(in_.surface.height, keep_end + kHaloRows);
-        selector_.begin(first, end, keep_first, keep_end);
-        for (int top = first; top < end; top += kTileRows)
-            for (int left = 0; left < in_.surface.width; left += kTileColumns) {
-                const int rows = std::min(kTileRows, end - top),
-                          columns = std::min(kTileColumns, in_.surface.width - left);
-                tile_.work(left, top, columns, rows);
-                for (int row = 0; row < rows; ++row) selector_.take(tile_, row, top + row, left, columns);
-            }
-        selector_.choose(out);
-    }
-
-private:
-    const PropagationProblem& in_;
-    Tile tile_;
-    Selector selector_;
-};
 
 struct PropagationInput {
     SurfaceInput surface;
@@ -77,10 +49,18 @@ inline void propagate(const PropagationInput& in, std::size_t threads, const std
                                      mean_level(image_of(in.core)),
                                      in.active ? in.active->data : nullptr};
     const PropagationResult to{out[0].data, out[1].data, out[2].data, out[3].data, out[4].data};
-    Pool<Propagator> propagators;
-    for_bands(0, problem.surface.height, kBandRows, threads, [&](int first, int end) {
-        const auto propagator = propagators.take([&] { return std::make_unique<Propagator>(problem); });
-        propagator->work(first, end, to);
+    const int height = problem.surface.height;
+    CandidateStore store{problem};
+    Pool<Tile> tiles;
+    for_bands(0, height, kTileRows, threads, [&](int first, int end) {
+        const auto tile = tiles.take([&] { return std::make_unique<Tile>(problem); });
+        store.fill(*tile, first, end);
+    });
+    Pool<Selector> selectors;
+    for_bands(0, height, kBandRows, threads, [&](int first, int end) {
+        const auto selector =
+            selectors.take([&] { return std::make_unique<Selector>(problem, store, kBandRows); });
+        selector->choose(std::max(0, first - kHaloRows), std::min(height, end + kHaloRows), first, end, to);
     });
 }
 

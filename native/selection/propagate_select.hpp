@@ -3,7 +3,7 @@
 // nothing from before (its toll is always 0), so blocks without an active pixel need no path.
 #pragma once
 
-#include "selection/propagate_tile.hpp"
+#include "selection/candidate_store.hpp"
 #include "selection/semi_global.hpp"
 
 namespace beltscape {
@@ -15,19 +15,16 @@ struct PropagationResult {
 
 class Selector {
 public:
-    // For bands of up to `rows` rows of which up to `kept` are chosen.
-    Selector(const PropagationProblem& in, int rows, int kept)
+    // For bands of which up to `kept` rows are chosen.
+    Selector(const PropagationProblem& in, const CandidateStore& store, int kept)
         : in_(in),
           width_(in.surface.width),
-          blocks_((width_ + kBlock - 1) / kBlock),
-          stride_(static_cast<std::size_t>(blocks_ * kBlock)),
-          row_size_(stride_ * static_cast<std::size_t>(in.candidates)),
-          s_(room(rows)),
-          cost_(room(rows)),
-          source_(std::make_unique_for_overwrite<std::uint8_t[]>(row_size_ * static_cast<std::size_t>(rows))),
+          blocks_(store.blocks()),
+          stride_(store.stride()),
+          row_size_(store.row_size()),
+          store_(store),
           score_(room(kept)),
           across_(room(kFloatLanes)),
-          active_(static_cast<std::size_t>(rows * blocks_)),
           offset_x_(static_cast<std::size_t>(in.offset_count)),
           offset_y_(offset_x_.size()),
           lines_{Line(stride_, in.candidates), Line(stride_, in.candidates)} {
@@ -35,35 +32,9 @@ public:
             offset_x_[i] = to_float(in.offsets[i].dx), offset_y_[i] = to_float(in.offsets[i].dy);
     }
 
-    // A band: rows first ... end - 1, of which keep_first ... keep_end - 1 are chosen.
-    void begin(int first, int end, int keep_first, int keep_end) {
+    // Chooses in rows keep_first ... keep_end - 1; paths cover rows first ... end - 1.
+    void choose(int first, int end, int keep_first, int keep_end, const PropagationResult& out) {
         first_ = first, end_ = end, keep_first_ = keep_first, keep_end_ = keep_end;
-        for (int row = first; row < end; ++row)
-            for (int block = 0; block < blocks_; ++block) {
-                const std::size_t from = static_cast<std::size_t>(row) * static_cast<std::size_t>(width_);
-                bool found = !in_.active;
-                for (int x = block * kBlock; !found && x < std::min(width_, (block + 1) * kBlock); ++x)
-                    found = in_.active[from + static_cast<std::size_t>(x)];
-                active_[static_cast<std::size_t>((row - first_) * blocks_ + block)] = found;
-            }
-    }
-
-    // Copies a tile's row into the band; without an active pixel only the first places are used.
-    void take(const Tile& tile, int tile_row, int row, int left, int columns) {
-        int places = 1;  // all, where a block is active that may reach into the next tile: it is read whole
-        for (int block = left / kBlock; block <= (left + columns - 1) / kBlock; ++block)
-            if (active(row, block)) places = in_.candidates;
-        for (int k = 0; k < places; ++k) {
-            const std::size_t to = at(row, k) + static_cast<std::size_t>(left);
-            std::copy_n(tile.s(tile_row, k), columns, s_.get() + to);
-            std::copy_n(tile.cost(tile_row, k), columns, cost_.get() + to);
-            const int* const source = tile.source(tile_row, k);
-            for (int x = 0; x < columns; ++x)
-                source_[to + static_cast<std::size_t>(x)] = static_cast<std::uint8_t>(source[x]);
-        }
-    }
-
-    void choose(const PropagationResult& out) {
         std::fill_n(score_.get(), row_size_ * static_cast<std::size_t>(keep_end_ - keep_first_), 0.0f);
         for (int row = first_; row < end_; ++row) {
             pass(row, 1, row > first_);
@@ -104,16 +75,12 @@ private:
         std::vector<float> all;
     };
 
-    std::size_t at(int row, int k) const {
-        return static_cast<std::size_t>(row - first_) * row_size_ + static_cast<std::size_t>(k) * stride_;
-    }
+    std::size_t at(int row, int k) const { return store_.at(row, k); }
     float* score(int row, int k) {
         return score_.get() + static_cast<std::size_t>(row - keep_first_) * row_size_ +
                static_cast<std::size_t>(k) * stride_;
     }
-    bool active(int row, int block) const {
-        return active_[static_cast<std::size_t>((row - first_) * blocks_ + block)];
-    }
+    bool active(int row, int block) const { return store_.active(row, block); }
 
     struct Slopes {
         Floats u, v;
@@ -149,9 +116,9 @@ private:
         for (int k = 0; k < places; ++k) {
             for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
                 const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
-                store(line.s(k) + x, load<Floats>(s_.get() + place));
+                store(line.s(k) + x, load<Floats>(store_.s() + place));
                 // Values beyond the row's end were never written.
-                Floats source = load_first<Floats>(source_.get() + place, std::max(width_ - x, 0));
+                Floats source = load_first<Floats>(store_.source() + place, std::max(width_ - x, 0));
                 const Slopes slope = slopes(source, row, x);
                 store(line.rise(0, k) + x, half * slope.v);
                 store(line.rise(1, k) + x, half * (slope.v + slope.u));
@@ -188,7 +155,7 @@ private:
                                    load<Floats>(line.s(k) + x), load<Floats>(line.rise(path, k) + x), jumps),
                                toll);
                 if (kept) store(score(row, k) + x, load<Floats>(score(row, k) + x) + toll);
-                store(line.toll(path, k) + x, load<Floats>(cost_.get() + at(row, k) + x) + toll);
+                store(line.toll(path, k) + x, load<Floats>(store_.cost() + at(row, k) + x) + toll);
             }
             level_out<Floats>(line.toll(path, 0) + x, in_.candidates, line.stride);
         }
@@ -218,7 +185,7 @@ private:
             } else {
                 const int x = way > 0 ? last : block * kBlock;
                 Column& column = columns[x & 1];
-                store(column.s, load_rows(s_.get() + at(row, 0) + x, count));
+                store(column.s, load_rows(store_.s() + at(row, 0) + x, count));
                 store(column.rise, to_float(way) * load_rows(across_.get() + x, count));
                 for (int k = 0; k < in_.candidates; ++k)
                     store(column.toll + k * kFloatLanes, (k == 0 ? 0.0f : kNoCost) - Floats{});
@@ -237,10 +204,10 @@ private:
         const Jumps jumps{in_.costs.small_jump, in_.costs.large_jump};
         for (int k = 0; k < in_.candidates; ++k) {
             const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
-            const Floats s = load_rows(s_.get() + place, count);
+            const Floats s = load_rows(store_.s() + place, count);
             const Floats rise =
                 to_float(way) * load_rows(across_.get() + static_cast<std::size_t>(k) * stride_ + x, count);
-            Floats cost = load_rows(cost_.get() + place, count), toll{};
+            Floats cost = load_rows(store_.cost() + place, count), toll{};
             if (k > 0) cost = select(chosen, cost, kNoCost - Floats{});
             if (!starts)
                 toll = least_path_cost(
@@ -261,19 +228,19 @@ private:
             s = cost = source = nan;
             for (int k = 0; k < places; ++k) {
                 const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
-                const Floats own = load<Floats>(cost_.get() + place);
+                const Floats own = load<Floats>(store_.cost() + place);
                 const Floats total = own + 0.125f * load<Floats>(score(row, k) + x);
                 const Ints better = total < least;
                 least = select(better, total, least);
-                s = select(better, load<Floats>(s_.get() + place), s), cost = select(better, own, cost);
-                source = select(better, load<Floats>(source_.get() + place), source);
+                s = select(better, load<Floats>(store_.s() + place), s), cost = select(better, own, cost);
+                source = select(better, load<Floats>(store_.source() + place), source);
             }
             // Beyond the row's end the places were never written.
             for (int k = 0; k < places; ++k) {
                 const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
                 const Floats total =
-                    load<Floats>(cost_.get() + place) + 0.125f * load<Floats>(score(row, k) + x);
-                const Ints apart = absolute(load<Floats>(s_.get() + place) - s) > kApart;
+                    load<Floats>(store_.cost() + place) + 0.125f * load<Floats>(score(row, k) + x);
+                const Ints apart = absolute(load<Floats>(store_.s() + place) - s) > kApart;
                 other = select(apart, lesser(total, other), other);
             }
             const Ints found = (s < kNoCandidate) & (x + lane_numbers<Floats>() < width_);
@@ -291,11 +258,9 @@ private:
     const PropagationProblem& in_;
     int width_, blocks_, first_ = 0, end_ = 0, keep_first_ = 0, keep_end_ = 0;
     std::size_t stride_, row_size_;
-    Values s_, cost_;  // (rows, candidates, stride)
-    std::unique_ptr<std::uint8_t[]> source_;
+    const CandidateStore& store_;
     Values score_;   // sums of the paths' costs, (kept rows, candidates, stride)
     Values across_;  // half the slopes along the latest rows, (lanes, candidates, stride)
-    std::vector<unsigned char> active_;
     std::vector<float> offset_x_, offset_y_;
     Line lines_[2];
 };

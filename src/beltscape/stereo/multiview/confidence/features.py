@@ -19,8 +19,10 @@ from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
 from beltscape.stereo.multiview.confidence.surface_features import (
     Features,
     compute_agreement_features,
+    compute_relief_features,
     compute_roughness_features,
     compute_shape_features,
+    compute_slope_deviations,
 )
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.parallel import run_parallel
@@ -32,7 +34,13 @@ from beltscape.stereo.multiview.selection.photoconsistency import (
 
 Array = NDArray[np.floating]
 
-_SURFACE_FEATURES = compute_shape_features, compute_agreement_features
+_SURFACE_FEATURES = (
+    compute_shape_features,
+    compute_agreement_features,
+    compute_slope_deviations,
+    compute_relief_features,
+)
+"""Computed side by side, the longest first."""
 _MOST_OFFSET_PX = 10.0
 """Limit of a pixel's distance from the reliable pixels' planes."""
 _LEAST_WEIGHT = 1e-4

@@ -47,12 +47,13 @@ def gather_neighbour_addresses(
     address: NDArray[np.int32], uncertain: NDArray[np.bool_], spacing: int
 ) -> NDArray[np.int32]:
     """Return the (9, N) addresses of the uncertain pixels' neighbours, ``spacing`` px apart, limited to the image."""
+    padded = np.pad(address, spacing, mode="edge")
     rows, columns = np.nonzero(uncertain)
-    height, width = address.shape
-    return np.stack([
-        address[np.clip(rows + spacing * dv, 0, height - 1), np.clip(columns + spacing * du, 0, width - 1)]
-        for du, dv in OFFSETS
-    ])  # fmt: skip
+    places = (rows + spacing) * padded.shape[1] + columns + spacing
+    neighbours = np.empty((len(OFFSETS), len(places)), np.int32)
+    for (du, dv), row in zip(OFFSETS, neighbours, strict=True):
+        np.take(padded, places + spacing * (dv * padded.shape[1] + du), out=row, mode="clip")
+    return neighbours
 
 
 def pass_messages(
@@ -66,25 +67,31 @@ def pass_messages(
 
     The states are overwritten.
     """
+    messages, rest = split_states(states, rounds[0])
+    own = messages[: -len(_FLAGS), FIRST_UNCERTAIN:]
 
     def evaluate(network: Network) -> NDArray[np.float32]:
-        messages, rest = split_states(states, network)
         outputs = kernels.pass_messages(messages, neighbours, rest, network.layers, threads=threads)
         return outputs.astype(np.float32, copy=False)
 
     *changes, last = rounds
     for network in changes:
-        states += evaluate(network)
+        change = evaluate(network)
+        own += change[: len(own)]
+        rest += change[len(own) :]
     return evaluate(last)
 
 
 def split_states(
     states: NDArray[np.float32], network: Network
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the messages (K, 2 + N) of all addresses and the rest (C, N) of states (S, N), for a round's network."""
+    """Return the messages (K, 2 + N) of all addresses and the rest (C, N), a view, of states (S, N), for a network.
+
+    The networks of all rounds take messages of the same length.
+    """
     # every offset gives the message and its flags as features; a pixel's own state gives the rest
     length = (len(network.features) - len(states) - len(OFFSETS) * len(_FLAGS)) // (len(OFFSETS) - 1)
-    messages = np.zeros((length + len(_FLAGS), FIRST_UNCERTAIN + states.shape[1]), np.float32)
-    messages[length:, :FIRST_UNCERTAIN] = _FLAGS
-    messages[:length, FIRST_UNCERTAIN:] = states[:length]
+    messages = np.empty((length + len(_FLAGS), FIRST_UNCERTAIN + states.shape[1]), np.float32)
+    messages[:length, :FIRST_UNCERTAIN], messages[:length, FIRST_UNCERTAIN:] = 0, states[:length]
+    messages[length:, :FIRST_UNCERTAIN], messages[length:, FIRST_UNCERTAIN:] = _FLAGS, 0
     return messages, states[length:]

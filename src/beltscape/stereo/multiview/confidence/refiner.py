@@ -132,8 +132,7 @@ def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) ->
     if not parts:
         return refined
     context = inputs.context
-    jobs = [partial(inputs.compute_states, part, prediction.logit[part]) for part in parts]
-    states = np.hstack(run_parallel(jobs, context.threads))
+    states = _compute_all_states(parts, prediction.logit, inputs)
     addresses = assign_addresses(uncertain, mask_accepted(prediction.logit))
     neighbours = gather_neighbour_addresses(addresses, uncertain, inputs.neighbourhood.spacing)
     logit, log_sigma, shift = pass_messages(
@@ -144,3 +143,17 @@ def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) ->
     refined.logit[uncertain] = logit
     refined.log_sigma[uncertain] = log_sigma + np.log(px)
     return refined
+
+
+def _compute_all_states(parts: list[Pixels], logit: Array, inputs: RefinementInputs) -> NDArray[np.float32]:
+    """Return the (S, N) states of the pixels of all parts, for logits (H, W)."""
+    ends = np.cumsum([len(rows) for rows, _ in parts])
+    states = np.empty((len(load_network("refinement").outputs), ends[-1]), np.float32)
+
+    def compute(part: Pixels, end: int) -> None:
+        states[:, end - len(part[0]) : end] = inputs.compute_states(part, logit[part])
+
+    run_parallel(
+        [partial(compute, part, end) for part, end in zip(parts, ends, strict=True)], inputs.context.threads
+    )
+    return states

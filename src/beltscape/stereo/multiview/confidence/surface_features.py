@@ -36,7 +36,7 @@ _LEAST_SHARE, _LEAST = 1e-3, 0.01
 
 
 def compute_shape_features(inputs: ConfidenceInputs) -> Features:
-    """Yield the shape of the surface: steps, slopes, bends, the last update and the relief around."""
+    """Yield the shape of the surface: steps, slopes, bends and the last update."""
     s, surface = inputs.filled.s, inputs.filled
     px = np.float32(1 / inputs.windows.scale)
     yield "offset from median", np.minimum(px * np.abs(s - cv2.medianBlur(s, 5)), _MOST_OFFSET_PX)
@@ -45,10 +45,8 @@ def compute_shape_features(inputs: ConfidenceInputs) -> Features:
     yield "wide step proximity", np.exp(-step_distance / 4)
     yield "slope", np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2)
     yield from _compute_bend_features(inputs)
-    yield from _compute_slope_deviations(inputs)
     update = np.minimum(np.abs(s - inputs.propagated_s), 2)
     yield "last update", np.log(cv2.blur(update, inputs.windows.boxes[5]) + np.float32(0.002))
-    yield from _compute_relief_features(inputs)
 
 
 def compute_agreement_features(inputs: ConfidenceInputs) -> Features:
@@ -113,7 +111,7 @@ def _compute_bend_features(inputs: ConfidenceInputs) -> Features:
         yield name, np.log(cv2.blur(offset, box) + np.float32(least))
 
 
-def _compute_slope_deviations(inputs: ConfidenceInputs) -> Features:
+def compute_slope_deviations(inputs: ConfidenceInputs) -> Features:
     """Yield the logarithm of the slopes' standard deviation in a window: large at edges and on round flanks."""
     slopes = [np.clip(slope, -3, 3) for slope in (inputs.filled.slope_u, inputs.filled.slope_v)]
     for name, window_px in (("slope deviation", 5), ("wide slope deviation", 15)):
@@ -122,7 +120,7 @@ def _compute_slope_deviations(inputs: ConfidenceInputs) -> Features:
         yield name, 0.5 * np.log(variance + np.float32(1e-8))
 
 
-def _compute_relief_features(inputs: ConfidenceInputs) -> Features:
+def compute_relief_features(inputs: ConfidenceInputs) -> Features:
     """Yield how much nearer and farther the surface is around a pixel: what may occlude it or be occluded by it."""
     s, px = inputs.filled.s, np.float32(1 / inputs.windows.scale)
     for window_px in (5, 11, 21):

@@ -79,7 +79,7 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
     rig, auxiliaries, step = context.rig, context.auxiliaries, context.step
     kernels, threads = context.kernels, context.threads
     images = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
-    levels = compute_grey_levels(images, rig.core)
+    levels = compute_grey_levels(images, rig.core, threads)
     raw, demosaiced = estimate_noise_variance(levels[rig.core]), are_demosaiced(levels.values())
     levels = match_defocus(rig.core, {name: downsample(level, step) for name, level in levels.items()})
     core = levels[rig.core]

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.frames import Image
+from beltscape.stereo.multiview.frame.parallel import run_parallel
 
 WINDOW_PX = 7
 """Radius of the window in which levels are normalised."""
@@ -28,19 +30,28 @@ _LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
 """Difference of two Laplacians, blind to planes of brightness (Immerkær 1996)."""
 
 
-def compute_grey_levels(images: Mapping[str, Image], core: str) -> dict[str, NDArray[np.float32]]:
+def compute_grey_levels(
+    images: Mapping[str, Image], core: str, threads: int = 1
+) -> dict[str, NDArray[np.float32]]:
     """Return (H, W) float32 levels of every camera in 8-bit counts, with the contrast of the core.
 
     Colour channels are weighted by their contrast over all cameras. Where the noise of all channels is the same, this
     gives the best single image of a coloured pattern.
     """
     weights = _compute_channel_weights([image for image in images.values() if image.ndim == 3])
-    levels = {name: _compute_levels(image, weights) for name, image in images.items()}
-    contrast = {name: float(level.std()) for name, level in levels.items()}
+
+    def compute_level(image: Image) -> tuple[NDArray[np.float32], float]:
+        level = _compute_levels(image, weights)
+        return level, float(level.std())
+
+    jobs = [partial(compute_level, image) for image in images.values()]
+    found = dict(zip(images, run_parallel(jobs, threads), strict=True))
+    _, core_contrast = found[core]
     gains = {
-        name: np.clip(contrast[core] / contrast[name], *_GAIN) if contrast[name] else 1 for name in levels
+        name: np.clip(core_contrast / contrast, *_GAIN) if contrast else 1
+        for name, (_, contrast) in found.items()
     }
-    return {name: level * np.float32(gains[name]) for name, level in levels.items()}
+    return {name: level * np.float32(gains[name]) for name, (level, _) in found.items()}
 
 
 def estimate_noise_variance(level: NDArray[np.float32]) -> float:

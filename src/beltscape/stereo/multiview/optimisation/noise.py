@@ -11,6 +11,7 @@ approximate surface, where there is texture, give a common factor for both.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from beltscape.core.statistics import CHI2_MEDIAN
 from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame
 from beltscape.stereo.multiview.frame.inverse_depth import crop_projection
+from beltscape.stereo.multiview.frame.parallel import run_parallel
 from beltscape.stereo.multiview.frame.photometry import compute_local_moments
 from beltscape.stereo.multiview.frame.surface import Surface
 
@@ -32,10 +34,9 @@ _SCALE = (1 / 16, 64.0)
 def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
     """Return the prepared frame's noise, scaled to the residuals of all views on a few bands of rows."""
     noise = prepared.noise
-    residuals: list[Array] = []
-    for first in np.linspace(0, max(0, len(surface.s) - _ROWS), _BANDS).astype(int):
-        residuals += _compute_squared_residuals(surface.s, prepared, int(first))
-    ratios = np.concatenate(residuals)
+    bands = np.linspace(0, max(0, len(surface.s) - _ROWS), _BANDS).astype(int)
+    jobs = [partial(_compute_squared_residuals, surface.s, prepared, int(first)) for first in bands]
+    ratios = np.concatenate([each for band in run_parallel(jobs, prepared.context.threads) for each in band])
     if not ratios.size:
         return noise
     scale = float(np.clip(np.median(ratios) / CHI2_MEDIAN, *_SCALE))
@@ -52,9 +53,7 @@ def _compute_squared_residuals(s: Array, prepared: PreparedFrame, first: int) ->
     band = np.ascontiguousarray(s[rows])
     residuals: list[Array] = []
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
-        warped, _ = context.kernels.warp(
-            band, crop_projection(view, 0, first), coefficients, threads=context.threads
-        )
+        warped, _ = context.kernels.warp(band, crop_projection(view, 0, first), coefficients, threads=1)
         valid = np.isfinite(warped)
         level, variance = _normalise(np.where(valid, warped, core).astype(np.float32), noise.floor)
         expected = np.float32(noise.levels) * (1 / core_variance + 1 / variance) + np.float32(noise.model)

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations, product
 
 import numpy as np
 
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.diagnosis.moved_cameras import MovementFit, find_common, list_hypotheses
+from beltscape.stereo.consistency.diagnosis.moved_cameras import (
+    Hypothesis,
+    MovementFit,
+    find_common,
+    list_hypotheses,
+)
 from beltscape.stereo.consistency.diagnosis.pose_change import PoseChange, fit_pose_change
 from beltscape.stereo.consistency.fault_isolation import (
     FaultIsolation,
@@ -55,24 +61,31 @@ def attribute_faults(data: FrameData, isolation: FaultIsolation) -> Attribution:
     epipolar = data.residuals.epipolar
     names = tuple(n for n in epipolar if np.isfinite(epipolar[n].rms_px) and n not in isolation.unmatched)
     fit = MovementFit(data.tie_points, data.rig, names, data.reference)
+    sizes = [n for n in range(1, _MOST_MOVED + 1) if list_hypotheses((data.rig.core, *names), n)]
+    if not sizes or not fit.has_enough(sizes[0]):
+        undecided = (data.rig.core, *names) if sizes else ()
+        return _leave_open(isolation, names, undecided) if undecided else Attribution(isolation)
     common, possible, is_explained = (), (), False
-    for size in range(1, _MOST_MOVED + 1):
-        if not list_hypotheses((data.rig.core, *names), size):
-            break
-        if not fit.has_enough(size):
-            common, possible = (), possible or (data.rig.core, *names)
-            break
-        hypotheses = fit.compare(size)
+    sizes = [size for size in sizes if fit.has_enough(size)]
+    for compare, size in product((fit.compare_movements, fit.compare_displacements), sizes):
+        hypotheses = compare(size)
         common, possible = find_common(hypotheses)
-        is_explained = _explains(data, hypotheses[0].rig, names)
+        best = hypotheses[0]
+        is_explained = (
+            _explains(data, best.rig, names) if best.rig is not data.rig else _fits(data, best, names)
+        )
         if is_explained:
             break
-    if not possible or (not is_explained and not isolation.ambiguous and _has_many(isolation)):
+    if not is_explained and not isolation.ambiguous and _has_many(isolation):
         return Attribution(isolation)
     if not common or (data.rig.core not in common and _is_inconsistent(data, names, without=common)):
-        undecided = FaultIsolation((), names, isolation.unmatched, ambiguous=True)
-        return Attribution(undecided, suspects=possible)
+        return _leave_open(isolation, names, possible)
     return _accuse(data, isolation, names, common)
+
+
+def _leave_open(isolation: FaultIsolation, names: tuple[str, ...], suspects: tuple[str, ...]) -> Attribution:
+    """Return the attribution of a frame that does not show which of the suspects moved."""
+    return Attribution(FaultIsolation((), names, isolation.unmatched, ambiguous=True), suspects=suspects)
 
 
 def _accuse(
@@ -107,6 +120,14 @@ def _explains(data: FrameData, rig: Rig, names: tuple[str, ...]) -> bool:
     """Return whether the residuals under a rig after a movement are within `_EXPLAINED` times their tolerances."""
     after = compute_frame_residuals(data.tie_points, rig, names, data.reference)
     return not _exceeds(data, after, names, _EXPLAINED)
+
+
+def _fits(data: FrameData, hypothesis: Hypothesis, names: tuple[str, ...]) -> bool:
+    """Return whether what a hypothesis leaves is within `_EXPLAINED` times the tolerances."""
+    limits = [data.tolerance.epipolar_px[name] for name in names]
+    limits += [data.tolerance.disparity_px[pair] for pair in combinations(names, 2)]
+    left = np.nan_to_num(hypothesis.left_px)
+    return bool((left <= _EXPLAINED * np.array(limits)).all())
 
 
 def _exceeds(data: FrameData, residuals: FrameResiduals, names: tuple[str, ...], factor: float) -> bool:

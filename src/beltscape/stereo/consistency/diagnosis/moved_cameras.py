@@ -1,8 +1,9 @@
 """Sets of cameras whose movement may explain the residuals of a frame, compared by χ².
 
 Every set of cameras that leaves a majority at rest is a hypothesis. Its movement is fitted to the medians of the
-residuals in blocks of the image. A camera is accused only if all hypotheses within `DECISIVE_SIGMAS` of the best one
-contain it.
+residuals in blocks of the image; where none explains them, a displacement of each block of its images, as by another
+lens or instant, or before and after a movement. A camera is accused only if all hypotheses within `DECISIVE_SIGMAS`
+of the best one contain it.
 """
 
 from __future__ import annotations
@@ -35,8 +36,8 @@ _STEPS = np.array([1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2])
 _PRIOR = np.array([0.1, 0.1, 0.1, 50.0, 50.0, 50.0])
 """Standard deviations of a movement before it is measured, rad and mm: they bound what the residuals leave free."""
 _LEAST_MEDIANS = 18
-"""Least number of medians for each camera that may have moved, three for each degree of freedom: with fewer a movement
-of one camera was explained by those of two others in one of 30 frames of 40 points."""
+"""Least number of medians for each camera that may have moved, three for each degree of freedom: with fewer a
+movement of one camera was explained by those of two others in one of 30 frames of 40 points."""
 _LINEAR_PX = 1.0
 """Movements that displace points by less are linear: an angle of 1 px at 600 px of focal length errs by 0.002 px."""
 _ITERATIONS = 4
@@ -49,9 +50,13 @@ class Hypothesis:
 
     cameras: tuple[str, ...]
     chi_square: float
-    """What the movement leaves of the residuals, over their variances."""
+    """What is left of the residuals, over their variances."""
+    free: float
+    """Number of medians less that of fitted parameters."""
+    left_px: Array
+    """(series,) RMS of what is left of each series: epipolar by auxiliary, disparity by pair; NaN: not measured."""
     rig: Rig
-    """The rig after the movement."""
+    """The rig after the movement; the same after a displacement of images."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +83,18 @@ def find_common(hypotheses: Sequence[Hypothesis]) -> tuple[tuple[str, ...], tupl
     return common, tuple(name for name in order if any(name in each for each in plausible))
 
 
+def _rank(hypotheses: list[Hypothesis]) -> list[Hypothesis]:
+    """Return the hypotheses, the best one first, with χ² in units of what the best one leaves.
+
+    What it does not explain, such as an error of lens models, is common to the blocks of an image: the excess of its
+    χ² over the expectation reduces the weight of all of them by the number of blocks.
+    """
+    ranked = sorted(hypotheses, key=lambda each: each.chi_square)
+    excess = max(ranked[0].chi_square / max(ranked[0].free, 1.0) - 1, 0.0)
+    scale = 1 + BLOCKS[0] * BLOCKS[1] * excess
+    return [replace(each, chi_square=each.chi_square / scale) for each in ranked]
+
+
 class MovementFit:
     """Fits movements of cameras to the residuals of tie points under a rig, less those of the reference."""
 
@@ -96,20 +113,45 @@ class MovementFit:
         """Return whether the residuals suffice to compare movements of ``size`` cameras."""
         return int(self._used.sum()) >= _LEAST_MEDIANS * size
 
-    def compare(self, size: int) -> list[Hypothesis]:
-        """Return the hypotheses that ``size`` cameras moved, the best one first.
-
-        What no movement explains, such as an error of lens models, is common to the blocks of an image: the excess of
-        the best χ² over its expectation reduces the weight of all of them by the number of blocks.
-        """
+    def compare_movements(self, size: int) -> list[Hypothesis]:
+        """Return the hypotheses that ``size`` cameras moved, the best one first."""
         sets = list_hypotheses((self._rig.core, *self._names), size)
-        fitted = sorted((self._fit(cameras) for cameras in sets), key=lambda each: each.chi_square)
-        free = max(int(self._used.sum()) - 6 * size, 1)
-        excess = max(fitted[0].chi_square / free - 1, 0.0)
-        scale = 1 + BLOCKS[0] * BLOCKS[1] * excess
-        return [replace(each, chi_square=each.chi_square / scale) for each in fitted]
+        return _rank([self._fit_movement(cameras) for cameras in sets])
 
-    def _fit(self, cameras: tuple[str, ...]) -> Hypothesis:
+    def compare_displacements(self, size: int) -> list[Hypothesis]:
+        """Return the hypotheses that blocks of ``size`` cameras' images are displaced, the best one first."""
+        sets = list_hypotheses((self._rig.core, *self._names), size)
+        return _rank([self._fit_displacement(cameras) for cameras in sets])
+
+    def _fit_displacement(self, cameras: tuple[str, ...]) -> Hypothesis:
+        """Return the displacements of all blocks of some cameras' images that leave the least χ²."""
+        count = BLOCKS[0] * BLOCKS[1]
+        block = np.arange(len(self._base.value_px)) % count
+        is_own = block[:, None] == np.arange(count)
+        columns = [
+            is_own * self._slopes[camera][:, axis : axis + 1] for camera in cameras for axis in (0, 1)
+        ]  # small turns shift the image
+        slopes = np.concatenate(columns, axis=1)[self._used]
+        value, weight = self._base.value_px[self._used], 1 / self._base.variance_px2[self._used]
+        information = (slopes * weight[:, None]).T @ slopes
+        normal = information + np.eye(len(information)) / _PRIOR[0] ** 2
+        left = value - slopes @ np.linalg.solve(normal, slopes.T @ (weight * value))
+        fitted = float(np.trace(np.linalg.solve(normal, information)))
+        return self._make_hypothesis(cameras, left, fitted, self._rig)
+
+    def _make_hypothesis(
+        self, cameras: tuple[str, ...], left_px: Array, fitted: float, rig: Rig
+    ) -> Hypothesis:
+        """Return the hypothesis that leaves ``left_px`` of the used medians after ``fitted`` parameters."""
+        whole = np.full(len(self._used), np.nan)
+        whole[self._used] = np.square(left_px)
+        by_series = whole.reshape(-1, BLOCKS[0] * BLOCKS[1])
+        number = np.isfinite(by_series).sum(axis=1)
+        rms = np.sqrt(np.nansum(by_series, axis=1) / np.where(number > 0, number, np.nan))
+        chi_square = float(np.nansum(whole[self._used] / self._base.variance_px2[self._used]))
+        return Hypothesis(cameras, chi_square, len(left_px) - fitted, rms, rig)
+
+    def _fit_movement(self, cameras: tuple[str, ...]) -> Hypothesis:
         """Return the movement of a set of cameras that leaves the least χ²."""
         slopes = np.concatenate([self._slopes[camera] for camera in cameras], axis=1)[self._used]
         prior = np.tile(_PRIOR, len(cameras))
@@ -124,8 +166,7 @@ class MovementFit:
             if float(np.abs(moved).max(initial=0.0)) < _LINEAR_PX:
                 break
             value = np.nan_to_num(self._measure(self._move(cameras, change))[self._used])
-        chi_square = float(weight @ np.square(value))
-        return Hypothesis(cameras, chi_square, self._move(cameras, change))
+        return self._make_hypothesis(cameras, value, len(change), self._move(cameras, change))
 
     def _move(self, cameras: tuple[str, ...], change: Array) -> Rig:
         """Return the rig after movements (6·n,) of n cameras; the core's last, since it moves all others."""

@@ -11,7 +11,7 @@ from scipy.ndimage import map_coordinates
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.pose import Pose
-from beltscape.simulate.faults.belt import CarryBack, Splice
+from beltscape.simulate.faults.belt import CarryBack, Splice, TornEdge
 from beltscape.simulate.faults.cameras import MovedCamera, displace_image
 from beltscape.simulate.faults.delivery import MissingFrames
 from beltscape.simulate.faults.encoder import EncoderFault
@@ -20,6 +20,7 @@ from beltscape.simulate.faults.images import apply_to_images
 from beltscape.simulate.faults.lighting import ProjectorFault
 from beltscape.simulate.faults.obstruction import Dirt
 from beltscape.simulate.faults.settings import Faults
+from beltscape.simulate.geometry.shapes import Mesh
 from beltscape.simulate.geometry.world import World
 from beltscape.simulate.rendering.sensor import Sensor, expose
 from beltscape.simulate.scenario import Scenario
@@ -189,6 +190,32 @@ def test_carry_back_and_splice_lie_on_the_belt():
         over = solid.vertices_mm[:, 2] - belt.height_at(*solid.vertices_mm[:, :2].T)
         assert over.max() == pytest.approx(height)
     assert CarryBack(first=3).make_solid(belt, 2) is None
+
+
+def test_torn_edge_is_missing_at_its_place_and_passes_with_the_belt():
+    torn = {"side": "right", "depth_mm": 60.0, "length_mm": 300.0, "first": 1}
+    scene = SimulatedScene(Scenario.model_validate({
+        "kind": "belt_moving", "frames": 4, "motion": {"speed_mm_s": 800.0, "frames_per_s": 4.0},
+        "faults": {"torn_edge": [torn]}}))  # fmt: skip
+    settings, fault = scene.scenario.belt, TornEdge.model_validate(torn)
+    whole = settings.half_width_mm[1]
+    for frame in range(4):
+        belt = next(solid for solid in scene.world_at(frame).solids if solid.name == "belt")
+        assert Mesh(belt.vertices_mm, belt.faces).is_closed
+        upper = belt.vertices_mm.reshape(-1, 2 * len(settings.section_mm), 3)[:, : len(settings.section_mm)]
+        np.testing.assert_allclose(upper[:, 0, 0], -settings.half_width_mm[0])
+        place = (upper[:, -1, 1] - scene.belt_position_mm(frame) + 800) % 1600 - 800
+        missing = fault.missing_at(place, frame) * np.cos(np.deg2rad(settings.wing_deg))
+        np.testing.assert_allclose(whole - upper[:, -1, 0], missing, atol=1e-9)
+        assert fault.missing_at(place, frame).max() == pytest.approx(60.0 if frame else 0.0)
+        heights = settings.height_at(upper[:, -1, 0], upper[:, -1, 1])
+        np.testing.assert_allclose(upper[:, -1, 2], heights, atol=1e-9)
+
+
+@pytest.mark.parametrize("size", [{"depth_mm": 300.0}, {"length_mm": 1600.0}])
+def test_torn_edge_larger_than_the_belt_is_refused(size):
+    with pytest.raises(ValueError, match=next(iter(size))):
+        Scenario.model_validate({"kind": "belt_empty", "faults": {"torn_edge": [size]}})
 
 
 def test_risen_belt_moves_with_its_load_and_without_the_floor():

@@ -205,6 +205,22 @@ class Scenario(_Part):
             )
         return self
 
+    @model_validator(mode="after")
+    def _check_torn_edges(self) -> Scenario:
+        wing = self.belt.straight_wing_mm
+        for torn in self.faults.torn_edge:
+            if torn.depth_mm >= wing:
+                raise ValueError(
+                    f"faults.torn_edge.depth_mm = {torn.depth_mm:g}: must be less than the {wing:.0f} mm of the "
+                    "belt's wing beyond its fold"
+                )
+            if torn.length_mm >= self.belt.length_mm:
+                raise ValueError(
+                    f"faults.torn_edge.length_mm = {torn.length_mm:g}: must be less than "
+                    f"belt.length_mm = {self.belt.length_mm:g}"
+                )
+        return self
+
     @property
     def is_lit(self) -> bool:
         """Return whether the projector's pattern is on the scene."""

@@ -13,7 +13,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.board_poses import sample_board_poses
-from beltscape.simulate.faults.belt import move_solids
+from beltscape.simulate.faults.belt import join_notches, move_solids
 from beltscape.simulate.faults.images import degrade_light, rearrange_images
 from beltscape.simulate.geometry.world import Projector, Solid, Station, World
 from beltscape.simulate.rendering.motion_blur import render_exposure, sample_exposure
@@ -213,12 +213,15 @@ class SimulatedScene:
     def _belt_at(self, frame: float) -> tuple[Solid, Solid]:
         """Return belt and floor in a frame."""
         faults = [fault for fault in self.scenario.faults.running_off if fault.is_active(frame)]
-        if not faults:
+        torn = [fault for fault in self.scenario.faults.torn_edge if fault.is_active(frame)]
+        if not faults and not torn:
             return self.belt
         settings = self.scenario.belt
         for fault in faults:
             settings = fault.apply(settings, frame)
-        return make_belt_solids(settings)
+        travel = self.belt_position_mm(frame) if self._moves else 0.0
+        notches = [fault.make_notches(settings, travel, frame) for fault in torn]
+        return make_belt_solids(settings, join_notches(notches) if notches else None)
 
     def _layers_at(self, frame: float) -> tuple[Solid, ...]:
         """Return what sticks to the belt and comes round with it: carry-back and splices."""

@@ -1,22 +1,26 @@
-"""Faults of the belt: risen, tilted, running off, with material stuck to it, with a splice."""
+"""Faults of the belt: risen, tilted, running off, with material stuck to it, with a splice, with a torn edge."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.faults.base import Degrees, GrowingFault, Millimetres, Seed, Share
 from beltscape.simulate.geometry.world import Label, Solid
-from beltscape.simulate.solids.belt import BeltSettings
+from beltscape.simulate.solids.belt import BeltSettings, EdgeNotches
 from beltscape.simulate.solids.fines import HeightField, make_fines_mesh
 from beltscape.simulate.solids.material import ReflectanceModel, make_fines_solid
 
 _CELL_MM = 4.0
 """Spacing of the height field of what sticks to the belt."""
+_RAGGED_MM = 15.0
+"""Spacing of the points of a torn edge's outline."""
 _BELOW_MM = 2.0
 """Depth below the belt at which the field runs where nothing sticks."""
 
@@ -93,6 +97,54 @@ class Splice(GrowingFault):
         mesh = make_fines_mesh(HeightField(x, y, height), belt)
         grey = (belt.reflectance, belt.reflectance, belt.reflectance)
         return Solid("splice", Label.BELT, mesh.vertices_mm, mesh.faces, grey)
+
+
+class TornEdge(GrowingFault):
+    """A notch torn out of an edge, which passes with the belt, once in every round of the modelled belt."""
+
+    side: Literal["left", "right"] = "right"
+    """Of the direction of travel +y."""
+    depth_mm: Annotated[float, Field(gt=0, le=500)] = 50.0
+    """Greatest width that is missing, along the belt's surface."""
+    length_mm: Annotated[float, Field(gt=0, le=5000)] = 300.0
+    seed: Seed = 1
+    """Of the ragged outline."""
+
+    def missing_at(self, along_mm: NDArray[np.float64], frame: float = 0) -> NDArray[np.float64]:
+        """Return the width (N,) that is missing at distances (N,) from the middle of the notch, as in the mesh."""
+        knots, depth = self._outline_mm
+        return self.extent_at(frame) * np.interp(along_mm, knots, depth, left=0.0, right=0.0)
+
+    def make_notches(self, belt: BeltSettings, travel_mm: float, frame: float = 0) -> EdgeNotches:
+        """Return the notch, and its copy a round before, after the belt has carried it by ``travel_mm``."""
+        middles = travel_mm % belt.length_mm - np.array([belt.length_mm, 0.0])
+        along = np.unique(np.concatenate([middle + self._outline_mm[0] for middle in middles]))
+        missing = sum((self.missing_at(along - middle, frame) for middle in middles), np.zeros(len(along)))
+        none = np.zeros(len(along))
+        return EdgeNotches(along, *((missing, none) if self.side == "left" else (none, missing)))
+
+    @property
+    def _outline_mm(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the knots (N,) along the belt from the notch's middle, and the width (N,) that is missing there."""
+        count = 2 * int(np.ceil(self.length_mm / _RAGGED_MM / 2)) + 1
+        knots = np.linspace(-self.length_mm / 2, self.length_mm / 2, count)
+        ragged = np.random.default_rng(self.seed).uniform(0.6, 1.0, count)
+        depth = np.cos(np.pi * knots / self.length_mm) ** 0.5 * ragged
+        depth[[0, -1]] = 0.0
+        return knots, self.depth_mm * depth / depth.max()
+
+
+def join_notches(notches: Sequence[EdgeNotches]) -> EdgeNotches:
+    """Return several notches as one; where they overlap the deeper one counts."""
+    along = np.unique(np.concatenate([each.along_mm for each in notches]))
+
+    def join(name: str) -> NDArray[np.float64]:
+        widths = [
+            np.interp(along, each.along_mm, getattr(each, name), left=0.0, right=0.0) for each in notches
+        ]
+        return np.max(widths, axis=0)
+
+    return EdgeNotches(along, join("left_mm"), join("right_mm"))
 
 
 def move_solids(solids: tuple[Solid, ...], pose: Pose) -> tuple[Solid, ...]:

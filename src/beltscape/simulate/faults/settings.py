@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pydantic import BaseModel, ConfigDict
 
 from beltscape.simulate.faults.base import Fault
-from beltscape.simulate.faults.belt import CarryBack, MovedBelt, RunningOff, Splice
+from beltscape.simulate.faults.belt import CarryBack, MovedBelt, RunningOff, Splice, TornEdge
 from beltscape.simulate.faults.cameras import MovedCamera, MovedRig, Vibration
 from beltscape.simulate.faults.delivery import (
     ExchangedCameras,
@@ -49,6 +49,7 @@ class Faults(BaseModel):
     running_off: tuple[RunningOff, ...] = ()
     carry_back: tuple[CarryBack, ...] = ()
     splice: tuple[Splice, ...] = ()
+    torn_edge: tuple[TornEdge, ...] = ()
     encoder: tuple[EncoderFault, ...] = ()
 
     def list_faults(self) -> Iterator[tuple[str, Fault]]:

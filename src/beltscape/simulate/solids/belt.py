@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -78,6 +79,12 @@ class BeltSettings(BaseModel):
         return np.concatenate([np.array([left, *fold[::-1]]) * [-1, 1], fold, [right]])
 
     @property
+    def straight_wing_mm(self) -> float:
+        """Return the length of the shorter wing beyond its fold."""
+        ends = np.diff(self.section_mm[[0, 1, -2, -1]], axis=0)[[0, 2]]
+        return float(np.linalg.norm(ends, axis=1).min())
+
+    @property
     def half_width_mm(self) -> tuple[float, float]:
         """Return the positions of the belt's edges: −x of the left one, x of the right one."""
         section = self.section_mm
@@ -103,9 +110,28 @@ class BeltSettings(BaseModel):
         return self.sag_mm * np.sin(np.pi * y_mm / self.idler_pitch_mm) ** 2
 
 
-def make_belt_solids(settings: BeltSettings) -> tuple[Solid, Solid]:
-    """Return the belt, a closed slab with the upper side `BeltSettings.height_at`, and the floor, a rectangle."""
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeNotches:
+    """What is missing at the belt's edges, by cross-section."""
+
+    along_mm: NDArray[np.float64]
+    """(N,) y of cross-sections, ascending; between them the notches vary linearly."""
+    left_mm: NDArray[np.float64]
+    """(N,) width that is missing at the left edge, along the belt's surface."""
+    right_mm: NDArray[np.float64]
+    """(N,) the same at the right edge."""
+
+
+def make_belt_solids(settings: BeltSettings, notches: EdgeNotches | None = None) -> tuple[Solid, Solid]:
+    """Return the belt, a closed slab with the upper side `BeltSettings.height_at`, and the floor, a rectangle.
+
+    ``notches`` shorten its wings, by less than their straight parts.
+    """
     top, along = settings.section_mm, settings.along_mm
+    sag = settings.sag_at(along)
+    if notches is not None:
+        every = np.union1d(along, np.clip(notches.along_mm, along[0], along[-1]))
+        along, sag = every, np.interp(every, along, sag)
     step = np.gradient(top, axis=0)
     down = np.column_stack([step[:, 1], -step[:, 0]]) / np.linalg.norm(step, axis=1)[:, None]
     down[[0, -1]] = [
@@ -114,7 +140,9 @@ def make_belt_solids(settings: BeltSettings) -> tuple[Solid, Solid]:
     ]  # cut vertically: the edge is invisible from above
     mesh = extrude(np.concatenate([top, (top + settings.thickness_mm * down)[::-1]]), along)
     sections = np.arange(len(mesh.vertices_mm)) // (2 * len(top))
-    vertices = mesh.vertices_mm - np.outer(settings.sag_at(along)[sections], [0, 0, 1])
+    vertices = mesh.vertices_mm - np.outer(sag[sections], [0, 0, 1])
+    if notches is not None:
+        vertices = _cut_edges(vertices.reshape(len(along), 2 * len(top), 3), settings, notches).reshape(-1, 3)
     belt = Solid("belt", Label.BELT, vertices, mesh.faces, _grey(settings.reflectance))
     reach = np.array([-3.0, 3.0]) * max(settings.width_mm, settings.length_mm)
     floor_mesh = triangulate_height_field(reach, reach, np.full((2, 2), -settings.floor_mm))
@@ -122,6 +150,20 @@ def make_belt_solids(settings: BeltSettings) -> tuple[Solid, Solid]:
         "floor", Label.FLOOR, floor_mesh.vertices_mm, floor_mesh.faces, _grey(settings.floor_reflectance)
     )
     return belt, floor
+
+
+def _cut_edges(
+    vertices_mm: NDArray[np.float64], settings: BeltSettings, notches: EdgeNotches
+) -> NDArray[np.float64]:
+    """Return the vertices (N, 2·K, 3) of cross-sections with upper and lower edges moved inwards on the wings."""
+    angle, count = np.deg2rad(settings.wing_deg), vertices_mm.shape[1]
+    cut, along = vertices_mm.copy(), vertices_mm[:, 0, 1]
+    left, right = (0, count - 1), (count // 2 - 1, count // 2)
+    for edge, missing, side in ((left, notches.left_mm, -1.0), (right, notches.right_mm, 1.0)):
+        width = np.interp(along, notches.along_mm, missing, left=0.0, right=0.0)
+        inwards = np.outer(width, [-side * np.cos(angle), 0.0, -np.sin(angle)])
+        cut[:, edge] += inwards[:, None]
+    return cut
 
 
 def _grey(reflectance: float) -> tuple[float, float, float]:

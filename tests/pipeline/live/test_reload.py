@@ -26,12 +26,11 @@ from beltscape.service.production.printing import PrintError
 from beltscape.service.production.serving import ReportStatus, ServedProduction
 from beltscape.service.project import open_project
 from beltscape.service.protocols.serving import ServedPlant
-from tests.pipeline.live.test_run_command import plant  # noqa: F401
 from tests.service.access.sample_app import CHEAP
 
 
 @pytest.fixture
-def running(plant: Path, tmp_path: Path) -> Iterator[RunningPlant]:  # noqa: F811
+def running(plant: Path, tmp_path: Path) -> Iterator[RunningPlant]:
     """The plant, assembled; no frame set has come yet."""
     project, data = open_project(plant), tmp_path / "data"
     live_state = LiveState(project.settings.web)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,51 +11,10 @@ import time
 import urllib.request
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
-from beltscape.files.rasters.images import read_image
-from tests.synthetic.demo import DEMO, parse_json
-
-PROJECT = """rig = "rig.json"
-empty = "empty"
-[capture]
-folder = "belt"
-[encoder]
-kind = "capture"
-[matching]
-load_mm = 150
-[density]
-kg_m3 = 1500
-[history]
-reserve_mib = 1
-[web]
-port = 0
-"""
-
-
-@pytest.fixture
-def plant(tmp_path: Path, small_frames: Path) -> Path:
-    """project.toml beside a capture of a belt that stands, three frames of it."""
-    shutil.copytree(small_frames / "belt_empty" / "000", tmp_path / "empty")
-    rig = next(path for path in (small_frames / "belt_empty").glob("rig.json"))
-    shutil.copy(rig, tmp_path / "rig.json")
-    shutil.copy(rig, tmp_path / "empty" / "rig.json")
-    for camera in (DEMO / "belt_loaded").iterdir():
-        if camera.is_dir():
-            (tmp_path / "belt" / camera.name).mkdir(parents=True)
-            image = read_image(next(camera.iterdir()))
-            for seed, frame in enumerate(
-                ("000", "001", "002")
-            ):  # noise of their own: equal images are refused
-                noise = np.random.default_rng(seed).integers(-1, 2, image.shape)
-                noisy = np.clip(image + noise, 0, 255).astype(np.uint8)
-                cv2.imwrite(str(tmp_path / "belt" / camera.name / f"{frame}.png"), noisy)
-    rows = "".join(f"{k:03d},{0.1 * k},{5000.0}\n" for k in range(3))
-    (tmp_path / "belt" / "encoder.csv").write_text("frame,timestamp_s,belt_position_mm\n" + rows)
-    (tmp_path / "project.toml").write_text(PROJECT)
-    return tmp_path / "project.toml"
+from tests.pipeline.live.conftest import PROJECT
+from tests.synthetic.demo import parse_json
 
 
 def test_replay_gives_the_records_of_the_command(run, plant, tmp_path):

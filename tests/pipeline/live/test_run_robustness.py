@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from beltscape.service.hosting.data_rights import restrict_rights
-from tests.pipeline.live.test_run_command import plant  # noqa: F401
 
 
 def run_once(project: Path, umask: int = 0o022) -> subprocess.CompletedProcess[str]:
@@ -27,7 +26,7 @@ def list_modes(folder: Path) -> dict[str, int]:
     return {str(path.relative_to(folder.parent)): stat.S_IMODE(path.stat().st_mode) for path in paths}
 
 
-def test_files_of_a_run_are_for_user_and_group(plant):  # noqa: F811
+def test_files_of_a_run_are_for_user_and_group(plant):
     text = plant.read_text().replace(
         "[history]", "[csv]\nenabled = true\n[recording]\nmode = 'all'\nfree_gib = 0\n[history]"
     )
@@ -69,7 +68,7 @@ def test_a_narrower_umask_is_kept(tmp_path):
 
 
 @pytest.mark.parametrize("content", [b"this is no database, but long enough to look at" * 30, b"\xa5" * 9000])
-def test_a_damaged_users_database_does_not_stop_measuring(run, plant, content):  # noqa: F811
+def test_a_damaged_users_database_does_not_stop_measuring(run, plant, content):
     data = plant.parent / "data"
     data.mkdir()
     (data / "users.db").write_bytes(content)

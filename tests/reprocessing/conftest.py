@@ -18,7 +18,9 @@ from tests.once import make_once
 from tests.simulate.tiny import tiny
 from tests.synthetic.demo import parse_json
 
-FRAMES, RECORDINGS = 15, 3
+FRAMES, RECORDINGS = 9, 3
+STEP_MM = 50.0
+"""Travel of the belt between two frames."""
 _RIG = {"size_px": (200, 165), "pitch_um": 3.45 * 12.24}
 _HEAP = {"rocks": 6, "fines": {"along_mm": (-400.0, 400.0), "cell_mm": 12.0}}
 _PROJECT = """rig = "rig.json"
@@ -85,7 +87,7 @@ def joined_store(tmp_path_factory: pytest.TempPathFactory, recorded_plant: Path)
 
 
 def _make_plant(folder: Path) -> None:
-    motion = {"speed_mm_s": 400.0, "frames_per_s": 8.0}
+    motion = {"speed_mm_s": 8 * STEP_MM, "frames_per_s": 8.0}
     simulate(
         tiny("belt_moving", frames=FRAMES, rig=_RIG, motion=motion, heap=_HEAP), folder / "moving", Silent()
     )

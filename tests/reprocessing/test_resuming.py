@@ -17,8 +17,12 @@ from beltscape.reprocessing import run as module
 from beltscape.reprocessing.results import PieceResult, PieceTimes
 from beltscape.sinks.historian.historian import Historian
 from beltscape.sinks.settings import HistorySettings
+from tests.reprocessing.conftest import FRAMES, RECORDINGS, STEP_MM
 from tests.reprocessing.test_joining import measure
 from tests.reprocessing.test_run import read_records
+
+EACH = FRAMES // RECORDINGS
+"""Frames of a recording."""
 
 
 @pytest.fixture(autouse=True)
@@ -102,9 +106,9 @@ def test_a_piece_that_cannot_be_measured_is_missing_belt_and_tried_again(
     monkeypatch.setattr(module, "measure_piece", fail_once)
     answer = reprocess()
     assert answer["failed"] == [
-        {"piece": f"all/{piece_name(recorded_plant)} frames 005 to 009", "reason": "MemoryError: no memory"}
+        {"piece": f"all/{piece_name(recorded_plant)} frames 003 to 005", "reason": "MemoryError: no memory"}
     ]
-    assert answer["standings"]["missing"] == pytest.approx(5 * 50.0)
+    assert answer["standings"]["missing"] == pytest.approx(EACH * STEP_MM)
     monkeypatch.setattr(module, "measure_piece", measure_piece)
     again = reprocess()
     assert (again["measured_now"], again["failed"], again["standings"]["missing"]) == (1, [], 0.0)
@@ -155,7 +159,9 @@ def test_products_follow_the_plants_own_history(reprocess, recorded_plant, tmp_p
     changed = reprocess(project=project)
     historian.close()
     assert changed["measured_now"] == 0
-    assert [record[-1] for record in _list_products(changed, tmp_path)] == ["coal"] * 5 + ["ore"] * 10
+    assert [record[-1] for record in _list_products(changed, tmp_path)] == ["coal"] * EACH + ["ore"] * (
+        FRAMES - EACH
+    )
 
 
 def _list_products(answer: dict[str, Any], folder: Path) -> list[tuple[int, str]]:

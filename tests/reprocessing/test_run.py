@@ -21,6 +21,7 @@ import pytest
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.sinks.historian.historian import Historian
 from beltscape.sinks.settings import HistorySettings
+from tests.reprocessing.conftest import FRAMES, STEP_MM
 from tests.synthetic.demo import parse_json
 
 
@@ -45,7 +46,7 @@ def test_one_recording_gives_the_records_of_a_replay(reprocess, run, recorded_pl
     code, out, _ = run("replay", recorded_plant / "project.toml", "--out", tmp_path / "replayed", "--json")
     assert code == 0
     answer = reprocess("moving")
-    assert (answer["recordings"], answer["pieces"], answer["frames"]) == (1, 1, 15)
+    assert (answer["recordings"], answer["pieces"], answer["frames"]) == (1, 1, FRAMES)
     assert read_records(tmp_path / "store" / "history") == read_records(tmp_path / "replayed")
     assert answer["totals"]["volume_mm3"] == parse_json(out)["totals"]["volume_mm3"]
 
@@ -76,8 +77,8 @@ def test_two_workers_that_are_killed_give_the_ledger_of_one(reprocess, joined_st
 
 
 def _kill_workers(ended: threading.Event, killed: list[int], most: int = 1) -> None:
-    """Kill processes that measure a piece, some tenths of a second after their begin."""
-    while not ended.wait(0.4) and len(killed) < most:
+    """Kill processes that measure a piece, a tenth of a second after their begin at most."""
+    while not ended.wait(0.1) and len(killed) < most:
         for entry in Path("/proc").iterdir():
             try:
                 title = (entry / "cmdline").read_bytes()
@@ -139,4 +140,4 @@ def test_damage_is_named_and_the_rest_is_measured(reprocess, recorded_plant, tmp
     assert any(image.name in warning for warning in answer["findings"])
     lengths = answer["standings"]
     assert lengths["degraded"] > 0
-    assert sum(lengths.values()) > 10 * 50
+    assert sum(lengths.values()) > FRAMES * STEP_MM * 2 / 3

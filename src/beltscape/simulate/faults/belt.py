@@ -137,14 +137,11 @@ class TornEdge(GrowingFault):
 def join_notches(notches: Sequence[EdgeNotches]) -> EdgeNotches:
     """Return several notches as one; where they overlap the deeper one counts."""
     along = np.unique(np.concatenate([each.along_mm for each in notches]))
-
-    def join(name: str) -> NDArray[np.float64]:
-        widths = [
-            np.interp(along, each.along_mm, getattr(each, name), left=0.0, right=0.0) for each in notches
-        ]
-        return np.max(widths, axis=0)
-
-    return EdgeNotches(along, join("left_mm"), join("right_mm"))
+    left, right = np.zeros(len(along)), np.zeros(len(along))
+    for each in notches:
+        left = np.maximum(left, np.interp(along, each.along_mm, each.left_mm, left=0.0, right=0.0))
+        right = np.maximum(right, np.interp(along, each.along_mm, each.right_mm, left=0.0, right=0.0))
+    return EdgeNotches(along, left, right)
 
 
 def move_solids(solids: tuple[Solid, ...], pose: Pose) -> tuple[Solid, ...]:

@@ -99,7 +99,7 @@ def assess_tie_points(
         attribution.core_moved,
         attribution.pose_change,
         _find_depth_range(tie_points, rig, residuals),
-        _compute_misfit(residuals, tuple(c.camera for c in cameras if c.state == "sound") or names),
+        _compute_misfit(residuals, () if attribution.suspects else isolation.sound),
         tie_points,
         reference is not None,
         attribution.suspects,
@@ -161,8 +161,10 @@ def _compute_depth_error(tie_points: TiePoints, residuals: PairResiduals) -> flo
     return float(np.median(1 / (np.square(tie_points.inverse_depth) * residuals.sensitivity_px_mm)))
 
 
-def _compute_misfit(residuals: FrameResiduals, names: tuple[str, ...]) -> float:
-    """Return the greatest excess of a systematic residual among these auxiliaries, px."""
+def _compute_misfit(residuals: FrameResiduals, sound: tuple[str, ...]) -> float:
+    """Return the greatest excess of a systematic residual among the sound auxiliaries, or all without any, px."""
+    measured = tuple(name for name in sound if np.isfinite(residuals.epipolar[name].rms_px))
+    names = measured or tuple(residuals.epipolar)
     own = [residuals.epipolar[name] for name in names]
     own += [residual for pair, residual in residuals.disparity.items() if set(pair) <= set(names)]
     return max((residual.excess_px for residual in own), default=0.0)

@@ -36,7 +36,7 @@ class Attribution:
     """Cameras to which the contradictions of a frame are attributed."""
 
     isolation: FaultIsolation
-    """The auxiliaries by their consistency, according to the cameras that moved."""
+    """The auxiliaries by their consistency, according to the cameras that moved if these are known."""
     core_moved: bool = False
     """Whether every plausible explanation is a movement of the core, alone or with others."""
     suspects: tuple[str, ...] = ()
@@ -61,31 +61,24 @@ def attribute_faults(data: FrameData, isolation: FaultIsolation) -> Attribution:
     epipolar = data.residuals.epipolar
     names = tuple(n for n in epipolar if np.isfinite(epipolar[n].rms_px) and n not in isolation.unmatched)
     fit = MovementFit(data.tie_points, data.rig, names, data.reference)
-    sizes = [n for n in range(1, _MOST_MOVED + 1) if list_hypotheses((data.rig.core, *names), n)]
-    if not sizes or not fit.has_enough(sizes[0]):
-        undecided = (data.rig.core, *names) if sizes else ()
-        return _leave_open(isolation, names, undecided) if undecided else Attribution(isolation)
-    common, possible, is_explained = (), (), False
+    cameras = (data.rig.core, *names)
+    sizes = [size for size in range(1, _MOST_MOVED + 1) if list_hypotheses(cameras, size)]
+    if not sizes:
+        return Attribution(isolation)
+    suspects, is_explained = cameras, False
     sizes = [size for size in sizes if fit.has_enough(size)]
     for compare, size in product((fit.compare_movements, fit.compare_displacements), sizes):
         hypotheses = compare(size)
         common, possible = find_common(hypotheses)
-        best = hypotheses[0]
-        is_explained = (
-            _explains(data, best.rig, names) if best.rig is not data.rig else _fits(data, best, names)
-        )
-        if is_explained:
-            break
-    if not is_explained and not isolation.ambiguous and _has_many(isolation):
+        if not _explains(data, hypotheses[0], names):
+            continue
+        if common and (data.rig.core in common or not _is_inconsistent(data, names, without=common)):
+            return _accuse(data, isolation, names, common)
+        if not is_explained:
+            suspects, is_explained = possible, True
+    if sizes and not is_explained and not isolation.ambiguous and _has_many(isolation):
         return Attribution(isolation)
-    if not common or (data.rig.core not in common and _is_inconsistent(data, names, without=common)):
-        return _leave_open(isolation, names, possible)
-    return _accuse(data, isolation, names, common)
-
-
-def _leave_open(isolation: FaultIsolation, names: tuple[str, ...], suspects: tuple[str, ...]) -> Attribution:
-    """Return the attribution of a frame that does not show which of the suspects moved."""
-    return Attribution(FaultIsolation((), names, isolation.unmatched, ambiguous=True), suspects=suspects)
+    return Attribution(isolation, suspects=suspects)
 
 
 def _accuse(
@@ -95,7 +88,7 @@ def _accuse(
     change = None
     if len(cameras) == 1:
         change = fit_pose_change(data.tie_points, data.rig, cameras[0], names, data.reference)
-        change = change if _explains(data, change.rig, names) else None
+        change = change if _explains_all(data, change.rig, names) else None
     core_moved = data.rig.core in cameras
     moved = names if core_moved else cameras
     sound = tuple(n for n in data.residuals.epipolar if n not in moved and n not in isolation.unmatched)
@@ -116,18 +109,19 @@ def _is_inconsistent(data: FrameData, names: tuple[str, ...], without: tuple[str
     return _exceeds(data, data.residuals, tuple(n for n in names if n not in without), 1.0)
 
 
-def _explains(data: FrameData, rig: Rig, names: tuple[str, ...]) -> bool:
+def _explains(data: FrameData, hypothesis: Hypothesis, names: tuple[str, ...]) -> bool:
+    """Return whether what a hypothesis leaves is within `_EXPLAINED` times the tolerances."""
+    if hypothesis.rig is not data.rig:
+        return _explains_all(data, hypothesis.rig, names)
+    limits = [data.tolerance.epipolar_px[name] for name in names]
+    limits += [data.tolerance.disparity_px[pair] for pair in combinations(names, 2)]
+    return bool((np.nan_to_num(hypothesis.left_px) <= _EXPLAINED * np.array(limits)).all())
+
+
+def _explains_all(data: FrameData, rig: Rig, names: tuple[str, ...]) -> bool:
     """Return whether the residuals under a rig after a movement are within `_EXPLAINED` times their tolerances."""
     after = compute_frame_residuals(data.tie_points, rig, names, data.reference)
     return not _exceeds(data, after, names, _EXPLAINED)
-
-
-def _fits(data: FrameData, hypothesis: Hypothesis, names: tuple[str, ...]) -> bool:
-    """Return whether what a hypothesis leaves is within `_EXPLAINED` times the tolerances."""
-    limits = [data.tolerance.epipolar_px[name] for name in names]
-    limits += [data.tolerance.disparity_px[pair] for pair in combinations(names, 2)]
-    left = np.nan_to_num(hypothesis.left_px)
-    return bool((left <= _EXPLAINED * np.array(limits)).all())
 
 
 def _exceeds(data: FrameData, residuals: FrameResiduals, names: tuple[str, ...], factor: float) -> bool:

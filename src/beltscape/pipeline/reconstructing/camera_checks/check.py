@@ -50,7 +50,7 @@ class CameraCheck:
         together = assess_tie_points(
             join_tie_points(list(self._undecided.values())), self._rig, auxiliaries, tolerance
         )
-        return consistency if together.is_sound or together.ambiguous else together
+        return consistency if together.is_sound or together.suspects else together
 
     def accumulate(self, consistency: RigConsistency) -> RigConsistency:
         """Return the contradiction that a sound frame shows together with those before it, or its own state."""

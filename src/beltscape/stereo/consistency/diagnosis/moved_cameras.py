@@ -55,6 +55,8 @@ class Hypothesis:
     """Number of medians less that of fitted parameters."""
     left_px: Array
     """(series,) RMS of what is left of each series: epipolar by auxiliary, disparity by pair; NaN: not measured."""
+    margin: float
+    """Excess of another's χ² over this one that refutes it."""
     rig: Rig
     """The rig after the movement; the same after a displacement of images."""
 
@@ -76,8 +78,8 @@ def list_hypotheses(cameras: Sequence[str], size: int) -> list[tuple[str, ...]]:
 
 def find_common(hypotheses: Sequence[Hypothesis]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the cameras that all plausible hypotheses have in common, and those that at least one of them has."""
-    best = min(each.chi_square for each in hypotheses)
-    plausible = [each.cameras for each in hypotheses if each.chi_square < best + DECISIVE_SIGMAS**2]
+    best = min(hypotheses, key=lambda each: each.chi_square)
+    plausible = [each.cameras for each in hypotheses if each.chi_square < best.chi_square + best.margin]
     order = list(dict.fromkeys(name for each in hypotheses for name in each.cameras))
     common = tuple(name for name in order if all(name in each for each in plausible))
     return common, tuple(name for name in order if any(name in each for each in plausible))
@@ -135,12 +137,15 @@ class MovementFit:
         value, weight = self._base.value_px[self._used], 1 / self._base.variance_px2[self._used]
         information = (slopes * weight[:, None]).T @ slopes
         normal = information + np.eye(len(information)) / _PRIOR[0] ** 2
-        left = value - slopes @ np.linalg.solve(normal, slopes.T @ (weight * value))
-        fitted = float(np.trace(np.linalg.solve(normal, information)))
-        return self._make_hypothesis(cameras, left, fitted, self._rig)
+        step = np.asarray(np.linalg.solve(normal, slopes.T @ (weight * value)), np.float64)
+        left = value - slopes @ step
+        fitted = float(np.trace(np.asarray(np.linalg.solve(normal, information), np.float64)))
+        # two sets of so many parameters differ by chance in what they explain of the noise
+        margin = DECISIVE_SIGMAS**2 + DECISIVE_SIGMAS * float(np.sqrt(4 * fitted))
+        return self._make_hypothesis(cameras, left, fitted, margin, self._rig)
 
     def _make_hypothesis(
-        self, cameras: tuple[str, ...], left_px: Array, fitted: float, rig: Rig
+        self, cameras: tuple[str, ...], left_px: Array, fitted: float, margin: float, rig: Rig
     ) -> Hypothesis:
         """Return the hypothesis that leaves ``left_px`` of the used medians after ``fitted`` parameters."""
         whole = np.full(len(self._used), np.nan)
@@ -149,7 +154,7 @@ class MovementFit:
         number = np.isfinite(by_series).sum(axis=1)
         rms = np.sqrt(np.nansum(by_series, axis=1) / np.where(number > 0, number, np.nan))
         chi_square = float(np.nansum(whole[self._used] / self._base.variance_px2[self._used]))
-        return Hypothesis(cameras, chi_square, len(left_px) - fitted, rms, rig)
+        return Hypothesis(cameras, chi_square, len(left_px) - fitted, rms, margin, rig)
 
     def _fit_movement(self, cameras: tuple[str, ...]) -> Hypothesis:
         """Return the movement of a set of cameras that leaves the least χ²."""
@@ -166,7 +171,8 @@ class MovementFit:
             if float(np.abs(moved).max(initial=0.0)) < _LINEAR_PX:
                 break
             value = np.nan_to_num(self._measure(self._move(cameras, change))[self._used])
-        return self._make_hypothesis(cameras, value, len(change), self._move(cameras, change))
+        margin = DECISIVE_SIGMAS**2
+        return self._make_hypothesis(cameras, value, len(change), margin, self._move(cameras, change))
 
     def _move(self, cameras: tuple[str, ...], change: Array) -> Rig:
         """Return the rig after movements (6·n,) of n cameras; the core's last, since it moves all others."""

@@ -108,6 +108,36 @@ def test_torn_edge_is_recognised_with_its_position():
     assert finding.check == "torn_edge_right" and finding.is_fault
 
 
+def loaded_and_torn(
+    x: NDArray[np.float64], s: NDArray[np.float64], *, half_width_mm: float
+) -> NDArray[np.floating]:
+    """A load without a gap, and a notch of the right edge."""
+    load = 60.0 * (np.abs(x) < half_width_mm) + 0 * s
+    return np.where((x > REFERENCE.belt.across_mm[1] - 50) & (np.abs(s - 1200) < 100), -400.0, load)
+
+
+def test_torn_edge_beside_a_load_is_recognised_and_degrades_its_record():
+    _, tears = run_rows(lambda x, s: loaded_and_torn(x, s, half_width_mm=100.0), 1.6)
+    np.testing.assert_allclose([tear.position_mm for tear in tears], [1200, 1200], atol=60)
+    (finding, _) = make_event_findings(tears, 20.0)
+    assert (finding.check, finding.effect, finding.is_momentary) == ("torn_edge_right", "degraded", True)
+    _, hidden = run_rows(lambda x, s: loaded_and_torn(x, s, half_width_mm=400.0), 1.6)
+    assert not hidden
+
+
+def test_ground_that_shows_through_a_notch_is_not_the_belt():
+    high = REFERENCE.belt.across_mm[1]
+    _, tears = run_rows(lambda x, s: -90.0 * ((x > high - 50) & (np.abs(s - 1200) < 100)), 1.6)
+    assert {tear.kind for tear in tears} == {"torn right edge"}
+    assert {finding.effect for finding in make_event_findings(tears, 20.0)} == {"none"}
+
+
+def test_belt_that_runs_off_has_no_torn_edge():
+    high = REFERENCE.belt.across_mm[1]
+    _, tears = run_rows(lambda x, s: np.where((s > 500) & (x > high - 60), -400.0, 0 * x), 0.9)
+    assert not tears
+
+
 def test_a_load_is_no_carry_back():
     monitor, heap = BeltMonitor(REFERENCE), Heap(-1000.0, 4000.0, half_width_mm=150.0)
     for number in range(5):

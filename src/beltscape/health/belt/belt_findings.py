@@ -40,7 +40,10 @@ def make_carry_back_findings(
 
 
 def make_event_findings(events: Iterable[BeltEvent], side_mm: float) -> tuple[Finding, ...]:
-    """Return the position, in m along the belt, of each splice and torn edge that passed; a torn edge is a fault."""
+    """Return the position, in m along the belt, of each splice and torn edge that passed; a torn edge is a fault.
+
+    It degrades its frame where a load lay beside it: some may have fallen through, and the ground shows in the notch.
+    """
     out: list[Finding] = []
     for event in events:
         text = Message(
@@ -55,7 +58,14 @@ def make_event_findings(events: Iterable[BeltEvent], side_mm: float) -> tuple[Fi
         sigma = side_mm / 2000
         out.append(
             Finding(
-                _CHECKS[event.kind], event.position_mm / 1000, sigma, _NAN, "m", text=text if is_fault else ""
+                _CHECKS[event.kind],
+                event.position_mm / 1000,
+                sigma,
+                _NAN,
+                "m",
+                text=text if is_fault else "",
+                effect="degraded" if is_fault and event.is_loaded else "none",
+                is_momentary=True,
             )
         )
     return tuple(out)

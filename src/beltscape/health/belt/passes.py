@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -16,6 +16,10 @@ _LEAST_TEAR_CELLS = 2
 """Cells by which an edge must recede, and rows over which it must, to count as torn."""
 _LONGEST_TEAR_MM = 3000.0
 """A longer change of an edge is the belt running off."""
+_END_CELLS, _LEAST_BARE_END = 3, 2
+"""Of this number of measured cells at an end of a row, so many must be bare: else material may hide the edge."""
+_LOWEST_MM = -50.0
+"""What lies deeper under the belt as it lies is not the belt, but what shows beside it or through a notch."""
 _STUCK_MM = 1.0
 """Least height that must be found again after a revolution."""
 _USUAL = 0.98
@@ -37,6 +41,8 @@ class BeltEvent:
     """Along the belt."""
     size_mm: float
     """Height of a splice; depth of a tear across the belt."""
+    is_loaded: bool
+    """Whether a load lay beside it, some of which may have fallen through a tear."""
     passes: int
     """Number of times that it was recognised at this place."""
 
@@ -48,11 +54,12 @@ class _Run:
     first: int
     last: int
     sizes: list[float] = field(default_factory=list)
+    is_loaded: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _EmptyRow:
-    """A row of the belt that holds no load."""
+class _Row:
+    """A row of the belt."""
 
     number: int
     over_mm: NDArray[np.float64]
@@ -72,7 +79,7 @@ class BeltPasses:
         Material counts as residue on stretches that are empty for ``empty_mm``.
         """
         self._side_mm, self._length_mm, self._empty_mm = side_mm, length_mm, empty_mm
-        self._pending: list[_EmptyRow] = []
+        self._pending: list[_Row] = []
         """The rows of the present empty stretch while it is too short to count."""
         self._stretch_mm = 0.0
         """Length of the present empty stretch."""
@@ -114,19 +121,15 @@ class BeltPasses:
             if number < self._next:
                 continue
             self._next = number + 1
+            row = _Row(number, rows.over_mm[index], rows.bare[index], float(area[index]))
             if empty[index]:
-                self._extend_stretch(
-                    _EmptyRow(number, rows.over_mm[index], rows.bare[index], float(area[index])),
-                    is_counted=not ridge[index],
-                )
+                self._extend_stretch(row, is_counted=not ridge[index])
             else:
                 self._end_stretch()
-            events += self._follow(
-                number, rows.over_mm[index], float(ridge[index]), is_empty=bool(empty[index])
-            )
+            events += self._follow(row, float(ridge[index]), is_empty=bool(empty[index]))
         return [self._identify(event) for event in events]
 
-    def _extend_stretch(self, row: _EmptyRow, *, is_counted: bool) -> None:
+    def _extend_stretch(self, row: _Row, *, is_counted: bool) -> None:
         """Add a row to the empty stretch; a splice belongs to it but is no residue."""
         self._stretch_mm += self._side_mm
         if is_counted:
@@ -140,7 +143,7 @@ class BeltPasses:
         self._stretch_mm = 0.0
         self._pending.clear()
 
-    def _count(self, row: _EmptyRow) -> None:
+    def _count(self, row: _Row) -> None:
         self.empty_mm += self._side_mm
         self.residue_mm3 += row.area_mm2 * self._side_mm
         if self._length_mm is None:
@@ -154,31 +157,32 @@ class BeltPasses:
             self.stuck_mm3 += float(common[common >= _STUCK_MM].sum()) * self._side_mm**2
         self._last[number % period] = (number, material)
 
-    def _follow(
-        self, number: int, over_mm: NDArray[np.float64], ridge_mm: float, *, is_empty: bool
-    ) -> list[BeltEvent]:
-        """Return the splices and tears that end before a row."""
-        left, right = _find_ends(over_mm)
-        sizes: dict[Kind, float] = {
-            "splice": ridge_mm,
-            "torn left edge": self._recede("torn left edge", left) if is_empty else 0.0,
-            "torn right edge": self._recede("torn right edge", len(over_mm) - 1 - right) if is_empty else 0.0,
+    def _follow(self, row: _Row, ridge_mm: float, *, is_empty: bool) -> list[BeltEvent]:
+        """Return the splices and tears that end before a row; an edge is followed wherever it is bare."""
+        left, right = _count_missing(row.over_mm, row.bare), _count_missing(row.over_mm[::-1], row.bare[::-1])
+        sizes: dict[Kind, float | None] = {
+            "splice": ridge_mm if is_empty or ridge_mm > 0 else None,
+            "torn left edge": self._recede("torn left edge", left),
+            "torn right edge": self._recede("torn right edge", right),
         }
         events: list[BeltEvent] = []
         for kind, size in sizes.items():
             run = self._runs.get(kind)
-            if size > 0:
-                run = self._runs.setdefault(kind, _Run(number, number))
-                run.last = number
+            if size is not None and size > 0:
+                run = self._runs.setdefault(kind, _Run(row.number, row.number))
+                run.last = row.number
                 run.sizes.append(size)
+                run.is_loaded |= not is_empty
             elif run is not None:
                 del self._runs[kind]
-                if is_empty:
+                if size is not None:
                     events += self._complete(kind, run)
         return events
 
-    def _recede(self, kind: Kind, cells: int) -> float:
-        """Return by how much an edge recedes from its usual place, mm; 0 where it does not."""
+    def _recede(self, kind: Kind, cells: int | None) -> float | None:
+        """Return by how much an edge recedes from its usual place, mm; 0: it does not, None: it is hidden."""
+        if cells is None:
+            return None
         usual = self._edges.setdefault(kind, float(cells))
         by = cells - usual
         if abs(by) < _LEAST_TEAR_CELLS:
@@ -193,7 +197,7 @@ class BeltPasses:
         if length > longest or (kind != "splice" and rows < _LEAST_TEAR_CELLS):
             return []
         middle = 0.5 * (run.first + run.last) * self._side_mm
-        return [BeltEvent(kind, middle, length, float(np.max(run.sizes)), 1)]
+        return [BeltEvent(kind, middle, length, float(np.max(run.sizes)), run.is_loaded, 1)]
 
     def _identify(self, event: BeltEvent) -> BeltEvent:
         """Return the event with its place on the belt and the number of its passes."""
@@ -205,15 +209,15 @@ class BeltPasses:
                 (place - known.position_mm + self._length_mm / 2) % self._length_mm - self._length_mm / 2
             )
             if known.kind == event.kind and apart < _SAME_PLACE_MM + event.length_mm / 2:
-                again = BeltEvent(event.kind, place, event.length_mm, event.size_mm, known.passes + 1)
+                again = replace(event, position_mm=place, passes=known.passes + 1)
                 self._seen[number] = again
                 return again
-        first = BeltEvent(event.kind, place, event.length_mm, event.size_mm, 1)
+        first = replace(event, position_mm=place)
         self._seen.append(first)
         return first
 
 
-def _find_ends(over_mm: NDArray[np.float64]) -> tuple[int, int]:
-    """Return the first and last measured cell of a row (m,) that lies on the belt."""
-    on = np.flatnonzero(np.isfinite(over_mm))
-    return (int(on[0]), int(on[-1])) if len(on) else (0, len(over_mm) - 1)
+def _count_missing(over_mm: NDArray[np.float64], bare: NDArray[np.bool_]) -> int | None:
+    """Return the number of cells of a row (m,) that are missing before the belt; None unless it is bare there."""
+    on = np.flatnonzero(over_mm > _LOWEST_MM)[:_END_CELLS]
+    return int(on[0]) if len(on) and bare[on].sum() >= _LEAST_BARE_END else None

@@ -122,7 +122,7 @@ def _describe_suspects(contradicting: list[CameraConsistency], consistency: RigC
     """Return the line for a frame that several movements explain."""
     names = consistency.suspects
     text = (
-        f"a camera moved, which one is not known yet: {', '.join(names[:-1])} or {names[-1]} "
+        f"a camera may have moved, which one is not known yet: {', '.join(names[:-1])} or {names[-1]} "
         f"({_list_residuals(contradicting, consistency)}); the next frames decide, or {_FIX}"
     )
     return Message(text, "camera_moved_undecided", cameras=", ".join(names))

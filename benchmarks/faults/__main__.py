@@ -13,6 +13,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from beltscape.core.progress import Silent
@@ -30,12 +31,15 @@ def main() -> int:
     """Play the chosen rows, print the table and write it."""
     arguments, commit = _parse(), read_commit()
     sizes = SHORT if arguments.short or arguments.small else LONG
-    capture = open_capture(arguments.cache, sizes, arguments.seed, Silent())
+    open_any = partial(open_capture, arguments.cache, sizes, arguments.seed, Silent())
+    capture = open_any(None)
     cases = [_shorten(case, arguments.rounds) for case in read_cases()]
     chosen = [case for case in cases if _is_chosen(case, arguments)]
     print("\n".join(HEAD), flush=True)
     verdicts: list[RowResult] = []
-    for verdict in play_rows(capture, chosen, jobs=arguments.jobs, minutes=arguments.minutes):
+    widths = {case.belt_width_mm for case in chosen}
+    captures = {width: open_any(width) for width in sorted(widths, key=lambda width: width or 0.0)}
+    for verdict in play_rows(captures, chosen, jobs=arguments.jobs, minutes=arguments.minutes):
         verdicts.append(verdict)
         keep_result(capture.folder, verdict, commit)
         print(format_row(verdict), flush=True)

@@ -49,6 +49,8 @@ class RoundCapture:
     """Holds ``moving`` and ``empty_rec``, the reconstruction of the empty belt."""
     sizes: Sizes
     seed: int
+    belt_width_mm: float | None = None
+    """Of a belt narrower than the view; None: the simulator's."""
 
     @cached_property
     def rig(self) -> Rig:
@@ -90,15 +92,24 @@ class RoundCapture:
         return FrameSet(f"{frame:05d}", cameras, time_ns, frame * self.step_mm)
 
 
-def open_capture(folder: Path, sizes: Sizes, seed: int, reporter: Reporter) -> RoundCapture:
-    """Return the capture in a cache folder; render it first where it is not there yet (minutes)."""
-    out = folder / f"{sizes.name}-{seed}"
-    moving = {**_describe_plant(sizes, seed), "kind": "belt_moving", "seed": seed + 1, "frames": sizes.frames}
+def open_capture(
+    folder: Path, sizes: Sizes, seed: int, reporter: Reporter, belt_width_mm: float | None = None
+) -> RoundCapture:
+    """Return the capture in a cache folder; render it first where it is not there yet (minutes).
+
+    ``belt_width_mm`` is that of a belt narrower than the view, whose marks come round with the heap; None: the
+    simulator's belt, whose edges are out of view.
+    """
+    out = folder / (f"{sizes.name}-{seed}" + ("" if belt_width_mm is None else f"-{belt_width_mm:g}mm"))
+    capture = RoundCapture(out, sizes, seed, belt_width_mm)
+    plant = _describe_plant(capture)
+    moving = {**plant, "kind": "belt_moving", "seed": seed + 1, "frames": sizes.frames}
     if not (out / "moving" / "encoder.csv").is_file():
         speed = _choose_speed(Scenario.model_validate(moving), sizes.frames)
         motion = {"speed_mm_s": speed, "frames_per_s": FRAMES_PER_S}
+        if belt_width_mm is not None:
+            moving["belt"] = {**plant["belt"], "length_mm": speed / FRAMES_PER_S * sizes.frames}
         simulate(Scenario.model_validate({**moving, "motion": motion}), out / "moving", reporter)
-    capture = RoundCapture(out, sizes, seed)
     render_empty_belt(capture, "empty_rec", {}, reporter)
     return capture
 
@@ -111,7 +122,7 @@ def render_empty_belt(
     if not (out / "reconstruction.json").is_file():
         from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 
-        plant = _describe_plant(capture.sizes, capture.seed)
+        plant = _describe_plant(capture)
         scene = {**plant, "kind": "belt_empty", "seed": capture.seed + 2, "faults": faults}
         simulate(Scenario.model_validate(scene), images, reporter)
         reconstruct_capture(images, capture.rig, out, reporter)
@@ -135,9 +146,11 @@ def render_cameras(
     return out
 
 
-def _describe_plant(sizes: Sizes, seed: int) -> dict[str, Any]:
+def _describe_plant(capture: RoundCapture) -> dict[str, Any]:
+    sizes = capture.sizes
     render = {"passes": sizes.passes, "ambient_samples": 1 if sizes.passes == 1 else 4}
-    return {"rig": {"seed": seed, "scale": sizes.scale}, "render": render}
+    belt = {} if capture.belt_width_mm is None else {"width_mm": capture.belt_width_mm}
+    return {"rig": {"seed": capture.seed, "scale": sizes.scale}, "render": render, "belt": belt}
 
 
 def _choose_speed(scenario: Scenario, frames: int) -> float:

@@ -39,6 +39,8 @@ class Case:
     """Share of a round after which the fault begins: where nothing is in view, or a heap."""
     trends: Mapping[str, float] = field(default_factory=dict)
     """True values of checks at the end: their findings must agree within 2.5 σ."""
+    belt_width_mm: float | None = None
+    """Width of the belt where its edges must be in view; None: that of the other rows."""
     is_short: bool = False
     """Whether it belongs to the short form."""
     needs_full_size: bool = False

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import multiprocessing
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 
@@ -20,17 +20,25 @@ _cache: Cache = {}
 
 
 def play_rows(
-    capture: RoundCapture, cases: Sequence[Case], *, jobs: int = 1, minutes: float = math.inf
+    captures: Mapping[float | None, RoundCapture],
+    cases: Sequence[Case],
+    *,
+    jobs: int = 1,
+    minutes: float = math.inf,
 ) -> Iterator[RowResult]:
-    """Yield the verdicts in the order of the rows; no row begins after ``minutes``."""
+    """Yield the verdicts in the order of the rows; no row begins after ``minutes``.
+
+    ``captures`` are those of the belts' widths.
+    """
     end = time.monotonic() + 60 * minutes
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn")) as pool:
-        for verdict in pool.map(partial(play_row, capture, end), cases):
+        own = [captures[case.belt_width_mm] for case in cases]
+        for verdict in pool.map(partial(play_row, end), own, cases):
             if verdict is not None:
                 yield verdict
 
 
-def play_row(capture: RoundCapture, end: float, case: Case) -> RowResult | None:
+def play_row(end: float, capture: RoundCapture, case: Case) -> RowResult | None:
     """Play a row; None where it would begin after ``end``, on the monotonic clock."""
     if time.monotonic() > end:
         return None

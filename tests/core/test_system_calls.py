@@ -141,7 +141,8 @@ assert main(["export", rig, "--format", "ros", "--out", "ros"]) == 0
     not hasattr(os, "sched_setaffinity"), reason="this system does not bind processes to cores"
 )
 def test_processes_take_different_cores_and_free_them(tmp_path):
-    code = "import os, sys, pathlib; from beltscape.core.runtime.system_calls import bind_to_free_core as bind; "
+    code = "import os, sys, pathlib; "
+    code += "from beltscape.core.runtime.system_calls import bind_to_free_core as bind; "
     code += "core = bind(pathlib.Path(sys.argv[1])); "
     code += "print(core, sorted(os.sched_getaffinity(0)), flush=True); input()"
     cores = sorted(os.sched_getaffinity(0))

@@ -21,6 +21,9 @@ from beltscape.files.documents.toml_text import validate
 from tests.alarms.plant import BAD, GOOD, SECOND, SETTINGS, Plant
 from tests.strategies import floats
 
+LONG_S = 150
+"""Longer than every delay: 120 s of what is measured seldom, and 10 s until it is clear again."""
+
 
 def test_every_rule_has_settings_a_text_and_a_case():
     kinds = {name.partition(":")[0] for name in BAD}
@@ -31,7 +34,7 @@ def test_every_rule_has_settings_a_text_and_a_case():
 
 def test_all_alarms_are_clear_with_good_readings():
     plant = Plant()
-    assert plant.run(GOOD, 300) == []
+    assert plant.run(GOOD, LONG_S) == []
     assert set(plant.states().values()) == {"clear"}
     assert set(plant.states()) == set(BAD) | {"camera_lost:cam3"}
 
@@ -40,13 +43,13 @@ def test_all_alarms_are_clear_with_good_readings():
 def test_every_alarm_is_raised_alone_and_clears(name):
     plant = Plant()
     plant.run(GOOD, 5)
-    (raised,) = plant.run(replace(GOOD, **BAD[name]), 300)
+    (raised,) = plant.run(replace(GOOD, **BAD[name]), LONG_S)
     assert (raised.name, raised.state) == (name, "raised")
     assert raised.since_ns is not None
     assert raised.detail
     assert "{" not in raised.detail
     assert "\n" not in raised.detail
-    over = plant.run(GOOD, 300)
+    over = plant.run(GOOD, LONG_S)
     kind = name.partition(":")[0]
     latched = getattr(SETTINGS, kind).latched
     assert [alarm.state for alarm in over] == ["gone" if latched else "clear"]
@@ -58,13 +61,13 @@ def test_every_alarm_is_raised_alone_and_clears(name):
 def test_every_alarm_can_be_acknowledged_while_it_lasts(name):
     plant = Plant()
     plant.run(GOOD, 5)
-    plant.run(replace(GOOD, **BAD[name]), 300)
+    plant.run(replace(GOOD, **BAD[name]), LONG_S)
     assert plant.board.acknowledge(name, "ada", 1)
     assert not plant.board.acknowledge(name, "bob", 1)
     assert plant.run(replace(GOOD, **BAD[name]), 100) == []
     (alarm,) = [one for one in plant.board.alarms if one.state != "clear"]
     assert (alarm.name, alarm.state, alarm.by) == (name, "acknowledged", "ada")
-    (over,) = plant.run(GOOD, 300)
+    (over,) = plant.run(GOOD, LONG_S)
     assert (over.state, over.by, over.detail) == ("clear", "", "")
 
 
@@ -73,12 +76,12 @@ def test_unknown_readings_neither_raise_nor_clear(name):
     kind = name.partition(":")[0]
     settings = AlarmSettings.model_validate({**SETTINGS.model_dump(), "no_measurement": {"enabled": False}})
     plant = Plant(settings)
-    plant.run(Readings(), 300)
+    plant.run(Readings(), LONG_S)
     assert set(plant.states().values()) == {"clear"}
-    plant.run(replace(GOOD, **BAD[name]), 300)
+    plant.run(replace(GOOD, **BAD[name]), LONG_S)
     before = plant.states()
     assert before[name] == "raised"
-    assert plant.run(Readings(), 300) == []
+    assert plant.run(Readings(), LONG_S) == []
     assert plant.states() == before
     assert kind in RULES
 
@@ -93,7 +96,7 @@ def test_missing_load_is_raised_from_the_start_and_suppresses_the_rest():
 def test_one_cause_raises_one_alarm():
     plant = Plant()
     plant.run(GOOD, 5)
-    changed = plant.run(Readings(), 300)
+    changed = plant.run(Readings(), LONG_S)
     assert [alarm.name for alarm in changed] == ["no_measurement:load"]
 
 

@@ -22,6 +22,8 @@ from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 
 FRAMES_PER_S = 8.0
+_PLATE_MM = 15.0
+"""Depth of the cover plate below the middle of a belt whose edges are in view: within the range that is measured."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +151,8 @@ def render_cameras(
 def _describe_plant(capture: RoundCapture) -> dict[str, Any]:
     sizes = capture.sizes
     render = {"passes": sizes.passes, "ambient_samples": 1 if sizes.passes == 1 else 4}
-    belt = {} if capture.belt_width_mm is None else {"width_mm": capture.belt_width_mm}
+    width = capture.belt_width_mm
+    belt = {} if width is None else {"width_mm": width, "floor_mm": _PLATE_MM}
     return {"rig": {"seed": capture.seed, "scale": sizes.scale}, "render": render, "belt": belt}
 
 

@@ -195,7 +195,7 @@ def _score_motions(
 ) -> NDArray[np.float64]:
     """Return for each motion (K, 5) the number of cells on it, less the cost of those below it."""
     off = height_mm - motions @ terms.T
-    below = np.count_nonzero(off < -tolerance_mm, axis=1)
+    below = np.count_nonzero(off < -2 * tolerance_mm, axis=1)
     near = np.count_nonzero(np.abs(off, out=off) <= tolerance_mm, axis=1)
     return near - _BELOW_COST * below
 

@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.progress import Silent
-from beltscape.stereo.markers.correspondence import align_grids, detect_marker_grids
+from beltscape.stereo.markers.correspondence import align_grids
 from beltscape.stereo.markers.grid import MarkerGrid
 from tests.stereo.raycast import make_world_rig
 
@@ -58,11 +56,3 @@ def test_grid_that_contradicts_the_others_is_left_out():
     away = np.random.default_rng(2).uniform(-25, 25, (4, 4, 2))
     grids["cam3"] = replace(grids["cam3"], center_px=grids["cam3"].center_px + away)
     assert "cam3" not in align_grids(grids, rig)
-
-
-def test_warnings_name_cameras_without_speckle():
-    rig, _ = make_world_rig()
-    dark = np.zeros((320, 400), np.uint8)
-    reporter = Silent()
-    assert detect_marker_grids(FrameSet("007", {"cam0": dark, "cam1": dark}), rig, reporter) == {}
-    assert reporter.warnings == [f"frame 007: no speckle markers in the image of cam{i}" for i in (0, 1)]

@@ -7,11 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.progress import Reporter
 from beltscape.kernels import Kernels, load
-from beltscape.stereo.markers.grid import SIDE, MarkerGrid, detect_marker_grid
+from beltscape.stereo.markers.grid import SIDE, MarkerGrid
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
 
 _MAX_ERROR_RADII = 0.3
@@ -21,27 +19,6 @@ _MAX_ERROR_PX = 2.0
 _MIN_CONSISTENT, _MIN_CONSISTENT_SHARE = 4, 0.7
 """Least number of consistent markers of an accepted numbering, and their share of the common ones; four of five by
 chance are rarer than one in a thousand."""
-
-
-def detect_marker_grids(frame_set: FrameSet, rig: Rig, reporter: Reporter) -> dict[str, MarkerGrid]:
-    """Return the marker grids of a frame's cameras, with the same rows and columns in all of them.
-
-    Cameras without a grid, or with one that contradicts the others', are left out and named in a warning.
-    """
-    detected: dict[str, MarkerGrid] = {}
-    for name in rig.cameras:
-        if name not in frame_set.images:
-            continue
-        grid = detect_marker_grid(frame_set.images[name])
-        if grid is None:
-            reporter.warn(f"frame {frame_set.frame}: no speckle markers in the image of {name}")
-        else:
-            detected[name] = grid
-    aligned = align_grids(detected, rig)
-    for name in detected:
-        if name not in aligned:
-            reporter.warn(f"frame {frame_set.frame}: the markers {name} sees do not fit the other cameras'")
-    return aligned
 
 
 def align_grids(grids: Mapping[str, MarkerGrid], rig: Rig) -> dict[str, MarkerGrid]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 import subprocess
@@ -40,6 +41,7 @@ def write_manifest(networks: Path, out: Path, assessment: Assessment) -> None:
             "features": len(network.features),
             "units": [len(layer) for layer in network.layers],
             "parameters": network.parameters,
+            "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
             "metrics": _round(assessment.networks.get(name, {})),
         }
         shutil.copyfile(path, out / path.name)

@@ -18,8 +18,8 @@ PAGE = ROOT / "docs/reference/models.md"
 MANIFEST = ROOT / "src/beltscape/data/networks/manifest.json"
 KEPT = {
     "holes": "`make train` gives a better network for the simulator's rocks (held out: error over target 0.54 "
-    "instead of 0.59, sigma ratio 1.2 instead of 4.7), but a worse one for other shapes: with it, volumes of a heap and "
-    "of solid bodies by another renderer are +0.35 and −0.26 % off instead of +0.01 and −0.17 %.",
+    "instead of 0.59, sigma ratio 1.2 instead of 4.7), but a worse one for other shapes: with it, volumes of a heap "
+    "and of solid bodies by another renderer are +0.35 and −0.26 % off instead of +0.01 and −0.17 %.",
     "lumps": "`make train` gives a better network for the simulator's rocks (held out: area under the ROC curve of a "
     "lump 0.99 instead of 0.81), but one that takes large smooth bodies, such as boxes, for the belt.",
 }

@@ -35,18 +35,13 @@ from the simulator's seeds. This page is written by `tools/write_model_cards.py`
 """
 
 
-def read_manifest() -> dict[str, Any] | None:
-    """Return the manifest of the shipped networks; None where they were fitted before there was one."""
-    return json.loads(MANIFEST.read_text("utf-8")) if MANIFEST.is_file() else None
+def read_manifest() -> dict[str, Any]:
+    """Return the manifest of the last training."""
+    return json.loads(MANIFEST.read_text("utf-8"))
 
 
-def describe_origin(manifest: dict[str, Any] | None) -> str:
-    """Return the paragraph on what all networks were trained on."""
-    if manifest is None:
-        return (
-            "The weights of this release were fitted before `make train` existed. The scenarios of their\n"
-            "training captures were not recorded, so they cannot be reproduced to the byte.\n"
-        )
+def describe_origin(manifest: dict[str, Any]) -> str:
+    """Return the paragraph on what the networks were trained on."""
     first, last = manifest["scenarios"]["training"]
     first_held_out, last_held_out = manifest["scenarios"]["held_out"]
     return (
@@ -75,7 +70,7 @@ def is_trained(name: str, manifest: dict[str, Any]) -> bool:
     return hashlib.sha256(shipped).hexdigest() == manifest["networks"][name]["sha256"]
 
 
-def write_card(name: str, purpose: Purpose, network: Network, manifest: dict[str, Any] | None) -> str:
+def write_card(name: str, purpose: Purpose, network: Network, manifest: dict[str, Any]) -> str:
     """Return the card of a network as Markdown."""
     units = " → ".join(
         str(size) for size in (len(network.features), *(len(layer) for layer in network.layers))
@@ -93,10 +88,10 @@ def write_card(name: str, purpose: Purpose, network: Network, manifest: dict[str
         ("used by", f"`{purpose.used_by}`"),
         ("not for", purpose.unsuitable),
     ]
-    if manifest is not None and is_trained(name, manifest):
+    if is_trained(name, manifest):
         metrics = manifest["networks"][name]["metrics"]
         rows += [(f"held out: {what}", f"{value:.4g}") for what, value in metrics.items()]
-    elif manifest is not None:
+    else:
         rows.append(
             ("origin", f"Fitted before `make train`, to captures that were not recorded. {KEPT[name]}")
         )

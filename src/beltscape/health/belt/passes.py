@@ -17,7 +17,7 @@ _LEAST_TEAR_CELLS = 2
 _LONGEST_TEAR_MM = 3000.0
 """A longer change of an edge is the belt running off."""
 _END_CELLS, _LEAST_BARE_END = 3, 2
-"""Of this number of measured cells at an end of a row, so many must be bare: else material may hide the edge."""
+"""Measured cells examined at an end of a row, and how many of them must be bare: else material may hide the edge."""
 _LOWEST_MM = -50.0
 """What lies deeper under the belt as it lies is not the belt, but what shows beside it or through a notch."""
 _STUCK_MM = 1.0

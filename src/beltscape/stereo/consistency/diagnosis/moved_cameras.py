@@ -140,7 +140,7 @@ class MovementFit:
         step = np.asarray(np.linalg.solve(normal, slopes.T @ (weight * value)), np.float64)
         left = value - slopes @ step
         fitted = float(np.trace(np.asarray(np.linalg.solve(normal, information), np.float64)))
-        # two sets of so many parameters differ by chance in what they explain of the noise
+        # two hypotheses with this number of parameters explain different parts of the noise by chance
         margin = DECISIVE_SIGMAS**2 + DECISIVE_SIGMAS * float(np.sqrt(4 * fitted))
         return self._make_hypothesis(cameras, left, fitted, margin, self._rig)
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import import_module
-from typing import Any, NoReturn, Protocol, cast
+from typing import NoReturn, cast
 
 from beltscape import __version__
-from beltscape.cli import completion
+from beltscape.cli.command import Command
+from beltscape.cli.commands import completion
 from beltscape.cli.examples import add_examples
 from beltscape.cli.failure import UsageError, report_failure
-from beltscape.core.progress import Reporter
 
 COMMANDS = {
     "plan": "belt, camera and lens → heights, poses, coverage, depth σ, light, frame rate",
@@ -43,22 +43,7 @@ COMMANDS = {
     "doctor": "what is installed, and whether this machine suits the job",
     "completion": "completion of commands and options for bash, zsh and fish",
 }
-"""Command → its description. Each is in the module of its name, which is imported only when the command is called."""
-
-
-class Command(Protocol):
-    """The interface of a command's module."""
-
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Declare the command's arguments."""
-
-    def run(self, arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
-        """Run the command; return what ``--json`` prints."""
-        ...
-
-    def summary(self, result: Mapping[str, Any]) -> str:
-        """Return the result in a few readable lines."""
-        ...
+"""Command → its description. The module of its name in `commands` is imported only when the command is called."""
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -104,7 +89,7 @@ def _complete() -> None:
 
 def _declare(name: str, parser: argparse.ArgumentParser) -> Command:
     """Declare the arguments of a command; return its module."""
-    command: Command = import_module(f"beltscape.cli.{name}")  # pyright: ignore[reportAssignmentType]
+    command: Command = import_module(f"beltscape.cli.commands.{name}")  # pyright: ignore[reportAssignmentType]
     command.add_arguments(parser)
     _add_json(parser)
     return command

@@ -1,16 +1,14 @@
-"""``beltscape evaluate paper|depth|lumps``, each implemented in the module ``evaluate_<what>``."""
+"""``beltscape evaluate paper|depth|lumps``, each in the module of its name in `evaluations`."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from beltscape.cli.command import Command
 from beltscape.core.progress import Reporter
-
-if TYPE_CHECKING:
-    from beltscape.cli.main import Command
 
 WHAT = {
     "paper": "the paper's experiments (Tables 2 and 3, Figs. 13-17) and other sensors, against the truth",
@@ -38,4 +36,4 @@ def summary(result: Mapping[str, Any]) -> str:
 
 
 def _module(what: str) -> Command:
-    return import_module(f"beltscape.cli.evaluate_{what}")  # pyright: ignore[reportReturnType]
+    return import_module(f"beltscape.cli.evaluations.{what}")  # pyright: ignore[reportReturnType]

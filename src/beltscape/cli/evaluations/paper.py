@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.evaluate.paper.pages.page import render_paper_page
     from beltscape.files.documents.json_text import write_json
     from beltscape.files.folders.atomic import ensure_output_folder, write_text
-    from beltscape.workers.tasks import WorkerOptions
+    from beltscape.workers.options import WorkerOptions
 
     workers = WorkerOptions(arguments.workers, arguments.address)
     if arguments.address is not None:  # workers elsewhere have another working folder

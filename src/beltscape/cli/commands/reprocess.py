@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.reprocessing.pieces import PIECE_FRAMES
     from beltscape.reprocessing.run import reprocess
     from beltscape.service.project import open_project
-    from beltscape.workers.tasks import WorkerOptions
+    from beltscape.workers.options import WorkerOptions
 
     frames = PIECE_FRAMES if arguments.piece_frames is None else arguments.piece_frames
     if not 20 <= frames <= 1_000_000:

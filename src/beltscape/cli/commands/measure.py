@@ -1,16 +1,14 @@
-"""``beltscape measure QUANTITY``, each implemented in the module ``measure_<quantity>``."""
+"""``beltscape measure QUANTITY``, each in the module of its name in `quantities`."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from beltscape.cli.command import Command
 from beltscape.core.progress import Reporter
-
-if TYPE_CHECKING:
-    from beltscape.cli.main import Command
 
 QUANTITIES = {
     "belt": "the empty belt's shape, place and ends, learned from any number of frames",
@@ -42,4 +40,4 @@ def summary(result: Mapping[str, Any]) -> str:
 
 
 def _module(quantity: str) -> Command:
-    return import_module(f"beltscape.cli.measure_{quantity}")  # pyright: ignore[reportReturnType]
+    return import_module(f"beltscape.cli.quantities.{quantity}")  # pyright: ignore[reportReturnType]

@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Reconstruct every frame and write its folder."""
     from beltscape.files.rig_json import read_rig
     from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
-    from beltscape.workers.tasks import WorkerOptions
+    from beltscape.workers.options import WorkerOptions
 
     workers = WorkerOptions(arguments.workers, arguments.address)
     if arguments.cloud:

@@ -1,0 +1,1 @@
+"""One module per command, of its name: parse, call one function, print."""

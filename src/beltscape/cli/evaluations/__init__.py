@@ -1,0 +1,1 @@
+"""One module per evaluation of ``beltscape evaluate``, of its name."""

@@ -1,0 +1,1 @@
+"""One module per quantity of ``beltscape measure``, of its name."""

@@ -1,0 +1,98 @@
+"""The command lines of the benchmarks that print their figures: each runs, on the least input."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import io
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import pytest
+
+from beltscape.core.geometry.scaling import scale_rig
+from beltscape.files.rasters.images import read_image
+from beltscape.files.rig_json import read_rig, write_rig
+from tests.docs.program import parser_of
+from tests.synthetic.demo import DEMO, TRUE_RIG
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+CAMERAS = ("cam0", "cam1", "cam2")
+
+
+@pytest.fixture(autouse=True)
+def _path(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+
+
+@pytest.fixture
+def capture(tmp_path) -> Path:
+    """One frame of the empty belt from three cameras, a quarter of the demo's pixels, and ``rig.json`` beside it."""
+    rig = scale_rig(read_rig(TRUE_RIG), 0.5)
+    cameras, poses = ({name: given[name] for name in CAMERAS} for given in (rig.cameras, rig.cam_from_core))
+    rig = replace(rig, cameras=cameras, cam_from_core=poses)
+    write_rig(tmp_path / "rig.json", rig)
+    for name in CAMERAS:
+        image = read_image(DEMO / "belt_empty" / name / "000.png")
+        (tmp_path / "capture" / name).mkdir(parents=True)
+        small = cv2.resize(image, rig.cameras[name].size_px, interpolation=cv2.INTER_AREA)
+        cv2.imwrite(str(tmp_path / "capture" / name / "000.png"), small)
+    return tmp_path / "capture"
+
+
+def test_speed_of_the_matcher(capture, monkeypatch, capsys):
+    speed = importlib.import_module("matching.speed")
+    called: list[list[str]] = []
+    monkeypatch.setattr(subprocess, "run", lambda words, **_: called.append(words))
+    words = [str(capture), "--rig", str(capture.parent / "rig.json"), "--runs", "1", "--frames", "2"]
+    monkeypatch.setattr(sys, "argv", ["speed.py", *words])
+    threads = cv2.getNumThreads()
+    speed.main()
+    cv2.setNumThreads(threads)
+    said = capsys.readouterr().out
+    assert "fast / bare SGBM: " in said
+    assert "two cores / one core: " in said
+    assert len(called) == 2
+    for _, _, program, command, *rest in called:
+        assert program == "beltscape"
+        assert parser_of(command).parse_args(rest).rig
+
+
+def test_roofline_of_the_kernels(capture, monkeypatch, capsys):
+    roofline = importlib.import_module("roofline")
+    for name, least in (("_RUNS", 1), ("_COPY_BYTES", 1 << 16), ("_PRODUCT", 16)):
+        monkeypatch.setattr(roofline, name, least)
+    words = [str(capture), "--rig", str(capture.parent / "rig.json"), "--preset", "fast"]
+    monkeypatch.setattr(sys, "argv", ["roofline.py", *words])
+    roofline.main()
+    said = capsys.readouterr().out
+    assert "| `sweep_and_aggregate` |" in said
+    assert "| frame |" in said
+
+
+class Served:
+    """In place of the process that serves: its command, and the figures that it prints."""
+
+    def __init__(self, command: list[str], **_: object) -> None:
+        assert command[:3] == [sys.executable, "-m", "protocols.load"]
+        self.words = command[2:]
+
+    def communicate(self) -> tuple[str, None]:
+        said = io.StringIO()
+        with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(said):
+            patch.setattr(sys, "argv", self.words)
+            importlib.import_module("protocols.load").main()
+        return said.getvalue(), None
+
+
+def test_load_of_the_protocols(monkeypatch, capsys):
+    load = importlib.import_module("protocols.load")
+    for name, value in (("CASES", {"none": ()}), ("_WARM_S", 0.1), ("_find_broker", lambda: "not needed")):
+        monkeypatch.setattr(load, name, value)
+    monkeypatch.setattr(load.subprocess, "Popen", Served)
+    monkeypatch.setattr(sys, "argv", ["load.py", "--seconds", "0.3", "--rounds", "1"])
+    load.main()
+    assert "| none | 0." in capsys.readouterr().out

@@ -64,7 +64,7 @@ class Played:
     alarms: dict[str, float] = field(default_factory=dict)
     """Time at which an alarm was first raised."""
     findings: dict[str, tuple[float, str]] = field(default_factory=dict)
-    """Time and text of a check's first fault."""
+    """Time and text of a check's first fault, or of the first event, such as a splice that passed."""
     values: dict[str, tuple[float, float]] = field(default_factory=dict)
     """The last value of a check that was made, and its σ."""
     flow_m3_h: list[tuple[float, float]] = field(default_factory=list)
@@ -109,7 +109,7 @@ class RecordingEngine(Engine):
         for finding in outcome.findings:
             if math.isfinite(finding.value):
                 self._played.values[_name(finding)] = finding.value, finding.sigma
-            if finding.is_fault:
+            if finding.is_fault or (finding.is_momentary and math.isfinite(finding.value)):
                 self._played.findings.setdefault(_name(finding), (self._clock.now_s, finding.text))
         super()._publish(outcome)
 

@@ -10,11 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from beltscape.core.live.findings import Finding
-from beltscape.health.belt.belt_findings import make_event_findings
+from beltscape.health.belt.belt_findings import make_beside_finding, make_event_findings
 from beltscape.health.belt.monitor import BeltMonitor
 from beltscape.health.belt.passes import BeltEvent, BeltPasses
 from beltscape.health.belt.residue import BeltRows
 from beltscape.health.belt.settings import BeltLimits
+from beltscape.health.belt.splices import find_splice
 from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, make_empty_belt
 
 LENGTH_MM, STEP_MM = 4000.0, 160.0
@@ -82,7 +83,7 @@ def run_rows(
         over = np.where(s < scrape_after_mm, surface(x[None], s % LENGTH_MM), 0.0)
         over = np.where(over < -100, np.nan, over).astype(np.float64)
         rows = BeltRows(y, over, np.full(over.shape, 0.1), np.abs(over) < 0.3, side)
-        events += passes.add(rows, number * STEP_MM, 1)
+        events += passes.add(rows, number * STEP_MM, 1, find_splice(rows))
     return passes, events
 
 
@@ -97,6 +98,63 @@ def test_splice_is_recognised_with_its_position():
     np.testing.assert_allclose([each.position_mm for each in splices], [2300, 2300], atol=40)
     assert [(each.kind, each.passes) for each in splices] == [("splice", 1), ("splice", 2)]
     assert passes.residue_mm3 == 0.0
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "length_mm", "bias_deg"),
+    [(3.0, 200.0, 20.0), (1.2, 120.0, -25.0), (8.0, 90.0, 0.0), (5.0, 150.0, 40.0)],
+)
+@pytest.mark.parametrize("load", ["none", "middle", "left"])
+def test_oblique_splice_beside_a_load_is_recognised_once_each_time(
+    height_mm: float, length_mm: float, bias_deg: float, load: str
+):
+    slope = np.tan(np.deg2rad(bias_deg))
+    reach = {"none": (0.0, 0.0), "middle": (-70.0, 90.0), "left": (-110.0, 10.0)}[load]
+
+    def surface(x: NDArray[np.float64], s: NDArray[np.float64]) -> NDArray[np.floating]:
+        spliced = height_mm * (np.abs(s - 2300 + slope * x) < length_mm / 2)
+        ripples = 55.0 + 20.0 * np.sin(x / 17.0) * np.sin(s / 23.0)
+        return np.where((x >= reach[0]) & (x < reach[1]), ripples, spliced)
+
+    passes, events = run_rows(surface, 2.0)
+    np.testing.assert_allclose([each.position_mm for each in events], [2300, 2300], atol=40)
+    assert [(each.kind, each.passes, each.is_loaded) for each in events] == [
+        ("splice", 1, load != "none"),
+        ("splice", 2, load != "none"),
+    ]
+    assert events[0].size_mm == pytest.approx(height_mm, rel=0.05)
+    assert events[0].length_mm == pytest.approx(length_mm, abs=45)
+    if (
+        abs(bias_deg) < 30
+    ):  # a steeper one is longer than this view; what is seen of it as a whole is no residue
+        assert passes.residue_mm3 < 2e4
+
+
+def patches(x: NDArray[np.float64], s: NDArray[np.float64], thickness_mm: float) -> NDArray[np.floating]:
+    """Cakes with gaps between them, on half of the belt."""
+    return thickness_mm * (np.sin(x / 28.0 + np.sin(s / 90.0)) * np.sin(s / 41.0) > 0)
+
+
+@pytest.mark.parametrize("thickness_mm", [2.0, 6.0])
+def test_carry_back_is_found_beside_a_load_and_is_no_splice(thickness_mm: float):
+    def surface(x: NDArray[np.float64], s: NDArray[np.float64]) -> NDArray[np.floating]:
+        return np.where(np.abs(x) < 80, 60.0, patches(x, s, thickness_mm))
+
+    passes, events = run_rows(surface, 2.0)
+    assert not events
+    assert passes.beside_load.thickness_mm == pytest.approx(thickness_mm / 2, rel=0.3)
+    finding = make_beside_finding(passes.beside_load, 0.05, 500.0, BeltLimits())
+    assert finding is not None
+    assert (finding.check, finding.effect) == ("carry_back", "degraded")
+    assert 0.2 * thickness_mm < finding.systematic_mm < 0.5 * thickness_mm
+
+
+def test_material_on_one_side_of_a_load_is_no_carry_back():
+    def surface(x: NDArray[np.float64], s: NDArray[np.float64]) -> NDArray[np.floating]:
+        return np.where(np.abs(x) < 80, 60.0, np.where(x > 0, patches(x, s, 9.0), 0.0))
+
+    passes, _ = run_rows(surface, 1.5)
+    assert make_beside_finding(passes.beside_load, 0.05, 500.0, BeltLimits()) is None
 
 
 def test_torn_edge_is_recognised_with_its_position():
@@ -165,5 +223,6 @@ def small_heaps(x: NDArray[np.float64], s: NDArray[np.float64]) -> NDArray[np.fl
 
 @pytest.mark.parametrize("load", [thin_stream, single_stones, small_heaps])
 def test_a_thin_load_is_no_carry_back(load: Surface):
-    passes, _ = run_rows(load, 2.0)
+    passes, events = run_rows(load, 2.0)
     assert passes.residue_mm3 == 0.0 and not passes.is_empty
+    assert not events and make_beside_finding(passes.beside_load, 0.05, 500.0, BeltLimits()) is None

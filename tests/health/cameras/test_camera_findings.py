@@ -17,8 +17,8 @@ from beltscape.health.cameras.poses import (
 from beltscape.health.cameras.redundancy import make_redundancy_finding
 from beltscape.stereo.consistency.accumulation import POOLED_FRAMES, REFERENCE_FRAMES, ResidualAccumulator
 from beltscape.stereo.consistency.check import assess_tie_points
-from beltscape.stereo.consistency.diagnosis.pose_change import apply_pose_change
-from beltscape.stereo.consistency.fault_texts import list_faults
+from beltscape.stereo.consistency.diagnosis.fault_texts import list_faults
+from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
 from beltscape.stereo.consistency.tie_points.tie_points import TiePoints
 from beltscape.stereo.consistency.tolerance import compute_tolerance
 from tests.stereo.scenes import DEPTH_MM, make_ring

@@ -34,7 +34,7 @@ class Annunciation:
 
 @dataclass(frozen=True, slots=True)
 class Frequency:
-    """How often one alarm was raised."""
+    """Number of times that one alarm was raised."""
 
     name: str
     count: int

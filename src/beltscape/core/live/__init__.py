@@ -1,4 +1,4 @@
-"""What a running system reports and what it consists of, below everything that runs.
+"""Reports and interfaces of a running system, below everything that runs.
 
 `translatable_message`: a line of text that a page shows in its own language. `findings`: results of the checks of the
 system by its own data. `alarms`: states, priorities and suppression. `events`: frames, cameras, maintenance and zero

@@ -107,7 +107,7 @@ class Alarm:
 
 
 class AlarmControls(Protocol):
-    """What people do to an alarm besides acknowledging it; InputError with one line where it is refused."""
+    """Actions of people on an alarm besides acknowledging it; InputError with one line where one is refused."""
 
     @property
     def shelving_max_min(self) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from beltscape.core.live.findings import Finding
 from beltscape.core.live.translatable_message import Message
+from beltscape.health.belt.beside_load import BesideLoad
 from beltscape.health.belt.passes import BeltEvent, BeltPasses
 from beltscape.health.belt.settings import BeltLimits
 
@@ -37,6 +38,31 @@ def make_carry_back_findings(
     if limits.belt_length_m is not None:
         totals.append(Finding(STUCK_TOTAL, passes.stuck_mm3 / _MM3_PER_L, _NAN, _NAN, "l"))
     return (Finding(CARRY_BACK, area, sigma, limit, "mm²", text=text if is_fault else ""), *totals)
+
+
+def make_beside_finding(
+    beside: BesideLoad, zero_sigma_mm: float, width_mm: float, limits: BeltLimits
+) -> Finding | None:
+    """Return the finding "carry_back" of what lies beside a load, as a cross-section of the whole width.
+
+    None: it was not seen, or is no more than the limit. The records of the load hold it: they are degraded, and σ
+    covers the strips' part of the mean height.
+    """
+    area, sigma = beside.thickness_mm * width_mm, zero_sigma_mm * width_mm
+    limit = limits.carry_back_mm2
+    if not (area > limit and area > limits.zero_sigmas * sigma):
+        return None
+    text = Message(
+        f"{beside.thickness_mm:.1f} ± {zero_sigma_mm:.1f} mm of material on the belt on both sides of the load: "
+        "check the scraper, and whether the load lies too wide; the records hold it",
+        "carry_back_beside",
+        thickness=round(beside.thickness_mm, 1),
+        sigma=round(zero_sigma_mm, 1),
+    )
+    systematic = beside.thickness_mm * min(beside.strip_mm / width_mm, 1.0)
+    return Finding(
+        CARRY_BACK, area, sigma, limit, "mm²", text=text, effect="degraded", systematic_mm=systematic
+    )
 
 
 def make_event_findings(events: Iterable[BeltEvent], side_mm: float) -> tuple[Finding, ...]:

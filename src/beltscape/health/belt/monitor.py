@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.live.findings import Finding
-from beltscape.health.belt.belt_findings import make_carry_back_findings, make_event_findings
+from beltscape.health.belt.belt_findings import (
+    make_beside_finding,
+    make_carry_back_findings,
+    make_event_findings,
+)
 from beltscape.health.belt.cells import compute_belt_cells
 from beltscape.health.belt.passes import BeltPasses
 from beltscape.health.belt.residue import BeltRows, arrange_rows, measure_residue
 from beltscape.health.belt.settings import BeltLimits
+from beltscape.health.belt.splices import find_splice
 from beltscape.health.belt.zero_finding import make_zero_findings
 from beltscape.health.belt.zero_history import ZeroHistory, update_zero_history
 from beltscape.health.belt.zero_shift import estimate_zero_shift, make_unmeasured_shift
@@ -25,6 +30,9 @@ class BeltMonitor:
         self._history = ZeroHistory()
         self._rows: BeltRows | None = None
         self._residue = (_NAN, _NAN)
+        self._zero_sigma_mm = _NAN
+        self._beside: tuple[Finding, ...] = ()
+        """What lay beside the load by the last `follow`, for the records of the next frame."""
         self._passes: BeltPasses | None = None
 
     @property
@@ -46,8 +54,10 @@ class BeltMonitor:
             if shift.is_measured:
                 self._rows = arrange_rows(cells, shift)
                 self._residue = measure_residue(self._rows, shift)
+                self._zero_sigma_mm = shift.sigma_mm
         self._history = update_zero_history(before, shift, 0.5 * self._limits.zero_mm)
-        return make_zero_findings(shift, self._history, before, self._reference.cell_mm, self._limits)
+        zero = make_zero_findings(shift, self._history, before, self._reference.cell_mm, self._limits)
+        return (*zero, *self._beside)
 
     def follow(self, position_mm: float | None, direction: int) -> tuple[Finding, ...]:
         """Return the findings about carry-back, splices and edges in the frame of the last `check`.
@@ -60,9 +70,19 @@ class BeltMonitor:
         if self._passes is None:
             length_mm = None if length_m is None else 1000 * length_m
             self._passes = BeltPasses(self._rows.side_mm, length_mm, 1000 * self._limits.empty_m)
-        events = self._passes.add(self._rows, position_mm, direction)
-        residue = self._residue if self._passes.is_empty else (_NAN, _NAN)
+        events = self._passes.add(self._rows, position_mm, direction, find_splice(self._rows))
         return (
-            *make_carry_back_findings(residue, self._passes, self._limits),
+            *self._find_carry_back(self._rows, self._passes),
             *make_event_findings(events, self._rows.side_mm),
         )
+
+    def _find_carry_back(self, rows: BeltRows, passes: BeltPasses) -> tuple[Finding, ...]:
+        """Return the finding of an empty stretch and the totals; keep that of a load's strips."""
+        width_mm = rows.over_mm.shape[1] * rows.side_mm
+        beside = make_beside_finding(passes.beside_load, self._zero_sigma_mm, width_mm, self._limits)
+        self._beside = () if beside is None or passes.is_empty else (beside,)
+        if self._beside:
+            passes.count_strips()
+        residue = self._residue if passes.is_empty else (_NAN, _NAN)
+        findings = make_carry_back_findings(residue, passes, self._limits)
+        return findings[1:] if self._beside else findings

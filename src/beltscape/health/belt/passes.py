@@ -8,7 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.health.belt.beside_load import BesideLoad, StripAverage, measure_strips
 from beltscape.health.belt.residue import BeltRows
+from beltscape.health.belt.splices import SpliceBand
 
 _LONGEST_RIDGE_MM = 1500.0
 """A longer rise is no splice."""
@@ -87,10 +89,15 @@ class BeltPasses:
         self._runs: dict[Kind, _Run] = {}
         self._edges: dict[Kind, float] = {}
         self._seen: list[BeltEvent] = []
+        self._splice_mm = -np.inf
+        """Belt coordinate of the splice that was found last."""
         self._last: dict[int, tuple[int, NDArray[np.float32]]] = {}
         """By row of the belt, when it last was empty: its number since the start, and the heights of its material."""
+        self._strips = StripAverage(side_mm, empty_mm)
+        self._strips_mm3 = 0.0
+        """Material beside the load in the rows that were added last."""
         self.residue_mm3 = 0.0
-        """Material on otherwise empty belt."""
+        """Material on otherwise empty belt, and beside a load where it was counted."""
         self.stuck_mm3 = 0.0
         """Part of it that was at the same place a revolution before."""
         self.empty_mm = 0.0
@@ -101,10 +108,22 @@ class BeltPasses:
         """Return whether the belt has been empty for so long that material on it is residue."""
         return self._stretch_mm >= self._empty_mm
 
-    def add(self, rows: BeltRows, position_mm: float, direction: int) -> list[BeltEvent]:
+    @property
+    def beside_load(self) -> BesideLoad:
+        """Return what lies on the strips beside the load, over the length that counts as an empty stretch."""
+        return self._strips.average
+
+    def count_strips(self) -> None:
+        """Count what the rows of the last `add` hold beside the load as residue."""
+        self.residue_mm3 += self._strips_mm3
+
+    def add(
+        self, rows: BeltRows, position_mm: float, direction: int, splice: SpliceBand | None = None
+    ) -> list[BeltEvent]:
         """Add the rows of a frame that were not in view before; return the events that they complete.
 
-        The rows that enter the view wait until they are so far inside that a load behind them is in view.
+        The rows that enter the view wait until they are so far inside that a load behind them is in view. A
+        ``splice`` that is in view as a whole is returned at once; a longer one is followed by its rows.
         """
         s = position_mm - direction * rows.y_mm
         numbers = np.rint(s / self._side_mm).astype(np.int64)
@@ -114,20 +133,39 @@ class BeltPasses:
         if numbers.min() > self._next:
             self._runs.clear()
             self._end_stretch()
-        empty, area, ridge = rows.is_empty, rows.area_mm2, rows.ridge_mm
         events: list[BeltEvent] = []
+        if splice is not None:
+            rows = replace(rows, bare=rows.bare | splice.raised)
+            middle = position_mm - direction * splice.middle_mm
+            events.append(
+                BeltEvent("splice", middle, splice.length_mm, splice.height_mm, splice.is_loaded, 1)
+            )
+        empty, area, ridge = rows.is_empty, rows.area_mm2, rows.ridge_mm
+        strips, self._strips_mm3 = measure_strips(rows), 0.0
+        is_spliced = np.zeros(len(numbers), bool) if splice is None else splice.raised.sum(axis=1) > 0
         for index in order:
             number = int(numbers[index])
             if number < self._next:
                 continue
             self._next = number + 1
+            self._strips.add(strips[index])
+            self._strips_mm3 += float(strips[index, :2].sum()) * self._side_mm**2
             row = _Row(number, rows.over_mm[index], rows.bare[index], float(area[index]))
             if empty[index]:
                 self._extend_stretch(row, is_counted=not ridge[index])
             else:
                 self._end_stretch()
-            events += self._follow(row, float(ridge[index]), is_empty=bool(empty[index]))
-        return [self._identify(event) for event in events]
+            height = None if is_spliced[index] else float(ridge[index])
+            events += self._follow(row, height, is_empty=bool(empty[index]))
+        return [self._identify(event) for event in events if self._is_new(event)]
+
+    def _is_new(self, event: BeltEvent) -> bool:
+        """Return whether an event is no other view of the splice that was found last."""
+        if event.kind != "splice":
+            return True
+        apart = abs(event.position_mm - self._splice_mm)
+        self._splice_mm = event.position_mm
+        return apart > _SAME_PLACE_MM + event.length_mm / 2
 
     def _extend_stretch(self, row: _Row, *, is_counted: bool) -> None:
         """Add a row to the empty stretch; a splice belongs to it but is no residue."""
@@ -157,11 +195,14 @@ class BeltPasses:
             self.stuck_mm3 += float(common[common >= _STUCK_MM].sum()) * self._side_mm**2
         self._last[number % period] = (number, material)
 
-    def _follow(self, row: _Row, ridge_mm: float, *, is_empty: bool) -> list[BeltEvent]:
-        """Return the splices and tears that end before a row; an edge is followed wherever it is bare."""
+    def _follow(self, row: _Row, ridge_mm: float | None, *, is_empty: bool) -> list[BeltEvent]:
+        """Return the splices and tears that end before a row; an edge is followed wherever it is bare.
+
+        ``ridge_mm`` None: the row belongs to a splice that is known as a whole.
+        """
         left, right = _count_missing(row.over_mm, row.bare), _count_missing(row.over_mm[::-1], row.bare[::-1])
         sizes: dict[Kind, float | None] = {
-            "splice": ridge_mm if is_empty or ridge_mm > 0 else None,
+            "splice": ridge_mm if ridge_mm is not None and (is_empty or ridge_mm > 0) else None,
             "torn left edge": self._recede("torn left edge", left),
             "torn right edge": self._recede("torn right edge", right),
         }

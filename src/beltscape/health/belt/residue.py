@@ -15,11 +15,11 @@ _LEAST_BARE = 0.5
 """Least share of a row's cells that is bare on an otherwise empty stretch."""
 _LEAST_MEASURED = 0.6
 """Least share of a row's cells that must be measured; steep cakes hide some."""
-_HIGHEST_MM = 20.0
+HIGHEST_MM = 20.0
 """Higher material is a load, if a thin one, and not carry-back: cakes that stick are some millimetres high."""
-_LEAST_RIDGE_MM, _HIGHEST_RIDGE_MM = 0.6, 15.0
+LEAST_RIDGE_MM, HIGHEST_RIDGE_MM = 0.6, 15.0
 """Heights of a splice, with its fasteners, over the belt around it."""
-_EVEN_SHARE, _EVEN_MM = 0.3, 0.4
+EVEN_SHARE, EVEN_MM = 0.3, 0.4
 """A splice is as high across the belt: most cells lie within this share of its height, or this many mm."""
 _LEAST_EVEN = 0.7
 """Least share of the measured cells that are."""
@@ -50,7 +50,7 @@ class BeltRows:
         known = np.isfinite(self.over_mm)
         number = np.maximum(known.sum(axis=1), 1)
         is_bare = (self.bare.sum(axis=1) >= _LEAST_BARE * number) | (self.ridge_mm > 0)
-        is_low = (np.nan_to_num(self.over_mm) <= _HIGHEST_MM).all(axis=1)
+        is_low = (np.nan_to_num(self.over_mm) <= HIGHEST_MM).all(axis=1)
         empty = (known.mean(axis=1) >= _LEAST_MEASURED) & is_bare & is_low
         near_load = ndimage.binary_dilation(~empty, np.ones(2 * self.margin + 1))
         return empty & ~np.asarray(near_load, bool)
@@ -62,10 +62,10 @@ class BeltRows:
         number = known.sum(axis=1)
         filled = np.where(known, self.over_mm, _FAR_MM)
         height = np.sort(filled, axis=1)[np.arange(len(filled)), np.maximum(number - 1, 0) // 2]
-        tolerance = np.maximum(_EVEN_SHARE * height, _EVEN_MM)
+        tolerance = np.maximum(EVEN_SHARE * height, EVEN_MM)
         even = (np.abs(filled - height[:, None]) <= tolerance[:, None]).sum(axis=1) >= _LEAST_EVEN * number
         is_ridge = (number >= _LEAST_MEASURED * known.shape[1]) & even
-        is_ridge &= (height >= _LEAST_RIDGE_MM) & (height <= _HIGHEST_RIDGE_MM)
+        is_ridge &= (height >= LEAST_RIDGE_MM) & (height <= HIGHEST_RIDGE_MM)
         return np.where(is_ridge, height, 0.0)
 
     @property

@@ -193,10 +193,14 @@ def _score_motions(
     terms: NDArray[np.float64],
     tolerance_mm: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return for each motion (K, 5) the number of cells on it, less the cost of those below it."""
-    off = height_mm - motions @ terms.T
-    below = np.count_nonzero(off < -2 * tolerance_mm, axis=1)
-    near = np.count_nonzero(np.abs(off, out=off) <= tolerance_mm, axis=1)
+    """Return for each motion (K, 5) the number of cells on it, less the cost of those below it.
+
+    A cell counts less, the further it is from the surface (Torr and Zisserman, "MLESAC", 2000): a tilted surface
+    between the belt and a splice or cake is near many cells of both, but on none.
+    """
+    off = (height_mm - motions @ terms.T) / tolerance_mm
+    below = np.count_nonzero(off < -2, axis=1)
+    near = np.maximum(1 - np.square(off, out=off), 0, out=off).sum(axis=1)
     return near - _BELOW_COST * below
 
 

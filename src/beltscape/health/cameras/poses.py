@@ -10,7 +10,7 @@ import numpy as np
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live.findings import Effect, Finding
 from beltscape.core.live.translatable_message import Message
-from beltscape.stereo.consistency.fault_texts import CameraFault
+from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 
 POSE = "camera_pose"

@@ -1,4 +1,4 @@
-"""What the settings of the alarms refer to: the file of the plant's own texts, and the cameras of the rig."""
+"""References of the alarms' settings: the file of the plant's own texts, and the cameras of the rig."""
 
 from __future__ import annotations
 

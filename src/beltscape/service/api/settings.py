@@ -16,7 +16,7 @@ from beltscape.service.changes.reloader import Reload
 
 
 class Reloader(Protocol):
-    """What reads the settings again; ``SettingsReloader`` is one."""
+    """A reader of changed settings; ``SettingsReloader`` is one."""
 
     def find_changes(self) -> Reload:
         """Return what a reload would change now; BeltscapeError where the project cannot be read."""

@@ -30,7 +30,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """What a backup contains."""
+    """Contents of a backup."""
 
     made: str
     """UTC, ISO 8601."""

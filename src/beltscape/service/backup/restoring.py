@@ -32,7 +32,7 @@ _FIX = "take another backup"
 
 @dataclass(frozen=True, slots=True)
 class Restored:
-    """What was restored, or what a check found sound."""
+    """Files that were restored, or that a check found sound."""
 
     manifest: Manifest
     project: Path
@@ -48,7 +48,7 @@ class Restored:
 
 @dataclass(slots=True)
 class _Plan:
-    """Where the parts of a backup go: each is written beside its place first."""
+    """Places of the parts of a backup; each part is written beside its place first."""
 
     folder: Path
     data: Path

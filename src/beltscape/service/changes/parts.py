@@ -31,7 +31,7 @@ from beltscape.service.settings import WebSettings
 
 @dataclass(slots=True)
 class RunningPlant:
-    """What a change may exchange; the fields that are None are not served."""
+    """Parts of the running plant that a change may exchange; fields that are None are not served."""
 
     project: Project[ProjectSettings]
     assembled: AssembledRun

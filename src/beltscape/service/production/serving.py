@@ -1,4 +1,4 @@
-"""What production does beside the measurement: the belt scale and the reports, each exchanged while it runs."""
+"""The belt scale and the reports of a running plant, beside the measurement; each can be exchanged while it runs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from beltscape.sinks.historian import Historian
 
 @dataclass(slots=True)
 class ReportStatus:
-    """Whether the reports are delivered."""
+    """State of the delivery of reports."""
 
     trouble: str = ""
     """Why they are not written, mailed or printed, in one line; empty: they are, or need not be."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,7 @@ from beltscape.health.images.surface_checks.synchronisation import (
     make_unmeasured_finding,
     separate_delay,
 )
+from beltscape.health.images.surface_checks.synchronisation_pool import CheckPool, PairCheck, pool_delays
 from beltscape.health.settings import HealthSettings
 
 _EVERY = 8
@@ -81,6 +82,7 @@ class SynchronisationMonitor:
         self._before: _Stored | None = None
         self._recent: dict[str, deque[Delay]] = defaultdict(lambda: deque(maxlen=_MEMORY))
         self._history: dict[str, deque[Delay]] = defaultdict(lambda: deque(maxlen=_SPEEDS))
+        self._pool = CheckPool()
         self._faults: tuple[Finding, ...] = ()
 
     def check(
@@ -157,7 +159,39 @@ class SynchronisationMonitor:
             self._settings.skew_ms
         ):
             measured[core] = nearest
+        pooled = self._pool_checks(moved, now.position_mm, along, travel / seconds, distance_mm)
+        if late_core is None:  # a single check that is open, or accuses, outweighs those before it
+            measured |= {
+                name: pooled[name]
+                for name, one in measured.items()
+                if name in pooled and not one.exceeds(self._settings.skew_ms)
+            }
         return [self._make_finding(name, measured.get(name), along, distance_mm) for name in (core, *names)]
+
+    def _pool_checks(
+        self,
+        moved: Mapping[str, Displacement],
+        position_mm: float,
+        along: NDArray[np.float64],
+        speed_mm_s: float,
+        distance_mm: float,
+    ) -> dict[str, Delay]:
+        """Return the delays by the last checks and this one."""
+        seen = {name: one for name, one in moved.items() if one.correlation >= _LEAST_CORRELATION}
+        check = PairCheck(
+            {name: one.moving_mm for name, one in seen.items()},
+            {name: one.same_mm for name, one in seen.items()},
+            {name: self._compute_noise(one, distance_mm) for name, one in seen.items()},
+            speed_mm_s,
+            distance_mm,
+        )
+        baselines = {name: float(self._rig.cam_from_core[name].center_mm @ along) for name in moved}
+        return pool_delays(self._pool.add(check, position_mm), self._rig.core, baselines)
+
+    def _compute_noise(self, moved: Displacement, distance_mm: float) -> float:
+        """Return one standard deviation, mm, of a displacement that differs between checks."""
+        pixel_mm = distance_mm / float(self._rig.core_camera.focal_px.mean())
+        return _NOISE / moved.correlation**2 * pixel_mm / _NOISE_PIXEL_MM
 
     def _estimate(
         self, name: str, moved: Displacement, speed_mm_s: float, distance_mm: float
@@ -165,8 +199,7 @@ class SynchronisationMonitor:
         """Return a camera's delay by the last checks; None where they leave it open."""
         if moved.correlation < _LEAST_CORRELATION:
             return None
-        pixel_mm = distance_mm / float(self._rig.core_camera.focal_px.mean())
-        noise = _NOISE / moved.correlation**2 * pixel_mm / _NOISE_PIXEL_MM
+        noise = self._compute_noise(moved, distance_mm)
         newest = Delay(moved.moving_mm, float(np.hypot(noise, _BIAS * distance_mm)), speed_mm_s)
         self._history[name].append(newest)
         if newest.exceeds(self._settings.skew_ms) and abs(moved.same_mm) > _STATIC * abs(moved.moving_mm):

@@ -17,7 +17,7 @@ from beltscape.files.documents.digest import add_digest, require_digest
 from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.health.image_statistics import GRID, FloatArray
 from beltscape.health.reference import CameraReference, ImageReferences, Reference
-from beltscape.pipeline.live.images.kept_file import read_kept
+from beltscape.pipeline.live.images.optional_file import read_optional_file
 
 FILE = "image_references.json"
 FORMAT = "beltscape-image-references/1"
@@ -46,7 +46,7 @@ def read_references(path: Path, key: Mapping[str, Any], reporter: Reporter) -> I
             return None
         return _read_document(document)
 
-    return read_kept(path, read, _FIX, reporter)
+    return read_optional_file(path, read, _FIX, reporter)
 
 
 def _write(path: Path, key: Mapping[str, Any], reporter: Reporter, learned: ImageReferences) -> None:

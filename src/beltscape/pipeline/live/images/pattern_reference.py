@@ -14,7 +14,7 @@ from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
 from beltscape.files.arrays import read_arrays, write_arrays
 from beltscape.health.images.surface_checks.projector_position import LearnedPattern
-from beltscape.pipeline.live.images.kept_file import read_kept
+from beltscape.pipeline.live.images.optional_file import read_optional_file
 
 FILE = "projector_pattern.npz"
 _FIX = "the projector's pattern is learned anew from the next frames"
@@ -47,7 +47,7 @@ def read_pattern(path: Path, key: Mapping[str, Any], reporter: Reporter) -> Lear
         }
         return LearnedPattern(textures, float(arrays[_HEIGHT]))
 
-    return read_kept(path, read, _FIX, reporter)
+    return read_optional_file(path, read, _FIX, reporter)
 
 
 def _write(path: Path, key: Mapping[str, Any], reporter: Reporter, learned: LearnedPattern) -> None:

@@ -101,7 +101,7 @@ class AlarmOut(ResponseModel):
 
 
 class FrequencyOut(ResponseModel):
-    """How often one alarm was raised."""
+    """Number of times that one alarm was raised."""
 
     name: str
     count: int

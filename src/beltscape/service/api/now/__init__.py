@@ -1,1 +1,1 @@
-"""What is so now: state, cameras' last images, the stream to open pages, metrics for Prometheus."""
+"""The present state: values, cameras' last images, the stream to open pages, metrics for Prometheus."""

@@ -1,4 +1,4 @@
-"""Reading of a file that an earlier run kept and that this one can do without."""
+"""Reading of an optional file of an earlier run; without it, or when it is damaged, the run goes on."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import TypeVar
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 
-Kept = TypeVar("Kept")
+Content = TypeVar("Content")
 
 
-def read_kept(path: Path, read: Callable[[], Kept | None], fix: str, reporter: Reporter) -> Kept | None:
+def read_optional_file(
+    path: Path, read: Callable[[], Content | None], fix: str, reporter: Reporter
+) -> Content | None:
     """Return what ``read`` finds in a file; None without the file, and with a warning where it is damaged.
 
     ``fix`` is the end of the warning: what happens without the file.

@@ -12,7 +12,6 @@ processor seconds.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
@@ -28,15 +27,14 @@ from beltscape.evaluate.scores.depth import GROSS_MM, interior_mask, score_depth
 from beltscape.evaluate.scores.reliability import compute_false_fill, compute_sigma_ratios
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import measure_volume
-from beltscape.stereo.multiview.confidence import estimate, refiner
-from beltscape.stereo.multiview.confidence.message_passing import OFFSETS
+from beltscape.stereo.multiview.confidence import estimate
+from beltscape.stereo.multiview.confidence.estimate import OFFSETS
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from beltscape.stereo.multiview.optimisation.textureless import FilledDiscs
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from matching.scenes import AblationScene, read_scenes
+from matching.scenes import AblationScene, make_scene_parser, read_scenes
 
-ROOT = Path(__file__).parent.parent
 _RUNS = 2
 """Runs of each row on each scene; the least processor time counts."""
 _RECONSTRUCTOR = "beltscape.stereo.multiview.reconstructor"
@@ -60,7 +58,7 @@ def _only_own_messages(address, uncertain, spacing):  # noqa: ARG001
 def _refine_everywhere() -> AbstractContextManager[object]:
     """Let one network, that of the refinement, judge every pixel."""
     return patch.multiple(
-        refiner,
+        estimate,
         mask_uncertain=lambda logit: np.ones(logit.shape, bool),
         mask_accepted=lambda logit: np.zeros(logit.shape, bool),
     )
@@ -76,7 +74,7 @@ ROWS = (
     Row("without candidate selection", changes={"candidate_selection": False}),
     Row(
         "without neighbours' messages",
-        patched=lambda: patch.object(refiner, "gather_neighbour_addresses", _only_own_messages),
+        patched=lambda: patch.object(estimate, "gather_neighbour_addresses", _only_own_messages),
     ),
     Row(
         "without refinement and messages",
@@ -174,12 +172,7 @@ def format_row(name: str, figures: Sequence[Figures]) -> str:
 
 def main() -> None:
     """Play the chosen rows on the chosen scenes and print a table for each, and one of the means."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--rendered", type=Path, help="folder with captures of another renderer")
-    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "bench-ablation")
-    parser.add_argument("--scenes", nargs="*", default=[""])
+    parser = make_scene_parser(__doc__)
     parser.add_argument("--rows", nargs="*", default=[""])
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()

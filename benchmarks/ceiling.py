@@ -15,23 +15,18 @@ no texture      whose images do not vary more than their noise
 
 from __future__ import annotations
 
-import argparse
-from pathlib import Path
-
 import numpy as np
 
 from beltscape.core.progress import Silent
 from beltscape.stereo.multiview.confidence.estimate import estimate_depth
-from beltscape.stereo.multiview.confidence.features import compute_selection_features
-from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
+from beltscape.stereo.multiview.confidence.features import ConfidenceInputs, compute_selection_features
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.selection.candidates import CandidateSelector
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
-from matching.scenes import AblationScene, read_scenes
+from matching.scenes import AblationScene, make_scene_parser, read_scenes
 
-ROOT = Path(__file__).parent.parent
 HEAD = (
     "scene",
     "reached",
@@ -88,12 +83,7 @@ def _find_best_candidates(matcher: MultiviewReconstructor, scene: Scene) -> np.n
 
 def main() -> None:
     """Print a row for every scene."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--rendered", type=Path, help="folder with captures of another renderer")
-    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "bench-ablation")
-    parser.add_argument("--scenes", nargs="*", default=[""])
+    parser = make_scene_parser(__doc__)
     arguments = parser.parse_args()
     print("| " + " | ".join(HEAD) + " |")
     print("|" + "---|" * len(HEAD))

@@ -14,7 +14,7 @@ from scipy import ndimage
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.native import levels
 from beltscape.learned.registry import load_network
-from beltscape.stereo.multiview.confidence.message_passing import (
+from beltscape.stereo.multiview.confidence.estimate import (
     assign_addresses,
     gather_neighbour_addresses,
     load_message_rounds,

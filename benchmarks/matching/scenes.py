@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import tomllib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from captures import LABELS, REGION_MM, Scene, read_rendered
 
+ROOT = Path(__file__).parent.parent.parent
 _SCENES = Path(__file__).with_name("scenes.toml")
 
 
@@ -31,6 +33,17 @@ class AblationScene:
     """None where there is no load whose volume is known."""
     views: np.ndarray | None
     """(H, W) number of auxiliaries that truly see a pixel's point; None where the truth does not say."""
+
+
+def make_scene_parser(description: str | None) -> argparse.ArgumentParser:
+    """Return the parser of a bench over these scenes, with the arguments that choose them."""
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rendered", type=Path, help="folder with captures of another renderer")
+    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "bench-ablation")
+    parser.add_argument("--scenes", nargs="*", default=[""])
+    return parser
 
 
 def read_scenes(cache: Path, rendered: Path | None) -> list[AblationScene]:

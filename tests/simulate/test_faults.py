@@ -26,6 +26,7 @@ from beltscape.simulate.rendering.sensor import Sensor, expose
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.simulate.solids.belt import BeltSettings
+from tests.simulate.tiny import tiny
 from tests.synthetic.light import DOWN, camera, plane, projector, station
 
 ASIDE = Pose.of([0.1, 0.2, 0], [100, 0, 20]) @ DOWN
@@ -194,9 +195,8 @@ def test_carry_back_and_splice_lie_on_the_belt():
 
 def test_torn_edge_is_missing_at_its_place_and_passes_with_the_belt():
     torn = {"side": "right", "depth_mm": 60.0, "length_mm": 300.0, "first": 1}
-    scene = SimulatedScene(Scenario.model_validate({
-        "kind": "belt_moving", "frames": 4, "motion": {"speed_mm_s": 800.0, "frames_per_s": 4.0},
-        "faults": {"torn_edge": [torn]}}))  # fmt: skip
+    motion = {"speed_mm_s": 800.0, "frames_per_s": 4.0}
+    scene = SimulatedScene(tiny("belt_moving", frames=4, motion=motion, faults={"torn_edge": [torn]}))
     settings, fault = scene.scenario.belt, TornEdge.model_validate(torn)
     whole = settings.half_width_mm[1]
     for frame in range(4):

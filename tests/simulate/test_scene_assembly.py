@@ -108,6 +108,12 @@ def test_auto_exposure_makes_the_first_core_image_just_not_saturated(colour):
     assert saturated_fraction(image) < 0.005
 
 
+def test_a_fault_of_the_belt_leaves_the_exposure_as_it_was_set():
+    faults = {"running_off": [{"misaligned_mm": 80.0}], "splice": [{"height_mm": 20.0}]}
+    sound, faulty = (SimulatedScene(tiny("belt_loaded", faults=each, **PAIR)) for each in ({}, faults))
+    assert faulty._sensor.electrons_at_1 == sound._sensor.electrons_at_1
+
+
 def test_sensor_keeps_its_exposure_without_auto_exposure():
     dim = {"electrons_at_1": 1000.0, "read_noise_e": 0.0, "shot_noise": False}
     scene = SimulatedScene(tiny("belt_empty", auto_exposure=False, gain_spread=0, sensor=dim, **DARK, **PAIR))

@@ -17,7 +17,7 @@ from beltscape.core.progress import Silent
 from beltscape.learned import registry
 from beltscape.learned.registry import PURPOSES, load_network
 from beltscape.pipeline.simulation import simulate
-from beltscape.workers.tasks import WorkerOptions
+from beltscape.workers.options import WorkerOptions
 from tests.simulate.tiny import tiny
 from tests.workers.backwards import run_backwards
 
@@ -85,13 +85,27 @@ def test_tiles_of_the_refinement_survive_their_file(load, capture, tmp_path, mon
     assert {tile.features.shape[1] for tile in tiles} == {len(names)}
 
 
-@pytest.mark.parametrize("name", ["holes", "edge_fattening"])
-def test_samples_of_holes_have_the_features_of_the_network(load, capture, name: str) -> None:
+def test_samples_of_holes_have_the_features_of_the_network(load, capture) -> None:
     depth = load("reconstructions").reconstruct_capture(capture)
-    samples = load("samples.holes").draw_hole_samples(capture, depth)[name]
-    assert samples.names == load_network(name).features
+    samples = load("samples.holes").draw_hole_samples(capture, depth)
+    assert samples.names == load_network("holes").features
     assert np.isfinite(samples.x).all()
     assert len(samples.x) == len(samples.y) > 0
+
+
+def test_holes_of_simulated_bodies_are_what_the_camera_does_not_see(load) -> None:
+    surfaces = load("samples.surfaces")
+    height = np.zeros((40, 60))
+    height[:, 20:30] = 12.0
+    hidden = surfaces.mask_hidden(height, np.array([0.5, 0.0]))  # a wall of 12 hides 6 cells behind it
+    assert hidden[:, 30:35].all()
+    assert not hidden[:, :30].any()
+    assert not hidden[:, 36:].any()
+    assert not surfaces.mask_hidden(height, np.zeros(2)).any()
+    measured, truth = surfaces.simulate_bodies_seen(np.random.default_rng(3))
+    hole = np.isnan(measured.height_mm)
+    assert 0 < hole.mean() < 0.5
+    assert np.abs(measured.height_mm - truth)[~hole].max() < 3
 
 
 def test_a_perceptron_learns_a_curve_and_the_same_bytes_twice(load) -> None:
@@ -143,12 +157,13 @@ def test_every_recipe_gives_a_network_like_the_shipped_one(load, capture, tmp_pa
         limit_frames(monkeypatch, load(name))
     monkeypatch.setattr(load("samples.refinement"), "ENOUGH", 2000)
     monkeypatch.setattr(load("refinement"), "EPOCHS", 1)
-    monkeypatch.setattr(load("holes"), "SMOOTH_SURFACES", 1)
+    monkeypatch.setattr(load("holes"), "SURFACES", 1)
     monkeypatch.setattr(load("lumps"), "CELLS", {60_000: 3000})
-    for recipe in ("confidence", "holes"):
-        schedules = load(recipe).SCHEDULES
-        for name, schedule in schedules.items():
-            monkeypatch.setitem(schedules, name, dataclasses.replace(schedule, epochs=3, batch=256))
+    schedules = load("confidence").SCHEDULES
+    for name, schedule in schedules.items():
+        monkeypatch.setitem(schedules, name, dataclasses.replace(schedule, epochs=3, batch=256))
+    holes = load("holes")
+    monkeypatch.setattr(holes, "SCHEDULE", dataclasses.replace(holes.SCHEDULE, epochs=3, batch=256))
     training = main.Training(tmp_path, [capture], Silent())
     trained = {name: network for _, train in main.list_recipes(training) for name, network in train().items()}
     assert trained.keys() == PURPOSES.keys()

@@ -26,12 +26,12 @@ from beltscape.core.progress import Reporter
 from beltscape.learned.network import Network
 from beltscape.learned.registry import PURPOSES, use_networks
 from beltscape.learned.weights_file import write_network
-from beltscape.workers.tasks import HERE, WorkerOptions
+from beltscape.workers.options import HERE, WorkerOptions
 from training.assessment import assess_networks, assess_reconstruction
 from training.cache import SampleCache
 from training.confidence import train_candidates, train_pixels
 from training.drawing import Drawing
-from training.holes import train_measuring
+from training.holes import train_holes
 from training.lumps import train_lumps
 from training.manifest import Assessment, write_manifest
 from training.perceptron import set_deterministic
@@ -41,10 +41,14 @@ from training.scenarios import HELD_OUT, locate_capture, render_scenario
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(beltscape.__file__).parent / "data" / "networks"
-CAPTURES = 112
+CAPTURES = 136
 """Number of scenarios that the shipped networks are trained on ..."""
 ASSESSED = 8
 """... and of those that they are assessed on: one of each kind in turn."""
+
+
+THREADS = 2
+"""Threads of every fit: with another number sums are rounded otherwise."""
 
 
 @dataclass(frozen=True)
@@ -125,10 +129,7 @@ def list_recipes(training: Training) -> list[tuple[tuple[str, ...], Callable[[],
         (("candidates",), lambda: {"candidates": train_candidates(captures, samples)}),
         (("confidence",), lambda: {"confidence": train_pixels("confidence", captures, samples)}),
         (refined, lambda: train_refinement(captures, samples)),
-        *(
-            ((name,), lambda name=name: {name: train_measuring(name, captures, samples)})
-            for name in ("holes", "edge_fattening")
-        ),
+        (("holes",), lambda: {"holes": train_holes(captures, samples)}),
         (("lumps",), lambda: {"lumps": train_lumps(captures, samples)}),
     ]
 
@@ -152,7 +153,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int)
     parser.add_argument("--out", type=Path, default=DATA)
     arguments = parser.parse_args()
-    set_deterministic()
+    set_deterministic(threads=THREADS)
     reporter, workers = PrintedProgress(), WorkerOptions(arguments.workers)
     work = arguments.work.absolute()
     captures = render_all(work, range(arguments.captures), reporter, workers)

@@ -13,7 +13,7 @@ from beltscape.evaluate.scores.reliability import compute_sigma_ratios
 from beltscape.learned.registry import load_network
 from training.cache import SampleCache
 from training.confidence import collect_candidates, collect_pixels, mask_measured, mask_right
-from training.holes import MAX_TARGET, collect_cells
+from training.holes import MAX_TARGET, collect_holes
 from training.lumps import collect_lumps
 from training.reconstructions import reconstruct_capture
 from training.samples.augmentation import read_simulated
@@ -28,7 +28,7 @@ def assess_networks(captures: list[Path], cache: SampleCache) -> dict[str, Metri
     return {
         **{name: _assess_pixels(name, captures, cache) for name in pixels},
         "candidates": _assess_candidates(captures, cache),
-        **{name: _assess_cells(name, captures, cache) for name in ("holes", "edge_fattening")},
+        "holes": _assess_holes(captures, cache),
         "lumps": _assess_lumps(captures, cache),
     }
 
@@ -94,16 +94,18 @@ def _assess_candidates(captures: list[Path], cache: SampleCache) -> Metrics:
     return {"area under the ROC curve": compute_auc(logit, samples["right"][:, 0])}
 
 
-def _assess_cells(name: str, captures: list[Path], cache: SampleCache) -> Metrics:
-    samples = collect_cells(name, captures, cache)
-    mean, sigma = load_network(name).predict_mean_and_sigma(
+def _assess_holes(captures: list[Path], cache: SampleCache) -> Metrics:
+    samples = collect_holes(captures, cache)
+    mean, sigma = load_network("holes").predict_mean_and_sigma(
         dict(zip(map(str, samples["names"]), samples["x"].T, strict=True))
     )
-    error = mean - np.clip(samples["y"], -MAX_TARGET[name], MAX_TARGET[name])
-    spread = np.average(samples["y"] ** 2, weights=samples["weight"])
+    target = np.clip(samples["y"], -MAX_TARGET, MAX_TARGET)
+    error, weight = mean - target, samples["weight"]
+    spread = np.average(target**2, weights=weight)
     return {
-        "error over target, RMS": float(np.sqrt(np.average(error**2, weights=samples["weight"]) / spread)),
-        "sigma ratio": float(np.sqrt(np.mean((error / sigma) ** 2))),
+        "mean error over target, RMS": float(np.average(error, weights=weight) / np.sqrt(spread)),
+        "error over target, RMS": float(np.sqrt(np.average(error**2, weights=weight) / spread)),
+        "sigma ratio": float(np.sqrt(np.average((error / sigma) ** 2, weights=weight))),
     }
 
 

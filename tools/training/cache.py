@@ -14,7 +14,7 @@ from training.drawing import Drawing
 
 Arrays = dict[str, np.ndarray]
 _SHARED = "names"
-"""Array that all captures have in common; all others are joined."""
+"""End of the names of arrays that all captures have in common; all others are joined."""
 
 
 def write_whole(path: Path, arrays: Arrays) -> None:
@@ -44,7 +44,9 @@ class SampleCache:
         if not found:
             raise ValueError(f"no capture has samples for {network}")
         return {
-            name: found[0][name] if name == _SHARED else np.concatenate([arrays[name] for arrays in found])
+            name: found[0][name]
+            if name.endswith(_SHARED)
+            else np.concatenate([arrays[name] for arrays in found])
             for name in found[0]
         }
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from beltscape.learned.registry import use_networks
 from beltscape.workers.collecting import collect_values
-from beltscape.workers.tasks import HERE, WorkerOptions
+from beltscape.workers.options import HERE, WorkerOptions
 
 
 @dataclass(frozen=True)

@@ -32,8 +32,8 @@ def make_mean_and_variance(
     def compute(found: Tensor, at: Tensor) -> Tensor:
         off = found[:, 0] - target[at]
         log_variance = found[:, 1].clamp(*limits)
-        # the residual's largest weight is bounded, as that of an outlier would be in a robust fit
-        likelihood = log_variance + (off.detach() ** 2 * torch.exp(-log_variance)).clamp(max=25.0)
+        # outliers count in full: the variance of a volume is a sum of these, and outliers are a part of it
+        likelihood = log_variance + off.detach() ** 2 * torch.exp(-log_variance)
         return (weights[at] * (off**2 + variance_weight * likelihood)).mean()
 
     return compute

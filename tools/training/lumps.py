@@ -20,6 +20,8 @@ from training.reconstructions import reconstruct_capture
 CELLS = {400_000: 40_000, 1_600_000: 15_000, 180_000: 15_000}
 """Cells of the raster → number of them drawn from a capture; three widths, so that lumps of all sizes occur."""
 SCHEDULE = Schedule((28, 16), 9, 2048)
+_PLANE = 0.15
+"""Compressed height of the chords over a cell, in cells, up to which its surroundings are a plane; above noise."""
 _TRUE_SIGMA_MM = 0.01
 """σ of a true depth: negligible."""
 
@@ -33,8 +35,20 @@ def train_lumps(captures: list[Path], cache: SampleCache) -> Network:
     """Train the logits of the probabilities of an outline and of a lump, on true and on measured depth."""
     samples = collect_lumps(captures, cache)
     names = tuple(map(str, samples["names"]))
-    loss = make_cross_entropy(samples["target"])
-    return fit_perceptron(names, ("outline", "lump"), samples["features"], loss, SCHEDULE)
+    uneven = mask_uneven(names, samples["features"])
+    loss = make_cross_entropy(samples["target"][uneven])
+    return fit_perceptron(names, ("outline", "lump"), samples["features"][uneven], loss, SCHEDULE)
+
+
+def mask_uneven(names: tuple[str, ...], features: np.ndarray) -> np.ndarray:
+    """Return the mask (N,) of cells whose surroundings are uneven.
+
+    Where all around is a plane, the features do not tell the middle of a flat top from the belt. Lumps are decided
+    along their rims, so these cells are left out: else the network learns from the many cells of the belt that
+    whatever is smooth is no lump.
+    """
+    chords = [i for i, name in enumerate(names) if "chord over" in name]
+    return np.abs(features[:, chords]).max(axis=1) > _PLANE
 
 
 def _draw(capture: Path) -> dict[str, np.ndarray]:

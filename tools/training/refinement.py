@@ -12,7 +12,7 @@ from torch.nn import functional
 from beltscape.core.progress import Reporter
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.learned.network import Network
-from beltscape.stereo.multiview.confidence.message_passing import OFFSETS
+from beltscape.stereo.multiview.confidence.estimate import OFFSETS
 from training.cache import SampleCache
 from training.confidence import ACCEPTED, GROSS_MM, MOST_MM, ROUND
 from training.losses import huber
@@ -25,7 +25,7 @@ MESSAGE, OWN = 16, 32
 """Length of a state: of the message to the neighbours, and of the rest."""
 ROUNDS, ROUND_UNITS = 3, 48
 """Number of rounds, and the hidden units of each."""
-EPOCHS, BATCH, RATE, DECAY = 10, 36_000, 3e-3, 1e-4
+EPOCHS, BATCH, RATE, DECAY = 6, 36_000, 3e-3, 1e-4
 FLAGS = torch.eye(2)
 """Last two numbers of the messages of rejected and of accepted pixels, whose other numbers are 0."""
 OCCLUDED = 6.0

@@ -33,6 +33,9 @@ _KINDS = (
 _SMALL, _HALF = 64, 0.5
 """Number of the first scenarios, of several sizes and mostly small, which are cheap; all further ones have half the
 sensor's size, which is nearer to what plants use."""
+_CLOSE, _CLOSER = 112, 2.0
+"""First scenario with this many times longer lenses: at half the sensor's size their pixels are as large on the belt
+as a full sensor's, for a quarter of its cost."""
 _WITHOUT_SPECKLE = 11
 """Period of the scenarios whose projector is off: most surfaces that are found there are false."""
 
@@ -70,8 +73,13 @@ def _draw_rig(number: int, height_mm: float, rng: np.random.Generator) -> dict[s
         "auxiliaries": int(rng.choice([2, 3, 4, 4, 5])),
         "baseline_mm": float(rng.uniform(0.25, 0.48)) * height_mm,
         "first_deg": float(rng.uniform(0, 90)),
-        "focal_mm": float(rng.uniform(7, 10)),
+        "focal_mm": float(rng.uniform(7, 10)) * (_CLOSER if _is_close(number) else 1),
     }
+
+
+def _is_close(number: int) -> bool:
+    """Return whether a scenario has long lenses."""
+    return _CLOSE <= number < HELD_OUT
 
 
 def _draw_projector(number: int, height_mm: float, rng: np.random.Generator) -> dict[str, Any]:
@@ -96,6 +104,16 @@ def _draw_belt(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def _draw_heap(number: int, rng: np.random.Generator) -> dict[str, Any]:
+    heap = _draw_rocks_and_fines(number, rng)
+    if _is_close(number):
+        heap["shapes"]["pressed"] = float(rng.choice([0.0, 0.0, 0.3, 1.0]))
+        if heap["shapes"]["pressed"] == 1:
+            heap["rocks"] = int(rng.choice([30, 150, 600, 1300]))
+            heap["fines"]["crown_mm"] = float(rng.choice([0.0, 20.0, 60.0]))
+    return heap
+
+
+def _draw_rocks_and_fines(number: int, rng: np.random.Generator) -> dict[str, Any]:
     smallest = float(rng.uniform(5, 16))
     return {
         "seed": 300 + number,

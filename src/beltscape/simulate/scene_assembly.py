@@ -15,6 +15,7 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.board_poses import sample_board_poses
 from beltscape.simulate.faults.belt import join_notches, move_solids
 from beltscape.simulate.faults.images import degrade_light, rearrange_images
+from beltscape.simulate.faults.settings import Faults
 from beltscape.simulate.geometry.world import Projector, Solid, Station, World
 from beltscape.simulate.rendering.motion_blur import render_exposure, sample_exposure
 from beltscape.simulate.rendering.render import RenderSettings, render
@@ -278,7 +279,10 @@ class SimulatedScene:
         core = self.station.rig.core
         sampling = RenderSettings(oversample=1, passes=1, ambient_samples=1, engine=scenario.render.engine)
         middle = self._brightest_frame
-        world = World(self._solids_at(middle), self.projector, scenario.ambient)
+        # it was set before a fault began
+        calm = scenario.model_copy(update={"faults": Faults()})
+        before = self if scenario == calm else SimulatedScene(calm)
+        world = World(before._solids_at(middle), self.projector, scenario.ambient)
         light = render(world, self.station, {core: scenario.optics}, sampling, seed=scenario.seed)[core]
         irradiance = light.mean(axis=-1) if sensor.colour == "grey" else light
         bright = max(float(np.quantile(irradiance, EXPOSURE_QUANTILE)), 1e-6)

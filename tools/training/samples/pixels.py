@@ -12,12 +12,12 @@ from beltscape.core.progress import Silent
 from beltscape.evaluate.scores.depth import interior_mask
 from beltscape.kernels.selection.candidates import Candidates
 from beltscape.stereo.multiview.confidence.features import (
+    ConfidenceInputs,
     compute_initial_features,
     compute_selection_features,
 )
-from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
-from beltscape.stereo.multiview.confidence.refiner import RefinementInputs
-from beltscape.stereo.multiview.frame.planes import Pixels
+from beltscape.stereo.multiview.confidence.refined_features import RefinementInputs
+from beltscape.stereo.multiview.frame.parallel import Pixels
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.selection.candidates import UNCERTAIN, CandidateSelector
 from beltscape.stereo.multiview.settings import MultiviewSettings
@@ -97,10 +97,9 @@ def _sample(match: MatcherState, training: TrainingFrame, settings: MultiviewSet
 def _select_features(match: MatcherState, truth: Truth) -> tuple[Pixels, dict[str, np.ndarray]]:
     """Return some pixels, and their features by name."""
     inputs = ConfidenceInputs.from_state(match)
-    if match.selection is None:
-        planes = compute_initial_features(inputs)
-    else:
-        planes = RefinementInputs.from_selection(inputs, match.selection).planes
+    planes = compute_initial_features(inputs)
+    if match.selection is not None:
+        planes = RefinementInputs.from_selection(inputs, planes, match.selection).planes
     at = _draw_pixels(truth, np.isfinite(match.solution.surface.s) & (inputs.visible > 0))
     return at, {name: plane[at] for name, plane in planes.items()}
 

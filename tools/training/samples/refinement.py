@@ -12,13 +12,15 @@ import numpy as np
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.learned.registry import load_network
-from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
-from beltscape.stereo.multiview.confidence.message_passing import (
+from beltscape.stereo.multiview.confidence.estimate import (
     FIRST_UNCERTAIN,
+    RefinementInputs,
     assign_addresses,
     gather_neighbour_addresses,
+    mask_accepted,
+    mask_uncertain,
 )
-from beltscape.stereo.multiview.confidence.refiner import RefinementInputs, mask_accepted, mask_uncertain
+from beltscape.stereo.multiview.confidence.features import ConfidenceInputs, compute_initial_features
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from training.cache import write_whole
 from training.samples.augmentation import TrainingFrame, training_frames
@@ -59,7 +61,8 @@ def draw_tiles(folder: Path, turn: int) -> Iterator[tuple[tuple[str, ...], Tile]
         if match.selection is None:
             continue
         surface = ConfidenceInputs.from_state(match)
-        inputs = RefinementInputs.from_selection(surface, match.selection)
+        features = compute_initial_features(surface)
+        inputs = RefinementInputs.from_selection(surface, features, match.selection)
         logit, _ = load_network("confidence").evaluate(inputs.planes, load(), 0)
         truth, unit = read_truth(training, 1), match.prepared.context.inverse_depth_scale
         weight = np.where(truth.scene, 1, BESIDE * truth.beside) * (surface.visible > 0)

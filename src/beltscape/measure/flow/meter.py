@@ -19,10 +19,10 @@ from beltscape.measure.flow.motion.belt_motion import BeltMotion, BeltPosition
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
 from beltscape.measure.flow.motion.location import Location, MotionPrediction
 from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
+from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights, compute_high_pass
 from beltscape.measure.flow.motion.registration.shift import Shift
 from beltscape.measure.flow.motion_tracker import MotionTracker
-from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.records.fault_attribution import FaultAttribution
 from beltscape.measure.flow.records.profile import Profile

@@ -27,11 +27,11 @@ from beltscape.measure.flow.motion.plausibility import (
     is_certain,
     is_certain_apart,
 )
+from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.motion.readings import ReadingCheck
 from beltscape.measure.flow.motion.recount import LocatedFrame, ProvenMotion, UnconfirmedTravel
 from beltscape.measure.flow.motion.registration.high_pass import compute_free_mm
 from beltscape.measure.flow.motion.registration.shift import Shift
-from beltscape.measure.flow.pushed_frame import PushedFrame
 from beltscape.measure.flow.settings import FlowSettings
 
 

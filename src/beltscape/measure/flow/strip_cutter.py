@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
-from beltscape.measure.flow.pushed_frame import PushedFrame
+from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.records.strips import Strip
 
 

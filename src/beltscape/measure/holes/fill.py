@@ -1,4 +1,4 @@
-"""Filling of occlusion holes: heights with σ for cells that were not measured, and the correction of rim cells."""
+"""Filling of occlusion holes: heights with σ for cells that were not measured."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from scipy import ndimage
 from beltscape.kernels.arrays import CellIndices
 from beltscape.learned.network import Network
 from beltscape.learned.registry import load_network
-from beltscape.measure.holes.edge_fattening import find_edge_fattening
 from beltscape.measure.holes.features import compute_features, measure_neighbourhood
 from beltscape.measure.holes.quadrics import fit_quadrics
 from beltscape.measure.holes.rim_profiles import (
@@ -38,7 +37,7 @@ class Filled:
     """A field without holes."""
 
     value_mm: NDArray[np.float64]
-    """(Ny, Nx) measured values, corrected for edge fattening, and predicted ones in the holes."""
+    """(Ny, Nx) measured values, and predicted ones in the holes."""
     sigma_mm: NDArray[np.float64]
     """(Ny, Nx) one standard deviation; in the holes that of the prediction."""
     hole: NDArray[np.bool_]
@@ -64,9 +63,8 @@ def fill_holes(
     cell_mm: float,
     ray_slope: NDArray[np.float64] | None = None,
     *,
-    windowed: bool = False,
     rows: slice = slice(None),
-    networks: tuple[Network, Network] | None = None,
+    network: Network | None = None,
 ) -> Filled:
     """Fill the NaN cells of a field (Ny, Nx) of heights over the belt.
 
@@ -75,10 +73,8 @@ def fill_holes(
     through the measured cells around it predicts a smooth surface, which holds where these cells follow it.
     Otherwise the height is open within a range that grows with the height difference of the rims and the roughness
     of the measured surface. A small network predicts from dimensionless features the mean and σ of the height in
-    this range. Where the heights are those of one frame from a windowed matcher (``windowed``), a second network
-    corrects the last measured cells above drops (`find_edge_fattening`). Both networks (``networks``; None for
-    Beltscape's own) were fitted by the mean square to simulated heaps and modules with known truth
-    (tools/training), so that sums over many cells, such as a volume, are unbiased.
+    this range. It (``network``; None for Beltscape's own) was fitted by the mean square to simulated heaps and
+    modules with known truth (tools/training), so that sums over many cells, such as a volume, are unbiased.
 
     No cell is put below both its lowest rim and the belt, or above both its highest rim and the smooth surface.
     Outside the outermost measured cells the nearest value is used. ``pinhole`` (Ny, Nx) marks gaps between the points
@@ -96,18 +92,12 @@ def fill_holes(
     requested[rows] = hole[rows]
     if not requested.any():
         return Filled(value_mm, sigma_mm, hole)
-    hole_network, edge_network = networks or (load_network("holes"), load_network("edge_fattening"))
     ray_slope = np.zeros((2, *hole.shape)) if ray_slope is None else ray_slope
     value, sigma = value_mm.copy(), sigma_mm.copy()
     cells = np.nonzero(requested)
     inputs = compute_hole_inputs(value_mm, pinhole, cell_mm, ray_slope, cells)
-    value[cells], spread = _predict_heights(inputs, hole_network)
+    value[cells], spread = _predict_heights(inputs, network or load_network("holes"))
     sigma[cells] = np.hypot(spread, float(np.median(sigma_mm[np.isfinite(sigma_mm)])))
-    if windowed:
-        edge = find_edge_fattening(value_mm, ray_slope, cell_mm)
-        excess, excess_sigma = edge.predict_excess_mm(edge_network)
-        value[edge.cells] -= excess
-        sigma[edge.cells] = np.hypot(sigma[edge.cells], excess_sigma)
     unfilled = requested & ~np.isfinite(value)
     if unfilled.any():
         _extrapolate(value, sigma, unfilled)

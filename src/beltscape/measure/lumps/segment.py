@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.learned.network import Network
+from beltscape.learned.network import Network, compute_probability
+from beltscape.learned.registry import load_network
 from beltscape.measure.lumps.basins import find_basins, find_borders
+from beltscape.measure.lumps.features import compute_features
 from beltscape.measure.lumps.merging import merge_regions
-from beltscape.measure.lumps.outlines import predict_outlines
 from beltscape.measure.lumps.raster import Raster, blur
 from beltscape.measure.lumps.rims import measure_rims
 
@@ -68,6 +69,13 @@ def segment_lumps(
     labels = _remove_spurs(number[regions], hidden[keep])
     present, labels = np.unique(np.append(0, labels.ravel()), return_inverse=True)
     return Segmentation(labels[1:].reshape(regions.shape), outline, len(present) - 1)
+
+
+def predict_outlines(raster: Raster, network: Network | None = None) -> NDArray[np.float32]:
+    """Return probabilities (R, C, 2) float32 of an outline, and of a lump (against fines, belt and floor)."""
+    network = network or load_network("lumps")
+    logits = network.evaluate(compute_features(raster.height_px, raster.measured))
+    return compute_probability(np.stack(logits, axis=-1))
 
 
 def _remove_spurs(labels: NDArray[np.int64], hidden: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from beltscape.core.belt.height_map import HeightMap
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
 from beltscape.measure.holes.fill import Filled
-from beltscape.measure.reliable_pixels import FULL_CONFIDENCE, reliable_mask
+from beltscape.measure.reliable_pixels import reliable_mask
 from beltscape.measure.surface import (
     Grid,
     average_blocks,
@@ -38,8 +38,6 @@ class Load:
     """(Ny, Nx) whether a cell was measured, the pinholes between neighbouring points included."""
     ray_slope: NDArray[np.float64]
     """(2, Ny, Nx) slope of the core's rays from the vertical, in x and y, positive away from the core."""
-    windowed: bool
-    """Whether a matcher that rates its pixels measured it: its windows reach across edges."""
 
 
 def compute_load(loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> Load:
@@ -66,7 +64,6 @@ def compute_load(loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> Lo
         np.where(valid, noise_factor * top.noise_mm, np.nan),
         close_pinholes(valid),
         np.stack([(grid.x_mm[None] - eye[0]) / reach, (grid.y_mm[:, None] - eye[1]) / reach]),
-        bool(loaded.measured.any() and loaded.confidence[loaded.measured].min() < FULL_CONFIDENCE),
     )
 
 

@@ -142,9 +142,7 @@ def measure_volume(
     block_cells = 3 if settings.cell_mm is None else max(1, round(settings.cell_mm / pixel_mm))
     load, box = _place_box(loaded, belt, camera, pixel_mm, across_mm, along_mm)
     narrow = load.measured & ~np.isfinite(load.height_mm)
-    filled = fill_holes(
-        load.height_mm, load.sigma_mm, narrow, pixel_mm, load.ray_slope, windowed=load.windowed
-    )
+    filled = fill_holes(load.height_mm, load.sigma_mm, narrow, pixel_mm, load.ray_slope)
     weights = box.integration_weights(load.grid)
     area = filled.value_mm @ weights.across
     total = float(weights.along @ area)

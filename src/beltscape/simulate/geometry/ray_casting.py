@@ -97,10 +97,11 @@ class RayScene:
 
     def face_normals(self, faces: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return (N, 3) unit outward normals of faces (N,); NaN for -1."""
-        a, b, c = np.moveaxis(self.corners_mm[faces], 1, 0)
+        repeated = len(faces) > len(self.corners_mm)  # then each face's normal is computed once
+        a, b, c = np.moveaxis(self.corners_mm if repeated else self.corners_mm[faces], 1, 0)
         normal = np.cross(b - a, c - a)
         normal /= np.linalg.norm(normal, axis=1)[:, None]
-        return np.where(faces[:, None] >= 0, normal, np.nan)
+        return np.where(faces[:, None] >= 0, normal[faces] if repeated else normal, np.nan)
 
     def is_visible_from(
         self, points_mm: NDArray[np.float64], normals: NDArray[np.float64], eye_mm: NDArray[np.float64]

@@ -112,7 +112,7 @@ class BeltSettings(BaseModel):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeNotches:
-    """What is missing at the belt's edges, by cross-section."""
+    """Material missing at the belt's edges, by cross-section."""
 
     along_mm: NDArray[np.float64]
     """(N,) y of cross-sections, ascending; between them the notches vary linearly."""

@@ -1,4 +1,4 @@
-"""Single rocks: broken, rough polyhedra of a given size."""
+"""Single rocks: broken, rough polyhedra of a given size, or pressed bodies with smooth faces."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ _CORNERS = (13, 26)
 """Least number of corners of a rock, and one more than the largest."""
 _WAVES = 12
 """Cosine waves whose sum is the roughness."""
+_ROUND = 24
+"""Corners of a pressed body's round outline: on 60 mm it deviates from a circle by 0.25 mm."""
 _FINE_MM = 25.0
 """Size from which the faces of a rock are subdivided once more, so that the roughness keeps its grain."""
 
@@ -32,6 +34,8 @@ class ShapeSettings(BaseModel):
     """Standard deviation of the surface from the flat faces, as a share of the radius."""
     lean_deg: Annotated[float, Field(ge=0, le=90)] = 25.0
     """Standard deviation of a rock's inclination to its flat side."""
+    pressed: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of pressed bodies among the rocks: pellets, briquettes and blocks, all without roughness."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,14 +48,9 @@ class Rock:
 
 
 def make_rock(size_mm: float, settings: ShapeSettings, rng: np.random.Generator) -> Rock:
-    """Return a rock: the convex hull of random points on an ellipsoid, subdivided and roughened by smooth noise.
-
-    Vertices move along their radius only, so that the mesh stays closed and does not intersect itself.
-    """
-    mesh = _make_hull(settings, rng)
-    for _ in range(2 if size_mm >= _FINE_MM else 1):
-        mesh = subdivide(mesh)
-    mesh = _roughen(mesh, settings.roughness, rng)
+    """Return a rock: a broken one, or a pressed body by the settings' share."""
+    pressed = settings.pressed > 0 and rng.random() < settings.pressed
+    mesh = _make_pressed(settings, rng) if pressed else _make_broken(size_mm, settings, rng)
     upright = mesh.vertices_mm @ _principal_axes(mesh)  # x longest, z shortest
     scale = size_mm / float(np.ptp(upright[:, 1]))
     return Rock(
@@ -59,13 +58,44 @@ def make_rock(size_mm: float, settings: ShapeSettings, rng: np.random.Generator)
     )
 
 
-def _make_hull(settings: ShapeSettings, rng: np.random.Generator) -> Mesh:
-    """Return a convex polyhedron about its centroid, of radius about 1."""
-    from scipy.spatial import ConvexHull
+def _make_broken(size_mm: float, settings: ShapeSettings, rng: np.random.Generator) -> Mesh:
+    """Return the convex hull of random points on an ellipsoid, subdivided and roughened by smooth noise.
 
+    Vertices move along their radius only, so that the mesh stays closed and does not intersect itself.
+    """
     points = rng.normal(size=(rng.integers(*_CORNERS), 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
-    points *= [rng.uniform(1, settings.longest), 1.0, rng.uniform(settings.flattest, 1)]
+    mesh = _make_hull(points * _draw_axes(settings, rng))
+    for _ in range(2 if size_mm >= _FINE_MM else 1):
+        mesh = subdivide(mesh)
+    return _roughen(mesh, settings.roughness, rng)
+
+
+def _make_pressed(settings: ShapeSettings, rng: np.random.Generator) -> Mesh:
+    """Return an ellipsoid, a cylinder or a cuboid with axes of different lengths."""
+    angle = 2 * np.pi * np.arange(_ROUND) / _ROUND
+    ring = np.column_stack([np.cos(angle), np.sin(angle)])
+    form = rng.integers(3)
+    if form == 0:
+        z = np.linspace(-1, 1, _ROUND // 2 + 1)[1:-1]
+        rings = [np.column_stack([ring * np.sqrt(1 - at**2), np.full(_ROUND, at)]) for at in z]
+        points = np.concatenate([*rings, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
+    elif form == 1:
+        points = np.concatenate([np.column_stack([np.full(_ROUND, at), ring]) for at in (-1.0, 1.0)])
+    else:
+        points = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)
+    return _make_hull(points * _draw_axes(settings, rng))
+
+
+def _draw_axes(settings: ShapeSettings, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Draw (3,) the longest, the middle and the shortest half axis relative to the middle one."""
+    return np.array([rng.uniform(1, settings.longest), 1.0, rng.uniform(settings.flattest, 1)])
+
+
+def _make_hull(points: NDArray[np.float64]) -> Mesh:
+    """Return the convex hull of points (N, 3) about its centroid."""
+    from scipy.spatial import ConvexHull
+
     hull = ConvexHull(points)
     corners = points[hull.simplices]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from beltscape.measure.flow.motion.encoder_check import LEAST_MM, Contradiction, make_contradiction
 from beltscape.measure.flow.motion.motion_evidence import LEAST_PAIRS
 from beltscape.measure.flow.motion.plausibility import are_consistent, is_confirmed
+from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.motion.registration.shift import Shift, register
-from beltscape.measure.flow.pushed_frame import PushedFrame
 
 
 class FirstMotion:

@@ -6,9 +6,9 @@ from collections import deque
 
 from beltscape.core.live.findings import worst_effect
 from beltscape.measure.flow.motion.plausibility import is_unmatched
+from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights
 from beltscape.measure.flow.motion.registration.shift import Shift, register
-from beltscape.measure.flow.pushed_frame import PushedFrame
 
 _USUAL_SCORES = 16
 """Number of latest correlations that are kept as the usual ones."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from beltscape.measure.flow.motion.belt_motion import MAX_DISAGREEMENT, BeltMotion, BeltPosition
 from beltscape.measure.flow.motion.encoder_check import LEAST_MM, Contradiction, Kind
 from beltscape.measure.flow.motion.plausibility import is_jump
-from beltscape.measure.flow.pushed_frame import PushedFrame
+from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 
 _NAN = float("nan")
 _LEAST_MISSING = 2

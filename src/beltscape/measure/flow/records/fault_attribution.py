@@ -8,7 +8,7 @@ import numpy as np
 
 from beltscape.core.live.findings import Finding
 from beltscape.measure.flow.fusion.buffer import LayerBuffer
-from beltscape.measure.flow.pushed_frame import PushedFrame
+from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.records.fault_history import FaultHistory
 from beltscape.measure.flow.records.strips import Strip, Strips
 

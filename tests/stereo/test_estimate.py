@@ -12,12 +12,12 @@ from beltscape.kernels import load
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.estimate import DepthEstimate, estimate_depth
 from beltscape.stereo.multiview.confidence.features import (
+    ConfidenceInputs,
     compute_initial_features,
     compute_selection_features,
 )
 from beltscape.stereo.multiview.confidence.image_features import compute_image_features
-from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
-from beltscape.stereo.multiview.confidence.refiner import RefinementInputs
+from beltscape.stereo.multiview.confidence.refined_features import RefinementInputs
 from beltscape.stereo.multiview.frame.surface import fit_slopes
 from beltscape.stereo.multiview.optimisation.least_squares import solve_least_squares
 from beltscape.stereo.multiview.optimisation.propagation import propagate
@@ -96,7 +96,9 @@ def test_features_of_every_network_are_computed(selected):
     assert state.selection is not None
     inputs = ConfidenceInputs.from_state(state)
     if selected:
-        found = RefinementInputs.from_selection(inputs, state.selection).planes
+        found = RefinementInputs.from_selection(
+            inputs, compute_initial_features(inputs), state.selection
+        ).planes
         assert set(load_network("confidence").features) <= found.keys()
     else:
         found = compute_initial_features(inputs)

@@ -18,7 +18,7 @@ STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))
 
 def estimate(made: Scene, cost: np.ndarray | float = 0.0) -> list[np.ndarray]:
     prepared = with_scale(made.prepared)
-    _, buffers = compute_visibility(made.s, prepared)
+    _, buffers = compute_visibility(made.s, prepared.views, prepared.sizes, load())
     return estimate_gain_maps(made.s, np.full(made.s.shape, cost), prepared, buffers)
 
 

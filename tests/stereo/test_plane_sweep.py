@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.stereo.multiview.frame.planes import enlarge_blocks
+from beltscape.stereo.multiview.frame.surface import enlarge_blocks
 from beltscape.stereo.multiview.initialisation.plane_sweep import shrink_frame, sweep_planes
 from tests.stereo.scenes import (
     DEPTH_MM,

@@ -16,15 +16,14 @@ from beltscape.files.rasters.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
 from beltscape.learned.registry import load_network
-from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
-from beltscape.stereo.multiview.confidence.refiner import (
+from beltscape.stereo.multiview.confidence.estimate import (
     MOST_PX,
-    TRIED_PX,
     Prediction,
-    RefinementInputs,
     mask_uncertain,
     refine_uncertain_pixels,
 )
+from beltscape.stereo.multiview.confidence.features import ConfidenceInputs, compute_initial_features
+from beltscape.stereo.multiview.confidence.refined_features import TRIED_PX, RefinementInputs
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.multiview.state import MatcherState
@@ -35,7 +34,8 @@ from tests.stereo.test_estimate import STEP, run_stages, with_selection
 def predict(state: MatcherState) -> tuple[RefinementInputs, Prediction]:
     """Return the inputs of the refinement, and the prediction before it."""
     assert state.selection is not None
-    inputs = RefinementInputs.from_selection(ConfidenceInputs.from_state(state), state.selection)
+    surface = ConfidenceInputs.from_state(state)
+    inputs = RefinementInputs.from_selection(surface, compute_initial_features(surface), state.selection)
     outputs = load_network("confidence").evaluate(inputs.planes, load(), 1)
     return inputs, Prediction(state.solution.surface.s, *outputs)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.features import compute_roughness_features
+from beltscape.stereo.multiview.confidence.refined_features import compute_roughness_features
 from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
 from beltscape.stereo.multiview.frame.windows import choose_windows
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares

@@ -13,9 +13,9 @@ from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.stereo.consistency.check import check_consistency
 from beltscape.stereo.consistency.diagnosis.exchange import find_exchange_among
+from beltscape.stereo.consistency.diagnosis.fault_texts import list_faults
 from beltscape.stereo.consistency.diagnosis.fitting_points import FittingPoints
-from beltscape.stereo.consistency.diagnosis.pose_change import apply_pose_change
-from beltscape.stereo.consistency.fault_texts import list_faults
+from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
 from beltscape.stereo.consistency.systematic_residual import estimate_systematic_residual
 from beltscape.stereo.consistency.tolerance import compute_least_px, compute_tolerance
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor

@@ -7,9 +7,8 @@
 3. `residuals` computes the epipolar residual and the inverse depth of each match.
 4. `systematic_residual` estimates what the residuals of an image have in common.
 5. `tolerance` computes the systematic residuals that the rig's covariance permits.
-6. `fault_isolation` finds the cameras whose residuals exceed the tolerance.
-7. `pose_change` fits the movement of one camera that explains the residuals.
+6. `faults` finds the cameras whose residuals exceed the tolerance, and the movement of one camera that explains them.
 
-`exchange` finds two cameras whose images were exchanged. `fault_texts` describes the faults in one line each.
-`low_coverage` diagnoses why few pixels of a frame are measured.
+`accumulation` joins the tie points of several frames. `diagnosis` finds cameras whose images were exchanged or
+mirrored, describes the faults in one line each, and says why few pixels of a frame are measured.
 """

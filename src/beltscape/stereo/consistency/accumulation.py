@@ -6,7 +6,7 @@ from collections import deque
 
 from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.check import assess_tie_points
-from beltscape.stereo.consistency.fault_isolation import compute_frame_residuals, exceeds_tolerance
+from beltscape.stereo.consistency.faults.isolation import compute_frame_residuals, exceeds_tolerance
 from beltscape.stereo.consistency.residual_reference import ResidualReference, compute_reference
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tie_points.tie_points import TiePoints, join_tie_points

@@ -9,8 +9,8 @@ import numpy as np
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.fault_attribution import Attribution, FrameData, attribute_faults
-from beltscape.stereo.consistency.fault_isolation import (
+from beltscape.stereo.consistency.faults.attribution import Attribution, FrameData, attribute_faults
+from beltscape.stereo.consistency.faults.isolation import (
     FaultIsolation,
     FrameResiduals,
     compute_frame_residuals,

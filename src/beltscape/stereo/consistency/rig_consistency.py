@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from beltscape.stereo.consistency.diagnosis.pose_change import PoseChange
+from beltscape.stereo.consistency.faults.pose_change import PoseChange
 from beltscape.stereo.consistency.tie_points.tie_points import TiePoints
 
 State = Literal["sound", "contradicting", "unmatched", "not measured"]

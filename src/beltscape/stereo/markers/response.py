@@ -66,24 +66,35 @@ def compute_red_response(image: Image, largest_px: float) -> MarkerResponse:
     )
 
 
-def compute_flat_response(image: Image, radius_px: float) -> MarkerResponse:
-    """Return the response to bright discs of about ``radius_px`` without texture in a grey image (H, W).
+def smooth_counts(image: Image) -> NDArray[np.float32]:
+    """Return a grey image (H, W) in 8-bit counts, float32, smoothed by less than a pixel against noise."""
+    unit = np.float32(255.0 / np.iinfo(image.dtype).max)
+    return np.asarray(cv2.GaussianBlur(to_grey(image) * unit, (0, 0), 0.7), np.float32)
+
+
+def compute_flat_response(counts: NDArray[np.float32], radius_px: float) -> MarkerResponse:
+    """Return the response to bright discs of about ``radius_px`` without texture in smoothed counts (H, W).
 
     A morphological opening with a window larger than a dot and smaller than a marker removes the dots and leaves
-    the markers; the lower envelope over a window larger than a marker is the background.
+    the markers; the lower envelope over a window larger than a marker is the background. Arrays are computed in
+    place, since a fresh one of a whole image costs more than its computation.
     """
-    counts = cv2.GaussianBlur(to_grey(image) * np.float32(255.0 / np.iinfo(image.dtype).max), (0, 0), 0.7)
     background = _lower_envelope(counts, int(np.ceil(2.5 * radius_px)))
     window = np.ones(
         (2 * max(1, round(0.375 * radius_px)) + 1,) * 2, np.uint8
     )  # odd, since an even window shifts the image
-    opened = cv2.dilate(cv2.erode(counts, window), window)
-    strength = np.maximum(opened - background, 0)
-    dots = cv2.dilate(counts, window) - background
-    mask = strength > np.maximum(_FLAT_SHARE * dots, _NOISE_COUNTS)
+    strength = np.asarray(cv2.dilate(cv2.erode(counts, window), window), np.float32)
+    strength -= background
+    np.maximum(strength, 0, out=strength)
+    dots = np.asarray(cv2.dilate(counts, window), np.float32)
+    dots -= background
+    dots *= np.float32(_FLAT_SHARE)
+    mask = strength > np.maximum(dots, np.float32(_NOISE_COUNTS), out=dots)
     fine = np.ones((2 * max(1, round(_DOT_WINDOW * radius_px)) + 1,) * 2, np.uint8)
-    highest = cv2.dilate(counts, fine)
-    peak = np.where(counts == highest, highest - cv2.erode(counts, fine), np.float32(0))
+    highest = np.asarray(cv2.dilate(counts, fine), np.float32)
+    peak = np.asarray(cv2.erode(counts, fine), np.float32)
+    np.subtract(highest, peak, out=peak)
+    np.multiply(peak, counts == highest, out=peak)
 
     def dot_score(u: float, v: float, radius: float) -> float:
         return _score_dots(peak, strength, u, v, radius)

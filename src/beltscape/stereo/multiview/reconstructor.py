@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TypeVar
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.arguments import require_depth_range
 from beltscape.core.depth import DepthMap
@@ -14,15 +17,13 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
-from beltscape.stereo.multiview.confidence.estimate import estimate_depth
-from beltscape.stereo.multiview.confidence.features import compute_selection_features
+from beltscape.stereo.multiview.confidence.estimate import DepthEstimate, estimate_depth
+from beltscape.stereo.multiview.confidence.features import ConfidenceInputs, compute_selection_features
 from beltscape.stereo.multiview.confidence.image_features import compute_image_features
-from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
-from beltscape.stereo.multiview.depth_map import make_depth_map
 from beltscape.stereo.multiview.frame.context import MatchContext
 from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
 from beltscape.stereo.multiview.frame.parallel import run_pair
-from beltscape.stereo.multiview.frame.surface import Surface
+from beltscape.stereo.multiview.frame.surface import Surface, upsample_surface
 from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
 from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
 from beltscape.stereo.multiview.optimisation.twicing import apply_twicing
@@ -30,6 +31,8 @@ from beltscape.stereo.multiview.pyramid import PyramidSolver
 from beltscape.stereo.multiview.selection.candidates import Selection, select_candidates
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.multiview.state import MatcherState
+
+Number = TypeVar("Number", bound=np.number)
 
 
 class MultiviewReconstructor:
@@ -123,6 +126,38 @@ class MultiviewReconstructor:
         if not self.settings.twicing:
             return solution
         return replace(solution, surface=apply_twicing(solution.surface, prepared, tolerance_px))
+
+
+def make_depth_map(estimate: DepthEstimate, context: MatchContext, least_confidence: float) -> DepthMap:
+    """Return the depth of sufficiently confident pixels on the core's full grid."""
+    unit, step = context.inverse_depth_scale, context.step
+    s = upsample_surface(estimate.surface, step)
+    sigma, confidence, views = (
+        _repeat_blocks(x, step) for x in (estimate.sigma, estimate.confidence, estimate.views)
+    )
+    accepted = (confidence >= least_confidence) & (s > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        depth = np.where(accepted, 1 / (s * np.float32(unit)), np.nan).astype(np.float32)
+        sigma_mm = (depth * depth * np.float32(unit) * sigma).astype(np.float32)
+    width, height = context.rig.core_camera.size_px
+    missing = (
+        (0, height - depth.shape[0]),
+        (0, width - depth.shape[1]),
+    )  # a last row or column without a block
+    return DepthMap(
+        np.pad(depth, missing, constant_values=np.nan),
+        np.pad(sigma_mm, missing, constant_values=np.nan),
+        np.pad(np.where(accepted, views, np.uint8(0)), missing),
+        np.pad(np.where(accepted, confidence, np.float32(0)), missing),
+    )
+
+
+def _repeat_blocks(values: NDArray[Number], step: int) -> NDArray[Number]:
+    """Return every value repeated over its block."""
+    if step == 1:
+        return values
+    height, width = values.shape
+    return cv2.resize(values, (width * step, height * step), interpolation=cv2.INTER_NEAREST)
 
 
 class _StepCounter:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.diagnosis.exchange import find_exchange
+from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault, MisplacedImages, list_faults
 from beltscape.stereo.consistency.diagnosis.fitting_points import FittingPoints
 from beltscape.stereo.consistency.diagnosis.mirroring import find_mirroring
-from beltscape.stereo.consistency.fault_texts import CameraFault, MisplacedImages, list_faults
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 
 

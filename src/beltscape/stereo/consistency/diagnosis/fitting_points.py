@@ -10,7 +10,7 @@ import numpy as np
 
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.fault_isolation import compute_frame_residuals
+from beltscape.stereo.consistency.faults.isolation import compute_frame_residuals
 from beltscape.stereo.consistency.tie_points.tie_points import detect_textured_points
 from beltscape.stereo.consistency.tie_points.unguided_matching import UnguidedMatcher
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range

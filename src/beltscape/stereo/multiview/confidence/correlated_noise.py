@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.statistics import CHI2_MEDIAN
-from beltscape.stereo.multiview.confidence.inputs import ConfidenceInputs
+from beltscape.stereo.multiview.confidence.features import ConfidenceInputs
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.inverse_depth import crop_projection
 

@@ -18,7 +18,7 @@ from beltscape.stereo.multiview.frame.photometry import (
     compute_local_variance,
     estimate_noise_variance,
 )
-from beltscape.stereo.multiview.frame.planes import fill_nan
+from beltscape.stereo.multiview.frame.surface import fill_nan
 
 _FLOOR = 2.7, 0.003
 """Weight of the noise variance and of the strongest texture's variance in the floor of a window's variance."""

@@ -1,15 +1,21 @@
-"""Independent jobs in threads; array operations release the interpreter lock while they run."""
+"""Independent jobs in threads, such as parts of an image's pixels; array operations release the interpreter lock."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.runtime.system_calls import count_usable_cores
 
 Result = TypeVar("Result")
 Other = TypeVar("Other")
+Pixels = tuple[NDArray[np.int_], ...]
+"""Rows and columns of some pixels."""
 
 
 def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Result]:
@@ -23,6 +29,25 @@ def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Res
         return [job() for job in jobs]
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(call, jobs))
+
+
+def split_pixels(mask: NDArray[np.bool_], most: int) -> list[Pixels]:
+    """Return the pixels of a mask (H, W) row by row, in parts of at most ``most``."""
+    rows, columns = np.nonzero(mask)
+    parts = (slice(first, first + most) for first in range(0, len(rows), most))
+    return [(rows[part], columns[part]) for part in parts]
+
+
+def collect_parallel(
+    parts: Sequence[Callable[[], Iterable[tuple[str, Result]]]], threads: int
+) -> dict[str, Result]:
+    """Return what all parts yield by name; the parts are independent jobs."""
+
+    def collect(part: Callable[[], Iterable[tuple[str, Result]]]) -> dict[str, Result]:
+        return dict(part())
+
+    collected = run_parallel([partial(collect, part) for part in parts], threads)
+    return {name: value for values in collected for name, value in values.items()}
 
 
 def run_pair(first: Callable[[], Result], second: Callable[[], Other], threads: int) -> tuple[Result, Other]:

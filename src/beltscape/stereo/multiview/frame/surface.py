@@ -1,6 +1,7 @@
 """The surface on the core's grid: inverse depth and its slopes, its depth steps, and its visibility.
 
-An auxiliary sees a point of the surface that projects into its image with nothing in front of it.
+The planes (H, W) of that grid have NaN where there is nothing. An auxiliary sees a point of the surface that projects
+into its image with nothing in front of it.
 """
 
 from __future__ import annotations
@@ -13,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels import Kernels
-from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.planes import enlarge_blocks, fill_nan
 
 STEP_PX = 2.5
 """Range of s within 5 × 5 pixels above which there may be a depth step."""
@@ -42,6 +41,20 @@ class Surface:
             np.where(mask, other.slope_u, self.slope_u),
             np.where(mask, other.slope_v, self.slope_v),
         )
+
+
+def fill_nan(plane: NDArray[np.floating], value: float = 0.0) -> NDArray[np.float32]:
+    """Return a copy with ``value`` in place of NaN; about ten times faster than `numpy.nan_to_num`."""
+    filled = np.array(plane, np.float32, order="C")
+    cv2.patchNaNs(filled, value)
+    return filled
+
+
+def enlarge_blocks(small: NDArray[np.floating], factor: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Return (H, W) every value repeated over its block; the last row and column extend to the edge of ``shape``."""
+    full = np.repeat(np.repeat(small.astype(np.float32), factor, axis=0), factor, axis=1)
+    missing = [(0, whole - part) for whole, part in zip(shape, full.shape, strict=True)]
+    return np.ascontiguousarray(np.pad(full, missing, mode="edge"))
 
 
 def detect_depth_steps(s: NDArray[np.floating]) -> NDArray[np.bool_]:
@@ -88,35 +101,17 @@ def fit_slopes(s: NDArray[np.float32], kernels: Kernels, threads: int) -> Surfac
     return Surface(s, fit.slope_u, fit.slope_v)
 
 
-def count_visible_views(
+def compute_visibility(
     s: NDArray[np.floating],
     views: NDArray[np.float32],
     sizes: Sequence[tuple[int, int]],
     kernels: Kernels,
     threads: int = 0,
-) -> NDArray[np.uint8]:
-    """Return (H, W) the number of auxiliaries that see the surface of inverse depth s (H, W).
+) -> tuple[NDArray[np.uint8], list[NDArray[np.floating]]]:
+    """Return (H, W) the number of auxiliaries that see s (H, W), and each auxiliary's inverse-depth buffer (h, w).
 
     ``views`` (n, 39) are the auxiliaries' packed projections, ``sizes`` their images' (width, height).
     """
-    return _count_with_buffers(s, views, sizes, kernels, threads)[0]
-
-
-def compute_visibility(
-    s: NDArray[np.floating], prepared: PreparedFrame
-) -> tuple[NDArray[np.uint8], list[NDArray[np.floating]]]:
-    """Return (H, W) the number of auxiliaries that see s (H, W), and each auxiliary's inverse-depth buffer (h, w)."""
-    context = prepared.context
-    return _count_with_buffers(s, prepared.views, prepared.sizes, context.kernels, context.threads)
-
-
-def _count_with_buffers(
-    s: NDArray[np.floating],
-    views: NDArray[np.float32],
-    sizes: Sequence[tuple[int, int]],
-    kernels: Kernels,
-    threads: int,
-) -> tuple[NDArray[np.uint8], list[NDArray[np.floating]]]:
     buffers = kernels.inverse_depth_buffers(s, views, sizes, threads=threads)
     count = np.zeros(s.shape, np.uint8)
     for view, buffer in zip(views, buffers, strict=True):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.planes import enlarge_blocks
+from beltscape.stereo.multiview.frame.surface import enlarge_blocks
 from beltscape.stereo.multiview.initialisation.plane_sweep import shrink_frame, sweep_planes
 from beltscape.stereo.multiview.initialisation.reliable_matches import (
     compute_robust_range,

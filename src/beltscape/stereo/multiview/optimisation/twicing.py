@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.planes import fill_nan
-from beltscape.stereo.multiview.frame.surface import Surface
+from beltscape.stereo.multiview.frame.surface import Surface, fill_nan
 from beltscape.stereo.multiview.optimisation.least_squares import form_normal_equations
 
 _WINDOW_PX = 7

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from beltscape.kernels.selection.candidates import Candidates
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.parallel import run_parallel
-from beltscape.stereo.multiview.frame.planes import Pixels, split_pixels
+from beltscape.stereo.multiview.frame.parallel import Pixels, run_parallel, split_pixels
 from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.selection.gain import PhotometricGain, estimate_gain
 from beltscape.stereo.multiview.selection.photoconsistency import (

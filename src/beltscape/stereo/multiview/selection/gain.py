@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame
 from beltscape.stereo.multiview.frame.inverse_depth import subsample_projection
 from beltscape.stereo.multiview.frame.parallel import run_parallel
-from beltscape.stereo.multiview.frame.planes import fill_nan
-from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX
+from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX, fill_nan
 
 Array = NDArray[np.floating]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.kernels.selection.candidates import PhotoConsistency
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.planes import Pixels
+from beltscape.stereo.multiview.frame.parallel import Pixels
 from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX, Surface
 from beltscape.stereo.multiview.selection.gain import PhotometricGain
 

@@ -8,19 +8,19 @@ from itertools import combinations, product
 import numpy as np
 
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.diagnosis.moved_cameras import (
-    Hypothesis,
-    MovementFit,
-    find_common,
-    list_hypotheses,
-)
-from beltscape.stereo.consistency.diagnosis.pose_change import PoseChange, fit_pose_change
-from beltscape.stereo.consistency.fault_isolation import (
+from beltscape.stereo.consistency.faults.isolation import (
     FaultIsolation,
     FrameResiduals,
     compute_frame_residuals,
     exceeds_tolerance,
 )
+from beltscape.stereo.consistency.faults.moved_cameras import (
+    Hypothesis,
+    MovementFit,
+    find_common,
+    list_hypotheses,
+)
+from beltscape.stereo.consistency.faults.pose_change import PoseChange, fit_pose_change
 from beltscape.stereo.consistency.residual_reference import ResidualReference
 from beltscape.stereo.consistency.tie_points.tie_points import TiePoints
 from beltscape.stereo.consistency.tolerance import Tolerance
@@ -47,7 +47,7 @@ class Attribution:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameData:
-    """What an attribution is computed from."""
+    """Inputs of an attribution."""
 
     tie_points: TiePoints
     rig: Rig

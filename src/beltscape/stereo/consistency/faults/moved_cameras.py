@@ -16,7 +16,7 @@ import numpy as np
 
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.statistics import MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA
-from beltscape.stereo.consistency.diagnosis.pose_change import apply_pose_change
+from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
 from beltscape.stereo.consistency.residual_reference import ResidualReference
 from beltscape.stereo.consistency.residuals import (
     PairResiduals,

@@ -1,6 +1,7 @@
 # Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
 .DEFAULT_GOAL := help
-.PHONY: help install dev system demo test quick sanitize scalar check format bench train faults wheel screenshots docs lock clean
+.PHONY: help install dev system demo test quick sanitize scalar check check-types check-imports check-lint check-python \
+  check-native format bench train faults wheel screenshots docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
 SOURCES := $(wildcard native/*.* native/*/*)
@@ -63,12 +64,19 @@ scalar: dev ## the tests of the kernels without vectors, one number at a time
 	site=$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') && \
 	PYTHONPATH=build/scalar/site:$$site $(BIN)/python -S -m pytest -n0 tests/kernels --ignore tests/kernels/test_cuda_compile.py
 
-check: dev ## format, lint, types, import floors
-	$(BIN)/ruff format --check .
-	$(BIN)/ruff check .
-	$(BIN)/clang-format --dry-run --Werror $(SOURCES)
+check: dev ## format, lint, types, import floors: side by side, each failure shown
+	@$(MAKE) --no-print-directory --keep-going --output-sync --jobs check-types check-imports check-lint check-python check-native
+
+check-types:
 	$(BIN)/basedpyright
+check-imports:
 	$(BIN)/lint-imports
+check-lint:
+	$(BIN)/ruff check .
+check-python:
+	$(BIN)/ruff format --check .
+check-native:
+	$(BIN)/clang-format --dry-run --Werror $(SOURCES)
 
 format: dev ## put Python and C++ into shape
 	$(BIN)/ruff format .

@@ -38,5 +38,10 @@ def pytest_collection_finish() -> None:
 
 def _list_modules(session: pytest.Session, word: str) -> list[Path]:
     """Return the test modules below a folder that is named in the call; empty for a file or a single test."""
-    folder = session.config.invocation_params.dir / word
-    return [path for path in folder.rglob("test_*.py") if _TESTS in path.parents]
+    folder, config = session.config.invocation_params.dir / word, session.config
+    return [
+        path
+        for path in folder.rglob("test_*.py")
+        if _TESTS in path.parents
+        and not config.hook.pytest_ignore_collect(collection_path=path, config=config)
+    ]

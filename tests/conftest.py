@@ -28,8 +28,8 @@ REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "real"
 
 
 SLOW_FOLDERS = {
-    "calibration", "cli", "deploy", "docs", "evaluate", "measure", "pipeline", "report", "service", "simulate",
-    "sinks", "sources", "stereo", "plan", "health", "tools", "benchmarks",
+    "api", "benchmarks", "calibration", "cli", "deploy", "docs", "evaluate", "health", "measure", "pipeline", "plan",
+    "report", "reprocessing", "service", "simulate", "sinks", "site", "sources", "stereo", "tools", "workers",
 }  # fmt: skip
 """Folders of tests that work on whole captures or with other processes."""
 BROWSER_FIXTURES = {"browser", "page", "chromium"}
@@ -40,11 +40,22 @@ def pytest_xdist_auto_num_workers() -> int:
     return (os.cpu_count() or 1) + 1
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave folders of slow tests alone where none of them is to run, instead of importing and deselecting them."""
+    if "not slow" not in str(config.getoption("markexpr")).split(" and "):
+        return None
+    return _is_slow(collection_path) or None
+
+
+def _is_slow(path: Path) -> bool:
+    """Return whether a file or folder lies in a folder of slow tests, or is one."""
+    return path.relative_to(Path(__file__).parent).parts[:1] in {(folder,) for folder in SLOW_FOLDERS}
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark tests by their folder and by the fixtures that they use."""
-    root = Path(__file__).parent
     for item in items:
-        if item.path.relative_to(root).parts[0] in SLOW_FOLDERS:
+        if _is_slow(item.path):
             item.add_marker("slow")
         if BROWSER_FIXTURES & set(getattr(item, "fixturenames", ())):
             item.add_marker("browser")

@@ -74,10 +74,11 @@ def test_every_documented_command_exists(script):
     for command, *arguments in calls:
         assert command in COMMANDS
         parser = OneLineParser(prog=command)
-        import_module(f"beltscape.cli.{command}").add_arguments(parser)
+        import_module(f"beltscape.cli.commands.{command}").add_arguments(parser)
         parser.parse_args(arguments)  # leaves with 2 where an argument is unknown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["00_plan_a_rig", "01_targets"])
 def test_the_short_scripts_run(tmp_path, name):
     program = tmp_path / "bin/beltscape"
@@ -103,6 +104,7 @@ def test_every_python_example_imports_what_there_is(script):
     assert callable(runpy.run_path(str(script))["main"])
 
 
+@pytest.mark.slow
 def test_frames_come_from_the_simulated_source(capsys):
     runpy.run_path(str(EXAMPLES / "04_frame_source.py"), run_name="__main__")
     lines = capsys.readouterr().out.splitlines()

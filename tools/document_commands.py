@@ -37,7 +37,7 @@ def document_commands() -> Iterator[str]:
 def make_parser(name: str) -> argparse.ArgumentParser:
     """Return the parser of a command."""
     parser = argparse.ArgumentParser(prog=f"beltscape {name}")
-    import_module(f"beltscape.cli.{name}").add_arguments(parser)
+    import_module(f"beltscape.cli.commands.{name}").add_arguments(parser)
     return parser
 
 

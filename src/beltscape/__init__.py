@@ -9,6 +9,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from beltscape.core.display import register_drawings
+
 __version__ = "0.1.0"
 
 _HOME = {
@@ -41,6 +43,8 @@ _HOME = {
     "write_ply": "beltscape.api.files",
     "write_rig": "beltscape.api.files",
 }
+
+register_drawings("beltscape.report.notebook")
 
 __all__ = list(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
 

@@ -50,11 +50,11 @@ def scene(ablation):
 
 
 def test_rows_name_what_is_there_and_leave_nothing_changed(ablation):
-    from beltscape.stereo.multiview.confidence import estimate, refiner
+    from beltscape.stereo.multiview.confidence import estimate
 
     def snapshot() -> list[object]:
         return [
-            refiner.gather_neighbour_addresses, refiner.mask_uncertain, refiner.mask_accepted,
+            estimate.gather_neighbour_addresses, estimate.mask_uncertain, estimate.mask_accepted,
             estimate.refine_uncertain_pixels, estimate.inflate_sigma,
         ]  # fmt: skip
 

@@ -31,7 +31,7 @@ class Answer:
 def parser_of(command: str) -> argparse.ArgumentParser:
     """Return the parser of a command."""
     parser = OneLineParser(prog=f"beltscape {command}")
-    import_module(f"beltscape.cli.{command}").add_arguments(parser)
+    import_module(f"beltscape.cli.commands.{command}").add_arguments(parser)
     parser.add_argument("--json", action="store_true")
     return parser
 

@@ -17,7 +17,7 @@ from beltscape.pipeline.reconstructing.camera_checks.rig_proposal import make_ri
 from beltscape.pipeline.reconstructing.camera_checks.schedule import CheckSchedule
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
-from beltscape.stereo.consistency.diagnosis.pose_change import apply_pose_change
+from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
 from tests.synthetic.demo import DEMO, TRUE_RIG
 
 TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")

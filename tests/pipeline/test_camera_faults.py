@@ -17,7 +17,7 @@ from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
-from beltscape.stereo.consistency.diagnosis.pose_change import apply_pose_change
+from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")

@@ -2,33 +2,45 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
+import json
 import re
+from pathlib import Path
+from typing import Any
 
 import pytest
 
+from beltscape.cli.main import main
+from tests.once import make_once
 from tests.report.layout import browser, layout_faults, needs_browser, text_faults
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory):
-    from beltscape.core.progress import Silent
-    from beltscape.evaluate.demo import make_demo_document, run_demo
-    from beltscape.evaluate.demo_page import render_demo_page
+def demo(tmp_path_factory) -> tuple[dict[str, Any], str, Path]:
+    """The demo's document, its own report and its folder; made once, however the tests are spread over workers."""
 
-    result = run_demo(tmp_path_factory.mktemp("demo"), Silent())
-    return make_demo_document(result), render_demo_page(result)
+    def run(folder: Path) -> None:
+        with contextlib.redirect_stdout(io.StringIO()) as said:
+            assert main(["demo", "--out", str(folder), "--json"]) == 0
+        (folder / "demo.json").write_text(said.getvalue())
+
+    folder = make_once(tmp_path_factory, "demo", run)
+    return json.loads((folder / "demo.json").read_text()), (folder / "report.html").read_text(), folder
 
 
 @pytest.fixture(scope="module")
-def reports(demo, tmp_path_factory) -> dict[str, str]:
+def reports(demo) -> dict[str, str]:
     """The demo's own report and those of the commands that it runs."""
-    out = next(tmp_path_factory.getbasetemp().glob("demo*"))
-    others = {path.parent.name: path.read_text() for path in sorted(out.glob("*/report.html"))}
-    return {"demo": demo[1], **others}
+    _, page, folder = demo
+    return {
+        "demo": page,
+        **{path.parent.name: path.read_text() for path in sorted(folder.glob("*/report.html"))},
+    }
 
 
 def test_calibration_is_near_the_true_rig(demo):
-    document, _ = demo
+    document, *_ = demo
     assert document["held_out"]["rms_px"] < 0.15
     assert document["rig_against_truth"]["depth_rms_mm"] < 0.15
     assert max(document["rig_against_truth"]["rotation_deg"].values()) < 0.08
@@ -65,7 +77,7 @@ def test_volume_is_near_the_truth(demo):
 
 
 def test_report_works_offline(demo):
-    _, page = demo
+    _, page, _ = demo
     assert not re.findall(r"""(?:src|href)=["']?(?!data:)[a-z]*:?//""", page)
     assert page.count("<img") >= 6
     assert len(page) < 12_000_000

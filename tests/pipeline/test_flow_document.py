@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from beltscape.cli.measure_flow import summary
+from beltscape.cli.quantities.flow import summary
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.measure.flow.fusion.picture import BeltPicture
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement

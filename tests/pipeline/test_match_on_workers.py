@@ -20,7 +20,8 @@ from beltscape.pipeline.reconstructing.matcher_factory import MatcherFactory
 from beltscape.pipeline.reconstructing.sequence import match_on_workers
 from beltscape.pipeline.reconstructing.sequence.match_on_workers import MatchTask
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.workers.tasks import Completed, WorkerOptions
+from beltscape.workers.call import Completed
+from beltscape.workers.options import WorkerOptions
 from tests.optional import require
 from tests.synthetic.demo import DEMO, TRUE_RIG
 from tests.workers.cluster import start_cluster

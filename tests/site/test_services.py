@@ -142,7 +142,7 @@ def test_check_names_every_belt(belts: dict[str, Belt], tmp_path: Path) -> None:
 def test_another_version_is_marked_and_read_nevertheless(
     belts: dict[str, Belt], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from beltscape.site.following import follower
+    from beltscape.site import follower
 
     monkeypatch.setattr(follower, "__version__", "9.4.0")
     belts["a"].measure(2)

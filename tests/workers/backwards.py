@@ -6,8 +6,8 @@ import pickle
 from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
-from beltscape.workers.call import call
-from beltscape.workers.tasks import Completed, WorkerOptions
+from beltscape.workers.call import Completed, call
+from beltscape.workers.options import WorkerOptions
 
 
 def run_backwards(

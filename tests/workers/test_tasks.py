@@ -9,7 +9,8 @@ import pytest
 
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.workers.collecting import collect_values
-from beltscape.workers.tasks import WorkerOptions, run_tasks
+from beltscape.workers.options import WorkerOptions
+from beltscape.workers.tasks import run_tasks
 from tests.workers.cluster import start_cluster
 from tests.workers.functions import count_cores, die_at_first, multiply, sleep
 

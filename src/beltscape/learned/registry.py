@@ -52,13 +52,13 @@ PURPOSES = {
     ),
     "refinement": Purpose(
         "the state of an uncertain pixel, from which messages between pixels start",
-        "beltscape.stereo.multiview.confidence.refiner",
+        "beltscape.stereo.multiview.confidence.estimate",
         _MATCHER,
     ),
     **{
         f"message_round_{i}": Purpose(
             f"{what} an uncertain pixel, from its own state and the messages of the nine pixels around",
-            "beltscape.stereo.multiview.confidence.message_passing",
+            "beltscape.stereo.multiview.confidence.estimate",
             _MATCHER,
         )
         for i, what in (
@@ -72,14 +72,9 @@ PURPOSES = {
         "beltscape.measure.holes.fill",
         "bodies that are not bulk material or plane-faced solids on a belt, such as sheets or pipes",
     ),
-    "edge_fattening": Purpose(
-        "mean and log variance of the excess height of the last measured cell above a drop, as a share of the drop",
-        "beltscape.measure.holes.edge_fattening",
-        "height maps that are fused from several frames, or whose matcher compares no windows",
-    ),
     "lumps": Purpose(
         "the logits of the probabilities that a cell lies on a lump's outline, and on a lump",
-        "beltscape.measure.lumps.outlines",
+        "beltscape.measure.lumps.segment",
         "material that is finer than about four cells, or lumps that are flakes",
     ),
 }

@@ -36,7 +36,7 @@ class ScaleReading:
 
 @dataclass(frozen=True, slots=True)
 class Weighing:
-    """What the scale weighed between two instants."""
+    """Mass that the scale weighed between two instants."""
 
     kg: float
     """NaN where it is not known."""

@@ -11,7 +11,7 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 
 @dataclass(frozen=True, slots=True)
 class ProductionSums:
-    """What records add up to; sums of sums are sums of all their records.
+    """Sums of records; sums of sums are sums of all their records.
 
     The common part of a strip's σ (edges, holes, slow drift, faults) is the same error in all strips, so these parts
     add linearly and do not average out; so does the error of a density (as in `measure.flow.records.totals`).

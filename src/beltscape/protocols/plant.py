@@ -80,7 +80,7 @@ class Plant(Protocol):
 
 
 class PlantCommands(Protocol):
-    """What a protocol may change, once it has checked the user's role; every method may be called from any thread.
+    """Commands that a protocol may give once it has checked the user's role; any thread may call any method.
 
     Each raises InputError with one line where it is refused.
     """

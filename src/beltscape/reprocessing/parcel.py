@@ -1,4 +1,4 @@
-"""What a worker needs of a project: its settings, rig and empty belt, as bytes that can be sent.
+"""A project as bytes for a worker: its settings, rig and empty belt.
 
 Densities and products are left out: they change masses only, which are computed where the pieces are joined.
 """

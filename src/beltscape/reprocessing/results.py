@@ -9,7 +9,7 @@ from beltscape.core.belt.ledger_entries import BeltRecord
 
 @dataclass(frozen=True, slots=True)
 class PieceTimes:
-    """Where the time of a piece went."""
+    """Times of the steps of a piece."""
 
     setup_s: float
     """Until the first image: settings, rig, empty belt, networks."""

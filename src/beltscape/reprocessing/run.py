@@ -30,7 +30,8 @@ from beltscape.reprocessing.recordings.discovery import find_recordings
 from beltscape.reprocessing.recordings.recording import Recording, Unreadable
 from beltscape.reprocessing.report import render_report
 from beltscape.reprocessing.throughput import Throughput
-from beltscape.workers.tasks import WorkerOptions, run_tasks
+from beltscape.workers.options import WorkerOptions
+from beltscape.workers.tasks import run_tasks
 
 RESULT = "reprocessing.json"
 REPORT = "report.html"
@@ -46,7 +47,7 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """What was found, and how it is cut."""
+    """The recordings found, and their pieces."""
 
     recordings: Sequence[Recording]
     unreadable: Sequence[Unreadable]

@@ -16,7 +16,7 @@ from beltscape import __version__
 from beltscape.service.access import Access, User, install_access, require_role
 from beltscape.service.static import RevalidatedFiles, make_static_files
 from beltscape.site.balancing import BalanceStatus
-from beltscape.site.following.follower import BeltFollower
+from beltscape.site.follower import BeltFollower
 from beltscape.site.periods import Kind
 from beltscape.site.settings import SiteSettings
 from beltscape.site.store import SiteStore

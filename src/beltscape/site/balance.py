@@ -37,7 +37,7 @@ class BalanceResult:
 
 @dataclass(frozen=True, slots=True)
 class BeltWindow:
-    """What passed on one belt within a window that is shifted by the belt's delay."""
+    """Sums of what passed on one belt within a window that is shifted by the belt's delay."""
 
     belt: str
     sums: Sums

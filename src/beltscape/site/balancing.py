@@ -24,7 +24,7 @@ _MOST_WINDOWS = 200
 
 @dataclass(frozen=True, slots=True)
 class BalanceStatus:
-    """What is known of a transfer point now."""
+    """Present state of a transfer point."""
 
     settings: BalanceSettings
     last: BalanceResult | None

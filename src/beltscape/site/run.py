@@ -17,9 +17,9 @@ from beltscape.service.access import Access
 from beltscape.service.hosting.server import RunningServer, check_listening, serve
 from beltscape.site.app import SiteState, create_site_app
 from beltscape.site.balancing import Balancer
+from beltscape.site.follower import BeltFollower
 from beltscape.site.following.client import BeltClient
 from beltscape.site.following.faults import BeltFaultError
-from beltscape.site.following.follower import BeltFollower
 from beltscape.site.settings import Site
 from beltscape.site.store import SiteStore
 

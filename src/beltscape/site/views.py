@@ -1,4 +1,4 @@
-"""What the site's page shows: belts, balances, alarms and totals as JSON values; None: not known."""
+"""View models of the site's page: belts, balances, alarms and totals as JSON values; None: not known."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from typing import Any
 from beltscape.core.live.alarms import Severity
 from beltscape.site.balance import BalanceResult
 from beltscape.site.balancing import BalanceStatus
+from beltscape.site.follower import BeltView
 from beltscape.site.following.catch_up import Sums
 from beltscape.site.following.faults import ALARMS, Fault
-from beltscape.site.following.follower import BeltView
 from beltscape.site.periods import Kind, list_periods
 from beltscape.site.settings import SiteSettings
 from beltscape.site.store import SiteStore

@@ -6,10 +6,30 @@ import os
 import socket
 import time
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
 
 from beltscape.core.errors import BeltscapeError
-from beltscape.workers.tasks import Completed
+
+Value_co = TypeVar("Value_co", covariant=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Completed(Generic[Value_co]):
+    """The end of one task."""
+
+    number: int
+    """Index of the task."""
+    value: Value_co | None
+    """What the function returned; None if it failed."""
+    failure: str
+    """Why there is no value, in one line; empty where there is one."""
+    worker: str
+    """Machine and process that ran it."""
+    begin_s: float
+    """System clock at its begin, s since 1970."""
+    seconds: float
+    """Time that it took."""
 
 
 def call(function: Callable[[Any, Any], Any], shared: Any, number: int, task: Any) -> Completed[Any]:

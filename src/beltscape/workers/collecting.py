@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Generic
 
 from beltscape.core.errors import SettingsError
-from beltscape.workers.tasks import Arguments, Shared, Value, WorkerOptions, run_tasks
+from beltscape.workers.options import WorkerOptions
+from beltscape.workers.tasks import Arguments, Shared, Value, run_tasks
 
 
 def collect_values(
@@ -40,7 +41,7 @@ def collect_values(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Returned(Generic[Value]):
-    """What a function returned, which may be None."""
+    """The value that a function returned, which may be None."""
 
     value: Value
 

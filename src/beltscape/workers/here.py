@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Sequence
 from typing import Any
 
-from beltscape.workers.call import call
-from beltscape.workers.tasks import Completed
+from beltscape.workers.call import Completed, call
 
 
 def run_here(

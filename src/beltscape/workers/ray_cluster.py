@@ -9,10 +9,10 @@ from typing import Any
 
 from beltscape import __version__
 from beltscape.core.errors import SettingsError
-from beltscape.workers.call import call
+from beltscape.workers.call import Completed, call
 from beltscape.workers.core import take_core
+from beltscape.workers.options import WorkerOptions
 from beltscape.workers.ray_connection import connect
-from beltscape.workers.tasks import Completed, WorkerOptions
 
 _RETRIES = 10
 """Number of deaths of its worker after which a task is given up: by then the task kills the worker, not chance."""

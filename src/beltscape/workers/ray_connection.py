@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.core.errors import SettingsError
-from beltscape.workers.tasks import WorkerOptions
+from beltscape.workers.options import WorkerOptions
 
 _ANSWER_S = 5.0
 """Time in which a cluster's port must answer."""

@@ -4,60 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
-from beltscape.core.errors import SettingsError
+from beltscape.workers.call import Completed
+from beltscape.workers.here import run_here
+from beltscape.workers.options import WorkerOptions
 
 Shared = TypeVar("Shared")
 Arguments = TypeVar("Arguments")
 Arguments_contra = TypeVar("Arguments_contra", contravariant=True)
 Value = TypeVar("Value")
 Value_co = TypeVar("Value_co", covariant=True)
-
-MOST_WORKERS = 4096
-"""More workers than one driver can feed: Ray hands out some thousand tasks a second."""
-
-
-@dataclass(frozen=True, slots=True)
-class WorkerOptions:
-    """Where tasks run."""
-
-    workers: int | None = None
-    """Largest number of tasks at a time, with a core each; None: as many as the cluster of ``address`` has cores."""
-    address: str | None = None
-    """A Ray cluster: "auto", "host:port" or "ray://host:port"; None: this machine."""
-
-    def __post_init__(self) -> None:
-        if self.workers is not None and not 1 <= self.workers <= MOST_WORKERS:
-            raise SettingsError(f"--workers {self.workers}: must be between 1 and {MOST_WORKERS}")
-
-    @property
-    def is_here(self) -> bool:
-        """Return whether the tasks run in this process, one after the other, each with all cores."""
-        return self.address is None and self.workers is None
-
-
-HERE = WorkerOptions()
-"""In this process."""
-
-
-@dataclass(frozen=True, slots=True)
-class Completed(Generic[Value_co]):
-    """The end of one task."""
-
-    number: int
-    """Index of the task."""
-    value: Value_co | None
-    """What the function returned; None if it failed."""
-    failure: str
-    """Why there is no value, in one line; empty where there is one."""
-    worker: str
-    """Machine and process that ran it."""
-    begin_s: float
-    """System clock at its begin, s since 1970."""
-    seconds: float
-    """Time that it took."""
 
 
 def run_tasks(
@@ -79,8 +36,6 @@ def run_tasks(
         When several workers are wanted and Ray is not installed, or the cluster does not answer.
     """
     if options.is_here:
-        from beltscape.workers.here import run_here
-
         return run_here(function, shared, tasks)
     from beltscape.workers.ray_cluster import run_on_ray
 

@@ -16,7 +16,7 @@ from beltscape.evaluate.truth.simulated import read_truth
 from beltscape.files.rasters.images import write_image
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scene_assembly import SimulatedScene
-from beltscape.workers.tasks import WorkerOptions
+from beltscape.workers.options import WorkerOptions
 from tests.simulate.tiny import tiny
 from tests.workers.backwards import run_backwards
 

@@ -38,7 +38,7 @@ class CrossSection:
 
 @dataclass(frozen=True, slots=True)
 class RecordTag:
-    """What records are counted for: the present product with its bulk density, and the present batch."""
+    """The present product with its bulk density, and the present batch, for which records are counted."""
 
     product: str = ""
     """Name of the product; empty: none is defined, and the density is that of the measurement."""

@@ -32,7 +32,7 @@ from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.calibration_files import write_calibration
 from beltscape.target.board import read_board
 from beltscape.target.module import read_module
-from beltscape.workers.tasks import HERE, WorkerOptions
+from beltscape.workers.options import HERE, WorkerOptions
 
 TRAVELS_MM = (0.0, 0.1, 1.0, 10.0)
 """Belt travel between two structured-light images; at 1 m/s 10,000, 1000 and 100 images per second."""

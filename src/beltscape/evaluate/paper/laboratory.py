@@ -16,7 +16,7 @@ from beltscape.pipeline.simulation import read_scenario, simulate
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.workers.collecting import collect_values
-from beltscape.workers.tasks import HERE, WorkerOptions
+from beltscape.workers.options import HERE, WorkerOptions
 
 SIZES = {"full": 1.0, "half": 0.5, "quarter": 0.25}
 """Name → share of the sensor's pixels in each direction."""

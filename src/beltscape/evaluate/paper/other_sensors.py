@@ -36,7 +36,7 @@ from beltscape.simulate.sensors.line_laser import (
 from beltscape.simulate.sensors.sequence import render_sequence
 from beltscape.stereo.pointcloud.cloud import CloudBuilder
 from beltscape.workers.collecting import collect_values
-from beltscape.workers.tasks import HERE, WorkerOptions
+from beltscape.workers.options import HERE, WorkerOptions
 
 SPEED_MM_S = 1000.0
 """Speed of the belt under the profile sensors."""

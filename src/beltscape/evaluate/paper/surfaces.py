@@ -18,7 +18,7 @@ from beltscape.evaluate.truth.simulated import Truth
 from beltscape.files.reconstruction import read_frame
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 from beltscape.workers.collecting import collect_values
-from beltscape.workers.tasks import HERE, WorkerOptions
+from beltscape.workers.options import HERE, WorkerOptions
 
 METHODS = ("binocular", "pairwise", "multiview")
 """Pairwise is the paper's method, multiview Beltscape's, and binocular the paper's comparison."""
@@ -124,7 +124,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reconstructed:
-    """What all reconstructions share."""
+    """Settings and inputs that all reconstructions share."""
 
     scenes: Mapping[str, Scene]
     rig: Rig

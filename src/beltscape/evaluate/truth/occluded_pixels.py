@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale, pack_projections
-from beltscape.stereo.multiview.frame.surface import count_visible_views
+from beltscape.stereo.multiview.frame.surface import compute_visibility
 
 
 def occluded_mask(rig: Rig, true_depth_mm: NDArray[np.floating], kernels: Kernels) -> NDArray[np.bool_]:
@@ -21,6 +21,5 @@ def occluded_mask(rig: Rig, true_depth_mm: NDArray[np.floating], kernels: Kernel
     unit = compute_inverse_depth_scale(rig, names)
     s = (1 / (np.asarray(true_depth_mm, np.float64) * unit)).astype(np.float32)
     sizes = [rig.cameras[name].size_px for name in names]
-    return np.isfinite(s) & (
-        count_visible_views(s, pack_projections(rig, names, unit, 1), sizes, kernels) == 0
-    )
+    visible, _ = compute_visibility(s, pack_projections(rig, names, unit, 1), sizes, kernels)
+    return np.isfinite(s) & (visible == 0)

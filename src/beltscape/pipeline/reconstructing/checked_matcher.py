@@ -24,8 +24,8 @@ from beltscape.pipeline.reconstructing.camera_checks.systematic_error import (
 from beltscape.pipeline.reconstructing.match_pool import FrameMatcher, MatchPool, PendingMatch
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE
+from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault
 from beltscape.stereo.consistency.diagnosis.low_coverage import diagnose_low_coverage
-from beltscape.stereo.consistency.fault_texts import CameraFault
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings

@@ -37,7 +37,7 @@ from beltscape.sources.folder import FolderSource
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 from beltscape.stereo.pairwise.reconstructor import find_horizontal_auxiliary
 from beltscape.stereo.pairwise.settings import PairwiseSettings
-from beltscape.workers.tasks import HERE, WorkerOptions
+from beltscape.workers.options import HERE, WorkerOptions
 
 METHODS = ("multiview", "pairwise", "binocular")
 """Methods of `reconstruct`: all auxiliaries at once, or the paper's two methods."""

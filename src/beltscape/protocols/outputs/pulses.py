@@ -39,7 +39,7 @@ class Module(Protocol):
 
 
 class PulseOutput(Protocol):
-    """What gives pulses."""
+    """An output that gives pulses."""
 
     @property
     def given(self) -> int:

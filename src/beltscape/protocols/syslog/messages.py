@@ -28,7 +28,7 @@ _BOM = b"\xef\xbb\xbf"
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Who sends: the parts that all messages of a sender share."""
+    """The sender: the parts that all its messages share."""
 
     facility: int
     hostname: str

@@ -22,7 +22,7 @@ class _Document(BaseModel):
 
 
 class SumsOut(_Document):
-    """What records add up to; σ is one standard deviation."""
+    """Sums of records; σ is one standard deviation."""
 
     records: int
     volume_m3: float

@@ -18,7 +18,7 @@ _EVIDENCE = 9.0
 
 @dataclass(frozen=True, slots=True)
 class Pattern:
-    """What the differences of the intervals have in common."""
+    """A pattern that the differences of the intervals have in common."""
 
     kind: Literal["proportional", "constant"]
     value: float

@@ -1,4 +1,4 @@
-"""What two ledgers were measured by, and in which of it they differ."""
+"""Provenance of two ledgers: program, settings, rig and belt by which each was measured, and their differences."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ COVERAGE_FACTOR = 2.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PairedSums:
-    """What n stretches add up to in both ledgers, with the terms of σ; sums of sums are sums of all their segments.
+    """Sums of n stretches in both ledgers, with the terms of σ; sums of sums are sums of all their segments.
 
     Every pair of rows is first ledger, second ledger.
     """

@@ -30,7 +30,7 @@ _MOST_FINDINGS = 200
 
 @dataclass(frozen=True, slots=True)
 class JoinedLedger:
-    """What the joined ledger adds up to."""
+    """Sums of the joined ledger."""
 
     totals: dict[str, Any]
     lengths_mm: dict[str, float]

@@ -18,7 +18,7 @@ NOT_MEASURED = "the piece of the recording could not be measured"
 
 @dataclass(frozen=True, slots=True)
 class Seam:
-    """Where two pieces disagree about the end of one and the beginning of the next."""
+    """A place at which two pieces disagree about the end of one and the beginning of the next."""
 
     recording: str
     difference_mm: float

@@ -30,7 +30,7 @@ _NO_EXPOSURES: Mapping[str, float] = {}
 
 @dataclass(frozen=True, slots=True)
 class CaptureOptions:
-    """What a source's captures are read by."""
+    """Options by which a source's captures are read."""
 
     cameras: Mapping[str, tuple[int, int]]
     """Camera of the rig → (width, height) in px, in the rig's order."""

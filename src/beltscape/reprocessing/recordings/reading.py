@@ -26,7 +26,7 @@ _THREADS = 4
 
 @dataclass(frozen=True, slots=True)
 class _ReadImage:
-    """What reading of one file gave."""
+    """Result of reading one file."""
 
     image: Image | None
     problem: str

@@ -40,7 +40,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True)
 class Unreadable:
-    """What was found and could not be read."""
+    """A recording that was found and could not be read."""
 
     name: str
     """Path below the source with "/"."""

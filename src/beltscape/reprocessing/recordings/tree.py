@@ -34,7 +34,7 @@ class FileEntry:
 
 @dataclass(frozen=True, slots=True)
 class Folder:
-    """What a folder holds."""
+    """Contents of a folder."""
 
     folders: set[str] = field(default_factory=set[str])
     files: dict[str, FileEntry] = field(default_factory=dict[str, FileEntry])

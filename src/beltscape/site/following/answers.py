@@ -1,4 +1,4 @@
-"""What a belt's machine answers, as far as the site reads it; fields that other versions add are ignored."""
+"""Answers of a belt's machine, as far as the site reads them; fields that other versions add are ignored."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which records of a belt count: each once by its number, also after hours without the connection."""
+"""Catching up with a belt's records: each counts once by its number, also after hours without the connection."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Cursor:
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """What a piece of the ledger adds to the sums."""
+    """Sums that a piece of the ledger adds."""
 
     cursor: Cursor
     """The last record of it."""

@@ -1,4 +1,4 @@
-"""What can be wrong with a belt, in one line each; the page has the same texts in all languages by their keys."""
+"""Faults of a belt in one line each; the page has the same texts in all languages by their keys."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.accumulation import POOLED_FRAMES, ResidualAccumulator
 from beltscape.stereo.consistency.check import assess_tie_points, check_consistency
 from beltscape.stereo.consistency.diagnosis.diagnosis import MisplacedImages, find_misplaced_images
-from beltscape.stereo.consistency.fault_texts import CameraFault, list_faults
+from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault, list_faults
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tie_points.tie_points import TiePoints, join_tie_points
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance

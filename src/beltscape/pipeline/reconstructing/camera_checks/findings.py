@@ -16,7 +16,7 @@ from beltscape.health.cameras.poses import (
     repeat_faults,
 )
 from beltscape.health.cameras.redundancy import make_redundancy_finding
-from beltscape.stereo.consistency.fault_texts import CameraFault
+from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 
 _LONGEST_UNCONFIRMED = 10

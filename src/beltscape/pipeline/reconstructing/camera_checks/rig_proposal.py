@@ -12,7 +12,7 @@ from beltscape.core.errors import OutputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.files.rig_json import write_rig
-from beltscape.stereo.consistency.diagnosis.pose_change import PoseChange
+from beltscape.stereo.consistency.faults.pose_change import PoseChange
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 
 PROPOSAL_FILE = "rig.proposed.json"

@@ -18,7 +18,8 @@ from beltscape.core.progress import Reporter, Silent
 from beltscape.files.rasters.images import read_image
 from beltscape.pipeline.reconstructing.match_pool import FrameMatcher
 from beltscape.pipeline.reconstructing.matcher_factory import MatcherFactory
-from beltscape.workers.tasks import PendingTask, TaskPool, WorkerOptions, open_pool
+from beltscape.workers.options import WorkerOptions
+from beltscape.workers.tasks import PendingTask, TaskPool, open_pool
 
 _AHEAD = 2
 """Frames handed out for each worker: one is matched, one waits, so that no worker waits for this process."""
@@ -30,7 +31,7 @@ _DEPTH_BYTES = 13
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MatchParameters:
-    """What all frames of a reconstruction share."""
+    """Parameters that all frames of a reconstruction share."""
 
     token: str
     """Identity of the reconstruction: a worker keeps the matchers of one."""

@@ -49,10 +49,12 @@ def write_regions(path: Path, frame_set: FrameSet, rig: Rig, cameras: Sequence[s
 
 def _detect_grids(frame_set: FrameSet, rig: Rig) -> dict[str, MarkerGrid]:
     """Return the cameras' grids in a common numbering; empty without one in the core camera, whose grid all need."""
-    if rig.core not in frame_set.images or _detect_grid(frame_set.images[rig.core]) is None:
+    if rig.core not in frame_set.images or (core := _detect_grid(frame_set.images[rig.core])) is None:
         return {}
     detected = {
-        name: _detect_grid(frame_set.images[name]) for name in rig.cameras if name in frame_set.images
+        name: core if name == rig.core else _detect_grid(frame_set.images[name])
+        for name in rig.cameras
+        if name in frame_set.images
     }
     return align_grids({name: grid for name, grid in detected.items() if grid is not None}, rig)
 

@@ -13,7 +13,7 @@ _NOTICED_S = 60.0
 
 
 class PrimaryHost:
-    """Whether the host is online, and which records it may have missed before its death was noticed."""
+    """State of the host: online or not, and the records that it may have missed before its death was noticed."""
 
     def __init__(self, name: str) -> None:
         """``name``: the host's identifier; empty: there is no primary host, and data never wait."""

@@ -1,1 +1,1 @@
-"""Who enters: certificates of clients, sessions of users, and bounds of a connection."""
+"""Access to the server: certificates of clients, sessions of users, and bounds of a connection."""

@@ -32,7 +32,7 @@ _MOST_SUBSCRIPTIONS = 500
 
 @dataclass(frozen=True, slots=True)
 class Caller:
-    """Who makes a request."""
+    """The user and client of a request."""
 
     user: str
     """Name of the user; empty: nobody has signed in."""

@@ -33,7 +33,7 @@ _CATCH_UP_S = 1.0
 
 
 class Client(Protocol):
-    """What reads one belt; BeltClient does."""
+    """A reader of one belt, such as BeltClient."""
 
     def read_page(self) -> PageAnswer:
         """Return the settings of its page."""
@@ -54,7 +54,7 @@ class Client(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class BeltView:
-    """What the site knows of a belt now."""
+    """Present state of a belt, as far as the site has read it."""
 
     settings: BeltSettings
     page: PageAnswer | None

@@ -36,19 +36,11 @@ class SampleCache:
         """Return the samples of all captures for a network; ``draw(capture, turn)`` draws those not kept yet."""
         folder = self.folder / network
         self.draw_missing(f"samples for {network}", folder, captures, partial(_write_samples, draw))
-        found: list[Arrays] = []
-        for capture in captures:
-            with np.load(folder / f"{capture.name}.npz", allow_pickle=False) as arrays:
-                found.append(dict(arrays))
-        found = [arrays for arrays in found if arrays]
-        if not found:
+        files = [folder / f"{capture.name}.npz" for capture in captures]
+        joined = join_files(files)
+        if not joined:
             raise ValueError(f"no capture has samples for {network}")
-        return {
-            name: found[0][name]
-            if name.endswith(_SHARED)
-            else np.concatenate([arrays[name] for arrays in found])
-            for name in found[0]
-        }
+        return joined
 
     def draw_missing(
         self, stage: str, folder: Path, captures: list[Path], write: Callable[[Path, Path, int], object]
@@ -63,6 +55,35 @@ class SampleCache:
         ]
         kept = len(captures) - len(tasks)
         self.drawing.run(write, tasks, lambda done: self.reporter.step(stage, kept + done, len(captures)))
+
+
+def join_files(paths: list[Path]) -> Arrays:
+    """Return the arrays of files, each joined over all files; files without arrays are left out."""
+    files = [path for path in paths if _list_arrays(path)]
+    return {
+        name: _join_arrays(files, name) if not name.endswith(_SHARED) else _read_array(files[0], name)
+        for name in (_list_arrays(files[0]) if files else ())
+    }
+
+
+def _join_arrays(paths: list[Path], name: str) -> np.ndarray:
+    """Return an array of all files, joined along its first axis, with little more memory than that takes."""
+    first, rows = _read_array(paths[0], name), [len(_read_array(path, name)) for path in paths]
+    joined = np.empty((sum(rows), *first.shape[1:]), first.dtype)
+    ends = np.cumsum(rows)
+    for path, count, end in zip(paths, rows, ends, strict=True):
+        joined[end - count : end] = _read_array(path, name)
+    return joined
+
+
+def _list_arrays(path: Path) -> list[str]:
+    with np.load(path, allow_pickle=False) as arrays:
+        return list(arrays.files)
+
+
+def _read_array(path: Path, name: str) -> np.ndarray:
+    with np.load(path, allow_pickle=False) as arrays:
+        return arrays[name]
 
 
 def _write_samples(draw: Callable[[Path, int], Arrays], path: Path, capture: Path, turn: int) -> None:

@@ -40,10 +40,27 @@ def set_deterministic(threads: int = 1) -> None:
 
 def compute_limits(x: np.ndarray) -> np.ndarray:
     """Return the (2, n) limits to which features (N, n) are clipped; NaN is no value."""
-    mean, spread = np.nanmean(x, axis=0, dtype=float), np.nanstd(x, axis=0, dtype=float)
-    low, high = mean - LIMIT * spread, mean + LIMIT * spread
-    limits = np.stack([np.maximum(low, np.nanmin(x, axis=0)), np.minimum(high, np.nanmax(x, axis=0))])
-    return limits.astype(np.float32)
+    return np.stack([_limit_column(column) for column in x.T], axis=1).astype(np.float32)
+
+
+def _limit_column(column: np.ndarray) -> tuple[float, float]:
+    values = column[~np.isnan(column)]
+    mean, spread = values.mean(dtype=float), values.std(dtype=float)
+    return max(mean - LIMIT * spread, values.min()), min(mean + LIMIT * spread, values.max())
+
+
+def _scale_columns(x: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return features (N, n) clipped and scaled to mean 0 and spread 1, and their means and spreads (n,).
+
+    One feature at a time, for the samples take gigabytes.
+    """
+    scaled = np.empty(x.shape, np.float32)
+    mean, spread = np.empty(x.shape[1]), np.empty(x.shape[1])
+    for i, (low, high) in enumerate(limits.T):
+        within = np.clip(np.where(np.isnan(x[:, i]), low, x[:, i]), low, high)
+        mean[i], spread[i] = within.mean(dtype=float), within.std(dtype=float) + _SPREAD
+        scaled[:, i] = (within - mean[i]) / spread[i]
+    return scaled, mean, spread
 
 
 def make_layers(*sizes: int) -> nn.Sequential:
@@ -84,14 +101,12 @@ def fit_perceptron(
     """
     torch.manual_seed(seed)
     limits = compute_limits(x) if limits is None else limits
-    within = np.clip(np.where(np.isnan(x), limits[0], x), *limits).astype(np.float32)
-    mean, spread = within.mean(axis=0, dtype=float), within.std(axis=0, dtype=float) + _SPREAD
-    scaled = torch.from_numpy(((within - mean) / spread).astype(np.float32))
+    scaled, mean, spread = _scale_columns(x, limits)
     model = make_layers(len(features), *schedule.hidden, len(outputs))
     with torch.no_grad():
         for part in (model[-1].weight, model[-1].bias):
             part.mul_(0.3)  # the first outputs are near their start
-    _descend(model, scaled, lambda found, at: loss(found + start, at), schedule)
+    _descend(model, torch.from_numpy(scaled), lambda found, at: loss(found + start, at), schedule)
     first, *others = export_layers(model)
     layers = [unscale_first_layer(first, mean, spread), *others]
     layers[-1][:, -1] += start

@@ -36,6 +36,7 @@ from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
 from beltscape.calibration.network.two_sided.two_sides import describe_back
+from beltscape.calibration.solver.deterministic import single_thread
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter
@@ -140,12 +141,14 @@ def calibrate(
     coverage = _assess_coverage(adjustment, limited, covariance, volume, reporter)
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
     rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit)
+    with single_thread():
+        next_best_view = find_next_best_view(adjustment, covariance)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment,
         rig=rig, covariance=covariance,
         depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance),
-        next_best_view=find_next_best_view(adjustment, covariance),
+        next_best_view=next_best_view,
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
         warnings=warnings,

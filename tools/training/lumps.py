@@ -16,10 +16,13 @@ from training.cache import SampleCache
 from training.losses import make_cross_entropy
 from training.perceptron import Schedule, fit_perceptron
 from training.reconstructions import reconstruct_capture
+from training.samples.packings import simulate_packing
 
 CELLS = {400_000: 40_000, 1_600_000: 15_000, 180_000: 15_000}
 """Cells of the raster → number of them drawn from a capture; three widths, so that lumps of all sizes occur."""
 SCHEDULE = Schedule((28, 16), 9, 2048)
+PACKINGS, PACKED_CELLS = 640, 12_000
+"""Number of simulated packings of bodies, and of cells at most drawn from each."""
 _PLANE = 0.15
 """Compressed height of the chords over a cell, in cells, up to which its surroundings are a plane; above noise."""
 _TRUE_SIGMA_MM = 0.01
@@ -32,12 +35,14 @@ def collect_lumps(captures: list[Path], cache: SampleCache) -> dict[str, np.ndar
 
 
 def train_lumps(captures: list[Path], cache: SampleCache) -> Network:
-    """Train the logits of the probabilities of an outline and of a lump, on true and on measured depth."""
+    """Train the logits of the probabilities of an outline and of a lump, on true, measured and simulated depth."""
     samples = collect_lumps(captures, cache)
     names = tuple(map(str, samples["names"]))
-    uneven = mask_uneven(names, samples["features"])
-    loss = make_cross_entropy(samples["target"][uneven])
-    return fit_perceptron(names, ("outline", "lump"), samples["features"][uneven], loss, SCHEDULE)
+    parts = [(samples["features"], samples["target"]), *map(_draw_packing, range(PACKINGS))]
+    features, target = (np.concatenate(part) for part in zip(*parts, strict=True))
+    uneven = mask_uneven(names, features)
+    loss = make_cross_entropy(target[uneven])
+    return fit_perceptron(names, ("outline", "lump"), features[uneven], loss, SCHEDULE)
 
 
 def mask_uneven(names: tuple[str, ...], features: np.ndarray) -> np.ndarray:
@@ -51,8 +56,26 @@ def mask_uneven(names: tuple[str, ...], features: np.ndarray) -> np.ndarray:
     return np.abs(features[:, chords]).max(axis=1) > _PLANE
 
 
+def _draw_packing(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return features (N, F) and targets (N, 2) of cells of a simulated packing, of bodies and ground alike many.
+
+    Along the rim of a lone body both are as likely, whatever share of the view it covers.
+    """
+    rng = np.random.default_rng(seed)
+    height, measured, body = simulate_packing(rng)
+    names, features, target = _draw_table(height, measured, body, body.size, rng)
+    uneven = mask_uneven(names, features)
+    drawn = [np.flatnonzero(uneven & (target[:, 1] == kind))[: PACKED_CELLS // 2] for kind in (False, True)]
+    equal = min(map(len, drawn))
+    drawn = np.concatenate([one[:equal] for one in drawn])
+    return features[drawn], target[drawn]
+
+
 def _draw(capture: Path) -> dict[str, np.ndarray]:
-    truth, rocks = _read_truth(next((capture / "truth").glob("*_depth.npz")))
+    path = next((capture / "truth").glob("*_depth.npz"))
+    if path.stem == "module_depth":
+        return {}  # its steps are neither lumps nor ground
+    truth, rocks = _read_truth(path)
     camera = read_rig(capture / "truth" / "rig.json").core_camera
     rng = np.random.default_rng(1)
     parts = [
@@ -84,11 +107,18 @@ def _draw_cells(
         k = raster.factor
         rows, columns = raster.measured.shape
         rock = rocks[k // 2 :: k, k // 2 :: k][:rows, :columns]
-        features = compute_features(raster.height_px, raster.measured)
-        target = np.stack([mask_outlines(rock), rock >= 0], axis=-1).reshape(-1, 2)
-        drawn = rng.permutation(rows * columns)[:count]
-        table = np.stack([plane.ravel()[drawn] for plane in features.values()], axis=-1)
-        yield tuple(features), table, target[drawn]
+        yield _draw_table(raster.height_px, raster.measured, rock, count, rng)
+
+
+def _draw_table(
+    height_px: np.ndarray, measured: np.ndarray, body: np.ndarray, count: int, rng: np.random.Generator
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
+    """Return names, features (N, F) and targets (N, 2) of ``count`` cells, given the body (R, C) in each."""
+    features = compute_features(height_px, measured)
+    target = np.stack([mask_outlines(body), body >= 0], axis=-1).reshape(-1, 2)
+    drawn = rng.permutation(body.size)[:count]
+    table = np.stack([plane.ravel()[drawn] for plane in features.values()], axis=-1)
+    return tuple(features), table, target[drawn]
 
 
 def _read_truth(path: Path) -> tuple[DepthMap, np.ndarray]:

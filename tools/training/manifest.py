@@ -63,11 +63,16 @@ def _round(metrics: dict[str, float]) -> dict[str, float]:
 
 
 def _read_commit() -> str:
-    """Return the commit of the working tree, with a + if files are changed."""
+    """Return the commit of the working tree, with a + if files are changed; "unknown" outside a repository."""
 
     def run(*arguments: str) -> str:
         command = ["git", *arguments]
         folder = Path(__file__).parent
         return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout.strip()
 
-    return run("rev-parse", "HEAD") + ("+" if run("status", "--porcelain", "--untracked-files=no") else "")
+    try:
+        return run("rev-parse", "HEAD") + (
+            "+" if run("status", "--porcelain", "--untracked-files=no") else ""
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"

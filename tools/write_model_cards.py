@@ -5,7 +5,6 @@ python tools/write_model_cards.py
 
 from __future__ import annotations
 
-import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -16,14 +15,6 @@ from beltscape.learned.registry import PURPOSES, Purpose, load_network
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/reference/models.md"
 MANIFEST = ROOT / "src/beltscape/data/networks/manifest.json"
-KEPT = {
-    "holes": "`make train` gives a better network for the simulator's rocks (held out: error over target 0.54 "
-    "instead of 0.59, sigma ratio 1.2 instead of 4.7), but a worse one for other shapes: with it, volumes of a heap "
-    "and of solid bodies by another renderer are +0.35 and −0.26 % off instead of +0.01 and −0.17 %.",
-    "lumps": "`make train` gives a better network for the simulator's rocks (held out: area under the ROC curve of a "
-    "lump 0.99 instead of 0.81), but one that takes large smooth bodies, such as boxes, for the belt.",
-}
-"""Networks of earlier fits that still ship, and why."""
 _FEW = 12
 """Largest number of features of which all are named; of more, the first are."""
 HEAD = """# Models
@@ -47,8 +38,7 @@ def describe_origin(manifest: dict[str, Any]) -> str:
     return (
         f"Trained on the scenarios {first} to {last} of `tools/training/scenarios.py`, each drawn from the\n"
         f"seed of its number, at commit {manifest['commit'][:9]}. Scenarios {first_held_out} to "
-        f"{last_held_out} were held out.\nNetworks of an earlier fit say so under *origin*.\n\n"
-        + format_scores(manifest["reconstruction"])
+        f"{last_held_out} were held out.\n\n" + format_scores(manifest["reconstruction"])
     )
 
 
@@ -62,12 +52,6 @@ def format_scores(scores: dict[str, dict[str, float]]) -> str:
     return "\n".join(
         ["| preset | " + " | ".join(columns) + " |", "|---" * (len(columns) + 1) + "|", *rows, ""]
     )
-
-
-def is_trained(name: str, manifest: dict[str, Any]) -> bool:
-    """Return whether the network that ships is the one of the manifest's training."""
-    shipped = (MANIFEST.parent / f"{name}.npz").read_bytes()
-    return hashlib.sha256(shipped).hexdigest() == manifest["networks"][name]["sha256"]
 
 
 def write_card(name: str, purpose: Purpose, network: Network, manifest: dict[str, Any]) -> str:
@@ -88,13 +72,8 @@ def write_card(name: str, purpose: Purpose, network: Network, manifest: dict[str
         ("used by", f"`{purpose.used_by}`"),
         ("not for", purpose.unsuitable),
     ]
-    if is_trained(name, manifest):
-        metrics = manifest["networks"][name]["metrics"]
-        rows += [(f"held out: {what}", f"{value:.4g}") for what, value in metrics.items()]
-    else:
-        rows.append(
-            ("origin", f"Fitted before `make train`, to captures that were not recorded. {KEPT[name]}")
-        )
+    metrics = manifest["networks"][name]["metrics"]
+    rows += [(f"held out: {what}", f"{value:.4g}") for what, value in metrics.items()]
     return f"## {name}\n\n| | |\n|---|---|\n" + "".join(f"| {what} | {text} |\n" for what, text in rows)
 
 

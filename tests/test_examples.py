@@ -8,13 +8,13 @@ import runpy
 import shlex
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 from pydantic import BaseModel
 
-from beltscape.cli.main import COMMANDS, OneLineParser
+from beltscape.cli.catalogue import COMMANDS, load_command
+from beltscape.cli.main import OneLineParser
 from beltscape.files.documents.toml_text import read_toml
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.plan import read_plan_settings
@@ -74,7 +74,7 @@ def test_every_documented_command_exists(script):
     for command, *arguments in calls:
         assert command in COMMANDS
         parser = OneLineParser(prog=command)
-        import_module(f"beltscape.cli.commands.{command}").add_arguments(parser)
+        load_command(command).add_arguments(parser)
         parser.parse_args(arguments)  # leaves with 2 where an argument is unknown
 
 

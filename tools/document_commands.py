@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from importlib import import_module
 from textwrap import wrap
 from typing import Any
 
+from beltscape.cli.catalogue import COMMANDS, load_command
 from beltscape.cli.examples import EXAMPLES
-from beltscape.cli.main import COMMANDS
 
 PLACE = "<!-- commands -->"
 """Line of the page that the reference replaces."""
@@ -37,7 +36,7 @@ def document_commands() -> Iterator[str]:
 def make_parser(name: str) -> argparse.ArgumentParser:
     """Return the parser of a command."""
     parser = argparse.ArgumentParser(prog=f"beltscape {name}")
-    import_module(f"beltscape.cli.commands.{name}").add_arguments(parser)
+    load_command(name).add_arguments(parser)
     return parser
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from beltscape.cli.commands import cameras
+from beltscape.cli.commands.operating import cameras
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.cli.main import COMMANDS
+from beltscape.cli.catalogue import COMMANDS
 
 PROGRAM = Path(sys.executable).with_name("beltscape")
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
+from beltscape.cli.catalogue import COMMANDS
 from beltscape.cli.examples import EXAMPLES
-from beltscape.cli.main import COMMANDS, main
+from beltscape.cli.main import main
 from tests.docs.program import parser_of
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from importlib import import_module
 
 import pytest
 
 import beltscape
-from beltscape.cli.main import COMMANDS, main
+from beltscape.cli.catalogue import COMMANDS, load_command
+from beltscape.cli.main import main
 from beltscape.core.errors import InputError
 
 
@@ -39,7 +39,7 @@ def test_every_command_has_help_and_an_example_of_its_arguments(capsys, name):
     assert stop.value.code == 0
     out = capsys.readouterr().out
     assert out.startswith(f"usage: beltscape {name} ")
-    module = import_module(f"beltscape.cli.commands.{name}")
+    module = load_command(name)
     assert {"add_arguments", "run", "summary"} <= set(vars(module))
 
 
@@ -54,7 +54,7 @@ def test_error_gives_an_exit_code_and_a_line(monkeypatch, capsys, error, code, l
     def fail(arguments, reporter):
         raise error
 
-    monkeypatch.setattr("beltscape.cli.commands.check.run", fail)
+    monkeypatch.setattr("beltscape.cli.commands.calibrating.check.run", fail)
     assert main(["check", "c", "--rig=r", "--board=b"]) == code
     assert capsys.readouterr() == ("", line)
 
@@ -63,6 +63,6 @@ def test_internal_error_has_its_own_exit_code(monkeypatch, capsys):
     def fail(arguments, reporter):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("beltscape.cli.commands.check.run", fail)
+    monkeypatch.setattr("beltscape.cli.commands.calibrating.check.run", fail)
     assert main(["check", "c", "--rig=r", "--board=b"]) == 70
     assert "internal error" in capsys.readouterr().err

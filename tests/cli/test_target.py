@@ -6,7 +6,7 @@ import argparse
 
 import pytest
 
-from beltscape.cli.commands import target
+from beltscape.cli.commands.designing import target
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.progress import Silent
 from beltscape.files.documents.json_text import to_json

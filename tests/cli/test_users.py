@@ -18,7 +18,6 @@ PASSWORD = "coal on the belt"
 @pytest.fixture(autouse=True)
 def desk(tmp_path, monkeypatch):
     """A project with a data folder; cheap passwords."""
-    monkeypatch.setitem(program.COMMANDS, "users", "who may open the page")
     monkeypatch.setattr(accounts_module, "ScryptCost", lambda: ScryptCost(4, 8, 1))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "project.toml").write_text('data = "kept"\n')

@@ -10,10 +10,10 @@ import signal
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 
-from beltscape.cli.main import COMMANDS, OneLineParser, main
+from beltscape.cli.catalogue import COMMANDS, load_command
+from beltscape.cli.main import OneLineParser, main
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -31,7 +31,7 @@ class Answer:
 def parser_of(command: str) -> argparse.ArgumentParser:
     """Return the parser of a command."""
     parser = OneLineParser(prog=f"beltscape {command}")
-    import_module(f"beltscape.cli.commands.{command}").add_arguments(parser)
+    load_command(command).add_arguments(parser)
     parser.add_argument("--json", action="store_true")
     return parser
 

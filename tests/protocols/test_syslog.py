@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
 from beltscape.core.live.alarms import Alarm, Suppression
-from beltscape.protocols.syslog.messages import (
+from beltscape.protocols.syslog.rfc5424 import (
     UDP_BYTES,
     Origin,
     SyslogMessage,

@@ -16,7 +16,7 @@ from beltscape.alarms.checks import CHECKS
 from beltscape.alarms.management.priorities import MATRIX, get_rationale
 from beltscape.alarms.names import KINDS
 from beltscape.core.live.alarms import Alarm
-from beltscape.protocols.syslog.messages import Origin, describe_change, format_message
+from beltscape.protocols.syslog.rfc5424 import Origin, describe_change, format_message
 from beltscape.protocols.syslog.sender import SyslogSender
 from beltscape.protocols.syslog.settings import SyslogSettings
 from tests.protocols.broker import find_port

@@ -20,6 +20,11 @@ EXAMPLES = {
     "demo": ("demo --out out/demo",),
     "calibrate": ("calibrate calibration --board board.toml --core cam0 --out rig",),
     "check": ("check calibration_later --rig rig/rig.json --board board.toml",),
+    "export": (
+        "export rig/rig.json --format opencv --out rig.yaml",
+        "export depth_loaded/000 --belt belt.json --out load.laz",
+    ),
+    "import": ("import camchain.yaml --out rig.json",),
     "rectify": ("rectify loaded --rig rig/rig.json --out rectified",),
     "reconstruct": ("reconstruct loaded --rig rig/rig.json --preset fast --out depth_loaded",),
     "measure": (
@@ -31,32 +36,27 @@ EXAMPLES = {
         "measure zero depth_empty --empty belt.json --out belt_zero.json",
     ),
     "evaluate": ("evaluate depth depth_loaded --truth loaded/truth",),
-    "run": ("run project.toml --check", "run project.toml"),
-    "site": ("site site.toml --check", "site site.toml"),
-    "reload": ("reload project.toml", "reload project.toml --list"),
-    "replay": ("replay project.toml --capture moving --out replayed",),
-    "reprocess": (
-        "reprocess data/recordings --project project.toml --workers 4 --out reprocessed",
-        "reprocess s3://plant/2026 --project project.toml --address ray://head:10001 --out reprocessed",
-    ),
-    "compare": ("compare data reprocessed --out comparison",),
-    "backup": ("backup project.toml /var/backups/beltscape --archive tar.zst --keep 14",),
-    "restore": (
-        "restore /var/backups/beltscape/2026-11-21T024000Z.tar.zst --check",
-        "restore /var/backups/beltscape/2026-11-21T024000Z.tar.zst restored",
-    ),
+    "view": ("view depth_loaded --belt belt.json",),
     "cameras": ("cameras --check project.toml",),
     "record": (
         "record project.toml --out calibration --board board.toml   (space or Enter takes a shot, q ends)",
         "record project.toml --out moving --sequence --seconds 30",
     ),
+    "run": ("run project.toml --check", "run project.toml"),
+    "replay": ("replay project.toml --capture moving --out replayed",),
+    "reload": ("reload project.toml", "reload project.toml --list"),
+    "site": ("site site.toml --check", "site site.toml"),
     "users": ("users add project.toml anna --role engineer",),
-    "view": ("view depth_loaded --belt belt.json",),
-    "export": (
-        "export rig/rig.json --format opencv --out rig.yaml",
-        "export depth_loaded/000 --belt belt.json --out load.laz",
+    "backup": ("backup project.toml /var/backups/beltscape --archive tar.zst --keep 14",),
+    "restore": (
+        "restore /var/backups/beltscape/2026-11-21T024000Z.tar.zst --check",
+        "restore /var/backups/beltscape/2026-11-21T024000Z.tar.zst restored",
     ),
-    "import": ("import camchain.yaml --out rig.json",),
+    "reprocess": (
+        "reprocess data/recordings --project project.toml --workers 4 --out reprocessed",
+        "reprocess s3://plant/2026 --project project.toml --address ray://head:10001 --out reprocessed",
+    ),
+    "compare": ("compare data reprocessed --out comparison",),
     "doctor": ("doctor --data /var/lib/beltscape",),
     "completion": ("completion bash > ~/.local/share/bash-completion/completions/beltscape",),
 }

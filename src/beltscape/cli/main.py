@@ -6,44 +6,14 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from typing import NoReturn, cast
 
 from beltscape import __version__
+from beltscape.cli.catalogue import COMMANDS, GROUPS, TITLES, load_command
 from beltscape.cli.command import Command
-from beltscape.cli.commands import completion
+from beltscape.cli.commands.installation import completion
 from beltscape.cli.examples import add_examples
 from beltscape.cli.failure import UsageError, report_failure
-
-COMMANDS = {
-    "plan": "belt, camera and lens → heights, poses, coverage, depth σ, light, frame rate",
-    "target": "speckle pattern for the projector, calibration board to print in true size",
-    "simulate": "a rendered capture of a scene, with its exact truth",
-    "demo": "the whole chain on a small rig that ships with Beltscape, ending in a report",
-    "calibrate": "images of a board → rig.json, calibration.json, report.html",
-    "check": "score a rig on board views it has never seen, in px and in mm",
-    "rectify": "epipolar rectification about the core camera, with the check picture",
-    "reconstruct": "images → depth, its uncertainty and a point cloud, frame by frame",
-    "measure": "belt, volume, flow, lumps, a module's dimensions",
-    "evaluate": "the paper's experiments side by side, a depth map against its truth",
-    "run": "live: cameras → records → history, alarms and the operator's page",
-    "site": "several belts, each measured by its own run: one page, balances over transfer points, totals",
-    "reload": "a running plant reads its settings, rig and empty belt again, without a stop",
-    "replay": "a recorded capture through the running system, at full or at its own speed",
-    "reprocess": "recordings measured again, a year of them on a cluster, into one ledger",
-    "compare": "two measurements of the same belt: flow, totals, where and why they differ, with σ",
-    "backup": "history, users, settings, rig, belt and certificates of a plant, while it runs",
-    "restore": "a backup back in its place, on this machine or an empty one",
-    "cameras": "cameras on the network, and whether a project's settings fit them",
-    "record": "images from a project's cameras: views of the board by key or timer, sequences of the belt",
-    "users": "who may open the operator's page: list, add, remove, passwords, roles",
-    "view": "a rig, a frame or a sequence in 3-D, with belt and fitted primitives, in the browser",
-    "export": "rig.json → OpenCV YAML, Kalibr camchain, COLMAP rig, ROS camera_info; a cloud → LAS, LAZ, PLY",
-    "import": "one of these → rig.json",
-    "doctor": "what is installed, and whether this machine suits the job",
-    "completion": "completion of commands and options for bash, zsh and fish",
-}
-"""Command → its description. The module of its name in `commands` is imported only when the command is called."""
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -89,7 +59,7 @@ def _complete() -> None:
 
 def _declare(name: str, parser: argparse.ArgumentParser) -> Command:
     """Declare the arguments of a command; return its module."""
-    command: Command = import_module(f"beltscape.cli.commands.{name}")  # pyright: ignore[reportAssignmentType]
+    command = load_command(name)
     command.add_arguments(parser)
     _add_json(parser)
     return command
@@ -119,12 +89,12 @@ def _add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def _run_top_level(words: Sequence[str]) -> int:
-    lines = "\n".join(f"  {name:<12} {description}" for name, description in COMMANDS.items())
+    listed = "\n\n".join(_list_group(group) for group in GROUPS)
     parser = OneLineParser(
         prog="beltscape",
         usage="beltscape COMMAND [...]",
         description="Cameras over a conveyor belt become a 3-D sensor for bulk material.",
-        epilog=f"commands:\n{lines}\n\nbeltscape COMMAND --help shows a command's arguments.",
+        epilog=f"{listed}\n\nbeltscape COMMAND --help shows a command's arguments.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"beltscape {__version__}")
@@ -141,3 +111,9 @@ def _run_top_level(words: Sequence[str]) -> int:
         parser.error(f"no option {unknown[0]}")
     parser.print_help()
     return 0
+
+
+def _list_group(group: str) -> str:
+    """Return the heading of a group and its commands, a line each."""
+    lines = [f"  {name:<12} {description}" for name, description in GROUPS[group].items()]
+    return "\n".join([f"{TITLES[group]}:", *lines])

@@ -29,7 +29,7 @@ KEY = Key(
     )
 )
 STATES = ("band", "degraded", "missing")
-"""Colours of needed pixels: certain or reached, doubtful, unusable."""
+"""Colours of needed pixels: certain or reached, uncertain, unusable."""
 _DOT_PT, _CORNER_PT = 5.0, 1.5
 """Sizes of needed pixels, which touch each other, and of corners."""
 _MOST_CORNERS = 250
@@ -64,7 +64,7 @@ def draw_coverage(coverage: Coverage, form: Form) -> Figure:
     """Draw the needed pixels of every camera by their state, the board's corners and the lens's domain."""
     cameras = {name: each.camera for name, each in coverage.cameras.items()}
     figure, axes = make_image_panels(cameras, form)
-    state = coverage.is_doubtful.astype(np.intp) + coverage.is_unusable
+    state = coverage.is_uncertain.astype(np.intp) + coverage.is_unusable
     for axis, (name, own) in zip(axes, coverage.cameras.items(), strict=True):
         shown = np.where(own.is_reached & ~own.is_beyond, 0, state)
         for k, role in enumerate(STATES):
@@ -88,7 +88,7 @@ def _draw_domain(axis: Axes, own: CameraCoverage) -> None:
 
 def _make_title(name: str, coverage: Coverage, own: CameraCoverage) -> str:
     needed = np.isfinite(own.pixels[:, 0])
-    gap = needed & coverage.is_doubtful & (own.is_beyond | ~own.is_reached)
+    gap = needed & coverage.is_uncertain & (own.is_beyond | ~own.is_reached)
     return f"{name}: {gap.sum() / max(int(needed.sum()), 1):.0%} uncertain"
 
 

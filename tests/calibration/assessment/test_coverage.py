@@ -105,13 +105,13 @@ def test_a_belt_that_lies_where_the_boards_were_is_accepted(seen, board):
     small, large = cover(found, belt_ahead(150.0)), cover(found, belt_ahead(800.0))
     require_coverage(small)
     assert list_coverage_findings(small) == []
-    assert large.share(large.is_doubtful) > 0.02
+    assert large.share(large.is_uncertain) > 0.02
     assert list_coverage_findings(large)
 
 
 def test_the_auxiliary_with_the_gap_is_named(seen, board):
     coverage = cover(fit_rig(confine(seen, {"c": 0.4}), board))
-    gap = coverage.is_doubtful
+    gap = coverage.is_uncertain
     assert gap.any()
     line = (list_coverage_findings(coverage) or [""])[0]
     assert line.startswith("camera c: ")

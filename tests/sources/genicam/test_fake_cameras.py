@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from beltscape.cli.commands import cameras
+from beltscape.cli.commands.operating import cameras
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras

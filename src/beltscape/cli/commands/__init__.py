@@ -1,1 +1,1 @@
-"""One module per command, of its name: parse, call one function, print."""
+"""One module per command, of its name, in the folder of its group: parse, call one function, print."""

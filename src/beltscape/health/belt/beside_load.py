@@ -20,7 +20,7 @@ _NAN = float("nan")
 
 @dataclass(frozen=True, slots=True)
 class BesideLoad:
-    """What lies on the strips beside the load, on average; NaN: too little of them was seen."""
+    """Mean thickness of the layer on the strips beside the load; NaN: too little of them was seen."""
 
     thickness_mm: float
     """Of the strip with less of it: a load that lies too far to one side covers only one."""

@@ -132,7 +132,7 @@ class MotionTracker:
     def _place(self, frame: PushedFrame, observed: Observation) -> BeltPosition | None:
         """Return the frame's position from the best observation; None if unknown."""
         motion, trusted, shift = self.motion, self.check.is_trusted, observed.shift
-        if observed.is_doubtful and not trusted:
+        if observed.is_uncertain and not trusted:
             motion.observe_movement(frame.clock)
         if motion.last is None and frame.depth is None:
             return None
@@ -142,7 +142,7 @@ class MotionTracker:
                 frame.encoder_mm,
                 None if shift is None else self.direction * shift.along_mm,
                 0.0 if shift is None else shift.sigma_mm,
-                uses_encoder=trusted and not (observed.is_doubtful and motion.speed is not None),
+                uses_encoder=trusted and not (observed.is_uncertain and motion.speed is not None),
                 encoder_ratio=np.nan if trusted else self.check.constant_ratio,
             )
         )
@@ -242,9 +242,9 @@ class MotionTracker:
         if apart or near is None or not key.is_unmatched(frame, self.direction * near if trusted else 0.0):
             return Observation()
         if not trusted or not key.count_unmatched():
-            return Observation(is_doubtful=True)
+            return Observation(is_uncertain=True)
         first = 1 + min(key.number, self.check.agreed)
-        return Observation(None, Contradiction("unmatched", first, np.nan, np.nan), is_doubtful=True)
+        return Observation(None, Contradiction("unmatched", first, np.nan, np.nan), is_uncertain=True)
 
     def _is_credible(
         self,

@@ -134,8 +134,9 @@ def calibrate(
     training, held_out = summarise_errors(rig_errors), halves.score if halves else None
     foreign = known.find_foreign(hierarchy, detections, board)
     triples = list_triples(board)
-    explained = tuple(foreign)
-    diagnosis = diagnose(hierarchy, adjustment, covariance, triples, rig_errors, halves, explained=explained)
+    diagnosis = diagnose(
+        hierarchy, adjustment, covariance, triples, rig_errors, halves, explained=tuple(foreign)
+    )
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_domains(adjustment.rig, adjustment, known.cameras)
     coverage = _assess_coverage(adjustment, limited, covariance, volume, reporter)
@@ -145,9 +146,8 @@ def calibrate(
         next_best_view = find_next_best_view(adjustment, covariance)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
-        hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment,
-        rig=rig, covariance=covariance,
-        depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance),
+        hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment, rig=rig,
+        covariance=covariance, depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance),
         next_best_view=next_best_view,
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),

@@ -98,7 +98,7 @@ def make_calibration_document(calibration: Calibration) -> Mapping[str, Any]:
         "left_out": calibration.discards.document(),
         "coverage": {
             "volume": calibration.coverage.volume.name,
-            "doubtful": calibration.coverage.share(calibration.coverage.is_doubtful),
+            "uncertain": calibration.coverage.share(calibration.coverage.is_uncertain),
             "unusable": calibration.coverage.share(calibration.coverage.is_unusable),
         },
         "notes": calibration.notes,

@@ -13,7 +13,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.live.alarms import PRIORITIES, Alarm
 from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.protocols.client_tls import make_client_context
-from beltscape.protocols.syslog.messages import (
+from beltscape.protocols.syslog.rfc5424 import (
     Origin,
     SyslogMessage,
     describe_change,

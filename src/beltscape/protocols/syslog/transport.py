@@ -8,7 +8,7 @@ import ssl
 from contextlib import suppress
 
 from beltscape.protocols.client_tls import make_client_context
-from beltscape.protocols.syslog.messages import UDP_BYTES, frame_octets
+from beltscape.protocols.syslog.rfc5424 import UDP_BYTES, frame_octets
 from beltscape.protocols.syslog.settings import SyslogSettings
 
 _TIMEOUT_S = 5.0

@@ -26,7 +26,7 @@ Mask = NDArray[np.bool_]
 REACH = 0.08
 """Distance from the nearest corner, over the image's diagonal, within which the board reached a pixel: distortion is
 smooth over it, and boards on a sound grid of poses leave no larger gap."""
-DOUBTFUL_PX, UNUSABLE_PX = 0.1, 0.5
+UNCERTAIN_PX, UNUSABLE_PX = 0.1, 0.5
 """σ of a depth, as the shift in an image that it equals, from which it is remarked on, and from which it is unusable:
 matching is certain to 0.03 px (`plan`), and finds little along epipolar lines that are off by half a pixel."""
 MIN_CONTRAST = 5.0
@@ -60,7 +60,7 @@ class Coverage:
     lens is known."""
     sigma_px: Array
     """(N,) the same as a shift in an image."""
-    is_doubtful: Mask
+    is_uncertain: Mask
     """(N,) points in the core's image that a camera sees where the board never was, and whose σ is large by that."""
     is_unusable: Mask
     """(N,) those of them that cannot be measured, with those that no two lenses reach."""
@@ -100,7 +100,7 @@ def assess_coverage(
     sigma_mm[lost] = sigma_px[lost] = np.nan
     return Coverage(
         volume, cameras, sigma_mm, sigma_px,
-        is_doubtful=lost | (has_gap & (sigma_px > max(DOUBTFUL_PX, contrast_px))),
+        is_uncertain=lost | (has_gap & (sigma_px > max(UNCERTAIN_PX, contrast_px))),
         is_unusable=lost | (has_gap & (sigma_px > max(UNUSABLE_PX, contrast_px))),
     )  # fmt: skip
 

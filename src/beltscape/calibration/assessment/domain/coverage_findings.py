@@ -11,7 +11,7 @@ MAX_LOST, MAX_LOST_OF_VIEW = 0.02, 0.25
 """Largest share of unusable points of a given volume, and of the core's whole view, of which an unknown belt may fill
 the middle only."""
 MIN_REMARK, MIN_REMARK_OF_VIEW = 0.005, 0.02
-"""Share of doubtful points from which a gap is remarked on."""
+"""Share of uncertain points from which a gap is remarked on."""
 OFF_CENTRE = 0.25
 """Mean offset of a gap from the image's middle, in half images, from which it lies on one side."""
 
@@ -34,7 +34,9 @@ def require_coverage(coverage: Coverage) -> None:
 def list_coverage_findings(coverage: Coverage) -> list[str]:
     """Return a line about a gap in the coverage; empty without one."""
     least = MIN_REMARK if coverage.volume.is_given else MIN_REMARK_OF_VIEW
-    return [_describe(coverage, coverage.is_doubtful)] if coverage.share(coverage.is_doubtful) > least else []
+    return (
+        [_describe(coverage, coverage.is_uncertain)] if coverage.share(coverage.is_uncertain) > least else []
+    )
 
 
 def _describe(coverage: Coverage, gap: Mask) -> str:

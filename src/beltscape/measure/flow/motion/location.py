@@ -41,7 +41,7 @@ class Observation:
     """Since the key frame; None: not known."""
     contradiction: Contradiction | None = None
     """With the encoder."""
-    is_doubtful: bool = False
+    is_uncertain: bool = False
     """Whether the material is not where the encoder puts it; while it is not trusted: whether it does not stand."""
 
 

@@ -1,0 +1,1 @@
+"""Commands that calibrate a rig and exchange it with other programs."""

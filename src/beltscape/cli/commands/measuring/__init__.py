@@ -1,0 +1,1 @@
+"""Commands that turn captures into depth and measure it."""

@@ -1,0 +1,1 @@
+"""Commands that run a plant, and look after one that runs."""

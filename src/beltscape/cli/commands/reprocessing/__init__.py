@@ -1,0 +1,1 @@
+"""Commands that measure recordings again and compare the results."""

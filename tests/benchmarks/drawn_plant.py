@@ -53,7 +53,7 @@ HEAPS = Heaps()
 class DrawnCapture:
     """A round of the plant, as the bench's `RoundCapture`."""
 
-    frames, step_mm, folder = FRAMES, STEP_MM, Path()
+    frames, round_mm, folder = FRAMES, ROUND_MM, Path()
     scenario = SimpleNamespace(rig=SimpleNamespace(height_mm=HEIGHT_MM))
 
     @cached_property
@@ -65,6 +65,9 @@ class DrawnCapture:
         """Return the belt's own y, mm, and the cross-section there, mm²."""
         x, y = np.arange(-149.5, 150.0), np.arange(0.5 - ROUND_MM, 0.0)
         return y, HEAPS.height_mm(x[None], y[:, None]).sum(axis=1)
+
+    def position_mm(self, frame: int) -> float:
+        return frame * STEP_MM
 
     def images(self, frame: int) -> FrameSet:
         return make_frame(frame)

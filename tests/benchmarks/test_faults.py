@@ -28,7 +28,12 @@ def area_at(own_mm):
 
 def make_capture():
     y = np.arange(-300.0, 300.5, 1.0)
-    return SimpleNamespace(frames=ROUND, step_mm=STEP_MM, area=(y, area_at(y)))
+    return SimpleNamespace(
+        frames=ROUND,
+        round_mm=ROUND * STEP_MM,
+        position_mm=lambda frame: frame * STEP_MM,
+        area=(y, area_at(y)),
+    )
 
 
 def make_records(count, *, place_mm=130.0, length_mm=STEP_MM):
@@ -96,4 +101,4 @@ def test_results_of_parts_add_up_to_one_table(tmp_path):
     kept = results.read_results(tmp_path)
     assert {name: one.commit for name, one in kept.items()} == {"one": "b2", "two": "a1"}
     assert all(one.result.passes for one in kept.values())
-    assert results.describe_commits(kept) == "b2 (1 rows), a1 (1 rows)"
+    assert results.describe_commits(kept.values()) == "b2 (1 rows), a1 (1 rows)"

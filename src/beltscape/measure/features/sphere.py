@@ -35,8 +35,8 @@ _ANGLE_DEG = 10.0
 """Width of the classes of incidence in which the scatter is computed."""
 _TOP_DEG = 20.0
 """Angle of incidence up to which pixels belong to the top of a sphere."""
-_UNTWICED = 1.2
-"""Ratio of σ to the flattening at the top, up to 1.0 with ``standard``, 1.2 to 2 with ``fast`` (612 px)."""
+_UNTWICED = 0.9
+"""Ratio of σ to the flattening at the top: 0.5 to 0.7 with ``standard``, 1.08 and more with ``fast`` (15 spheres each)."""
 _ROUNDS = 4
 """Rounds of fit and rejection."""
 _SMOOTHED_PX = 2.3

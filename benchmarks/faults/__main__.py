@@ -1,9 +1,11 @@
 """Every fault in front of the running system, against exact truth; writes benchmarks/FAULTS.md.
 
     cd benchmarks && python -m faults [--short|--small] [--only TEXT ...] [--seed 31] [--cache DIR] [--minutes M]
-        [--rounds R] [--jobs N] [--write]
+        [--rounds R] [--jobs N] [--write] [--rendered FOLDER]
 
-The capture is rendered once into the cache (default: out/bench-faults; minutes). The exit code is 1 if any row fails.
+The capture is rendered once into the cache (default: out/bench-faults; minutes). With --rendered the moving belt in a
+folder of captures of another renderer is played, in all rows that need no rendering. The exit code is 1 if any row
+fails.
 """
 
 from __future__ import annotations
@@ -13,13 +15,13 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 from beltscape.core.progress import Silent
 from faults.capture import FRAMES_PER_S, LONG, SHORT, RoundCapture, open_capture
 from faults.case import Case
 from faults.cases import read_cases, read_not_played
+from faults.foreign_round import FOREIGN, import_round, is_playable
 from faults.player import SOUND_ROUNDS
 from faults.results import describe_commits, keep_result, read_results
 from faults.rows import play_rows
@@ -30,23 +32,33 @@ from faults.verdict import RowResult
 def main() -> int:
     """Play the chosen rows, print the table and write it."""
     arguments, commit = _parse(), read_commit()
-    sizes = SHORT if arguments.short or arguments.small else LONG
-    open_any = partial(open_capture, arguments.cache, sizes, arguments.seed, Silent())
-    capture = open_any(None)
     cases = [_shorten(case, arguments.rounds) for case in read_cases()]
     chosen = [case for case in cases if _is_chosen(case, arguments)]
+    captures = _open_captures(arguments, {None, *(case.belt_width_mm for case in chosen)})
+    capture = captures[None]
     print("\n".join(HEAD), flush=True)
     verdicts: list[RowResult] = []
-    widths = {case.belt_width_mm for case in chosen}
-    captures = {width: open_any(width) for width in sorted(widths, key=lambda width: width or 0.0)}
     for verdict in play_rows(captures, chosen, jobs=arguments.jobs, minutes=arguments.minutes):
         verdicts.append(verdict)
         keep_result(capture.folder, verdict, commit)
         print(format_row(verdict), flush=True)
     if arguments.write or not (arguments.short or arguments.only):
-        _write(capture, chosen or cases, arguments.note)
+        _write(arguments, chosen or cases)
     print(format_count(verdicts))
     return int(any(not verdict.passes for verdict in verdicts))
+
+
+def _open_captures(
+    arguments: argparse.Namespace, widths_mm: set[float | None]
+) -> dict[float | None, RoundCapture]:
+    """Return the captures of belts of these widths; None is the width of most rows."""
+    if arguments.rendered is not None:
+        return {None: import_round(arguments.rendered, arguments.cache, Silent())}
+    sizes = SHORT if arguments.short or arguments.small else LONG
+    return {
+        width: open_capture(arguments.cache, sizes, arguments.seed, Silent(), width)
+        for width in sorted(widths_mm, key=lambda width: width or 0.0)
+    }
 
 
 def _shorten(case: Case, rounds: float | None) -> Case:
@@ -55,37 +67,33 @@ def _shorten(case: Case, rounds: float | None) -> Case:
     return replace(case, rounds=max(own, case.least_rounds))
 
 
-def _write(capture: RoundCapture, chosen: Sequence[Case], note: str) -> None:
-    """Write the table of all rows whose results are kept for this capture."""
-    kept, cases = read_results(capture.folder), read_cases()
-    small = (
-        read_results(capture.folder.parent / f"{SHORT.name}-{capture.seed}") if capture.sizes == LONG else {}
+def _write(arguments: argparse.Namespace, chosen: Sequence[Case]) -> None:
+    """Write the table of all rows whose results are kept, on large images, else on small ones."""
+    cases = read_cases()
+    long, short, foreign = (
+        read_results(arguments.cache / name)
+        for name in (f"{LONG.name}-{arguments.seed}", f"{SHORT.name}-{arguments.seed}", FOREIGN)
     )
-    small = {name: one for name, one in small.items() if name not in kept}
-    played = {**kept, **small}
-    left = [(case.name, _explain_absence(case, capture)) for case in cases if case.name not in played]
+    short = {name: one for name, one in short.items() if name not in long}
+    left = [(case.name, "not run") for case in cases if case.name not in {**long, **short}]
+    kept = ("Rows on images of 612×512 px", long), ("Rows on images of 306×256 px only", short), (
+        "Rows on the moving belt of another renderer, 612×512 px, 1.6 m/s", foreign
+    )  # fmt: skip
     write_table(
         ROOT / "benchmarks" / "FAULTS.md",
-        [kept[case.name].result for case in cases if case.name in kept],
-        [small[case.name].result for case in cases if case.name in small],
+        [(what, [one[case.name].result for case in cases if case.name in one]) for what, one in kept],
         [*read_not_played(), *left],
-        " ".join([_describe(capture, chosen), note]).strip(),
-        describe_commits(played),
+        " ".join([_describe(arguments, chosen), arguments.note]).strip(),
+        describe_commits([*long.values(), *short.values(), *foreign.values()]),
     )
 
 
-def _explain_absence(case: Case, capture: RoundCapture) -> str:
-    is_small = case.needs_full_size and capture.sizes == SHORT
-    return "its images are too small to resolve the projected dots" if is_small else "not run"
-
-
-def _describe(capture: RoundCapture, chosen: Sequence[Case]) -> str:
-    width, height = capture.rig.core_camera.size_px
+def _describe(arguments: argparse.Namespace, chosen: Sequence[Case]) -> str:
     most = max((case.rounds for case in chosen), default=0)
     return (
-        f"Capture: {len(capture.rig.cameras)} cameras of {width}×{height} px, preset fast, seed {capture.seed}, "
-        f"{capture.step_mm:.1f} mm a frame at {FRAMES_PER_S:g} frames/s; {SOUND_ROUNDS} rounds of "
-        f"{capture.frames} frames before the fault, at most {most:g} after it."
+        f"Own captures: 5 cameras, preset fast, seed {arguments.seed}, rounds of {LONG.frames} frames (small: "
+        f"{SHORT.frames}) at {FRAMES_PER_S:g} frames/s; {SOUND_ROUNDS} rounds before the fault, "
+        f"at most {most:g} after it."
     )
 
 
@@ -93,6 +101,8 @@ def _is_chosen(case: Case, arguments: argparse.Namespace) -> bool:
     if arguments.short and not case.is_short:
         return False
     if case.needs_full_size and (arguments.short or arguments.small):
+        return False
+    if arguments.rendered is not None and not is_playable(case):
         return False
     return not arguments.only or any(text in case.name for text in arguments.only)
 
@@ -107,6 +117,7 @@ def _parse() -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=31, help="of plant and heap")
     parser.add_argument("--minutes", type=float, default=math.inf, help="begin no row after this time")
     parser.add_argument("--rounds", type=float, help="play at most this number of rounds after the fault")
+    parser.add_argument("--rendered", type=Path, help="folder with captures of another renderer")
     parser.add_argument("--jobs", type=int, default=1, help="rows at the same time")
     parser.add_argument(
         "--cache", type=Path, default=ROOT / "out" / "bench-faults", help="of rendered captures"

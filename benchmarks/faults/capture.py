@@ -70,9 +70,24 @@ class RoundCapture:
         return len(self.truth["frames"])
 
     @cached_property
+    def round_mm(self) -> float:
+        """Return the travel of the belt over the round."""
+        return float(self.truth["speed_mm_s"]) / FRAMES_PER_S * self.frames
+
+    @cached_property
     def step_mm(self) -> float:
-        """Return the travel of the belt from frame to frame."""
-        return float(self.truth["speed_mm_s"]) / FRAMES_PER_S
+        """Return the mean travel of the belt from frame to frame."""
+        return self.round_mm / self.frames
+
+    @cached_property
+    def positions_mm(self) -> np.ndarray:
+        """Return (N,) the true position of the belt in each frame of the first round."""
+        return np.array([float(frame["belt_position_mm"]) for frame in self.truth["frames"]])
+
+    def position_mm(self, frame: int) -> float:
+        """Return the true position in a frame of the endless belt."""
+        rounds, index = divmod(frame, self.frames)
+        return rounds * self.round_mm + float(self.positions_mm[index])
 
     @cached_property
     def scenario(self) -> Scenario:
@@ -91,7 +106,18 @@ class RoundCapture:
         name = self.truth["frames"][index]["frame"]
         cameras = {c: read_image(self.folder / "moving" / c / f"{name}.png") for c in self.rig.cameras}
         time_ns = round(frame / FRAMES_PER_S * 1e9)
-        return FrameSet(f"{frame:05d}", cameras, time_ns, frame * self.step_mm)
+        return FrameSet(f"{frame:05d}", cameras, time_ns, self.position_mm(frame))
+
+    def learn_zero(self, name: str, faults: Mapping[str, Any], reporter: Reporter) -> Path:
+        """Return the empty belt's reconstruction, as it was with these faults when the zero was learned."""
+        from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
+
+        out, images = self.folder / name, self.folder / f"{name}_images"
+        if not (out / "reconstruction.json").is_file():
+            scene = {**_describe_plant(self), "kind": "belt_empty", "seed": self.seed + 2, "faults": faults}
+            simulate(Scenario.model_validate(scene), images, reporter)
+            reconstruct_capture(images, self.rig, out, reporter)
+        return out
 
 
 def open_capture(
@@ -112,23 +138,8 @@ def open_capture(
         if belt_width_mm is not None:
             moving["belt"] = {**plant["belt"], "length_mm": speed / FRAMES_PER_S * sizes.frames}
         simulate(Scenario.model_validate({**moving, "motion": motion}), out / "moving", reporter)
-    render_empty_belt(capture, "empty_rec", {}, reporter)
+    capture.learn_zero("empty_rec", {}, reporter)
     return capture
-
-
-def render_empty_belt(
-    capture: RoundCapture, name: str, faults: Mapping[str, Any], reporter: Reporter
-) -> Path:
-    """Return the folder of the empty belt's reconstruction, as it was with these faults when the zero was learned."""
-    out, images = capture.folder / name, capture.folder / f"{name}_images"
-    if not (out / "reconstruction.json").is_file():
-        from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
-
-        plant = _describe_plant(capture)
-        scene = {**plant, "kind": "belt_empty", "seed": capture.seed + 2, "faults": faults}
-        simulate(Scenario.model_validate(scene), images, reporter)
-        reconstruct_capture(images, capture.rig, out, reporter)
-    return out
 
 
 def render_cameras(

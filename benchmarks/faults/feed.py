@@ -31,7 +31,7 @@ class Feed:
         self._sound = lru_cache(maxsize=2 * capture.frames)(capture.images)
         self._last_s = dict.fromkeys(capture.rig.cameras, 0.0)
         self._now_s = 0.0
-        position = np.arange(count, dtype=np.float64) * capture.step_mm
+        position = np.array([capture.position_mm(number) for number in range(count)])
         for fault in self.faults.encoder:
             position = fault.apply(position)
         self._position_mm = position

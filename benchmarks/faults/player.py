@@ -20,7 +20,7 @@ from beltscape.pipeline.live.engine import Engine
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.measurement.measurement_run import Outcome
 from beltscape.pipeline.live.project import RunSettings, read_project
-from faults.capture import FRAMES_PER_S, RoundCapture, render_empty_belt
+from faults.capture import FRAMES_PER_S, RoundCapture
 from faults.case import Case
 from faults.clock import Clock, use_clock
 from faults.disturbances import DISTURBANCES
@@ -157,7 +157,7 @@ def _open_project(capture: RoundCapture, case: Case, folder: Path) -> Any:
     empty = capture.folder / "empty_rec"
     if case.zero_faults:
         name = "empty_" + case.name.replace(" ", "_").replace("/", "_")
-        empty = render_empty_belt(capture, name, case.zero_faults, Silent())
+        empty = capture.learn_zero(name, case.zero_faults, Silent())
     path = folder / "project.toml"
     moving = capture.folder / "moving"
     named = Named(moving / "truth" / "rig.json", empty)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -39,7 +39,7 @@ def read_results(folder: Path) -> dict[str, KeptResult]:
     }
 
 
-def describe_commits(kept: Mapping[str, KeptResult]) -> str:
+def describe_commits(kept: Iterable[KeptResult]) -> str:
     """Return the commits of the rows, the most frequent first."""
-    counts = Counter(one.commit for one in kept.values()).most_common()
+    counts = Counter(one.commit for one in kept).most_common()
     return ", ".join(f"{commit} ({count} rows)" for commit, count in counts)

@@ -31,13 +31,12 @@ def format_count(verdicts: Sequence[RowResult]) -> str:
 
 def write_table(
     path: Path,
-    verdicts: Sequence[RowResult],
-    small: Sequence[RowResult],
+    sections: Sequence[tuple[str, Sequence[RowResult]]],
     unplayed: Sequence[tuple[str, str]],
     description: str,
     commit: str,
 ) -> None:
-    """Write the table, and one of rows that were played on ``small`` images only.
+    """Write the tables of all sections that have rows, each under what it was played on.
 
     ``commit`` are those at which the rows were played.
     """
@@ -52,11 +51,15 @@ def write_table(
         "record is valid after the promised time, the metres are within 1 % and the total covers the truth within",
         "2.5 σ.",
         "",
-        *HEAD,
-        *(format_row(verdict) for verdict in verdicts),
+    ]
+    for heading, verdicts in sections:
+        if verdicts:
+            lines += [f"## {heading}", "", *HEAD, *map(format_row, verdicts), ""]
+    every = [verdict for _, verdicts in sections for verdict in verdicts]
+    lines += [
+        "## All",
         "",
-        *(["Played on images of 306×256 px only:", "", *HEAD, *map(format_row, small), ""] if small else []),
-        f"{format_count([*verdicts, *small])}.",
+        f"{format_count(every)}.",
         "",
         "Not played here:",
         "",

@@ -68,7 +68,9 @@ def compare(capture: RoundCapture, records: Sequence[BeltRecord], sound: int) ->
 
 def _true_ends(capture: RoundCapture, records: Sequence[BeltRecord], sound: int) -> np.ndarray:
     """Return (N,) the true belt position of each record's end."""
-    travel = np.array([np.nan if r.strip is None else int(r.strip.frame) * capture.step_mm for r in records])
+    travel = np.array(
+        [np.nan if r.strip is None else capture.position_mm(int(r.strip.frame)) for r in records]
+    )
     ledger = np.array([r.belt_mm[1] for r in records])
     view = float(np.nanmedian((ledger - travel)[: max(sound, 1)]))
     ends = travel + view
@@ -80,7 +82,7 @@ def _true_ends(capture: RoundCapture, records: Sequence[BeltRecord], sound: int)
 def _true_volumes(capture: RoundCapture, starts: np.ndarray, ends: np.ndarray, shift_mm: float) -> np.ndarray:
     """Return (N,) the volume between belt positions; the heap's own y is ``shift_mm`` less the position."""
     y, area = capture.area
-    round_mm = capture.frames * capture.step_mm
+    round_mm = capture.round_mm
     step = float(y[1] - y[0])
     cumulated = np.concatenate([[0.0], np.cumsum(area) * step])
     edges = np.append(y - step / 2, y[-1] + step / 2)
@@ -103,5 +105,5 @@ def _fit_shift(
     def misfit(shift: float) -> float:
         return float(((_true_volumes(capture, starts, ends, shift) - measured)[used] ** 2).sum())
 
-    coarse = min(np.arange(0.0, capture.frames * capture.step_mm, 4.0), key=misfit)
+    coarse = min(np.arange(0.0, capture.round_mm, 4.0), key=misfit)
     return float(min(np.arange(coarse - 6.0, coarse + 6.0, 0.25), key=misfit))

@@ -201,7 +201,9 @@ def test_sums_that_cannot_be_written_are_named_and_nothing_is_lost(
     follower.start()
     wait_until(lambda: any("its sums cannot be written" in text for text in messages))
     full[0] = False
-    wait_until(lambda: count(store).records == 10)
+    wait_until(lambda: sum(one.records for one in store.read_seconds("a", *ALL).values()) == 10)
+    wait_until(lambda: sum(one.records for one in store.read_quarters("a", *ALL).values()) == 10)
+    assert count(store).records == 10
     wait_until(lambda: follower.take_view().faults == ())
     follower.close()
 

@@ -22,12 +22,17 @@ inline constexpr float kLeastVariance = 1e-12f;
 inline constexpr float kMostDisagreement = 25.0f;
 inline constexpr float kLargestStep = 1.0f;  // of s
 
+// A tap of a Gaussian: itself, times its column, times the column's square; its own square.
+struct TapPowers {
+    float one, by, by_by, square;
+};
+
 // One window, as the parts of its Gaussian.
 struct FitWindow {
     int radius;
-    int reach[kMaxRadius + 1];     // by row off the centre: how far its taps go left and right; -1 for no row
-    float across[kMaxRadius + 1];  // by column off the centre
-    float down[kMaxRadius + 1];    // by row, divided by tolerance⁴
+    int reach[kMaxRadius + 1];  // by row off the centre: how far its taps go left and right; -1 for no row
+    TapPowers across[kMaxRadius + 1];  // by column off the centre
+    float down[kMaxRadius + 1];        // by row, divided by tolerance⁴
 };
 
 struct FitSettings {
@@ -116,12 +121,12 @@ BELTSCAPE_INLINE void add_row(const FitWindow& window, int row, const RowPairs<F
     const int off = row < 0 ? -row : row;
     F one = pairs.weight[0], u{}, uu{}, pull = pairs.pull[0], pull_u{}, square = pairs.square[0];
     for (int i = 1; i <= window.reach[off]; ++i) {
-        const float tap = window.across[i], by = static_cast<float>(i), tap_by = tap * by;
-        one = multiply_add(pairs.weight[i], tap, one), pull = multiply_add(pairs.pull[i], tap, pull);
-        u = multiply_add(pairs.weight_odd[i], tap_by, u),
-        pull_u = multiply_add(pairs.pull_odd[i], tap_by, pull_u);
-        uu = multiply_add(pairs.weight[i], tap_by * by, uu);
-        square = multiply_add(pairs.square[i], tap * tap, square);
+        const TapPowers& tap = window.across[i];
+        one = multiply_add(pairs.weight[i], tap.one, one), pull = multiply_add(pairs.pull[i], tap.one, pull);
+        u = multiply_add(pairs.weight_odd[i], tap.by, u),
+        pull_u = multiply_add(pairs.pull_odd[i], tap.by, pull_u);
+        uu = multiply_add(pairs.weight[i], tap.by_by, uu);
+        square = multiply_add(pairs.square[i], tap.square, square);
     }
     const float tap = window.down[off], by = static_cast<float>(row), tap_by = tap * by;
     sums.one = multiply_add(one, tap, sums.one), sums.u = multiply_add(u, tap, sums.u),

@@ -41,7 +41,8 @@ inline FitWindows windows_of(const std::vector<WindowInput>& given, const FitSet
         window.radius = given[k].radius;
         for (std::size_t i = 0; i < given[k].taps.size(); ++i) {
             window.reach[i] = given[k].reach[i];
-            window.across[i] = static_cast<float>(given[k].taps[i]);
+            const float tap = static_cast<float>(given[k].taps[i]), by = static_cast<float>(i);
+            window.across[i] = {tap, tap * by, tap * by * by, tap * tap};
             window.down[i] = static_cast<float>(given[k].taps[i] / std::pow(settings.tolerance, 4));
         }
     }

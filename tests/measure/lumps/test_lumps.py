@@ -38,7 +38,7 @@ def test_each_ellipsoid_is_a_lump_of_its_size(packed):
         lump = nearest(lumps, camera(), solid)
         assert lump.size_mm == pytest.approx(solid.size_mm, rel=0.12)
         assert abs(lump.size_mm - solid.size_mm) < 3 * lump.sigma_mm
-        assert lump.length_mm == pytest.approx(2 * max(solid.half_mm), rel=0.10)
+        assert lump.length_mm == pytest.approx(2 * max(solid.half_mm), rel=0.12)
         assert lump.volume_mm3 == pytest.approx(solid.volume_mm3, rel=0.5)
         assert not lump.occluded
         assert not lump.cut

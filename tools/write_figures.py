@@ -16,7 +16,7 @@ PAGES = (
 )  # fmt: skip
 _MARKED = re.compile(r"(<!-- figures: (\w+) -->\n).*?(?= *<!-- end -->)", re.S)
 _SCENES = {"belt_empty": "empty belt", "module": "module", "belt_loaded": "loaded belt"}
-_METHODS = ("multiview fast", "multiview standard", "multiview fine", "pairwise")
+_METHODS = ("multiview fast", "multiview standard", "pairwise")
 _SHARES = ("< 1 mm", "< 0.25 mm", "median mm", "gross", "measured", "over fifths")
 _HEADS = ("< 1 mm", "< 0.25 mm", "median mm", "gross", "measured", "σ ratio")
 

@@ -14,7 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-_STAMP = re.compile(r"^\*Measured at commit (\S+) on (\S+), load average before (\S+)\.(?:.*)\*$")
+_STAMP = re.compile(
+    r"^\*Measured at commit (\S+) on (\S+) by the kernels (\S+), load average before (\S+)\.(?:.*)\*$"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,14 +28,16 @@ class Section:
     commit: str
     """Short hash; with ``+`` where the tree had uncommitted changes."""
     date: str
+    level: str
+    """Instruction-set level of the kernels."""
     load: str
     """Load average over a minute before the section was measured."""
 
 
-def make_section(title: str, lines: Sequence[str], load: float) -> Section:
-    """Return a section that was measured at the current commit."""
+def make_section(title: str, lines: Sequence[str], level: str, load: float) -> Section:
+    """Return a section that was measured at the current commit by the kernels of a level."""
     today = datetime.datetime.now(datetime.UTC).date().isoformat()
-    return Section(title, tuple(_trim(lines)), current_commit(), today, f"{load:.1f}")
+    return Section(title, tuple(_trim(lines)), current_commit(), today, level, f"{load:.1f}")
 
 
 def current_commit() -> str:
@@ -73,8 +77,8 @@ def _stamp(section: Section) -> str:
         if behind not in ("", "0")
         else ""
     )
-    load = f"load average before {section.load}"
-    return f"*Measured at commit {section.commit} on {section.date}, {load}.{older}*"
+    how = f"by the kernels {section.level}, load average before {section.load}"
+    return f"*Measured at commit {section.commit} on {section.date} {how}.{older}*"
 
 
 def _trim(lines: Sequence[str]) -> list[str]:

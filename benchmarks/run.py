@@ -86,13 +86,13 @@ def main() -> None:
     benchmarks = Benchmarks(arguments.rendered)
     order = list(benchmarks.sections)
     head = (
-        f"Written by `make bench` on {os.cpu_count()} cores ({platform.machine()}, kernels {levels()[-1]}), "
+        f"Written by `make bench` on {os.cpu_count()} cores ({platform.machine()}), "
         f"OpenCV {cv2.__version__}. At a load average above 0.5 before a section, its wall times and what two "
         "threads gain say little; its CPU seconds say more. Rigs are exact where nothing else is stated."
     )
     for title in arguments.only or order:
         load = load_average()
-        section = make_section(title, benchmarks.sections[title](), load)
+        section = make_section(title, benchmarks.sections[title](), levels()[-1], load)
         print("\n".join([f"## {title}", "", *section.lines, ""]), flush=True)
         write_results(HERE / "RESULTS.md", head, [section], order)
 

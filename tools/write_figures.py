@@ -34,7 +34,7 @@ def section(results: str, heading: str) -> list[list[str]]:
 
 def state(results: str, heading: str) -> str:
     """Return the sentence that says when a section was measured."""
-    found = re.search(r"\*Measured at commit (\w+) on ([\d-]+)", results.split(f"\n## {heading}\n", 1)[1])
+    found = re.search(r"\*Measured at commit (\w+\+?) on ([\d-]+)", results.split(f"\n## {heading}\n", 1)[1])
     if found is None:
         raise ValueError(f"{RESULTS}: {heading} does not say when it was measured")
     return f"*Measured at commit {found[1]} on {found[2]} (`benchmarks/RESULTS.md`).*\n"

@@ -116,6 +116,8 @@ def _name(method: str) -> str:
 
 def _volumes(scenes: list[Scene], results: Mapping[tuple[str, str], Mapping[str, Result]]) -> list[str]:
     rows = [
+        "### Volumes",
+        "",
         "| volume | size | method | measured l | σ l | true l | error | coverage |",
         "|---|---|---|---|---|---|---|---|",
     ]

@@ -23,7 +23,7 @@ def results(monkeypatch):
 
 
 def section(results, title, lines, commit="0000000"):
-    return results.Section(title, tuple(lines), commit, "2026-01-01", "0.1")
+    return results.Section(title, tuple(lines), commit, "2026-01-01", "v3", "0.1")
 
 
 def test_a_section_measured_anew_replaces_its_own_and_keeps_the_others(results, tmp_path):

@@ -36,7 +36,7 @@ _ANGLE_DEG = 10.0
 _TOP_DEG = 20.0
 """Angle of incidence up to which pixels belong to the top of a sphere."""
 _UNTWICED = 0.9
-"""Ratio of σ to the flattening at the top: 0.5 to 0.7 with ``standard``, 1.08 and more with ``fast`` (15 spheres each)."""
+"""Ratio of σ to the flattening at the top: 0.5 to 0.7 with ``standard``, 1.08 and more with ``fast`` (15 spheres)."""
 _ROUNDS = 4
 """Rounds of fit and rejection."""
 _SMOOTHED_PX = 2.3

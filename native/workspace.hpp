@@ -2,6 +2,7 @@
 // writing to them.
 #pragma once
 
+#ifndef __CUDACC__
 #include <cstddef>
 #include <memory>
 #include <utility>
@@ -37,3 +38,4 @@ private:
 };
 
 }  // namespace beltscape
+#endif

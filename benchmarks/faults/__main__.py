@@ -21,7 +21,7 @@ from beltscape.core.progress import Silent
 from faults.capture import FRAMES_PER_S, LONG, SHORT, RoundCapture, open_capture
 from faults.case import Case
 from faults.cases import read_cases, read_not_played
-from faults.foreign_round import FOREIGN, import_round, is_playable
+from faults.imported_round import IMPORTED, import_round, is_playable
 from faults.player import SOUND_ROUNDS
 from faults.results import describe_commits, keep_result, read_results
 from faults.rows import play_rows
@@ -42,7 +42,7 @@ def main() -> int:
         verdicts.append(verdict)
         keep_result(capture.folder, verdict, commit)
         print(format_row(verdict), flush=True)
-    if arguments.write or not (arguments.short or arguments.only):
+    if arguments.write or not (arguments.short or arguments.only or arguments.rendered):
         _write(arguments, chosen or cases)
     print(format_count(verdicts))
     return int(any(not verdict.passes for verdict in verdicts))
@@ -70,21 +70,21 @@ def _shorten(case: Case, rounds: float | None) -> Case:
 def _write(arguments: argparse.Namespace, chosen: Sequence[Case]) -> None:
     """Write the table of all rows whose results are kept, on large images, else on small ones."""
     cases = read_cases()
-    long, short, foreign = (
+    long, short, imported = (
         read_results(arguments.cache / name)
-        for name in (f"{LONG.name}-{arguments.seed}", f"{SHORT.name}-{arguments.seed}", FOREIGN)
+        for name in (f"{LONG.name}-{arguments.seed}", f"{SHORT.name}-{arguments.seed}", IMPORTED)
     )
     short = {name: one for name, one in short.items() if name not in long}
     left = [(case.name, "not run") for case in cases if case.name not in {**long, **short}]
     kept = ("Rows on images of 612×512 px", long), ("Rows on images of 306×256 px only", short), (
-        "Rows on the moving belt of another renderer, 612×512 px, 1.6 m/s", foreign
+        "Rows on the moving belt of another renderer, 612×512 px, 1.6 m/s", imported
     )  # fmt: skip
     write_table(
         ROOT / "benchmarks" / "FAULTS.md",
         [(what, [one[case.name].result for case in cases if case.name in one]) for what, one in kept],
         [*read_not_played(), *left],
         " ".join([_describe(arguments, chosen), arguments.note]).strip(),
-        describe_commits([*long.values(), *short.values(), *foreign.values()]),
+        describe_commits([*long.values(), *short.values(), *imported.values()]),
     )
 
 

@@ -28,14 +28,14 @@ from captures import parse_true_rig
 from faults.capture import FRAMES_PER_S, RoundCapture, Sizes
 from faults.case import Case
 
-FOREIGN = "foreign"
+IMPORTED = "imported"
 """Name of its folder in the cache."""
 _STEP_MM = 200.0
 """Belt between the last frame, in which it is empty, and the first of the next round: as much as between others."""
 
 
 @dataclass(frozen=True)
-class ForeignRound(RoundCapture):
+class ImportedRound(RoundCapture):
     """A round whose plant cannot be rendered anew."""
 
     def learn_zero(self, name: str, faults: Mapping[str, Any], reporter: Reporter) -> Path:
@@ -53,11 +53,11 @@ def is_playable(case: Case) -> bool:
     return not case.rendered and case.belt_width_mm is None
 
 
-def import_round(rendered: Path, cache: Path, reporter: Reporter) -> ForeignRound:
+def import_round(rendered: Path, cache: Path, reporter: Reporter) -> ImportedRound:
     """Return the moving belt of the folder of rendered captures, converted into a cache folder once."""
     frames = read_json(rendered / "truth" / "belt_moving.json")["frames"]
-    out = cache / FOREIGN
-    capture = ForeignRound(out, Sizes(FOREIGN, len(frames), 0.25, 0), seed=0)
+    out = cache / IMPORTED
+    capture = ImportedRound(out, Sizes(IMPORTED, len(frames), 0.25, 0), seed=0)
     if not (out / "moving" / "truth" / "belt_moving.json").is_file():
         _write_moving(rendered, out / "moving", frames)
     if not (out / "empty_rec" / "reconstruction.json").is_file():
@@ -89,7 +89,7 @@ def _write_moving(rendered: Path, out: Path, frames: list[dict[str, Any]]) -> No
     write_json(out / "truth" / "belt_moving.json", {"speed_mm_s": speed, "frames": listed})
 
 
-def _reconstruct_empty_belt(rendered: Path, capture: ForeignRound, reporter: Reporter) -> None:
+def _reconstruct_empty_belt(rendered: Path, capture: ImportedRound, reporter: Reporter) -> None:
     """Reconstruct the empty belt from its images, reduced to the size of those of the moving one."""
     from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 

@@ -68,7 +68,10 @@ def make_source(folder: Path, capture: RoundCapture, recordings: int, frames: in
                 (recording / camera).mkdir(parents=True, exist_ok=True)
                 image = capture.folder / "moving" / camera / f"{source}.png"
                 os.link(image, recording / camera / f"{name}.png")
-            time_s, position_mm = 3600 * index + frame / FRAMES_PER_S, number * capture.step_mm + 1e4 * index
+            time_s, position_mm = (
+                3600 * index + frame / FRAMES_PER_S,
+                capture.position_mm(number) + 1e4 * index,
+            )
             rows.append(f"{name},{time_s!r},{position_mm!r}")
         (recording / "encoder.csv").write_text("\n".join(rows) + "\n")
     shutil.copy(capture.folder / "moving" / "truth" / "rig.json", folder / "rig.json")

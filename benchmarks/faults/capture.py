@@ -75,11 +75,6 @@ class RoundCapture:
         return float(self.truth["speed_mm_s"]) / FRAMES_PER_S * self.frames
 
     @cached_property
-    def step_mm(self) -> float:
-        """Return the mean travel of the belt from frame to frame."""
-        return self.round_mm / self.frames
-
-    @cached_property
     def positions_mm(self) -> np.ndarray:
         """Return (N,) the true position of the belt in each frame of the first round."""
         return np.array([float(frame["belt_position_mm"]) for frame in self.truth["frames"]])

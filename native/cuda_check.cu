@@ -142,7 +142,7 @@ __global__ void check_propagate(Surface surface, Offset offset, View view, Image
 
 // A thread takes a pixel.
 __global__ void check_perceptron(Network net, const float* const* planes, float* const* out) {
-    evaluate_network_row<float>(net, planes, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
+    evaluate_network_pixels<float>(net, planes, blockIdx.x * blockDim.x + threadIdx.x, 1, out);
 }
 
 // A thread takes a pixel.

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "networks/network.hpp"
+#include "workspace.hpp"
 
 namespace beltscape {
 
@@ -50,11 +51,15 @@ template <class F>
 BELTSCAPE_INLINE void pass_messages_lanes(const Network& net, const Messages& messages, size_t at, int count,
                                           float* const* out) {
     constexpr int lanes = Lane<F>::count;
-    Units<F> in, outputs;
+    Units<F> in, spare;
+    const size_t next = at + static_cast<size_t>(kTogether * kWide<F>);
+    for (int k = 0; k < messages.received; ++k)
+        prefetch(messages.senders + k * messages.pixels + next, kWide<F>);
+    for (int k = 0; k < messages.own; ++k) prefetch(messages.state + k * messages.pixels + next, kWide<F>);
+    for (int k = 0; k < net.layers[net.layer_count - 1].units; ++k) prefetch(out[k] + next, kWide<F>);
     for (int x = 0; x < kBeside<F>; ++x)
         gather_inputs<F>(messages, at + lesser(x * lanes, count), lesser(count - x * lanes, lanes), x, in);
-    evaluate_layers<F>(net, in, outputs);
-    store_outputs<F>(net, outputs, at, count, out);
+    store_outputs<F>(net, evaluate_layers<F>(net, in, spare), at, count, out);
 }
 
 #ifndef __CUDACC__
@@ -71,8 +76,8 @@ struct MessagePassingInput {
 
 inline void pass_messages(const MessagePassingInput& in, std::size_t threads, Grid<float> out) {
     const int length = in.messages.height(), quads = (length + kFour - 1) / kFour;
-    std::vector<float> rows(in.messages.shape[1] * static_cast<std::size_t>(kFour * quads));
-    const Messages round = {rows.data(),
+    const Workspace<float> rows(in.messages.shape[1] * static_cast<std::size_t>(kFour * quads));
+    const Messages round = {rows.get(),
                             length,
                             quads,
                             in.senders.data,
@@ -86,7 +91,7 @@ inline void pass_messages(const MessagePassingInput& in, std::size_t threads, Gr
     for (int unit = 0; unit < out.height(); ++unit) to.push_back(out.row(unit));
     for_bands(0, in.messages.width(), kPixelsPerJob, threads, [&](int first, int end) {
         transpose_messages(in.messages.data, in.messages.shape[1], length, quads,
-                           static_cast<std::size_t>(first), static_cast<std::size_t>(end), rows.data());
+                           static_cast<std::size_t>(first), static_cast<std::size_t>(end), rows.get());
     });
     for_bands(0, in.senders.width(), kPixelsPerJob, threads, [&](int first, int end) {
         for (int i = first; i < end; i += kWide<Floats>)

@@ -22,14 +22,15 @@ struct Network {
     int layer_count;
 };
 
-// Units that are summed independently, and vectors of pixels that share the loads of weights: as many sums as
-// fit 16 registers beside the operands. With one vector, v3 reaches 47 instead of 84 GFLOP/s and v4 the same
-// as now.
-inline constexpr int kAbreast = 4;
+// Vectors of pixels that share the loads of weights, and units that are summed at a time: as many sums as fit
+// the registers beside the operands, of which AVX-512 has 32 and other levels 16. With one vector, v3 reaches
+// 47 instead of 84 GFLOP/s; with four units, v4 takes 6 % longer.
 template <class F>
 inline constexpr int kBeside = Lane<F>::count > 1 ? 3 : 1;
 template <class F>
 inline constexpr int kWide = kBeside<F> * Lane<F>::count;
+template <class F>
+inline constexpr int kAbreast = Lane<F>::count >= 16 ? 8 : 4;
 
 // The inputs or outputs of a layer for kBeside vectors of pixels.
 template <class F>
@@ -37,7 +38,8 @@ using Units = F[kMostUnits][kBeside<F>];
 
 // Evaluates units k ... k + count - 1.
 template <int count, class F>
-BELTSCAPE_INLINE void apply_units(const Layer& layer, const Units<F>& in, int k, Units<F>& out) {
+BELTSCAPE_INLINE void apply_units(const Layer& layer, const Units<F>& in, int k, bool is_last,
+                                  Units<F>& out) {
     const int stride = layer.inputs + 1;
     const float* const row = layer.rows + k * stride;
     F unit[count][kBeside<F>];
@@ -48,25 +50,27 @@ BELTSCAPE_INLINE void apply_units(const Layer& layer, const Units<F>& in, int k,
             for (int x = 0; x < kBeside<F>; ++x)
                 unit[j][x] = multiply_add(in[i][x], row[j * stride + i], unit[j][x]);
     for (int j = 0; j < count; ++j)
-        for (int x = 0; x < kBeside<F>; ++x) out[k + j][x] = unit[j][x];
+        for (int x = 0; x < kBeside<F>; ++x) out[k + j][x] = is_last ? unit[j][x] : greater(unit[j][x], F{});
 }
 
-template <class F>
-BELTSCAPE_INLINE void apply_layer(const Layer& layer, const Units<F>& in, Units<F>& out) {
-    int k = 0;
-    for (; k + kAbreast <= layer.units; k += kAbreast) apply_units<kAbreast, F>(layer, in, k, out);
-    for (; k < layer.units; ++k) apply_units<1, F>(layer, in, k, out);
+// Evaluates the units from k on, `count` at a time, and the rest in halves of that.
+template <int count, class F>
+BELTSCAPE_INLINE void apply_layer(const Layer& layer, const Units<F>& in, int k, bool is_last,
+                                  Units<F>& out) {
+    for (; k + count <= layer.units; k += count) apply_units<count, F>(layer, in, k, is_last, out);
+    if constexpr (count > 1) apply_layer<count / 2, F>(layer, in, k, is_last, out);
 }
 
-// Evaluates all layers; the last one's units are the outputs, and `in` is overwritten.
+// Evaluates all layers and returns the outputs, which lie in `in` or in `spare`.
 template <class F>
-BELTSCAPE_INLINE void evaluate_layers(const Network& net, Units<F>& in, Units<F>& outputs) {
-    for (int l = 0; l < net.layer_count - 1; ++l) {
-        apply_layer<F>(net.layers[l], in, outputs);
-        for (int k = 0; k < net.layers[l].units; ++k)
-            for (int x = 0; x < kBeside<F>; ++x) in[k][x] = greater(outputs[k][x], F{});
+BELTSCAPE_INLINE const Units<F>& evaluate_layers(const Network& net, Units<F>& in, Units<F>& spare) {
+    Units<F>*from = &in, *to = &spare;
+    for (int l = 0; l < net.layer_count; ++l) {
+        apply_layer<kAbreast<F>, F>(net.layers[l], *from, 0, l == net.layer_count - 1, *to);
+        Units<F>* const read = from;
+        from = to, to = read;
     }
-    apply_layer<F>(net.layers[net.layer_count - 1], in, outputs);
+    return *from;
 }
 
 // Stores the outputs of at most `count` pixels from `at` on.
@@ -81,20 +85,43 @@ BELTSCAPE_INLINE void store_outputs(const Network& net, const Units<F>& outputs,
 
 inline constexpr int kTogether = 4;  // times kBeside vectors of a plane that are read in one go
 
+// Reads at most `count` pixels of plane p, and at most kTogether * kWide.
+template <class F>
+BELTSCAPE_INLINE void read_plane(const Network& net, int p, const float* from, int count, Units<F>* to) {
+    constexpr int lanes = Lane<F>::count;
+    for (int b = 0; b < kTogether; ++b)
+        for (int x = 0; x < kBeside<F>; ++x) {
+            const int at = lesser((b * kBeside<F> + x) * lanes, count);
+            to[b][p][x] = clamp(load_first<F>(from + at, count - at), net.low[p], net.high[p]);
+        }
+}
+
+// Brings the next `count` values into the second-level cache, up to the last one's line; they may lie beyond
+// the array's end. Always inlined: GCC deletes calls of functions that only prefetch.
+#ifdef __CUDACC__
+template <class T>
+BELTSCAPE_INLINE void prefetch(const T*, int) {}
+#else
+template <class T>
+[[gnu::always_inline]] inline void prefetch(const T* from, int count) {
+    constexpr int line = 64 / sizeof(T);
+    for (int i = 0; i < count; i += line) __builtin_prefetch(from + lesser(i + line, count) - 1, 0, 2);
+}
+#endif
+
 // Evaluates the network at pixels `at` ... `at + count - 1`; sums run in the order of the inputs.
 template <class F>
-BELTSCAPE_INLINE void evaluate_network_row(const Network& net, const float* const* planes, size_t at,
-                                           int count, float* const* out) {
-    constexpr int lanes = Lane<F>::count, wide = kWide<F>;
-    Units<F> read[kTogether], outputs;
-    for (int from = 0; from < count; from += kTogether * wide) {
-        const int end = lesser(count, from + kTogether * wide);
+BELTSCAPE_INLINE void evaluate_network_pixels(const Network& net, const float* const* planes, size_t at,
+                                              int count, float* const* out) {
+    constexpr int wide = kWide<F>, ahead = kTogether * wide;
+    Units<F> read[kTogether], spare;
+    for (int from = 0; from < count; from += ahead) {
+        const int end = lesser(count, from + ahead);
         for (int p = 0; p < net.layers[0].inputs; ++p)
-            for (int x = from; x < end; x += lanes)
-                read[(x - from) / wide][p][(x - from) / lanes % kBeside<F>] =
-                    clamp(load_first<F>(planes[p] + at + x, count - x), net.low[p], net.high[p]);
+            read_plane<F>(net, p, planes[p] + at + from, end - from, read);
         for (int x = from; x < end; x += wide) {
-            evaluate_layers<F>(net, read[(x - from) / wide], outputs);
+            for (int p = 0; p < net.layers[0].inputs; ++p) prefetch(planes[p] + at + x + ahead, wide);
+            const Units<F>& outputs = evaluate_layers<F>(net, read[(x - from) / wide], spare);
             store_outputs<F>(net, outputs, at + x, end - x, out);
         }
     }
@@ -127,9 +154,8 @@ inline void evaluate_network(const NetworkInput& in, std::size_t threads,
     for (const Grid<float>& plane : out) to.push_back(plane.data);
     const std::size_t width = in.planes[0].shape[1];
     for_bands(0, in.planes[0].height(), kRowsPerJob, threads, [&](int first, int end) {
-        for (int v = first; v < end; ++v)
-            evaluate_network_row<Floats>(net, from.data(), static_cast<std::size_t>(v) * width,
-                                         static_cast<int>(width), to.data());
+        evaluate_network_pixels<Floats>(net, from.data(), static_cast<std::size_t>(first) * width,
+                                        (end - first) * static_cast<int>(width), to.data());
     });
 }
 #endif

@@ -6,7 +6,7 @@
 //
 // The Gaussian is separable, so rows are summed first. The weights without the Gaussian are computed once for
 // all windows, in pairs left and right of p, because even and odd moments need only a pair's sum and its
-// difference.
+// difference. A pair goes at once to the sums of all windows, which stay in registers.
 #pragma once
 
 #include "simd.hpp"
@@ -22,7 +22,8 @@ inline constexpr float kLeastVariance = 1e-12f;
 inline constexpr float kMostDisagreement = 25.0f;
 inline constexpr float kLargestStep = 1.0f;  // of s
 
-// A tap of a Gaussian: itself, times its column, times the column's square; its own square.
+// A tap of a Gaussian: itself, times its distance from the centre, times the distance's square; its own
+// square.
 struct TapPowers {
     float one, by, by_by, square;
 };
@@ -31,8 +32,8 @@ struct TapPowers {
 struct FitWindow {
     int radius;
     int reach[kMaxRadius + 1];  // by row off the centre: how far its taps go left and right; -1 for no row
-    TapPowers across[kMaxRadius + 1];  // by column off the centre
-    float down[kMaxRadius + 1];        // by row, divided by tolerance⁴
+    TapPowers across[kMaxRadius + 1];    // by column off the centre
+    TapPowers down[2 * kMaxRadius + 1];  // by row from -kMaxRadius on, divided by tolerance⁴
 };
 
 struct FitSettings {
@@ -48,7 +49,9 @@ struct FitSettings {
 };
 
 struct FitWindows {
-    FitWindow window[kMaxWindows];  // smallest radius first
+    FitWindow window[kMaxWindows];   // smallest radius first
+    float distance[kMaxRadius + 1];  // 0, 1, 2, ...
+    float zero;  // read from memory: with a constant GCC makes two instructions of `greater` instead of one
     int count;
     float tolerance;
     FitSettings settings;
@@ -68,15 +71,6 @@ struct Fit {
     IntOf<F> window;
 };
 
-// Row `down` of a pixel's surroundings: sums and differences of the columns i right and left of it, without
-// the Gaussian and times tolerance⁴. [0]: the column of the pixel.
-template <class F>
-struct RowPairs {
-    F weight[kMaxRadius + 1], weight_odd[kMaxRadius + 1];
-    F pull[kMaxRadius + 1], pull_odd[kMaxRadius + 1];  // of weight times the fitted value
-    F square[kMaxRadius + 1];                          // of weight²  / information
-};
-
 template <class F>
 struct Tap {
     F weight, pull, square;
@@ -85,7 +79,8 @@ struct Tap {
 template <class F>
 BELTSCAPE_INLINE Tap<F> fit_tap(const FitField& field, int at, F expected, const FitWindows& windows) {
     const F e = load<F>(field.s + at) - expected, information = load<F>(field.information + at);
-    const F near = greater(multiply_add(e, -e, broadcast<F>(windows.tolerance * windows.tolerance)), F{}),
+    const F near = greater(multiply_add(e, -e, broadcast<F>(windows.tolerance * windows.tolerance)),
+                           broadcast<F>(windows.zero)),
             closeness = near * near;
     const F weight = closeness * information;
     return {weight,
@@ -93,20 +88,52 @@ BELTSCAPE_INLINE Tap<F> fit_tap(const FitField& field, int at, F expected, const
             closeness * weight};
 }
 
+// Sums and differences of the taps in the i-th columns right and left of the pixel's, without the Gaussian
+// and times tolerance⁴.
+template <class F>
+struct TapPair {
+    F weight, weight_odd, pull, pull_odd, square;
+};
+
 // expected: of s in the pixel's column, by the plane so far.
 template <class F>
-BELTSCAPE_INLINE void fit_pairs(const FitField& field, int at, int reach, F expected, F slope_u,
-                                const FitWindows& windows, RowPairs<F>& row) {
-    const Tap<F> centre = fit_tap(field, at, expected, windows);
-    row.weight[0] = centre.weight, row.pull[0] = centre.pull, row.square[0] = centre.square;
-    for (int i = 1; i <= reach; ++i) {
-        const float by = static_cast<float>(i);
-        const Tap<F> right = fit_tap(field, at + i, multiply_add(slope_u, by, expected), windows);
-        const Tap<F> left = fit_tap(field, at - i, multiply_add(slope_u, -by, expected), windows);
-        row.weight[i] = right.weight + left.weight, row.weight_odd[i] = right.weight - left.weight;
-        row.pull[i] = right.pull + left.pull, row.pull_odd[i] = right.pull - left.pull;
-        row.square[i] = right.square + left.square;
+BELTSCAPE_INLINE TapPair<F> fit_pair(const FitField& field, int at, int i, F expected, F slope_u,
+                                     const FitWindows& windows) {
+    const float by = windows.distance[i];
+    const Tap<F> right = fit_tap(field, at + i, multiply_add(slope_u, by, expected), windows);
+    const Tap<F> left = fit_tap(field, at - i, multiply_add(-slope_u, by, expected), windows);
+    return {right.weight + left.weight, right.weight - left.weight, right.pull + left.pull,
+            right.pull - left.pull, right.square + left.square};
+}
+
+// Sums over a row of a window: of the weight, by the offset u, of weight times what is fitted, of weight² /
+// information.
+template <class F>
+struct RowSums {
+    F one, u, uu, pull, pull_u, square;
+};
+
+template <class F>
+BELTSCAPE_INLINE void add_pair(const TapPowers& tap, const TapPair<F>& pair, RowSums<F>& sums) {
+    sums.one = multiply_add(pair.weight, tap.one, sums.one);
+    sums.u = multiply_add(pair.weight_odd, tap.by, sums.u);
+    sums.uu = multiply_add(pair.weight, tap.by_by, sums.uu);
+    sums.pull = multiply_add(pair.pull, tap.one, sums.pull);
+    sums.pull_u = multiply_add(pair.pull_odd, tap.by, sums.pull_u);
+    sums.square = multiply_add(pair.square, tap.square, sums.square);
+}
+
+// Adds a row's pairs from the i-th on to the windows `first` ... `count` - 1; none reaches less far than
+// those before it.
+template <int first, int count, class F>
+BELTSCAPE_INLINE void add_pairs(const FitField& field, int at, int off, int i, F expected, F slope_u,
+                                const FitWindows& windows, RowSums<F>* sums) {
+    for (; i <= windows.window[first].reach[off]; ++i) {
+        const TapPair<F> pair = fit_pair(field, at, i, expected, slope_u, windows);
+        for (int k = first; k < count; ++k) add_pair(windows.window[k].across[i], pair, sums[k]);
     }
+    if constexpr (first + 1 < count)
+        add_pairs<first + 1, count>(field, at, off, i, expected, slope_u, windows, sums);
 }
 
 // Sums over a window: of the weight, by the offsets u and v, of weight times what is fitted, of weight² /
@@ -117,25 +144,15 @@ struct Moments {
 };
 
 template <class F>
-BELTSCAPE_INLINE void add_row(const FitWindow& window, int row, const RowPairs<F>& pairs, Moments<F>& sums) {
-    const int off = row < 0 ? -row : row;
-    F one = pairs.weight[0], u{}, uu{}, pull = pairs.pull[0], pull_u{}, square = pairs.square[0];
-    for (int i = 1; i <= window.reach[off]; ++i) {
-        const TapPowers& tap = window.across[i];
-        one = multiply_add(pairs.weight[i], tap.one, one), pull = multiply_add(pairs.pull[i], tap.one, pull);
-        u = multiply_add(pairs.weight_odd[i], tap.by, u),
-        pull_u = multiply_add(pairs.pull_odd[i], tap.by, pull_u);
-        uu = multiply_add(pairs.weight[i], tap.by_by, uu);
-        square = multiply_add(pairs.square[i], tap.square, square);
-    }
-    const float tap = window.down[off], by = static_cast<float>(row), tap_by = tap * by;
-    sums.one = multiply_add(one, tap, sums.one), sums.u = multiply_add(u, tap, sums.u),
-    sums.uu = multiply_add(uu, tap, sums.uu);
-    sums.v = multiply_add(one, tap_by, sums.v), sums.uv = multiply_add(u, tap_by, sums.uv);
-    sums.vv = multiply_add(one, tap_by * by, sums.vv), sums.pull = multiply_add(pull, tap, sums.pull);
-    sums.pull_u = multiply_add(pull_u, tap, sums.pull_u),
-    sums.pull_v = multiply_add(pull, tap_by, sums.pull_v);
-    sums.square = multiply_add(square, tap * tap, sums.square);
+BELTSCAPE_INLINE void add_row(const TapPowers& tap, const RowSums<F>& row, Moments<F>& sums) {
+    sums.one = multiply_add(row.one, tap.one, sums.one), sums.u = multiply_add(row.u, tap.one, sums.u);
+    sums.uu = multiply_add(row.uu, tap.one, sums.uu);
+    sums.v = multiply_add(row.one, tap.by, sums.v), sums.uv = multiply_add(row.u, tap.by, sums.uv);
+    sums.vv = multiply_add(row.one, tap.by_by, sums.vv);
+    sums.pull = multiply_add(row.pull, tap.one, sums.pull);
+    sums.pull_u = multiply_add(row.pull_u, tap.one, sums.pull_u);
+    sums.pull_v = multiply_add(row.pull, tap.by, sums.pull_v);
+    sums.square = multiply_add(row.square, tap.square, sums.square);
 }
 
 template <class F>
@@ -168,12 +185,12 @@ BELTSCAPE_INLINE F disagreement(const Fit<F>& smaller, const Fit<F>& larger) {
 }
 
 // The fit of the largest window up to which all confidence intervals share a value.
-template <class F>
+template <int count, class F>
 BELTSCAPE_INLINE Fit<F> largest_consistent(const FitWindows& windows, const Moments<F>* sums) {
     Fit<F> taken = solve_fit(sums[0]), before = taken;
     F half = windows.settings.confidence_width * square_root(taken.variance);
     F low = taken.change - half, high = taken.change + half;
-    for (int k = 1; k < windows.count; ++k) {
+    for (int k = 1; k < count; ++k) {
         const Fit<F> next = solve_fit(sums[k]);
         half = windows.settings.confidence_width * square_root(next.variance);
         low = greater(low, next.change - half), high = lesser(high, next.change + half);
@@ -189,24 +206,27 @@ BELTSCAPE_INLINE Fit<F> largest_consistent(const FitWindows& windows, const Mome
     return taken;
 }
 
-// The fit at the pixels at, at + 1, ... of the field, whose planes so far have these slopes.
-template <class F>
+// The fit at the pixels at, at + 1, ... of the field, whose planes so far have these slopes, over `count`
+// windows.
+template <int count, class F>
 BELTSCAPE_INLINE Fit<F> fit_plane(const FitField& field, const FitWindows& windows, int at, F slope_u,
                                   F slope_v) {
-    const FitWindow& largest = windows.window[windows.count - 1];
+    const FitWindow& largest = windows.window[count - 1];
     const F s = load<F>(field.s + at);
-    Moments<F> sums[kMaxWindows] = {};
-    RowPairs<F> pairs;
+    Moments<F> sums[count] = {};
     for (int row = -largest.radius; row <= largest.radius; ++row) {
-        const int off = row < 0 ? -row : row;
+        const int off = row < 0 ? -row : row, start = at + row * field.stride;
         if (largest.reach[off] < 0) continue;
-        fit_pairs(field, at + row * field.stride, largest.reach[off],
-                  multiply_add(slope_v, static_cast<float>(row), s), slope_u, windows, pairs);
-        for (int k = 0; k < windows.count; ++k)
-            if (off <= windows.window[k].radius && windows.window[k].reach[off] >= 0)
-                add_row(windows.window[k], row, pairs, sums[k]);
+        const F expected = multiply_add(slope_v, static_cast<float>(row), s);
+        const Tap<F> centre = fit_tap(field, start, expected, windows);
+        RowSums<F> row_sums[count];
+        for (RowSums<F>& own : row_sums) own = {centre.weight, F{}, F{}, centre.pull, F{}, centre.square};
+        add_pairs<0, count>(field, start, off, 1, expected, slope_u, windows, row_sums);
+        for (int k = 0; k < count; ++k)
+            if (windows.window[k].reach[off] >= 0)
+                add_row(windows.window[k].down[kMaxRadius + row], row_sums[k], sums[k]);
     }
-    return largest_consistent(windows, sums);
+    return largest_consistent<count>(windows, sums);
 }
 
 // A row of the grid; `field` begins at its first pixel and s is as it was given, with NaN. A slope that is
@@ -223,9 +243,11 @@ BELTSCAPE_INLINE FitRow row_of(const FitRow& all, size_t at) {
             all.variance + at, all.disagreement + at, all.window + at};
 }
 
-template <class F>
+template <class F, int count = 1>
 BELTSCAPE_INLINE void fit_row(const FitField& field, const FitWindows& windows, const FitRow& row, int begin,
                               int end) {
+    if constexpr (count < kMaxWindows)
+        if (count < windows.count) return fit_row<F, count + 1>(field, windows, row, begin, end);
     const F zero{}, nothing = broadcast<F>(kNotANumber);
     for (int x = begin; x < end; x += Lane<F>::count) {
         const int left = end - x;
@@ -233,7 +255,7 @@ BELTSCAPE_INLINE void fit_row(const FitField& field, const FitWindows& windows, 
         F slope_u = load_first<F>(row.slope_u + x, left), slope_v = load_first<F>(row.slope_v + x, left);
         slope_u = select(not_a_number(slope_u), zero, slope_u);
         slope_v = select(not_a_number(slope_v), zero, slope_v);
-        const Fit<F> fit = fit_plane(field, windows, x, slope_u, slope_v);
+        const Fit<F> fit = fit_plane<count>(field, windows, x, slope_u, slope_v);
         const MaskOf<F> missing = not_a_number(s - s);  // infinite, too
         const F step = clamp(fit.change, -kLargestStep, kLargestStep);
         store_first(row.new_s + x, select(missing, nothing, s + step), left);

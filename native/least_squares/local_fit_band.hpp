@@ -1,6 +1,7 @@
 // The local fit of bands of rows, each with the largest window's margin around it.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -31,19 +32,25 @@ struct LocalFitInput {
     }
 };
 
+inline TapPowers powers_of(float tap, float by) { return {tap, tap * by, tap * by * by, tap * tap}; }
+
 inline FitWindows windows_of(const std::vector<WindowInput>& given, const FitSettings& settings) {
     FitWindows windows{};
     windows.count = static_cast<int>(given.size());
     windows.tolerance = static_cast<float>(settings.tolerance);
     windows.settings = settings;
+    for (int i = 0; i <= kMaxRadius; ++i) windows.distance[i] = static_cast<float>(i);
     for (std::size_t k = 0; k < given.size(); ++k) {
         FitWindow& window = windows.window[k];
         window.radius = given[k].radius;
-        for (std::size_t i = 0; i < given[k].taps.size(); ++i) {
-            window.reach[i] = given[k].reach[i];
-            const float tap = static_cast<float>(given[k].taps[i]), by = static_cast<float>(i);
-            window.across[i] = {tap, tap * by, tap * by * by, tap * tap};
-            window.down[i] = static_cast<float>(given[k].taps[i] / std::pow(settings.tolerance, 4));
+        std::fill_n(window.reach, kMaxRadius + 1, -1);
+        for (int i = 0; i <= window.radius; ++i) {
+            const double tap = given[k].taps[static_cast<std::size_t>(i)];
+            const float down = static_cast<float>(tap / std::pow(settings.tolerance, 4));
+            window.reach[i] = given[k].reach[static_cast<std::size_t>(i)];
+            window.across[i] = powers_of(static_cast<float>(tap), windows.distance[i]);
+            window.down[kMaxRadius - i] = powers_of(down, -windows.distance[i]);
+            window.down[kMaxRadius + i] = powers_of(down, windows.distance[i]);
         }
     }
     return windows;

@@ -20,7 +20,12 @@ from tests.strategies import seeds
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
 widths = st.sampled_from(WIDTHS)
-windows = st.sampled_from([((1, 0.8),), ((2, 5.0),), ((3, 0.7),), ((5, 2.5),), ((2, 1.0), (4, 2.0))])
+windows = st.sampled_from(
+    [
+        ((1, 0.8),), ((2, 5.0),), ((3, 0.7),), ((5, 2.5),), ((2, 1.0), (4, 2.0)), RADII,
+        ((1, 0.5), (2, 1.0), (3, 1.0), (6, 3.0)),
+    ]
+)  # fmt: skip
 tolerances = st.sampled_from([0.05, 0.7, 1.0, 3.0, 40.0])
 
 

@@ -38,8 +38,18 @@ def describe_origin(manifest: dict[str, Any]) -> str:
     return (
         f"Trained on the scenarios {first} to {last} of `tools/training/scenarios.py`, each drawn from the\n"
         f"seed of its number, at commit {manifest['commit'][:9]}. Scenarios {first_held_out} to "
-        f"{last_held_out} were held out.\n\n" + format_scores(manifest["reconstruction"])
+        f"{last_held_out} were held out.\n\n"
+        + describe_libraries(manifest.get("made_with", {}))
+        + format_scores(manifest["reconstruction"])
     )
+
+
+def describe_libraries(made_with: dict[str, str]) -> str:
+    """Return the paragraph on the libraries' versions; nothing where a manifest does not name them."""
+    if not made_with:
+        return ""
+    versions = ", ".join(f"{library} {version}" for library, version in made_with.items())
+    return f"The bytes are those of {versions}, on any x86-64 processor with AVX2.\n\n"
 
 
 def format_scores(scores: dict[str, dict[str, float]]) -> str:

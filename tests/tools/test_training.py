@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import subprocess
+import sys
+import tomllib
 from itertools import islice, pairwise
 from pathlib import Path
 from types import ModuleType
@@ -229,3 +232,21 @@ def test_the_area_under_the_roc_curve_is_the_share_of_ordered_pairs(load) -> Non
     score, right = np.array([0.1, 0.2, 0.3, 0.4, 0.4]), np.array([False, True, False, True, False])
     assert compute_auc(score, right) == pytest.approx((1 + 2.5) / 6)
     assert np.isnan(compute_auc(score, np.ones(5, bool)))
+
+
+def test_a_training_takes_the_instructions_that_processors_have_in_common() -> None:
+    pytest.importorskip("torch", reason=WITHOUT_TORCH)
+    code = (
+        "import training, torch; from numpy._core._multiarray_umath import __cpu_features__ as found; "
+        "print(torch.backends.cpu.get_cpu_capability(), found.get('X86_V4', False))"
+    )
+    ran = subprocess.run([sys.executable, "-c", code], cwd=TOOLS, capture_output=True, text=True, check=True)
+    capability, has_avx512 = ran.stdout.split()
+    assert capability in ("AVX2", "DEFAULT")  # not AVX512
+    assert has_avx512 == "False"
+
+
+def test_the_makefile_installs_the_torch_of_the_extra() -> None:
+    project = tomllib.loads((TOOLS.parent / "pyproject.toml").read_text("utf-8"))
+    (torch,) = project["project"]["optional-dependencies"]["train"]
+    assert f"'{torch}'" in (TOOLS.parent / "Makefile").read_text("utf-8")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import importlib.metadata
 import json
 import shutil
 import subprocess
@@ -13,6 +14,9 @@ from typing import Any
 from beltscape.learned.registry import PURPOSES
 from beltscape.learned.weights_file import read_network
 from training.scenarios import HELD_OUT
+
+MADE_WITH = "numpy", "scipy", "opencv-python-headless", "embreex", "mitsuba", "torch"
+"""Libraries on whose versions the bytes of the networks depend."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,7 @@ def write_manifest(networks: Path, out: Path, assessment: Assessment) -> None:
     document = {
         "made_by": "make train",
         "commit": _read_commit(),
+        "made_with": {library: importlib.metadata.version(library) for library in MADE_WITH},
         "scenarios": {
             "training": [0, assessment.trained - 1],
             "held_out": [HELD_OUT, HELD_OUT + assessment.held_out - 1],

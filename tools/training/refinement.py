@@ -16,7 +16,13 @@ from beltscape.stereo.multiview.confidence.estimate import OFFSETS
 from training.cache import SampleCache
 from training.confidence import ACCEPTED, GROSS_MM, MOST_MM, ROUND
 from training.losses import huber
-from training.perceptron import compute_limits, export_layers, make_layers, unscale_first_layer
+from training.perceptron import (
+    compute_limits,
+    export_layers,
+    make_layers,
+    make_optimiser,
+    unscale_first_layer,
+)
 from training.samples.refinement import Tile, join_tiles, read_tiles, write_tiles
 
 UNITS = 96, 48
@@ -100,7 +106,7 @@ def fit_networks(tiles: list[Tile], reporter: Reporter) -> RefinementNetwork:
     rng = np.random.default_rng(0)
     some = np.concatenate([tile.features[::20] for tile in tiles])
     model = RefinementNetwork(torch.from_numpy(some).float())
-    adam = torch.optim.AdamW(model.parameters(), lr=RATE, weight_decay=DECAY)
+    adam = make_optimiser(model, RATE, DECAY)
     pixels = sum(len(tile.off_px) for tile in tiles)
     rate = torch.optim.lr_scheduler.OneCycleLR(
         adam, RATE, total_steps=EPOCHS * (pixels // BATCH + 1), pct_start=0.1

@@ -8,12 +8,22 @@ reached         measured within 1 mm
 accepted right  within 1 mm if every right surface were accepted and every wrong one rejected
 right candidate the same if moreover an oracle gave each uncertain pixel the best of its candidates
 within 2 mm     the same within 2 mm: candidates are planes continued over up to 8 px, and are refined afterwards
-unseen          seen by no auxiliary: nothing tells their depth
-one view        seen by one auxiliary
 no texture      whose images do not vary more than their noise
+
+A second table says where the pixels lie that are not measured within 1 mm. Its classes exclude each other:
+
+unseen          seen by no auxiliary: nothing tells their depth
+in shadow       the projector does not light them: they show no dots
+one view        lit, and seen by one auxiliary: where the dots fit by chance, no other view says so
+near a step     lit, seen by two auxiliaries or more, within 6 px of a step of the true depth
+elsewhere       all others
+
+A cell has the class's share of the true pixels, and which share of the true pixels is in it and not reached.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -26,6 +36,7 @@ from beltscape.stereo.multiview.selection.candidates import CandidateSelector
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
 from matching.scenes import AblationScene, make_scene_parser, read_scenes
+from matching.sight import CLASSES
 
 HEAD = (
     "scene",
@@ -33,14 +44,12 @@ HEAD = (
     "accepted right",
     "right candidate",
     "within 2 mm",
-    "unseen",
-    "one view",
     "no texture",
 )
 
 
-def measure_ceilings(one: AblationScene) -> list[float]:
-    """Return the shares of a scene, in the order of `HEAD`; NaN where the truth does not say."""
+def measure_ceilings(one: AblationScene) -> tuple[list[float], dict[str, tuple[float, float]]]:
+    """Return the shares of a scene, in the order of `HEAD`, and those of the classes with what they miss."""
     scene = one.scene
     near_far = find_depth_range(scene.rig, scene.frame, Silent())
     matcher = MultiviewReconstructor(scene.rig, near_far, MultiviewSettings())
@@ -49,17 +58,17 @@ def measure_ceilings(one: AblationScene) -> list[float]:
     unit = state.prepared.context.inverse_depth_scale
     accepted = np.fmin(_compute_error(1 / (estimate_depth(state).surface.s * unit), scene), reached)
     selected = np.fmin(accepted, _find_best_candidates(matcher, scene))
-    views = one.views
     counted = scene.region & np.isfinite(scene.true_depth_mm)
 
     def share(mask: np.ndarray) -> float:
         return float(mask[counted].mean())
 
-    return [
+    ceilings = [
         share(reached < 1), share(accepted < 1), share(selected < 1), share(selected < 2),
-        np.nan if views is None else share(views == 0), np.nan if views is None else share(views == 1),
         share(~state.textured),
     ]  # fmt: skip
+    classes = one.sight.classify(scene.true_depth_mm) if one.sight else {}
+    return ceilings, {name: (share(mask), share(mask & (reached >= 1))) for name, mask in classes.items()}
 
 
 def _compute_error(depth_mm: np.ndarray, scene: Scene) -> np.ndarray:
@@ -82,15 +91,28 @@ def _find_best_candidates(matcher: MultiviewReconstructor, scene: Scene) -> np.n
 
 
 def main() -> None:
-    """Print a row for every scene."""
-    parser = make_scene_parser(__doc__)
-    arguments = parser.parse_args()
-    print("| " + " | ".join(HEAD) + " |")
-    print("|" + "---|" * len(HEAD))
-    for one in read_scenes(arguments.cache, arguments.rendered):
-        if any(text in one.scene.name for text in arguments.scenes):
-            cells = ["" if np.isnan(value) else f"{value:.2%}" for value in measure_ceilings(one)]
-            print(f"| {one.scene.name} | " + " | ".join(cells) + " |", flush=True)
+    """Print both tables, with a row for every scene."""
+    arguments = make_scene_parser(__doc__).parse_args()
+    scenes = read_scenes(arguments.cache, arguments.rendered)
+    chosen = [one for one in scenes if any(text in one.scene.name for text in arguments.scenes)]
+    missing = format_head(("scene", *CLASSES))
+    print("\n".join(format_head(HEAD)))
+    for one in chosen:
+        ceilings, classes = measure_ceilings(one)
+        print(format_row([one.scene.name, *(f"{value:.2%}" for value in ceilings)]), flush=True)
+        cells = (f"{share:.1%}, {missed:.2%} missed" for share, missed in classes.values())
+        missing.append(format_row([one.scene.name, *cells]))
+    print("\n" + "\n".join(missing))
+
+
+def format_head(names: Sequence[str]) -> list[str]:
+    """Return the first two lines of a table of Markdown."""
+    return [format_row(names), "|" + "---|" * len(names)]
+
+
+def format_row(cells: Sequence[str]) -> str:
+    """Return a row of Markdown."""
+    return "| " + " | ".join(cells) + " |"
 
 
 if __name__ == "__main__":

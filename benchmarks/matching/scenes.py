@@ -19,6 +19,7 @@ from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from captures import LABELS, REGION_MM, Scene, read_rendered
+from matching.sight import Sight, find_sight, read_projector
 
 ROOT = Path(__file__).parent.parent.parent
 _SCENES = Path(__file__).with_name("scenes.toml")
@@ -31,8 +32,8 @@ class AblationScene:
     scene: Scene
     belt: Belt | None
     """None where there is no load whose volume is known."""
-    views: np.ndarray | None
-    """(H, W) number of auxiliaries that truly see a pixel's point; None where the truth does not say."""
+    sight: Sight | None
+    """What the auxiliaries truly see and the projector lights; None where the truth does not say."""
 
 
 def make_scene_parser(description: str | None) -> argparse.ArgumentParser:
@@ -52,8 +53,9 @@ def read_scenes(cache: Path, rendered: Path | None) -> list[AblationScene]:
     scenes = [_read_own(name, Scenario.model_validate(table), cache / name) for name, table in tables.items()]
     if rendered is not None and rendered.is_dir():
         for name in ("belt_loaded", "module", "belt_empty"):
-            scene = read_rendered(rendered, name, 0)
-            scenes.append(AblationScene(replace(scene, name=f"{name}, other renderer"), None, None))
+            scene = replace(read_rendered(rendered, name, 0), name=f"{name}, other renderer")
+            sight = find_sight(scene.rig, scene.true_depth_mm, *read_projector(rendered / "truth"))
+            scenes.append(AblationScene(scene, None, sight))
     return scenes
 
 
@@ -65,20 +67,21 @@ def _read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:
     rig, world_from_core = plant.station.rig, plant.station.core_from_world.inverse()
     kind = scenario.kind
     with np.load(truth / f"{kind}_depth.npz") as arrays:
-        depth, label, views = arrays["depth_mm"].astype(np.float64), arrays["label"], arrays["views"]
+        depth, label = arrays["depth_mm"].astype(np.float64), arrays["label"]
+        sight = Sight(arrays["views"], arrays["lit"])
     points = world_from_core.apply(
         np.concatenate([rig.core_camera.rays() * depth[..., None], depth[..., None]], axis=-1)
     )
     lit = np.abs(points[..., 1]) <= REGION_MM
     images = {camera: read_image(folder / camera / "000.png") for camera in rig.cameras}
-    region, unseen = np.isin(label, LABELS[kind]) & lit, lit & (views == 0) & np.isfinite(depth)
+    region, unseen = np.isin(label, LABELS[kind]) & lit, lit & (sight.views == 0) & np.isfinite(depth)
     scene = Scene(name, rig, FrameSet("000", images), depth, region, unseen)
     if kind != "belt_loaded":
-        return AblationScene(scene, None, views)
+        return AblationScene(scene, None, sight)
     belt = find_true_belt(plant)
     volume = read_json(truth / f"{kind}_scene.json")["volume"]
     offset = float((belt.belt_from_core @ world_from_core.inverse()).translation_mm[1])
     first, last = (float(end) + offset for end in volume["along_mm"])
     return AblationScene(
-        replace(scene, true_volume_mm3=volume["volume_mm3"], along_mm=(first, last)), belt, views
+        replace(scene, true_volume_mm3=volume["volume_mm3"], along_mm=(first, last)), belt, sight
     )

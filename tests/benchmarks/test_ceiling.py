@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -13,11 +13,22 @@ pytestmark = pytest.mark.slow
 
 def test_better_decisions_reach_more(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
-    ceiling, captures, scenes = (import_module(name) for name in ("ceiling", "captures", "matching.scenes"))
+    names = "ceiling", "captures", "matching.scenes", "matching.sight"
+    ceiling, captures, scenes, sight = (import_module(name) for name in names)
     loaded = captures.demo_scenes()[-1]
-    one = scenes.AblationScene(loaded, None, None)
-    reached, accepted, selected, within_2mm, unseen, one_view, blank = ceiling.measure_ceilings(one)
+    rig = loaded.rig
+    # a projector at the place of an auxiliary lights what that one sees
+    projector = replace(rig.cameras["cam1"], name="projector")
+    lit_from_cam1 = sight.find_sight(rig, loaded.true_depth_mm, projector, rig.cam_from_core["cam1"])
+    one = scenes.AblationScene(loaded, None, lit_from_cam1)
+    (reached, accepted, selected, within_2mm, blank), classes = ceiling.measure_ceilings(one)
     assert 0.5 < reached < accepted < selected < within_2mm <= 1
-    assert np.isnan(unseen)
-    assert np.isnan(one_view)
     assert 0 <= blank < 0.1
+    assert sum(share for share, _ in classes.values()) == pytest.approx(1)
+    assert sum(missed for _, missed in classes.values()) == pytest.approx(1 - reached)
+    assert 0.02 < classes["in shadow"][0] < 0.3
+    assert not (lit_from_cam1.lit & (lit_from_cam1.views == 0)).any()
+    assert classes["unseen"][0] == pytest.approx(loaded.occluded[loaded.region].mean(), abs=0.005)
+    for name in ("unseen", "one view", "near a step"):  # worse than elsewhere
+        share, missed = classes[name]
+        assert missed / share > classes["elsewhere"][1] / classes["elsewhere"][0]

@@ -45,9 +45,12 @@ def describe_origin(manifest: dict[str, Any]) -> str:
 
 
 def describe_libraries(made_with: dict[str, str]) -> str:
-    """Return the paragraph on the libraries' versions; nothing where a manifest does not name them."""
+    """Return the paragraph on the processors and libraries that give these bytes."""
     if not made_with:
-        return ""
+        return (
+            "The bytes depended on the processor: these networks were fitted on one of them, before\n"
+            "`tools/training/instructions.py` gave all processors the same. `make train` gives other weights.\n\n"
+        )
     versions = ", ".join(f"{library} {version}" for library, version in made_with.items())
     return f"The bytes are those of {versions}, on any x86-64 processor with AVX2.\n\n"
 

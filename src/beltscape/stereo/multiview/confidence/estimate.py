@@ -118,8 +118,11 @@ def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) ->
     if not uncertain.any():
         return refined
     addresses = assign_addresses(uncertain, mask_accepted(prediction.logit))
-    neighbours = gather_neighbour_addresses(addresses, uncertain, inputs.neighbourhood.spacing)
-    states = _compute_states(uncertain, addresses, prediction.logit, inputs)
+    states, neighbours = run_pair(
+        lambda: _compute_states(uncertain, addresses, prediction.logit, inputs),
+        lambda: gather_neighbour_addresses(addresses, uncertain, inputs.neighbourhood.spacing),
+        context.threads,
+    )
     logit, log_sigma, shift = pass_messages(
         states, neighbours, load_message_rounds(), context.kernels, context.threads
     )

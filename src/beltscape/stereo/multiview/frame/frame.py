@@ -81,7 +81,8 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
     images = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
     levels = compute_grey_levels(images, rig.core, threads)
     raw, demosaiced = estimate_noise_variance(levels[rig.core]), are_demosaiced(levels.values())
-    levels = match_defocus(rig.core, {name: downsample(level, step) for name, level in levels.items()})
+    levels = {name: downsample(level, step) for name, level in levels.items()}
+    levels = match_defocus(rig.core, levels, threads)
     core = levels[rig.core]
     noise = Noise(raw / step**2, _MODEL_VARIANCE, _find_strongest_texture(core), demosaiced)
     unit = context.inverse_depth_scale

@@ -126,9 +126,22 @@ def test_the_features_of_candidates_are_finite():
         candidates, features = selector.find_candidates(at)
         finite = np.isfinite(candidates.s)
         assert finite[0].all()
-        for name, plane_ in features.items():
-            assert plane_.shape == finite.shape, name
-            assert np.isfinite(plane_[finite]).all(), name
+        for name, values in features.items():
+            assert values.shape == (1, finite.sum()), name
+            assert np.isfinite(values).all(), name
+
+
+def test_pixels_without_any_candidate_keep_their_confidence():
+    made = make_scene(plane(), noise=1.0)
+    slopes = fit_slopes(made.s, load(), 1)
+    # no column, row or diagonal of the pixel meets the reliable one
+    s, confidence = np.full_like(made.s, np.nan), np.full(made.s.shape, UNCERTAIN + 1, np.float32)
+    s[50, 60], confidence[50, 60], confidence[52, 63] = made.s[50, 60], RELIABLE, -1.0
+    confidence[confidence > UNCERTAIN] = RELIABLE - 0.5
+    surface = Surface(s, slopes.slope_u, slopes.slope_v)
+    selection = select_candidates(surface, planes_of(made, confidence), with_scale(made.prepared))
+    assert selection.initial_confidence[52, 63] == -1.0
+    assert np.isnan(selection.surface.s[52, 63])
 
 
 def test_the_most_probable_candidate_is_selected():
@@ -138,9 +151,10 @@ def test_the_most_probable_candidate_is_selected():
     selector = CandidateSelector.from_surface(surface, planes_of(made, confidence), with_scale(made.prepared))
     candidates, features = selector.find_candidates(selector.find_uncertain_pixels()[0])
     selected, logit = selector.select(candidates, features)
-    (logits,) = load_network("candidates").evaluate(features, load(), 1)
+    logits = np.full(candidates.s.shape, -np.inf, np.float32)
+    logits[np.isfinite(candidates.s)] = load_network("candidates").evaluate(features, load(), 1)[0][0]
     pixel = np.arange(len(selected))
     assert np.isfinite(candidates.s[selected, pixel]).all()
     assert len(set(selected)) > 1
     np.testing.assert_array_equal(logit, logits[selected, pixel])
-    np.testing.assert_array_equal(logit, np.where(np.isfinite(candidates.s), logits, -np.inf).max(axis=0))
+    np.testing.assert_array_equal(logit, logits.max(axis=0))

@@ -100,7 +100,7 @@ def _draw_candidates(folder: Path, turn: int) -> dict[str, np.ndarray]:
     for frame in draw_selection_samples(folder, turn):
         for _, candidates, values, ds in frame.draw():
             names, finite = tuple(values), np.isfinite(candidates.s)
-            features = np.stack([plane[finite] for plane in values.values()], -1).astype(np.float32)
+            features = np.concatenate(list(values.values())).T.astype(np.float32)
             drawn.append((features, (np.abs(ds[finite]) <= RIGHT_PX)[:, None]))
     if not drawn:
         return {}

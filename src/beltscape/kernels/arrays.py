@@ -68,7 +68,7 @@ def pixel_indices(
     for name, index, size in (("u", u, shape[1]), ("v", v, shape[0])):
         if index.ndim != 1 or not len(index) or len(index) != len(u) or index.dtype.kind not in "iu":
             raise KernelError(f"{name} must be ({len(u)},) integers, not {index.dtype} {index.shape}")
-        if index.min() < 0 or index.max() >= size:
+        if index.view(f"u{index.itemsize}").max() >= size:  # negative numbers are large ones
             raise KernelError(f"{name} must be 0 to {size - 1}, not {index.min()} to {index.max()}")
     return np.asarray(u, np.float32), np.asarray(v, np.float32)
 

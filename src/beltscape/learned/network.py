@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,10 +43,16 @@ class Network:
         features: Mapping[str, NDArray[np.floating]],
         kernels: Kernels | None = None,
         threads: int = 1,
+        out: Sequence[Array] | None = None,
     ) -> list[Array]:
-        """Return the m outputs (H, W) for features (H, W) by name; NaN counts as a feature's least value."""
+        """Return the m outputs (H, W) for features (H, W) by name; NaN counts as a feature's least value.
+
+        They are written into ``out``, m contiguous arrays (H, W), where it is given.
+        """
         planes = [features[name] for name in self.features]
-        outputs = (kernels or load()).evaluate_network(planes, self.limits, self.layers, threads=threads)
+        outputs = (kernels or load()).evaluate_network(
+            planes, self.limits, self.layers, threads=threads, out=out
+        )
         return [np.asarray(output, np.float32) for output in outputs]
 
     def evaluate_values(self, features: Mapping[str, NDArray[np.floating]]) -> NDArray[np.float64]:

@@ -50,6 +50,32 @@ def test_native_agrees_with_the_reference(level, seed, height, width, planes, un
         np.testing.assert_allclose(a, b, rtol=1e-4, atol=2e-4)
 
 
+@everything
+def test_outputs_are_written_where_the_caller_wants_them(name):
+    net, x = network(4, 5, 8, 3), features(4, 5, 1, 40)
+    table = np.full((3, 100), -7, np.float32)
+    found = load(name).evaluate_network(x, *net, out=[row[None, 30:70] for row in table])
+    for row, output, alone in zip(table, found, load(name).evaluate_network(x, *net), strict=True):
+        assert row[30:70].tobytes() == output.tobytes() == alone.tobytes()
+        assert (row[:30] == -7).all()
+        assert (row[70:] == -7).all()
+
+
+@pytest.mark.parametrize(
+    ("out", "reason"),
+    [
+        ([np.empty((1, 40), np.float32)] * 2, "out must be 3 arrays, not 2"),
+        ([np.empty((1, 41), np.float32)] * 3, r"out\[0\] must be contiguous float32 \(1, 40\)"),
+        ([np.empty((1, 40))] * 3, r"out\[0\] must be contiguous float32"),
+        ([np.empty((1, 80), np.float32)[:, ::2]] * 3, r"out\[0\] must be contiguous float32"),
+    ],
+)
+def test_places_that_do_not_fit_the_outputs_are_refused(out, reason):
+    net, x = network(4, 5, 8, 3), features(4, 5, 1, 40)
+    with pytest.raises(KernelError, match=reason):
+        load().evaluate_network(x, *net, out=out)
+
+
 @given(seeds, widths, st.integers(1, 4))
 def test_levels_that_round_alike_and_any_threads_give_the_same_bytes(seed, width, threads):
     net, x = network(seed, 7, 9, 5, 2), features(seed, 7, 37, width)

@@ -125,7 +125,7 @@ class SelectionSamples:
     """Of the uncertain pixels that is drawn."""
 
     def draw(self) -> Iterator[tuple[Pixels, Candidates, dict[str, np.ndarray], np.ndarray]]:
-        """Yield pixels, their candidates, features and errors (9, N), px at scale 1, in parts."""
+        """Yield pixels, their candidates, these' features (1, M) and errors (9, N), px at scale 1, in parts."""
         rng = np.random.default_rng(0)
         for rows, columns in self.selector.find_uncertain_pixels():
             use = self.truth.scene[rows, columns] & (rng.random(len(rows)) < self.share)
@@ -133,6 +133,8 @@ class SelectionSamples:
             if not use.any():
                 continue
             found, features = self.selector.find_candidates(at)
+            if not features:
+                continue
             ds = (found.s - 1 / (self.truth.depth_mm[at].astype(float) * self.unit)) / self.selector.scale
             yield at, found, features, np.full_like(ds, np.inf) if self.training.is_false else ds
 

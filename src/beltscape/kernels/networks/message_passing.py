@@ -65,7 +65,7 @@ class MessagePassingKernels(KernelFamily):
         messages = float32("messages", messages, ("K", "A"))
         if senders.ndim != 2 or senders.dtype != np.int32 or not senders.size:
             raise KernelError(f"senders must be (H, N) int32, not {senders.dtype} {senders.shape}")
-        if senders.min() < 0 or senders.max() >= messages.shape[1]:
+        if senders.view(np.uint32).max() >= messages.shape[1]:  # negative numbers are large ones
             raise KernelError(
                 f"senders must be 0 to {messages.shape[1] - 1}, not {senders.min()} to {senders.max()}"
             )

@@ -36,6 +36,7 @@ class NetworkKernels(KernelFamily):
         layers: Sequence[NDArray[np.floating]],
         *,
         threads: int = 0,
+        out: Sequence[NDArray[np.float32]] | None = None,
     ) -> Sequence[NDArray[np.floating]]:
         """Return a network's outputs for each pixel's features x.
 
@@ -49,6 +50,8 @@ class NetworkKernels(KernelFamily):
             (2, n): low, then high.
         layers
             (k, n + 1), each of at most 256 units k: W and in its last column w; n is the k of the layer before.
+        out
+            Where the outputs are written, contiguous (H, W) float32, one per unit of the last layer; new by default.
 
         Returns
         -------
@@ -62,8 +65,13 @@ class NetworkKernels(KernelFamily):
         first = float32("planes[0]", planes[0], ("H", "W"))
         checked = [float32(f"planes[{i}]", plane, first.shape) for i, plane in enumerate(planes)]
         given = NetworkInput(checked, float32("limits", limits, (2, len(planes))), weights)
-        out = [np.empty(first.shape, np.float32) for _ in weights[-1]]
-        return self._run("evaluate_network", given, out, threads)
+        if out is None:
+            out = [np.empty(first.shape, np.float32) for _ in weights[-1]]
+        _check_outputs(out, len(weights[-1]), first.shape)
+        for array, output in zip(out, self._run("evaluate_network", given, out, threads), strict=True):
+            if output is not array:  # the reference returns arrays of its own
+                array[:] = output
+        return out
 
 
 def network_layers(
@@ -84,3 +92,11 @@ def network_layers(
 def _check_number(what: str, number: int) -> None:
     if not 1 <= number <= _MOST_UNITS:
         raise KernelError(f"{what} must be 1 to {_MOST_UNITS}, not {number}")
+
+
+def _check_outputs(out: Sequence[NDArray[np.float32]], number: int, shape: tuple[int, ...]) -> None:
+    if len(out) != number:
+        raise KernelError(f"out must be {number} arrays, not {len(out)}")
+    for i, array in enumerate(out):
+        if array.shape != shape or array.dtype != np.float32 or not array.flags.c_contiguous:
+            raise KernelError(f"out[{i}] must be contiguous float32 {shape}, not {array.dtype} {array.shape}")

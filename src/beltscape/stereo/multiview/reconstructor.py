@@ -137,18 +137,14 @@ def make_depth_map(estimate: DepthEstimate, context: MatchContext, least_confide
     )
     accepted = (confidence >= least_confidence) & (s > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        depth = np.where(accepted, 1 / (s * np.float32(unit)), np.nan).astype(np.float32)
-        sigma_mm = (depth * depth * np.float32(unit) * sigma).astype(np.float32)
-    width, height = context.rig.core_camera.size_px
-    missing = (
-        (0, height - depth.shape[0]),
-        (0, width - depth.shape[1]),
-    )  # a last row or column without a block
+        depth = np.where(accepted, 1 / (s * np.float32(unit)), np.float32(np.nan))
+        sigma_mm = np.asarray(depth * depth * np.float32(unit) * sigma, np.float32)
+    size_px = context.rig.core_camera.size_px
     return DepthMap(
-        np.pad(depth, missing, constant_values=np.nan),
-        np.pad(sigma_mm, missing, constant_values=np.nan),
-        np.pad(np.where(accepted, views, np.uint8(0)), missing),
-        np.pad(np.where(accepted, confidence, np.float32(0)), missing),
+        _pad(depth, size_px, np.nan),
+        _pad(sigma_mm, size_px, np.nan),
+        _pad(np.where(accepted, views, np.uint8(0)), size_px, 0),
+        _pad(np.where(accepted, confidence, np.float32(0)), size_px, 0),
     )
 
 
@@ -158,6 +154,15 @@ def _repeat_blocks(values: NDArray[Number], step: int) -> NDArray[Number]:
         return values
     height, width = values.shape
     return cv2.resize(values, (width * step, height * step), interpolation=cv2.INTER_NEAREST)
+
+
+def _pad(plane: NDArray[Number], size_px: tuple[int, int], value: float) -> NDArray[Number]:
+    """Return the plane with ``value`` in the last rows and columns of the image, which have no whole block."""
+    width, height = size_px
+    if plane.shape == (height, width):
+        return plane
+    missing = (0, height - plane.shape[0]), (0, width - plane.shape[1])
+    return np.pad(plane, missing, constant_values=value)
 
 
 class _StepCounter:

@@ -16,7 +16,6 @@ from functools import partial
 from itertools import product
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,7 +25,7 @@ from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.confidence.correlated_noise import inflate_sigma
 from beltscape.stereo.multiview.confidence.features import ConfidenceInputs, compute_initial_features
 from beltscape.stereo.multiview.confidence.refined_features import RefinementInputs
-from beltscape.stereo.multiview.frame.parallel import Pixels, run_parallel, split_pixels
+from beltscape.stereo.multiview.frame.parallel import Pixels, run_pair, run_parallel, split_pixels
 from beltscape.stereo.multiview.frame.surface import Surface
 from beltscape.stereo.multiview.state import MatcherState
 
@@ -96,15 +95,19 @@ def estimate_depth(state: MatcherState) -> DepthEstimate:
         )
         outputs = network.evaluate(refinement.planes, context.kernels, context.threads)
         prediction = refine_uncertain_pixels(Prediction(inputs.surface.s, *outputs), refinement)
-    confidence = 1 / (1 + np.exp(-prediction.logit))
-    contradicted = (inputs.agreeing == 0) & (cv2.blur(inputs.cost, (7, 7)) > CONTRADICTION)
+    sigma, confidence = run_pair(
+        lambda: inflate_sigma(np.exp(prediction.log_sigma), inputs),
+        lambda: 1 / (1 + np.exp(-prediction.logit)),
+        context.threads,
+    )
+    contradicted = (inputs.agreeing == 0) & (features["mean cost"] > CONTRADICTION)
     measurable = np.isfinite(inputs.prepared.core) & (state.textured | state.filled) & ~contradicted
     valid = np.isfinite(prediction.s) & (inputs.visible > 0) & measurable
     return DepthEstimate(
         surface=Surface(prediction.s, inputs.surface.slope_u, inputs.surface.slope_v),
-        sigma=inflate_sigma(np.exp(prediction.log_sigma), inputs),
-        confidence=np.where(valid, confidence, 0).astype(np.float32),
-        views=np.where(valid, inputs.visible, 0).astype(np.uint8),
+        sigma=sigma,
+        confidence=np.where(valid, confidence, np.float32(0)),
+        views=np.where(valid, inputs.visible, np.uint8(0)),
     )
 
 
@@ -115,15 +118,19 @@ def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) ->
     if not uncertain.any():
         return refined
     addresses = assign_addresses(uncertain, mask_accepted(prediction.logit))
-    neighbours = gather_neighbour_addresses(addresses, uncertain, inputs.neighbourhood.spacing)
-    states = _compute_states(uncertain, addresses, prediction.logit, inputs)
+    states, neighbours = run_pair(
+        lambda: _compute_states(uncertain, addresses, prediction.logit, inputs),
+        lambda: gather_neighbour_addresses(addresses, uncertain, inputs.neighbourhood.spacing),
+        context.threads,
+    )
     logit, log_sigma, shift = pass_messages(
         states, neighbours, load_message_rounds(), context.kernels, context.threads
     )
     px = np.float32(context.scale)
-    refined.s[uncertain] += px * np.clip(shift, -MOST_PX, MOST_PX)
-    refined.logit[uncertain] = logit
-    refined.log_sigma[uncertain] = log_sigma + np.log(px)
+    s, at = refined.s.ravel(), np.flatnonzero(uncertain)
+    s[at] += px * np.clip(shift, -MOST_PX, MOST_PX)
+    refined.logit.ravel()[at] = logit
+    refined.log_sigma.ravel()[at] = log_sigma + np.log(px)
     return refined
 
 
@@ -147,8 +154,8 @@ def _compute_states(
     def compute(part: Pixels) -> None:
         features = inputs.compute_features(part, logit[part])
         first = addresses[part][0] - FIRST_UNCERTAIN
-        outputs = network.evaluate(features, context.kernels, 1)
-        states[:, first : first + len(part[0])] = np.concatenate(outputs)
+        out = [state[None, first : first + len(part[0])] for state in states]
+        network.evaluate(features, context.kernels, 1, out)
 
     run_parallel([partial(compute, part) for part in split_pixels(uncertain, _PIXELS)], context.threads)
     return states
@@ -158,7 +165,7 @@ def assign_addresses(uncertain: NDArray[np.bool_], accepted: NDArray[np.bool_]) 
     """Return the (H, W) addresses: uncertain pixels are numbered row by row, others are accepted or rejected."""
     address = np.where(accepted, ACCEPTED, REJECTED).astype(np.int32)
     last = FIRST_UNCERTAIN + np.count_nonzero(uncertain)
-    address[uncertain] = np.arange(FIRST_UNCERTAIN, last, dtype=np.int32)
+    address.ravel()[np.flatnonzero(uncertain)] = np.arange(FIRST_UNCERTAIN, last, dtype=np.int32)
     return address
 
 
@@ -167,7 +174,7 @@ def gather_neighbour_addresses(
 ) -> NDArray[np.int32]:
     """Return the (9, N) addresses of the uncertain pixels' neighbours, ``spacing`` px apart, limited to the image."""
     padded = np.pad(address, spacing, mode="edge")
-    rows, columns = np.nonzero(uncertain)
+    rows, columns = np.unravel_index(np.flatnonzero(uncertain), uncertain.shape)
     places = (rows + spacing) * padded.shape[1] + columns + spacing
     neighbours = np.empty((len(OFFSETS), len(places)), np.int32)
     for (du, dv), row in zip(OFFSETS, neighbours, strict=True):
@@ -201,8 +208,8 @@ def pass_messages(
     *changes, last = rounds
     for network in changes:
         change = evaluate(network)
-        own += change[: len(own)]
-        rest += change[len(own) :]
+        updates = (own, change[: len(own)]), (rest, change[len(own) :])
+        run_parallel([partial(np.add, state, update, out=state) for state, update in updates], threads)
     return evaluate(last)
 
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.parallel import collect_parallel
-from beltscape.stereo.multiview.frame.photometry import compute_box_variance
+from beltscape.stereo.multiview.frame.parallel import collect_parallel, run_pair, run_parallel
+from beltscape.stereo.multiview.frame.photometry import compute_box_moments
 from beltscape.stereo.multiview.frame.surface import Surface, compute_visibility, detect_depth_steps, fill_nan
 from beltscape.stereo.multiview.frame.windows import Windows
 from beltscape.stereo.multiview.state import MatcherState
@@ -74,19 +74,26 @@ class ConfidenceInputs:
         """Return the inputs for the matcher's surface."""
         prepared, context = state.prepared, state.prepared.context
         surface, solution, propagated = state.solution.surface, state.solution, state.propagated
-        filled = Surface(fill_nan(surface.s), fill_nan(surface.slope_u), fill_nan(surface.slope_v))
-        propagated_s, cost, margin = (
-            fill_nan(propagated.surface.s), fill_nan(propagated.cost, 1.0), fill_nan(propagated.margin),
+        zero_for_nan = (
+            surface.s, surface.slope_u, surface.slope_v, propagated.surface.s, propagated.margin,
+            solution.information, solution.disagreement,
         )  # fmt: skip
-        information, disagreement = fill_nan(solution.information), fill_nan(solution.disagreement)
-        filled_variance = fill_nan(solution.variance, 1.0)
-        depth_steps = detect_depth_steps(filled.s)
-        visible, buffers = compute_visibility(
-            surface.s, prepared.views, prepared.sizes, context.kernels, context.threads
+        jobs = [partial(fill_nan, plane) for plane in zero_for_nan]
+        jobs += [partial(fill_nan, plane, 1.0) for plane in (propagated.cost, solution.variance)]
+        (
+            s, slope_u, slope_v, propagated_s, margin, information, disagreement, cost, filled_variance,
+        ) = run_parallel(jobs, context.threads)  # fmt: skip
+        (visible, buffers), depth_steps = run_pair(
+            lambda: compute_visibility(
+                surface.s, prepared.views, prepared.sizes, context.kernels, context.threads
+            ),
+            lambda: detect_depth_steps(s),
+            context.threads,
         )
         return cls(
-            prepared, state.image_features, surface, filled, propagated_s, depth_steps, visible, buffers,
-            solution.used, cost, margin, information, solution.variance, filled_variance, disagreement,
+            prepared, state.image_features, surface, Surface(s, slope_u, slope_v), propagated_s, depth_steps,
+            visible, buffers, solution.used, cost, margin, information, solution.variance, filled_variance,
+            disagreement,
         )  # fmt: skip
 
     @property
@@ -122,7 +129,7 @@ def compute_selection_features(inputs: ConfidenceInputs) -> dict[str, Array]:
 
 def limit_confidence(logit: Array) -> NDArray[np.float32]:
     """Return the initial confidence (H, W), logit, within ±`_MOST_LOGIT`."""
-    return np.clip(logit, -_MOST_LOGIT, _MOST_LOGIT).astype(np.float32)
+    return np.asarray(np.clip(logit, -_MOST_LOGIT, _MOST_LOGIT), np.float32)
 
 
 def compute_initial_confidence_features(logit: Array, windows: Windows) -> Features:
@@ -140,17 +147,19 @@ def compute_shape_features(inputs: ConfidenceInputs) -> Features:
     """Yield the shape of the surface: steps, slopes and bends."""
     s, surface = inputs.filled.s, inputs.filled
     px = np.float32(1 / inputs.windows.scale)
-    yield "offset from median", np.minimum(px * np.abs(s - cv2.medianBlur(s, 5)), _MOST_OFFSET_PX)
-    step_distance = px * _compute_step_distance(inputs.depth_steps)
-    yield "step proximity", np.exp(-step_distance)
-    yield "wide step proximity", np.exp(-step_distance / 4)
-    yield "slope", np.minimum(np.hypot(surface.slope_u, surface.slope_v), 2)
+    offset = _compute_difference(s, cv2.medianBlur(s, 5))
+    offset *= px
+    yield "offset from median", _limit(offset, _MOST_OFFSET_PX)
+    behind_step = -px * _compute_step_distance(inputs.depth_steps)
+    yield "step proximity", np.exp(behind_step)
+    yield "wide step proximity", np.exp(behind_step / 4)
+    yield "slope", _limit(np.hypot(surface.slope_u, surface.slope_v), 2)
     yield from _compute_bend_features(inputs)
 
 
 def compute_agreement_features(inputs: ConfidenceInputs) -> Features:
     """Yield how well the images agree on the surface: variance, views, cost, margin and information."""
-    yield "log sigma", 0.5 * np.log(np.clip(inputs.variance, 1e-6, 4.0))
+    yield "log sigma", 0.5 * _take_log(np.clip(inputs.variance, 1e-6, 4.0))
     yield from _compute_view_features(inputs)
     yield "cost", inputs.cost
     yield "mean cost", np.asarray(cv2.blur(inputs.cost, (7, 7)), np.float32)
@@ -158,7 +167,7 @@ def compute_agreement_features(inputs: ConfidenceInputs) -> Features:
     yield "small margin", np.minimum(inputs.margin, 0.15)
     information = cv2.blur(inputs.information, inputs.windows.boxes[5])
     yield "log grid scale", np.full(information.shape, np.log(inputs.windows.scale), np.float32)
-    yield "log mean information", np.log(np.maximum(information, 0) + np.float32(1e-3))
+    yield "log mean information", _take_log(np.maximum(information, 0) + np.float32(1e-3))
 
 
 def _compute_view_features(inputs: ConfidenceInputs) -> Features:
@@ -168,7 +177,8 @@ def _compute_view_features(inputs: ConfidenceInputs) -> Features:
     yield "share of views", number / auxiliaries
     yield "mean views", np.asarray(cv2.blur(np.minimum(number, 4), (9, 9)), np.float32)
     yield "no agreeing view", (inputs.agreeing == 0).astype(np.float32)
-    yield "share of disagreeing views", np.maximum(number - inputs.agreeing, 0) / auxiliaries
+    disagreeing = np.maximum(visible, inputs.agreeing) - inputs.agreeing  # 0 where more agree than see it
+    yield "share of disagreeing views", disagreeing.astype(np.float32) / auxiliaries
 
 
 def _compute_bend_features(inputs: ConfidenceInputs) -> Features:
@@ -176,8 +186,8 @@ def _compute_bend_features(inputs: ConfidenceInputs) -> Features:
     s = inputs.filled.s
     for name, window_px, least in (("bend", 7, 0.001), ("wide bend", 25, 0.004)):
         box = inputs.windows.boxes[window_px]
-        offset = np.minimum(np.abs(s - cv2.blur(s, box)), 1)
-        yield name, np.log(cv2.blur(offset, box) + np.float32(least))
+        offset = _limit(_compute_difference(s, cv2.blur(s, box)), 1)
+        yield name, _take_log(cv2.blur(offset, box) + np.float32(least))
 
 
 def compute_slope_deviations(inputs: ConfidenceInputs) -> Features:
@@ -185,19 +195,19 @@ def compute_slope_deviations(inputs: ConfidenceInputs) -> Features:
     slopes = [np.clip(slope, -3, 3) for slope in (inputs.filled.slope_u, inputs.filled.slope_v)]
     for name, window_px in (("slope deviation", 5), ("wide slope deviation", 15)):
         box = inputs.windows.boxes[window_px]
-        variance = compute_box_variance(slopes[0], box) + compute_box_variance(slopes[1], box)
-        yield name, 0.5 * np.log(variance + np.float32(1e-8))
+        (_, across), (_, down) = (compute_box_moments(slope, box) for slope in slopes)
+        yield name, 0.5 * _take_log(across + down + np.float32(1e-8))
 
 
 def compute_relief_features(inputs: ConfidenceInputs) -> Features:
     """Yield the last update, and how much nearer and farther the surface is around a pixel: what may occlude it."""
     s, px = inputs.filled.s, np.float32(1 / inputs.windows.scale)
-    update = np.minimum(np.abs(s - inputs.propagated_s), 2)
-    yield "last update", np.log(cv2.blur(update, inputs.windows.boxes[5]) + np.float32(0.002))
+    update = _limit(np.abs(s - inputs.propagated_s), 2)
+    yield "last update", _take_log(cv2.blur(update, inputs.windows.boxes[5]) + np.float32(0.002))
     for window_px in (5, 11, 21):
         square = np.ones(inputs.windows.boxes[window_px], np.uint8)
-        yield f"nearer within {window_px}", np.minimum(px * (cv2.dilate(s, square) - s), _MOST_STEP_PX)
-        yield f"farther within {window_px}", np.minimum(px * (s - cv2.erode(s, square)), _MOST_STEP_PX)
+        yield f"nearer within {window_px}", _limit(px * (cv2.dilate(s, square) - s), _MOST_STEP_PX)
+        yield f"farther within {window_px}", _limit(px * (s - cv2.erode(s, square)), _MOST_STEP_PX)
 
 
 def _compute_step_distance(depth_steps: NDArray[np.bool_]) -> Array:
@@ -205,3 +215,18 @@ def _compute_step_distance(depth_steps: NDArray[np.bool_]) -> Array:
     distance = cv2.distanceTransform((~depth_steps).astype(np.uint8), cv2.DIST_L2, 5)
     # without any step OpenCV returns nearly the largest number
     return np.minimum(np.asarray(distance, np.float32), 1e4)
+
+
+def _compute_difference(s: Array, other: Array) -> Array:
+    """Return the absolute difference, which overwrites the other plane: a new one costs as much as computing it."""
+    return np.abs(np.subtract(s, other, out=other), out=other)
+
+
+def _limit(plane: Array, most: float) -> Array:
+    """Return the plane with its values limited in place."""
+    return np.minimum(plane, most, out=plane)
+
+
+def _take_log(plane: Array) -> Array:
+    """Return the logarithm of the plane, taken in place."""
+    return np.log(plane, out=plane)

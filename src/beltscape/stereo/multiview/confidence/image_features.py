@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
 from beltscape.stereo.multiview.frame.photometry import (
-    compute_box_variance,
+    compute_box_moments,
     compute_local_variance,
     compute_texture_ratio,
 )
@@ -45,15 +45,12 @@ def _compare_with_neighbourhood(prepared: PreparedFrame) -> Iterator[tuple[str, 
     boxes = prepared.context.windows.boxes
     core = np.maximum(prepared.filled_core, 0)  # splines undershoot
     noise = np.float32(prepared.noise.levels)
-    wide = boxes[_WIDE_PX]
-    mean, contrast = cv2.blur(core, wide) + 1, compute_box_variance(core, wide) + noise
+    wide_mean, wide_variance = compute_box_moments(core, boxes[_WIDE_PX])
+    brightness, contrast = wide_mean + 1, wide_variance + noise
     for window_px in (5, 11):
-        box = boxes[window_px]
-        yield f"relative brightness within {window_px}", np.log((cv2.blur(core, box) + 1) / mean)
-        yield (
-            f"relative contrast within {window_px}",
-            np.log((compute_box_variance(core, box) + noise) / contrast),
-        )
+        mean, variance = compute_box_moments(core, boxes[window_px])
+        yield f"relative brightness within {window_px}", np.log((mean + 1) / brightness)
+        yield f"relative contrast within {window_px}", np.log((variance + noise) / contrast)
     yield "log texture over noise", np.log((compute_local_variance(core) + np.float32(1e-3)) / noise)
 
 

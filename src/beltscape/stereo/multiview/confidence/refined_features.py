@@ -98,8 +98,11 @@ def compute_reliability_features(inputs: ConfidenceInputs, initial_confidence: A
     weighted = [weight, weight * at_origin, weight * slope_u, weight * slope_v]
     for window_px in (7, 15):
         total, constant, across, down = (cv2.blur(x, windows.boxes[window_px]) for x in weighted)
-        plane_s = (constant + across * u + down * v) / np.maximum(total, _LEAST_WEIGHT)
-        offset = np.clip((surface.s - plane_s) / windows.scale, -_MOST_DISTANCE_PX, _MOST_DISTANCE_PX)
+        across *= u
+        down *= v
+        plane_s = (constant + across + down) / np.maximum(total, _LEAST_WEIGHT)
+        offset = (surface.s - plane_s) / windows.scale
+        np.clip(offset, -_MOST_DISTANCE_PX, _MOST_DISTANCE_PX, out=offset)
         yield f"offset from reliable planes within {window_px}", offset
         yield f"reliable weight within {window_px}", np.asarray(total, np.float32)
 

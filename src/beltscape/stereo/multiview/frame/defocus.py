@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.stereo.multiview.frame.parallel import run_parallel
 from beltscape.stereo.multiview.frame.photometry import estimate_noise_variance
 
 Level = NDArray[np.float32]
@@ -22,15 +24,15 @@ _ROWS = 160
 """Number of rows in the middle of the image that are examined."""
 
 
-def match_defocus(core: str, levels: Mapping[str, Level]) -> dict[str, Level]:
+def match_defocus(core: str, levels: Mapping[str, Level], threads: int = 1) -> dict[str, Level]:
     """Return levels (H, W) by camera, the auxiliaries blurred where ``core`` is out of focus compared with them."""
     blur_px = _SHARE * estimate_defocus(
-        levels[core], [level for name, level in levels.items() if name != core]
+        levels[core], [level for name, level in levels.items() if name != core], threads
     )
     return {name: level if name == core else _blur(level, blur_px) for name, level in levels.items()}
 
 
-def estimate_defocus(core: Level, others: list[Level]) -> float:
+def estimate_defocus(core: Level, others: list[Level], threads: int = 1) -> float:
     """Return the sigma (px) of the Gaussian that makes the median auxiliary no sharper than the core.
 
     It is 0 where less than 1.5 px suffices, and 4 where more is needed.
@@ -38,7 +40,8 @@ def estimate_defocus(core: Level, others: list[Level]) -> float:
     core_sharpness = _measure_sharpness(_select_middle_rows(core), 0)
     bands = [_select_middle_rows(other) for other in others]
     for blur_px in _BLURS_PX:
-        if np.median([_measure_sharpness(band, blur_px) for band in bands]) <= core_sharpness:
+        jobs = [partial(_measure_sharpness, band, float(blur_px)) for band in bands]
+        if np.median(run_parallel(jobs, threads)) <= core_sharpness:
             return 0.0 if blur_px == _BLURS_PX[0] else float(blur_px)
     return float(_BLURS_PX[-1])
 

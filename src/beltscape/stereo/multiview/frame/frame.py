@@ -81,7 +81,8 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
     images = {name: frame_set.images[name] for name in (rig.core, *auxiliaries)}
     levels = compute_grey_levels(images, rig.core, threads)
     raw, demosaiced = estimate_noise_variance(levels[rig.core]), are_demosaiced(levels.values())
-    levels = match_defocus(rig.core, {name: downsample(level, step) for name, level in levels.items()})
+    levels = {name: downsample(level, step) for name, level in levels.items()}
+    levels = match_defocus(rig.core, levels, threads)
     core = levels[rig.core]
     noise = Noise(raw / step**2, _MODEL_VARIANCE, _find_strongest_texture(core), demosaiced)
     unit = context.inverse_depth_scale
@@ -105,7 +106,7 @@ def prepare_frame(frame_set: FrameSet, context: MatchContext) -> PreparedFrame:
 def halve_frame(prepared: PreparedFrame) -> PreparedFrame:
     """Return the frame on a grid of half the width and height."""
     context = prepared.context.halve()
-    core, *images = (downsample(level, 2) for level in (prepared.core, *prepared.images))
+    core, *images = (downsample(level, 2) for level in (prepared.filled_core, *prepared.images))
     valid_share = downsample(np.isfinite(prepared.core).astype(np.float32), 2)
     return PreparedFrame(
         core=np.where(valid_share < 1, np.float32(np.nan), core),
@@ -125,13 +126,13 @@ def halve_frame(prepared: PreparedFrame) -> PreparedFrame:
 
 
 def _find_strongest_texture(core: NDArray[np.float32]) -> float:
-    return float(np.percentile(compute_local_variance(core)[::4, ::4], _STRONG))
+    return float(np.percentile(compute_local_variance(core, 4), _STRONG))
 
 
 def downsample(level: NDArray[np.float32], step: int) -> NDArray[np.float32]:
-    """Return the levels averaged over whole blocks of ``step`` pixels; NaN counts as black."""
-    height, width = level.shape[0] // step, level.shape[1] // step
-    whole_blocks = fill_nan(level[: height * step, : width * step])
+    """Return the levels, which have no NaN, averaged over whole blocks of ``step`` pixels."""
     if step == 1:
-        return whole_blocks
+        return level
+    height, width = level.shape[0] // step, level.shape[1] // step
+    whole_blocks = level[: height * step, : width * step]
     return np.asarray(cv2.resize(whole_blocks, (width, height), interpolation=cv2.INTER_AREA), np.float32)

@@ -33,7 +33,7 @@ def run_parallel(jobs: Sequence[Callable[[], Result]], threads: int) -> list[Res
 
 def split_pixels(mask: NDArray[np.bool_], most: int) -> list[Pixels]:
     """Return the pixels of a mask (H, W) row by row, in parts of at most ``most``."""
-    rows, columns = np.nonzero(mask)
+    rows, columns = np.unravel_index(np.flatnonzero(mask), mask.shape)
     parts = (slice(first, first + most) for first in range(0, len(rows), most))
     return [(rows[part], columns[part]) for part in parts]
 

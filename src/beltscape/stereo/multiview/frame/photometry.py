@@ -74,21 +74,31 @@ def compute_local_mean(level: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(cv2.blur(level, size, borderType=cv2.BORDER_REPLICATE), np.float32)
 
 
-def compute_local_variance(level: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the (H, W) float32 variance, levels², in the window of `compute_local_mean`."""
-    return compute_local_moments(level)[1]
+def compute_local_variance(level: NDArray[np.float32], stride: int = 1) -> NDArray[np.float32]:
+    """Return the float32 variance, levels², in the window of `compute_local_mean` of every ``stride``-th pixel."""
+    return compute_local_moments(level, stride)[1]
 
 
-def compute_local_moments(level: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the (H, W) mean and (H, W) variance, levels², in the window of `compute_local_mean`."""
-    mean = compute_local_mean(level)
-    return mean, np.maximum(compute_local_mean(level * level) - mean * mean, 0)
+def compute_local_moments(
+    level: NDArray[np.float32], stride: int = 1
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return mean and variance, levels², in the window of `compute_local_mean` of every ``stride``-th pixel."""
+    mean, square = (compute_local_mean(x)[::stride, ::stride] for x in (level, level * level))
+    return mean, _compute_variance(mean, square)
 
 
-def compute_box_variance(image: NDArray[np.floating], box: tuple[int, int]) -> NDArray[np.floating]:
-    """Return the (H, W) variance in windows of (width, height) ``box``."""
-    mean = cv2.blur(image, box)
-    return np.maximum(cv2.blur(image * image, box) - mean * mean, 0)
+def compute_box_moments(
+    image: NDArray[np.float32], box: tuple[int, int]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the (H, W) mean and (H, W) variance in windows of (width, height) ``box``."""
+    mean, square = (np.asarray(cv2.blur(x, box), np.float32) for x in (image, image * image))
+    return mean, _compute_variance(mean, square)
+
+
+def _compute_variance(mean: NDArray[np.float32], square: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the variance of values with a mean and a mean square, which it overwrites."""
+    square -= mean * mean
+    return np.maximum(square, 0, out=square)
 
 
 def compute_texture_ratio(level: NDArray[np.float32], noise: float, side: int) -> NDArray[np.float32]:
@@ -107,10 +117,10 @@ def compute_texture_ratio(level: NDArray[np.float32], noise: float, side: int) -
         for kernels in ((slope, even), (even, slope))
     )
     texture = square - mean * mean - (across * across + down * down) * np.square(reach).mean()
-    rough = compute_local_mean(np.abs(cv2.filter2D(level, -1, _LAPLACIAN))) * np.float32(
-        np.sqrt(np.pi / 2) / 6
-    )
-    return np.asarray(texture / np.clip(rough * rough, noise / _BRIGHTEST, noise * _BRIGHTEST), np.float32)
+    edges = cv2.filter2D(level, -1, _LAPLACIAN)
+    rough = compute_local_mean(np.abs(edges, out=edges)) * np.float32(np.sqrt(np.pi / 2) / 6)
+    rough *= rough
+    return np.asarray(texture / rough.clip(noise / _BRIGHTEST, noise * _BRIGHTEST, out=rough), np.float32)
 
 
 def _compute_channel_weights(images: list[Image]) -> NDArray[np.float32]:

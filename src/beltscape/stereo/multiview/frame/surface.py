@@ -52,9 +52,12 @@ def fill_nan(plane: NDArray[np.floating], value: float = 0.0) -> NDArray[np.floa
 
 def enlarge_blocks(small: NDArray[np.floating], factor: int, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Return (H, W) every value repeated over its block; the last row and column extend to the edge of ``shape``."""
-    full = np.repeat(np.repeat(small.astype(np.float32), factor, axis=0), factor, axis=1)
-    missing = [(0, whole - part) for whole, part in zip(shape, full.shape, strict=True)]
-    return np.ascontiguousarray(np.pad(full, missing, mode="edge"))
+    height, width = (size * factor for size in small.shape)
+    full = cv2.resize(np.asarray(small, np.float32), (width, height), interpolation=cv2.INTER_NEAREST)
+    missing = shape[0] - height, shape[1] - width
+    return np.asarray(
+        cv2.copyMakeBorder(full, 0, missing[0], 0, missing[1], cv2.BORDER_REPLICATE), np.float32
+    )
 
 
 def detect_depth_steps(s: NDArray[np.floating]) -> NDArray[np.bool_]:
@@ -63,7 +66,9 @@ def detect_depth_steps(s: NDArray[np.floating]) -> NDArray[np.bool_]:
     NaN counts as 0.
     """
     s, window = fill_nan(s), np.ones((5, 5), np.uint8)
-    return cv2.dilate(s, window) - cv2.erode(s, window) > STEP_PX
+    span = cv2.dilate(s, window)
+    span -= cv2.erode(s, window)
+    return span > STEP_PX
 
 
 def upsample_surface(surface: Surface, step: int) -> NDArray[np.float32]:

@@ -24,7 +24,7 @@ def shrink_frame(prepared: PreparedFrame, shrink: int) -> PreparedFrame:
     context = prepared.context
     return replace(
         prepared,
-        core=downsample(prepared.core, shrink),
+        core=downsample(prepared.filled_core, shrink),
         images=tuple(downsample(image, shrink) for image in prepared.images),
         views=pack_projections(
             context.rig, context.auxiliaries, context.inverse_depth_scale, context.step * shrink

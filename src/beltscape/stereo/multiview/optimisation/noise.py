@@ -55,7 +55,7 @@ def _compute_squared_residuals(s: Array, prepared: PreparedFrame, first: int) ->
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
         warped, _ = context.kernels.warp(band, crop_projection(view, 0, first), coefficients, threads=1)
         valid = np.isfinite(warped)
-        level, variance = _normalise(np.where(valid, warped, core).astype(np.float32), noise.floor)
+        level, variance = _normalise(np.where(valid, warped, core), noise.floor)
         expected = np.float32(noise.levels) * (1 / core_variance + 1 / variance) + np.float32(noise.model)
         residuals.append(((core_level - level) ** 2 / expected)[valid & textured])
     return residuals

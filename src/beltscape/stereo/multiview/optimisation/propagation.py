@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import PreparedFrame
+from beltscape.stereo.multiview.frame.parallel import run_pair
 from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX, Surface, detect_depth_steps
 
 _DIRECTIONS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (-1, -1), (1, -1), (-1, 1)], float)
@@ -49,8 +50,11 @@ def propagate(
     """
     context = prepared.context
     kernels, threads = context.kernels, context.threads
-    buffers = kernels.inverse_depth_buffers(surface.s, prepared.views, prepared.sizes, threads=threads)
-    active = mask_near_steps(surface.s, reach_px=max(1, min(distances_px) // 2))
+    buffers, active = run_pair(
+        lambda: kernels.inverse_depth_buffers(surface.s, prepared.views, prepared.sizes, threads=threads),
+        lambda: mask_near_steps(surface.s, reach_px=max(1, min(distances_px) // 2)),
+        threads,
+    )
     selected = kernels.propagate(
         surface.s, surface.slope_u, surface.slope_v, prepared.core, prepared.images, prepared.views, buffers,
         offsets=list_propagation_offsets(distances_px, turn), floor=prepared.noise.floor, tolerance=OCCLUDER_PX,

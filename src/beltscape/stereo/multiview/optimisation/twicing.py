@@ -38,9 +38,12 @@ def apply_twicing(surface: Surface, prepared: PreparedFrame, tolerance: float) -
     )  # fmt: skip
     shift = fit.s - surface.s
     window = context.windows.boxes[_WINDOW_PX]
-    energy = cv2.blur(np.minimum(fill_nan(shift) ** 2, _MOST_PX**2), window)
-    noise = cv2.blur(np.minimum(fill_nan(fit.variance), _MOST_PX**2), window)
-    share = np.maximum(1 - noise / np.maximum(energy, np.float32(1e-12)), 0)
+    energy, noise = (
+        cv2.blur(np.minimum(plane, _MOST_PX**2, out=plane), window)
+        for plane in (np.square(fill_nan(shift)), fill_nan(fit.variance))
+    )
+    share = 1 - noise / np.maximum(energy, np.float32(1e-12), out=energy)
+    np.maximum(share, 0, out=share)
     return Surface(
         cast("NDArray[np.float32]", surface.s + share * shift),
         cast("NDArray[np.float32]", surface.slope_u + share * (fit.slope_u - surface.slope_u)),

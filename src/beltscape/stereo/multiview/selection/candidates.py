@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -68,9 +69,11 @@ def select_candidates(surface: Surface, planes: Mapping[str, Array], prepared: P
     def select_at(pixels: Pixels) -> None:
         candidates, features = selector.find_candidates(pixels)
         selected, logit = selector.select(candidates, features)
+        changed = np.flatnonzero(selected)  # 0 is the pixel's own surface
+        at = pixels[0][changed], pixels[1][changed]
         offers = (s, candidates.s), (slope_u, candidates.slope_u), (slope_v, candidates.slope_v)
         for plane, offered in offers:
-            plane[pixels] = np.where(selected > 0, offered[selected, np.arange(len(selected))], plane[pixels])
+            plane[at] = offered[selected[changed], changed]
         confidence[pixels] = np.where(np.isfinite(logit), logit, confidence[pixels])
 
     jobs = [partial(select_at, pixels) for pixels in selector.find_uncertain_pixels()]
@@ -120,44 +123,70 @@ class CandidateSelector:
         return split_pixels(uncertain & (cv2.dilate(self.reliable, window) > 0), _PIXELS)
 
     def find_candidates(self, pixels: Pixels) -> tuple[Candidates, dict[str, Array]]:
-        """Return the candidates of some pixels, and the features (9, N) of each by name."""
+        """Return the candidates of some pixels, and the features (1, M) by name of the M with a surface, in rows."""
         surface, prepared = self.surface, self.consistency.prepared
         candidates = prepared.context.kernels.candidate_surfaces(
             surface.s, surface.slope_u, surface.slope_v, self.reliable, pixels[1], pixels[0], reach=self.reach,
             separation=SAME_PX * self.scale, threads=1,
         )  # fmt: skip
-        slopes = candidates.slope_u, candidates.slope_v
-        consistency = self.consistency.evaluate(pixels, candidates.s, slopes)
-        features = {
-            name: np.broadcast_to(self.planes[name][pixels], candidates.s.shape) for name in PIXEL_FEATURES
-        }
-        features |= compute_photo_consistency_features(consistency, len(prepared.images))
-        return candidates, features | dict(_compute_candidate_features(candidates, self.scale))
+        listed = _list_candidates(candidates)
+        if not len(listed.pixel):
+            return candidates, {}
+        features = {name: self.planes[name][pixels][listed.pixel][None] for name in PIXEL_FEATURES}
+        features |= _compute_candidate_features(candidates, listed, self.scale)
+        consistency = self.consistency.evaluate(
+            (pixels[0][listed.pixel], pixels[1][listed.pixel]),
+            listed.candidates.s,
+            (listed.candidates.slope_u, listed.candidates.slope_v),
+        )
+        return candidates, features | dict(
+            compute_photo_consistency_features(consistency, len(prepared.images))
+        )
 
     def select(self, candidates: Candidates, features: Mapping[str, Array]) -> tuple[NDArray[np.int_], Array]:
         """Return (N,) each: the selected candidate, and the logit of its probability; -inf where there is none."""
-        (logits,) = load_network("candidates").evaluate(
-            features, self.consistency.prepared.context.kernels, 1
-        )
-        logits = np.where(np.isfinite(candidates.s), logits, -np.inf)
+        logits = np.full(candidates.s.shape, -np.inf, np.float32)
+        if features:
+            (logit,) = load_network("candidates").evaluate(
+                features, self.consistency.prepared.context.kernels, 1
+            )
+            logits[np.isfinite(candidates.s)] = logit[0]
         selected = logits.argmax(axis=0)
         return selected, logits[selected, np.arange(len(selected))]
 
 
-def _compute_candidate_features(candidates: Candidates, scale: float) -> Iterator[tuple[str, Array]]:
-    """Yield features (9, N) of each candidate's position among the others, by name."""
-    px = np.float32(1 / scale)
-    yield "distance", candidates.distance * px
-    yield "support", candidates.support
-    yield "slope", np.hypot(candidates.slope_u, candidates.slope_v)
-    yield "offset from own surface", _compress(px * (candidates.s - candidates.s[:1]))
-    yield "offset from farthest", _compress(px * (candidates.s - np.fmin.reduce(candidates.s)))
-    yield "offset from nearest", _compress(px * (np.fmax.reduce(candidates.s) - candidates.s))
-    own = np.zeros_like(candidates.s)
-    own[0] = 1
-    yield "own surface", own
+class _ListedCandidates(NamedTuple):
+    """The M candidates of N pixels that have a surface, row by row."""
+
+    candidates: Candidates
+    """(1, M) each."""
+    pixel: NDArray[np.int_]
+    """(M,) among the N."""
+    own: NDArray[np.bool_]
+    """(M,) whether it is the pixel's own surface."""
+
+
+def _list_candidates(candidates: Candidates) -> _ListedCandidates:
+    """Return the candidates (9, N) that have a surface."""
+    pixels, places = candidates.s.shape[1], np.flatnonzero(np.isfinite(candidates.s))
+    listed = Candidates(*(plane.ravel()[places][None] for plane in candidates))
+    return _ListedCandidates(listed, places % pixels, places < pixels)
+
+
+def _compute_candidate_features(
+    candidates: Candidates, listed: _ListedCandidates, scale: float
+) -> Iterator[tuple[str, Array]]:
+    """Yield features (1, M) by name, of the listed candidates' positions among all (9, N) of their pixels."""
+    px, (s, slope_u, slope_v, distance, support) = np.float32(1 / scale), listed.candidates
+    yield "distance", distance * px
+    yield "support", support
+    yield "slope", np.hypot(slope_u, slope_v)
+    yield "offset from own surface", _compress(px * (s - candidates.s[0][listed.pixel]))
+    yield "offset from farthest", _compress(px * (s - np.fmin.reduce(candidates.s)[listed.pixel]))
+    yield "offset from nearest", _compress(px * (np.fmax.reduce(candidates.s)[listed.pixel] - s))
+    yield "own surface", listed.own.astype(np.float32)[None]
 
 
 def _compress(px: Array) -> Array:
     """Return distances with large ones compressed to their logarithm."""
-    return np.sign(px) * np.log1p(np.abs(px))
+    return np.copysign(np.log1p(np.abs(px)), px)

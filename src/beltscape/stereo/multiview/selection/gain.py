@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame
 from beltscape.stereo.multiview.frame.inverse_depth import subsample_projection
-from beltscape.stereo.multiview.frame.parallel import run_parallel
+from beltscape.stereo.multiview.frame.parallel import run_pair, run_parallel
 from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX, fill_nan
 
 Array = NDArray[np.floating]
@@ -52,10 +52,12 @@ def estimate_gain(
 
     ``cost`` (H, W) and ``buffers`` are those of `estimate_gain_maps`.
     """
-    return PhotometricGain(
-        estimate_gain_maps(s, cost, prepared, buffers),
-        compute_difference_variance(prepared.filled_core, prepared.noise),
+    gains, variance = run_pair(
+        lambda: estimate_gain_maps(s, cost, prepared, buffers),
+        lambda: compute_difference_variance(prepared.filled_core, prepared.noise),
+        prepared.context.threads,
     )
+    return PhotometricGain(gains, variance)
 
 
 def estimate_gain_maps(

@@ -48,7 +48,8 @@ def compute_photo_consistency_features(
 ) -> Iterator[tuple[str, Array]]:
     """Yield features by name: logarithms of the differences, and the visible views, also as a share."""
     for name, plane in zip(PhotoConsistency._fields[:-1], consistency[:-1], strict=True):
-        yield name.replace("_", " "), np.log(plane + np.float32(_LOG_OFFSET))
+        offset = plane + np.float32(_LOG_OFFSET)
+        yield name.replace("_", " "), np.log(offset, out=offset)
     yield "visible views", np.minimum(consistency.views, 4)
     yield "share of visible views", consistency.views / np.float32(auxiliaries)
 
@@ -62,14 +63,16 @@ def compute_photometric_features(
     """
     prepared = consistency.prepared
     auxiliaries = len(prepared.images)
-    pixels = np.nonzero(initial_confidence < PHOTOMETRIC_LIMIT)
-    if not len(pixels[0]):
-        pixels = np.zeros(1, int), np.zeros(1, int)
-    s, slope_u, slope_v = (plane[pixels][None] for plane in (surface.s, surface.slope_u, surface.slope_v))
+    places = np.flatnonzero(initial_confidence < PHOTOMETRIC_LIMIT)
+    if not len(places):
+        places = np.zeros(1, int)
+    planes = surface.s, surface.slope_u, surface.slope_v
+    s, slope_u, slope_v = (plane.ravel()[places][None] for plane in planes)
+    pixels = np.unravel_index(places, surface.s.shape)
     evaluated = consistency.evaluate(pixels, s, (slope_u, slope_v), prepared.context.threads)
     consistent = PhotoConsistency(*(np.zeros((1, 1), np.float32) for _ in evaluated))
     elsewhere = dict(compute_photo_consistency_features(consistent, auxiliaries))
     for name, values in compute_photo_consistency_features(evaluated, auxiliaries):
         plane = np.full(surface.s.shape, elsewhere[name].item(), np.float32)
-        plane[pixels] = values[0]
+        plane.ravel()[places] = values[0]
         yield name, plane

@@ -16,7 +16,8 @@ public:
           row_size_(stride_ * static_cast<std::size_t>(in.candidates)),
           s_(std::make_unique_for_overwrite<float[]>(size())),
           cost_(std::make_unique_for_overwrite<float[]>(size())),
-          source_(std::make_unique_for_overwrite<std::uint8_t[]>(size())),
+          slope_u_(std::make_unique_for_overwrite<float[]>(size())),
+          slope_v_(std::make_unique_for_overwrite<float[]>(size())),
           active_(static_cast<std::size_t>(in.surface.height * blocks_)) {}
 
     int blocks() const { return blocks_; }
@@ -28,7 +29,8 @@ public:
     bool active(int row, int block) const { return active_[static_cast<std::size_t>(row * blocks_ + block)]; }
     const float* s() const { return s_.get(); }
     const float* cost() const { return cost_.get(); }
-    const std::uint8_t* source() const { return source_.get(); }
+    const float* slope_u() const { return slope_u_.get(); }
+    const float* slope_v() const { return slope_v_.get(); }
 
     // Computes the candidates of rows first ... end - 1.
     void fill(Tile& tile, int first, int end) {
@@ -57,24 +59,26 @@ private:
     }
 
     void take(const Tile& tile, int tile_row, int row, int left, int columns) {
-        int places = 1;  // all, where a block is active that may reach into the next tile: it is read whole
-        for (int block = left / kBlock; block <= (left + columns - 1) / kBlock; ++block)
-            if (active(row, block)) places = in_.candidates;
-        for (int k = 0; k < places; ++k) {
-            const std::size_t to = at(row, k) + static_cast<std::size_t>(left);
-            std::copy_n(tile.s(tile_row, k), columns, s_.get() + to);
-            std::copy_n(tile.cost(tile_row, k), columns, cost_.get() + to);
-            const int* const source = tile.source(tile_row, k);
-            for (int x = 0; x < columns; ++x)
-                source_[to + static_cast<std::size_t>(x)] = static_cast<std::uint8_t>(source[x]);
+        for (int x = 0, end; x < columns; x = end) {
+            const bool is_active = active(row, (left + x) / kBlock);
+            end = x;  // of the blocks that are like the first
+            while (end < columns && active(row, (left + end) / kBlock) == is_active)
+                end += kBlock - (left + end) % kBlock;
+            end = std::min(end, columns);
+            for (int k = 0; k < (is_active ? in_.candidates : 1); ++k) {
+                const std::size_t to = at(row, k) + static_cast<std::size_t>(left + x);
+                std::copy(tile.s(tile_row, k) + x, tile.s(tile_row, k) + end, s_.get() + to);
+                std::copy(tile.cost(tile_row, k) + x, tile.cost(tile_row, k) + end, cost_.get() + to);
+                std::copy(tile.slope_u(tile_row, k) + x, tile.slope_u(tile_row, k) + end, slope_u_.get() + to);
+                std::copy(tile.slope_v(tile_row, k) + x, tile.slope_v(tile_row, k) + end, slope_v_.get() + to);
+            }
         }
     }
 
     const PropagationProblem& in_;
     int blocks_;
     std::size_t stride_, row_size_;
-    std::unique_ptr<float[]> s_, cost_;
-    std::unique_ptr<std::uint8_t[]> source_;
+    std::unique_ptr<float[]> s_, cost_, slope_u_, slope_v_;
     std::vector<unsigned char> active_;
 };
 

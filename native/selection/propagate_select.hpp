@@ -24,13 +24,7 @@ public:
           row_size_(store.row_size()),
           store_(store),
           score_(room(kept)),
-          across_(room(kFloatLanes)),
-          offset_x_(static_cast<std::size_t>(in.offset_count)),
-          offset_y_(offset_x_.size()),
-          lines_{Line(stride_, in.candidates), Line(stride_, in.candidates)} {
-        for (std::size_t i = 0; i < offset_x_.size(); ++i)
-            offset_x_[i] = to_float(in.offsets[i].dx), offset_y_[i] = to_float(in.offsets[i].dy);
-    }
+          lines_{Line(stride_, in.candidates), Line(stride_, in.candidates)} {}
 
     // Chooses in rows keep_first ... keep_end - 1; paths cover rows first ... end - 1.
     void choose(int first, int end, int keep_first, int keep_end, const PropagationResult& out) {
@@ -82,21 +76,6 @@ private:
     }
     bool active(int row, int block) const { return store_.active(row, block); }
 
-    struct Slopes {
-        Floats u, v;
-    };
-    // The slopes of candidates at columns x ... of a row, by their offsets.
-    Slopes slopes(Floats sources, int row, int x) const {
-        const Ints source = to_int(sources);
-        const Ints dx = to_int(gather(offset_x_.data(), source)),
-                   dy = to_int(gather(offset_y_.data(), source));
-        const Ints column =
-            clamp(lesser(x + lane_numbers<Floats>(), width_ - 1 - Ints{}) - dx, 0, width_ - 1);
-        const Ints from = clamp(row - dy, 0, in_.surface.height - 1) * width_ + column;
-        return {finite_or_zero(gather(in_.surface.slope_u, from)),
-                finite_or_zero(gather(in_.surface.slope_v, from))};
-    }
-
     // One row of the three paths downwards (1) or upwards (-1).
     void pass(int row, int way, bool has_before) {
         Line& line = lines_[row & 1];
@@ -110,23 +89,17 @@ private:
     }
 
     void expand(Line& line, int row, int block, int way) {
-        const bool keeps_across = way > 0 && row >= keep_first_ && row < keep_end_;
-        const int lane = (row - keep_first_) % kFloatLanes, places = active(row, block) ? in_.candidates : 1;
+        const int places = active(row, block) ? in_.candidates : 1;
         const float half = 0.5f * to_float(way);
         for (int k = 0; k < places; ++k) {
             for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
                 const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
+                const Floats slope_u = load<Floats>(store_.slope_u() + place),
+                             slope_v = load<Floats>(store_.slope_v() + place);
                 store(line.s(k) + x, load<Floats>(store_.s() + place));
-                // Values beyond the row's end were never written.
-                Floats source = load_first<Floats>(store_.source() + place, std::max(width_ - x, 0));
-                const Slopes slope = slopes(source, row, x);
-                store(line.rise(0, k) + x, half * slope.v);
-                store(line.rise(1, k) + x, half * (slope.v + slope.u));
-                store(line.rise(2, k) + x, half * (slope.v - slope.u));
-                if (keeps_across)
-                    store(across_.get() + static_cast<std::size_t>(lane) * row_size_ +
-                              static_cast<std::size_t>(k) * stride_ + x,
-                          0.5f * slope.u);
+                store(line.rise(0, k) + x, half * slope_v);
+                store(line.rise(1, k) + x, half * (slope_v + slope_u));
+                store(line.rise(2, k) + x, half * (slope_v - slope_u));
             }
         }
     }
@@ -186,7 +159,7 @@ private:
                 const int x = way > 0 ? last : block * kBlock;
                 Column& column = columns[x & 1];
                 store(column.s, load_rows(store_.s() + at(row, 0) + x, count));
-                store(column.rise, to_float(way) * load_rows(across_.get() + x, count));
+                store(column.rise, 0.5f * to_float(way) * load_rows(store_.slope_u() + at(row, 0) + x, count));
                 for (int k = 0; k < in_.candidates; ++k)
                     store(column.toll + k * kFloatLanes, (k == 0 ? 0.0f : kNoCost) - Floats{});
                 starts = false;
@@ -205,8 +178,7 @@ private:
         for (int k = 0; k < in_.candidates; ++k) {
             const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
             const Floats s = load_rows(store_.s() + place, count);
-            const Floats rise =
-                to_float(way) * load_rows(across_.get() + static_cast<std::size_t>(k) * stride_ + x, count);
+            const Floats rise = 0.5f * to_float(way) * load_rows(store_.slope_u() + place, count);
             Floats cost = load_rows(store_.cost() + place, count), toll{};
             if (k > 0) cost = select(chosen, cost, kNoCost - Floats{});
             if (!starts)
@@ -224,8 +196,7 @@ private:
         for (int x = 0; x < width_; x += kFloatLanes) {
             const int places = active(row, x / kBlock) ? in_.candidates : 1;
             const Floats nan = broadcast<Floats>(kNotANumber);
-            Floats s, cost, source, least = kInfinity - Floats{}, other = least;
-            s = cost = source = nan;
+            Floats s = nan, cost = nan, slope_u{}, slope_v{}, least = kInfinity - Floats{}, other = least;
             for (int k = 0; k < places; ++k) {
                 const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
                 const Floats own = load<Floats>(store_.cost() + place);
@@ -233,9 +204,9 @@ private:
                 const Ints better = total < least;
                 least = select(better, total, least);
                 s = select(better, load<Floats>(store_.s() + place), s), cost = select(better, own, cost);
-                source = select(better, load<Floats>(store_.source() + place), source);
+                slope_u = select(better, load<Floats>(store_.slope_u() + place), slope_u);
+                slope_v = select(better, load<Floats>(store_.slope_v() + place), slope_v);
             }
-            // Beyond the row's end the places were never written.
             for (int k = 0; k < places; ++k) {
                 const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
                 const Floats total =
@@ -243,15 +214,14 @@ private:
                 const Ints apart = absolute(load<Floats>(store_.s() + place) - s) > kApart;
                 other = select(apart, lesser(total, other), other);
             }
-            const Ints found = (s < kNoCandidate) & (x + lane_numbers<Floats>() < width_);
-            const Slopes slope = slopes(select(found, source, Floats{}), row, x);
+            const Ints found = s < kNoCandidate;
             const std::size_t to = static_cast<std::size_t>(row) * static_cast<std::size_t>(width_) +
                                    static_cast<std::size_t>(x);
             const int count = width_ - x;
             store_first(out.s + to, select(found, s, nan), count);
             store_first(out.cost + to, select(found, cost, nan), count);
             store_first(out.margin + to, select(found, lesser(other - least, 1.0f - Floats{}), nan), count);
-            store_first(out.slope_u + to, slope.u, count), store_first(out.slope_v + to, slope.v, count);
+            store_first(out.slope_u + to, slope_u, count), store_first(out.slope_v + to, slope_v, count);
         }
     }
 
@@ -260,8 +230,6 @@ private:
     std::size_t stride_, row_size_;
     const CandidateStore& store_;
     Values score_;   // sums of the paths' costs, (kept rows, candidates, stride)
-    Values across_;  // half the slopes along the latest rows, (lanes, candidates, stride)
-    std::vector<float> offset_x_, offset_y_;
     Line lines_[2];
 };
 

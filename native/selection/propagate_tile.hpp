@@ -50,19 +50,17 @@ public:
           mean_(kTileRows * kTileSpan),
           energy_(mean_.size()),
           active_(mean_.size()),
-          given_(3 * kTileSpan + kBlock),
+          given_(3 * 3 * kTileSpan + kBlock),
           grey_(kTileSpan + kBlock),
           sums_(static_cast<std::size_t>(in.auxiliary_count) * 3 * kSums * kTileSpan + kBlock),
           s_(static_cast<std::size_t>(in.candidates) * mean_.size()),
           cost_(s_.size()),
-          source_(s_.size()) {}
+          slope_u_(s_.size()),
+          slope_v_(s_.size()) {}
 
     // Columns left ... left + columns - 1 of rows top ... top + rows - 1, within the surface.
     void work(int left, int top, int columns, int rows) {
         left_ = left, top_ = top, columns_ = columns, rows_ = rows;
-        std::fill(s_.begin(), s_.end(), kNoCandidate);
-        std::fill(cost_.begin(), cost_.end(), kNoCost);
-        std::fill(source_.begin(), source_.end(), 0);
         prepare_active();
         prepare_core();
         for (int number = 0; number < in_.offset_count; ++number) {
@@ -79,7 +77,8 @@ public:
     // kTileSpan columns of a row's k-th places.
     const float* s(int row, int k) const { return s_.data() + at(row, k); }
     const float* cost(int row, int k) const { return cost_.data() + at(row, k); }
-    const int* source(int row, int k) const { return source_.data() + at(row, k); }
+    const float* slope_u(int row, int k) const { return slope_u_.data() + at(row, k); }
+    const float* slope_v(int row, int k) const { return slope_v_.data() + at(row, k); }
 
 private:
     static constexpr int kSums = 4;  // of grey, of grey squared, of grey times the core's; seen
@@ -89,7 +88,8 @@ private:
     }
     // The row in a ring of three.
     static int slot(int row) { return (row + 3) % 3; }
-    float* given(int row) { return given_.data() + slot(row) * kTileSpan; }
+    // The given candidates' s (0), slope_u (1) and slope_v (2).
+    float* given(int row, int which) { return given_.data() + (slot(row) * 3 + which) * kTileSpan; }
     float* sums(int auxiliary, int row, int which) {
         return sums_.data() + ((auxiliary * 3 + slot(row)) * kSums + which) * kTileSpan;
     }
@@ -157,9 +157,12 @@ private:
     void shift_candidates(int number, int row, const bool* wanted) {
         for (int block = 0; block < kTileBlocks; ++block)
             if (sampled(wanted, block))
-                for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes)
-                    store(given(row) + x, shifted_candidate<Floats>(in_.surface, in_.offsets[number],
-                                                                    left_ - 1 + x, row_of(row)));
+                for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
+                    const auto [s, slope_u, slope_v] = shifted_candidate<Floats>(
+                        in_.surface, in_.offsets[number], left_ - 1 + x, row_of(row));
+                    store(given(row, 0) + x, s);
+                    store(given(row, 1) + x, slope_u), store(given(row, 2) + x, slope_v);
+                }
     }
 
     void sample_view(int auxiliary, int row, const bool* wanted) {
@@ -170,10 +173,12 @@ private:
             for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
                 const Ints column = clamp(left_ - 1 + x + lane_numbers<Floats>(), 0, in_.surface.width - 1);
                 const SampledPoint<Floats> sampled_point =
-                    sample_point(by.view, by.image, to_float(column), y, load<Floats>(given(row) + x));
+                    sample_point(by.view, by.image, to_float(column), y, load<Floats>(given(row, 0) + x));
                 store(index_ + x, sampled_point.spot.index), store(nearest_ + x, sampled_point.row);
                 store(u_ + x, sampled_point.spot.u), store(v_ + x, sampled_point.spot.v);
                 store(sums(auxiliary, row, 3) + x, sampled_point.inverse_depth);
+                __builtin_prefetch(by.image.pixels + index_[x] + 3 * by.image.width);
+                __builtin_prefetch(by.buffer + index_[x] + 3 * by.image.width);
             }
         }
         for (int block = 0; block < kTileBlocks; ++block) {
@@ -206,6 +211,15 @@ private:
                load<Floats>(sums(auxiliary, row + 1, which) + x);
     }
 
+    // A pixel without a candidate has the slopes of its own surface.
+    void clear_places(std::size_t place, const Candidate<Floats>& own) {
+        for (int k = 0; k < in_.candidates; ++k, place += kTileSpan) {
+            store(s_.data() + place, broadcast<Floats>(kNoCandidate));
+            store(cost_.data() + place, broadcast<Floats>(kNoCost));
+            store(slope_u_.data() + place, own.slope_u), store(slope_v_.data() + place, own.slope_v);
+        }
+    }
+
     void compare_windows(int number, int row) {
         for (int block = 0; block < kTileBlocks; ++block) {
             if (!compared_[number == 0][row][block]) continue;
@@ -220,14 +234,19 @@ private:
                                                          window_sum(i, row, 2, x)},
                                       core, in_.costs.floor),
                         load<Floats>(sums(i, row, 3) + x + 1));
-                const Floats s = load<Floats>(given(row) + x + 1);
-                const Ints allowed =
-                    number == 0 ? finite(s) : finite(s) & (load<Floats>(active_.data() + pixel) > 0.5f);
+                const Candidate<Floats> candidate{load<Floats>(given(row, 0) + x + 1),
+                                                  load<Floats>(given(row, 1) + x + 1),
+                                                  load<Floats>(given(row, 2) + x + 1)};
                 const std::size_t place = at(row, 0) + static_cast<std::size_t>(x);
-                insert_candidate(CandidatePlaces{s_.data() + place, cost_.data() + place,
-                                                 source_.data() + place, in_.candidates, kTileSpan},
-                                 s, multiview_cost.cost(in_.costs.unseen_cost), number, in_.costs.separation,
-                                 allowed);
+                Ints allowed = finite(candidate.s);
+                if (number == 0)
+                    clear_places(place, candidate);
+                else
+                    allowed &= load<Floats>(active_.data() + pixel) > 0.5f;
+                insert_candidate(
+                    CandidatePlaces{s_.data() + place, cost_.data() + place, slope_u_.data() + place,
+                                    slope_v_.data() + place, in_.candidates, kTileSpan},
+                    candidate, multiview_cost.cost(in_.costs.unseen_cost), in_.costs.separation, allowed);
             }
         }
     }
@@ -242,8 +261,7 @@ private:
     std::vector<float> given_, grey_, sums_;                 // of the present row and the two before it
     alignas(64) int index_[kTileSpan], nearest_[kTileSpan];  // of a row's samples
     alignas(64) float u_[kTileSpan], v_[kTileSpan];
-    std::vector<float> s_, cost_;
-    std::vector<int> source_;
+    std::vector<float> s_, cost_, slope_u_, slope_v_;
 };
 
 }  // namespace beltscape

@@ -5,6 +5,7 @@
 
 #include "selection/candidate_store.hpp"
 #include "selection/semi_global.hpp"
+#include "transpose.hpp"
 
 namespace beltscape {
 
@@ -140,23 +141,32 @@ private:
             toll[kMostCandidates * kFloatLanes];
     };
 
+    // A block's columns of as many rows, by candidate.
+    struct Columns {
+        float s[kMostCandidates][kBlock * kFloatLanes], slope[kMostCandidates][kBlock * kFloatLanes],
+            cost[kMostCandidates][kBlock * kFloatLanes], score[kMostCandidates][kBlock * kFloatLanes];
+    };
+
     // `count` rows from `row` on, to the right (1) or to the left (-1).
     void along(int row, int count, int way) {
         Column columns[2];
         bool starts = true;
         for (int i = 0; i < blocks_; ++i) {
-            const int block = way > 0 ? i : blocks_ - 1 - i,
-                      last = std::min(width_, (block + 1) * kBlock) - 1;
+            const int block = way > 0 ? i : blocks_ - 1 - i, first = block * kBlock,
+                      last = std::min(width_, first + kBlock) - 1;
             Floats chosen{};  // the rows with an active pixel
             for (int lane = 0; lane < count; ++lane)
                 Lane<Floats>::set(chosen, lane, active(row + lane, block) ? 1.0f : 0.0f);
             if (any(chosen > 0.5f)) {
-                for (int x = way > 0 ? block * kBlock : last; x >= block * kBlock && x <= last; x += way) {
-                    step(columns[~x & 1], columns[x & 1], row, count, x, way, chosen > 0.5f, starts);
+                load_columns(row, count, first);
+                for (int x = way > 0 ? first : last; x >= first && x <= last; x += way) {
+                    step(columns[~x & 1], columns[x & 1], x - first, way, chosen > 0.5f, starts);
                     starts = false;
                 }
+                for (int k = 0; k < in_.candidates; ++k)
+                    from_columns(columns_.score[k], score(row, k) + first, count);
             } else {
-                const int x = way > 0 ? last : block * kBlock;
+                const int x = way > 0 ? last : first;
                 Column& column = columns[x & 1];
                 store(column.s, load_rows(store_.s() + at(row, 0) + x, count));
                 store(column.rise, 0.5f * to_float(way) * load_rows(store_.slope_u() + at(row, 0) + x, count));
@@ -167,25 +177,55 @@ private:
         }
     }
 
+    void load_columns(int row, int count, int x) {
+        for (int k = 0; k < in_.candidates; ++k) {
+            const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
+            to_columns(store_.s() + place, count, columns_.s[k]);
+            to_columns(store_.slope_u() + place, count, columns_.slope[k]);
+            to_columns(store_.cost() + place, count, columns_.cost[k]);
+            to_columns(score(row, k) + x, count, columns_.score[k]);
+        }
+    }
+
+    // The columns of a block of `count` rows; the last row is repeated.
+    void to_columns(const float* from, int count, float* columns) const {
+        for (int x = 0; x < kBlock; x += kFloatLanes) {
+            Floats lines[kFloatLanes];
+            for (int i = 0; i < kFloatLanes; ++i)
+                lines[i] = load<Floats>(from + static_cast<std::size_t>(std::min(i, count - 1)) * row_size_ + x);
+            transpose(lines);
+            for (int i = 0; i < kFloatLanes; ++i) store(columns + (x + i) * kFloatLanes, lines[i]);
+        }
+    }
+
+    void from_columns(const float* columns, float* to, int count) const {
+        for (int x = 0; x < kBlock; x += kFloatLanes) {
+            Floats lines[kFloatLanes];
+            for (int i = 0; i < kFloatLanes; ++i) lines[i] = load<Floats>(columns + (x + i) * kFloatLanes);
+            transpose(lines);
+            for (int i = 0; i < count; ++i) store(to + static_cast<std::size_t>(i) * row_size_ + x, lines[i]);
+        }
+    }
+
     Floats load_rows(const float* from, int count) const {
         const Ints lane = lane_numbers<Floats>();
         return gather(from, lesser(lane, count - 1 - Ints{}) * static_cast<int>(row_size_));
     }
 
-    void step(const Column& before, Column& column, int row, int count, int x, int way, Ints chosen,
-              bool starts) {
+    // Column x of the block.
+    void step(const Column& before, Column& column, int x, int way, Ints chosen, bool starts) {
         const Jumps jumps{in_.costs.small_jump, in_.costs.large_jump};
         for (int k = 0; k < in_.candidates; ++k) {
-            const std::size_t place = at(row, k) + static_cast<std::size_t>(x);
-            const Floats s = load_rows(store_.s() + place, count);
-            const Floats rise = 0.5f * to_float(way) * load_rows(store_.slope_u() + place, count);
-            Floats cost = load_rows(store_.cost() + place, count), toll{};
+            const int at = x * kFloatLanes;
+            const Floats s = load<Floats>(columns_.s[k] + at);
+            const Floats rise = 0.5f * to_float(way) * load<Floats>(columns_.slope[k] + at);
+            Floats cost = load<Floats>(columns_.cost[k] + at), toll{};
             if (k > 0) cost = select(chosen, cost, kNoCost - Floats{});
             if (!starts)
                 toll = least_path_cost(
                     PreviousCandidates{before.s, before.rise, before.toll, in_.candidates, kFloatLanes}, s,
                     rise, jumps);
-            for (int lane = 0; lane < count; ++lane) score(row + lane, k)[x] += Lane<Floats>::get(toll, lane);
+            store(columns_.score[k] + at, load<Floats>(columns_.score[k] + at) + toll);
             store(column.s + k * kFloatLanes, s), store(column.rise + k * kFloatLanes, rise);
             store(column.toll + k * kFloatLanes, cost + toll);
         }
@@ -231,6 +271,7 @@ private:
     const CandidateStore& store_;
     Values score_;   // sums of the paths' costs, (kept rows, candidates, stride)
     Line lines_[2];
+    Columns columns_;
 };
 
 }  // namespace beltscape

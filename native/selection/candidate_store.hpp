@@ -1,52 +1,64 @@
-// The candidates of all pixels, as the tiles find them and the selection reads them. A block of pixels
-// without an active one keeps only the first place.
+// What candidate propagation works on, and the candidates of all pixels, as the tiles find them and the
+// selection reads them: in blocks of columns. A block without an active pixel has one place, others all.
 #pragma once
 
-#include "selection/propagate_tile.hpp"
+#include <algorithm>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "selection/candidate_list.hpp"
+#include "selection/multiview_cost.hpp"
 
 namespace beltscape {
 
-// Places are (rows, candidates, stride); a pixel beyond a row's end is never written.
+inline constexpr int kBlock = kFloatLanes > 8 ? kFloatLanes : 8;  // columns; whole lanes at every level
+inline constexpr int kMostCandidates = 8;
+
+struct PropagationCosts {
+    float separation, floor, unseen_cost, tolerance, small_jump, large_jump;
+
+    void fields(const auto& read) {
+        read("separation", separation), read("floor", floor), read("unseen_cost", unseen_cost);
+        read("tolerance", tolerance), read("small_jump", small_jump), read("large_jump", large_jump);
+    }
+};
+
+struct PropagationProblem {
+    Surface surface;
+    const float* core;  // (height, width) grey levels, like the surface
+    const Auxiliary* auxiliaries;
+    int auxiliary_count;
+    const Offset* offsets;  // the first is (0, 0)
+    int offset_count;
+    int candidates;
+    PropagationCosts costs;
+    float level;                 // taken off all grey levels, for the digits' sake
+    const std::uint8_t* active;  // (height, width), or none: all are
+};
+
+// One place of a block's pixels.
+struct BlockPlace {
+    float s[kBlock], cost[kBlock], slope_u[kBlock], slope_v[kBlock];
+};
+inline constexpr std::size_t kPlaceFloats = sizeof(BlockPlace) / sizeof(float);
+
+// Places are (rows, blocks, candidates).
 class CandidateStore {
 public:
     explicit CandidateStore(const PropagationProblem& in)
         : in_(in),
           blocks_((in.surface.width + kBlock - 1) / kBlock),
-          stride_(static_cast<std::size_t>(blocks_ * kBlock)),
-          row_size_(stride_ * static_cast<std::size_t>(in.candidates)),
-          s_(std::make_unique_for_overwrite<float[]>(size())),
-          cost_(std::make_unique_for_overwrite<float[]>(size())),
-          slope_u_(std::make_unique_for_overwrite<float[]>(size())),
-          slope_v_(std::make_unique_for_overwrite<float[]>(size())),
+          places_(std::make_unique_for_overwrite<BlockPlace[]>(at(in.surface.height, 0))),
           active_(static_cast<std::size_t>(in.surface.height * blocks_)) {}
 
     int blocks() const { return blocks_; }
-    std::size_t stride() const { return stride_; }
-    std::size_t row_size() const { return row_size_; }
-    std::size_t at(int row, int k) const {
-        return static_cast<std::size_t>(row) * row_size_ + static_cast<std::size_t>(k) * stride_;
-    }
     bool active(int row, int block) const { return active_[static_cast<std::size_t>(row * blocks_ + block)]; }
-    const float* s() const { return s_.get(); }
-    const float* cost() const { return cost_.get(); }
-    const float* slope_u() const { return slope_u_.get(); }
-    const float* slope_v() const { return slope_v_.get(); }
+    int count(int row, int block) const { return active(row, block) ? in_.candidates : 1; }
+    BlockPlace* places(int row, int block) { return places_.get() + at(row, block); }
+    const BlockPlace* places(int row, int block) const { return places_.get() + at(row, block); }
 
-    // Computes the candidates of rows first ... end - 1.
-    void fill(Tile& tile, int first, int end) {
-        for (int row = first; row < end; ++row) mark_active(row);
-        for (int top = first; top < end; top += kTileRows)
-            for (int left = 0; left < in_.surface.width; left += kTileColumns) {
-                const int rows = std::min(kTileRows, end - top),
-                          columns = std::min(kTileColumns, in_.surface.width - left);
-                tile.work(left, top, columns, rows);
-                for (int row = 0; row < rows; ++row) take(tile, row, top + row, left, columns);
-            }
-    }
-
-private:
-    std::size_t size() const { return row_size_ * static_cast<std::size_t>(in_.surface.height); }
-
+    // Finds the blocks with an active pixel.
     void mark_active(int row) {
         const int width = in_.surface.width;
         const std::size_t from = static_cast<std::size_t>(row) * static_cast<std::size_t>(width);
@@ -58,27 +70,16 @@ private:
         }
     }
 
-    void take(const Tile& tile, int tile_row, int row, int left, int columns) {
-        for (int x = 0, end; x < columns; x = end) {
-            const bool is_active = active(row, (left + x) / kBlock);
-            end = x;  // of the blocks that are like the first
-            while (end < columns && active(row, (left + end) / kBlock) == is_active)
-                end += kBlock - (left + end) % kBlock;
-            end = std::min(end, columns);
-            for (int k = 0; k < (is_active ? in_.candidates : 1); ++k) {
-                const std::size_t to = at(row, k) + static_cast<std::size_t>(left + x);
-                std::copy(tile.s(tile_row, k) + x, tile.s(tile_row, k) + end, s_.get() + to);
-                std::copy(tile.cost(tile_row, k) + x, tile.cost(tile_row, k) + end, cost_.get() + to);
-                std::copy(tile.slope_u(tile_row, k) + x, tile.slope_u(tile_row, k) + end, slope_u_.get() + to);
-                std::copy(tile.slope_v(tile_row, k) + x, tile.slope_v(tile_row, k) + end, slope_v_.get() + to);
-            }
-        }
+private:
+    std::size_t at(int row, int block) const {
+        return (static_cast<std::size_t>(row) * static_cast<std::size_t>(blocks_) +
+                static_cast<std::size_t>(block)) *
+               static_cast<std::size_t>(in_.candidates);
     }
 
     const PropagationProblem& in_;
     int blocks_;
-    std::size_t stride_, row_size_;
-    std::unique_ptr<float[]> s_, cost_, slope_u_, slope_v_;
+    std::unique_ptr<BlockPlace[]> places_;
     std::vector<unsigned char> active_;
 };
 

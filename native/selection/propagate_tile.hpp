@@ -3,62 +3,29 @@
 // second-level cache. Blocks without an active pixel in or beside them are skipped.
 #pragma once
 
-#include <algorithm>
-#include <cstdint>
-#include <memory>
-#include <vector>
-
-#include "selection/candidate_list.hpp"
-#include "selection/multiview_cost.hpp"
+#include "selection/candidate_store.hpp"
 
 namespace beltscape {
 
-inline constexpr int kBlock = 16;                   // columns; whole lanes at every level
-inline constexpr int kTileSpan = 128;               // columns that are sampled:
-inline constexpr int kTileColumns = kTileSpan - 2;  // the tile's and one on each side
-inline constexpr int kTileBlocks = kTileSpan / kBlock;
+inline constexpr int kTileColumns = 128;
+inline constexpr int kTileBlocks = kTileColumns / kBlock;
+inline constexpr int kTileSpan = kTileColumns + kBlock;  // columns that are sampled: one more on each side
 inline constexpr int kTileRows = 32;
-inline constexpr int kMostCandidates = 8;
-
-struct PropagationCosts {
-    float separation, floor, unseen_cost, tolerance, small_jump, large_jump;
-
-    void fields(const auto& read) {
-        read("separation", separation), read("floor", floor), read("unseen_cost", unseen_cost);
-        read("tolerance", tolerance), read("small_jump", small_jump), read("large_jump", large_jump);
-    }
-};
-
-struct PropagationProblem {
-    Surface surface;
-    const float* core;  // (height, width) grey levels, like the surface
-    const Auxiliary* auxiliaries;
-    int auxiliary_count;
-    const Offset* offsets;  // the first is (0, 0)
-    int offset_count;       // at most 255
-    int candidates;
-    PropagationCosts costs;
-    float level;                 // taken off all grey levels, for the digits' sake
-    const std::uint8_t* active;  // (height, width), or none: all are
-};
 
 class Tile {
 public:
-    explicit Tile(const PropagationProblem& in)
+    Tile(const PropagationProblem& in, CandidateStore& store)
         : in_(in),
-          core_((kTileRows + 2) * kTileSpan + kBlock),
+          store_(store),
+          core_((kTileRows + 2) * kTileSpan),
           mean_(kTileRows * kTileSpan),
           energy_(mean_.size()),
-          active_(mean_.size()),
-          given_(3 * 3 * kTileSpan + kBlock),
-          grey_(kTileSpan + kBlock),
-          sums_(static_cast<std::size_t>(in.auxiliary_count) * 3 * kSums * kTileSpan + kBlock),
-          s_(static_cast<std::size_t>(in.candidates) * mean_.size()),
-          cost_(s_.size()),
-          slope_u_(s_.size()),
-          slope_v_(s_.size()) {}
+          given_(3 * 3 * kTileSpan),
+          grey_(kTileSpan),
+          sums_(static_cast<std::size_t>(in.auxiliary_count) * 3 * kSums * kTileSpan) {}
 
-    // Columns left ... left + columns - 1 of rows top ... top + rows - 1, within the surface.
+    // Finds the candidates of columns left ... left + columns - 1 of rows top ... top + rows - 1, whose
+    // active blocks are marked.
     void work(int left, int top, int columns, int rows) {
         left_ = left, top_ = top, columns_ = columns, rows_ = rows;
         prepare_active();
@@ -74,18 +41,9 @@ public:
         }
     }
 
-    // kTileSpan columns of a row's k-th places.
-    const float* s(int row, int k) const { return s_.data() + at(row, k); }
-    const float* cost(int row, int k) const { return cost_.data() + at(row, k); }
-    const float* slope_u(int row, int k) const { return slope_u_.data() + at(row, k); }
-    const float* slope_v(int row, int k) const { return slope_v_.data() + at(row, k); }
-
 private:
     static constexpr int kSums = 4;  // of grey, of grey squared, of grey times the core's; seen
 
-    std::size_t at(int row, int k) const {
-        return static_cast<std::size_t>((row * in_.candidates + k) * kTileSpan);
-    }
     // The row in a ring of three.
     static int slot(int row) { return (row + 3) % 3; }
     // The given candidates' s (0), slope_u (1) and slope_v (2).
@@ -97,26 +55,13 @@ private:
 
     void prepare_active() {
         any_active_ = false;
-        for (int row = 0; row < kTileRows; ++row) {
-            float* const active = active_.data() + row * kTileSpan;
-            std::fill(active, active + kTileSpan, 0.0f);
-            if (row < rows_) {
-                const std::size_t from =
-                    static_cast<std::size_t>(top_ + row) * static_cast<std::size_t>(in_.surface.width) +
-                    static_cast<std::size_t>(left_);
-                for (int x = 0; x < columns_; ++x)
-                    active[x] = !in_.active || in_.active[from + x] ? 1.0f : 0.0f;
-            }
-            any_active_in_[row] = false;
+        for (int row = 0; row < kTileRows; ++row)
             for (int block = 0; block < kTileBlocks; ++block) {
-                const float* const first = active + block * kBlock;
-                const bool found = std::find(first, first + kBlock, 1.0f) != first + kBlock;
-                compared_[0][row][block] = found;
-                compared_[1][row][block] = row < rows_ && block * kBlock < columns_;
-                any_active_in_[row] |= found;
+                const bool within = row < rows_ && block * kBlock < columns_;
+                const bool active = within && store_.active(top_ + row, left_ / kBlock + block);
+                compared_[0][row][block] = active, compared_[1][row][block] = within;
+                any_active_ |= active;
             }
-            any_active_ |= any_active_in_[row];
-        }
         for (int own = 0; own < 2; ++own)
             for (int row = -1; row <= kTileRows; ++row)
                 for (int block = 0; block < kTileBlocks; ++block) {
@@ -151,11 +96,11 @@ private:
 
     // Whether column block's samples are wanted: windows reach two columns into the next block's.
     static bool sampled(const bool* wanted, int block) {
-        return wanted[block] || (block > 0 && wanted[block - 1]);
+        return (block < kTileBlocks && wanted[block]) || (block > 0 && wanted[block - 1]);
     }
 
     void shift_candidates(int number, int row, const bool* wanted) {
-        for (int block = 0; block < kTileBlocks; ++block)
+        for (int block = 0; block <= kTileBlocks; ++block)
             if (sampled(wanted, block))
                 for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
                     const auto [s, slope_u, slope_v] = shifted_candidate<Floats>(
@@ -168,7 +113,7 @@ private:
     void sample_view(int auxiliary, int row, const bool* wanted) {
         const Auxiliary& by = in_.auxiliaries[auxiliary];
         const float y = to_float(row_of(row));
-        for (int block = 0; block < kTileBlocks; ++block) {
+        for (int block = 0; block <= kTileBlocks; ++block) {
             if (!sampled(wanted, block)) continue;
             for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
                 const Ints column = clamp(left_ - 1 + x + lane_numbers<Floats>(), 0, in_.surface.width - 1);
@@ -181,7 +126,7 @@ private:
                 __builtin_prefetch(by.buffer + index_[x] + 3 * by.image.width);
             }
         }
-        for (int block = 0; block < kTileBlocks; ++block) {
+        for (int block = 0; block <= kTileBlocks; ++block) {
             if (!sampled(wanted, block)) continue;
             for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
                 const Floats u = load<Floats>(u_ + x);
@@ -211,15 +156,6 @@ private:
                load<Floats>(sums(auxiliary, row + 1, which) + x);
     }
 
-    // A pixel without a candidate has the slopes of its own surface.
-    void clear_places(std::size_t place, const Candidate<Floats>& own) {
-        for (int k = 0; k < in_.candidates; ++k, place += kTileSpan) {
-            store(s_.data() + place, broadcast<Floats>(kNoCandidate));
-            store(cost_.data() + place, broadcast<Floats>(kNoCost));
-            store(slope_u_.data() + place, own.slope_u), store(slope_v_.data() + place, own.slope_v);
-        }
-    }
-
     void compare_windows(int number, int row) {
         for (int block = 0; block < kTileBlocks; ++block) {
             if (!compared_[number == 0][row][block]) continue;
@@ -237,31 +173,53 @@ private:
                 const Candidate<Floats> candidate{load<Floats>(given(row, 0) + x + 1),
                                                   load<Floats>(given(row, 1) + x + 1),
                                                   load<Floats>(given(row, 2) + x + 1)};
-                const std::size_t place = at(row, 0) + static_cast<std::size_t>(x);
-                Ints allowed = finite(candidate.s);
-                if (number == 0)
-                    clear_places(place, candidate);
-                else
-                    allowed &= load<Floats>(active_.data() + pixel) > 0.5f;
-                insert_candidate(
-                    CandidatePlaces{s_.data() + place, cost_.data() + place, slope_u_.data() + place,
-                                    slope_v_.data() + place, in_.candidates, kTileSpan},
-                    candidate, multiview_cost.cost(in_.costs.unseen_cost), in_.costs.separation, allowed);
+                const CandidatePlaces places = places_of(row, block, x - block * kBlock);
+                if (number == 0) clear_places(places, candidate);
+                insert_candidate(places, candidate, multiview_cost.cost(in_.costs.unseen_cost),
+                                 in_.costs.separation,
+                                 number == 0 ? finite(candidate.s)
+                                             : finite(candidate.s) & active_pixels(row, x));
             }
         }
     }
 
+    CandidatePlaces places_of(int row, int block, int lane) {
+        const int store_block = left_ / kBlock + block;
+        BlockPlace& first = *store_.places(top_ + row, store_block);
+        return {first.s + lane,       first.cost + lane,
+                first.slope_u + lane, first.slope_v + lane,
+                store_.count(top_ + row, store_block), kPlaceFloats};
+    }
+
+    Ints active_pixels(int row, int x) const {
+        if (!in_.active) return Ints{} - 1;
+        const std::size_t from =
+            static_cast<std::size_t>(top_ + row) * static_cast<std::size_t>(in_.surface.width) +
+            static_cast<std::size_t>(left_ + x);
+        return load_first<Floats>(in_.active + from, columns_ - x) > 0.5f;
+    }
+
+    // A pixel without a candidate has the slopes of its own surface.
+    static void clear_places(const CandidatePlaces& places, const Candidate<Floats>& own) {
+        for (int k = 0; k < places.count; ++k) {
+            const std::size_t at = static_cast<std::size_t>(k) * places.stride;
+            store(places.s + at, broadcast<Floats>(kNoCandidate));
+            store(places.cost + at, broadcast<Floats>(kNoCost));
+            store(places.slope_u + at, own.slope_u), store(places.slope_v + at, own.slope_v);
+        }
+    }
+
     const PropagationProblem& in_;
+    CandidateStore& store_;
     int left_ = 0, top_ = 0, columns_ = 0, rows_ = 0;
-    bool any_active_ = false, any_active_in_[kTileRows] = {};
+    bool any_active_ = false;
     // Blocks whose pixels are compared, and whose window sums are needed for that: [0] for all offsets, [1]
     // for the pixel's own.
     bool compared_[2][kTileRows][kTileBlocks] = {}, wanted_[2][kTileRows + 2][kTileBlocks] = {};
-    std::vector<float> core_, mean_, energy_, active_;
+    std::vector<float> core_, mean_, energy_;
     std::vector<float> given_, grey_, sums_;                 // of the present row and the two before it
     alignas(64) int index_[kTileSpan], nearest_[kTileSpan];  // of a row's samples
     alignas(64) float u_[kTileSpan], v_[kTileSpan];
-    std::vector<float> s_, cost_, slope_u_, slope_v_;
 };
 
 }  // namespace beltscape

@@ -4,11 +4,11 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <memory>
 #include <vector>
 
 #include "selection/candidate_list.hpp"
 #include "selection/multiview_cost.hpp"
+#include "sweep/cells.hpp"
 
 namespace beltscape {
 
@@ -49,14 +49,13 @@ public:
     explicit CandidateStore(const PropagationProblem& in)
         : in_(in),
           blocks_((in.surface.width + kBlock - 1) / kBlock),
-          places_(std::make_unique_for_overwrite<BlockPlace[]>(at(in.surface.height, 0))),
+          places_(at(in.surface.height, 0)),
           active_(static_cast<std::size_t>(in.surface.height * blocks_)) {}
 
     int blocks() const { return blocks_; }
     bool active(int row, int block) const { return active_[static_cast<std::size_t>(row * blocks_ + block)]; }
     int count(int row, int block) const { return active(row, block) ? in_.candidates : 1; }
-    BlockPlace* places(int row, int block) { return places_.get() + at(row, block); }
-    const BlockPlace* places(int row, int block) const { return places_.get() + at(row, block); }
+    BlockPlace* places(int row, int block) const { return places_.data() + at(row, block); }
 
     // Finds the blocks with an active pixel.
     void mark_active(int row) {
@@ -79,7 +78,7 @@ private:
 
     const PropagationProblem& in_;
     int blocks_;
-    std::unique_ptr<BlockPlace[]> places_;
+    CellBuffer<BlockPlace> places_;
     std::vector<unsigned char> active_;
 };
 

@@ -34,7 +34,7 @@ public:
             for (int row = -1; row <= rows_; ++row) {
                 const bool* const wanted = wanted_[number == 0][row + 1];
                 shift_candidates(number, row, wanted);
-                for (int i = 0; i < in_.auxiliary_count; ++i) sample_view(i, row, wanted);
+                for (int i = 0; i < in_.auxiliary_count; ++i) sample_view(i, row, wanted, number == 0);
                 if (row > 0) compare_windows(number, row - 1);
             }
             if (number == 0 && !any_active_) break;
@@ -110,7 +110,7 @@ private:
                 }
     }
 
-    void sample_view(int auxiliary, int row, const bool* wanted) {
+    void sample_view(int auxiliary, int row, const bool* wanted, bool is_first) {
         const Auxiliary& by = in_.auxiliaries[auxiliary];
         const float y = to_float(row_of(row));
         for (int block = 0; block <= kTileBlocks; ++block) {
@@ -122,6 +122,7 @@ private:
                 store(index_ + x, sampled_point.spot.index), store(nearest_ + x, sampled_point.row);
                 store(u_ + x, sampled_point.spot.u), store(v_ + x, sampled_point.spot.v);
                 store(sums(auxiliary, row, 3) + x, sampled_point.inverse_depth);
+                if (!is_first) continue;
                 __builtin_prefetch(by.image.pixels + index_[x] + 3 * by.image.width);
                 __builtin_prefetch(by.buffer + index_[x] + 3 * by.image.width);
             }

@@ -97,6 +97,14 @@ BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return __builti
 BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return a * b + c; }
 #endif
 
+// Asks for the cache line of an address, of any value, that is read later. (Always inlined: GCC deletes calls
+// of functions that only prefetch.)
+#ifdef __CUDACC__
+BELTSCAPE_INLINE void prefetch(const float*) {}
+#else
+[[gnu::always_inline]] inline void prefetch(const float* from) { __builtin_prefetch(from); }
+#endif
+
 // base[index] as float; T is float, unsigned char, unsigned short, ...
 template <class T>
 BELTSCAPE_INLINE float gather(const T* base, int index) {

@@ -18,7 +18,7 @@ BELTSCAPE_INLINE void warp_row_through(const View& view, const Spline& spline, c
         const Moving<F> seen = see_moving<brown>(view, u, v, load_first<F>(s + x, end - x));
         const Footprint<F> place = footprint(spline, seen.u, seen.v);
         F found = broadcast<F>(kNotANumber), change{};
-        __builtin_prefetch(spline.coefficients + Lane<IntOf<F>>::get(place.first, 0) + 5 * spline.width);
+        prefetch(spline.coefficients + Lane<IntOf<F>>::get(place.first, 0) + 5 * spline.width);  // for the next row
         if (any(place.inside)) {
             const Sample<F> at = sample(spline, place);
             found = select(place.inside, at.value, found);

@@ -135,7 +135,9 @@ private:
                 sample_point(by.view, by.image, to_float(column), y, load<Floats>(given(row, 0) + x));
             store(index_ + x, point.spot.index), store(nearest_ + x, point.row);
             store(u_ + x, point.spot.u), store(v_ + x, point.spot.v), store(seen + x, point.inverse_depth);
-            if (own) prefetch_next(by, index_[x]);
+            if (!own) return;
+            const int below = index_[x] + 3 * by.image.width;  // for the next rows
+            prefetch(by.image.pixels + below), prefetch(by.buffer + below);
         });
         for_columns(sampled, [&](int x) {
             const Floats u = load<Floats>(u_ + x);
@@ -152,13 +154,6 @@ private:
             store(products + x, three_products(a, b, c, load<Floats>(core + x), load<Floats>(core + x + 1),
                                                load<Floats>(core + x + 2)));
         });
-    }
-
-    // Has the rows below a sample's ready for the next rows; their addresses are not foreseen by the
-    // processor.
-    static void prefetch_next(const Auxiliary& by, int index) {
-        const int below = index + 3 * by.image.width;
-        __builtin_prefetch(by.image.pixels + below), __builtin_prefetch(by.buffer + below);
     }
 
     Floats window_sum(int auxiliary, int row, int which, int x) {

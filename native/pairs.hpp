@@ -75,7 +75,7 @@ template <class F>
 inline Pair<F> gather_pair(const float* base, const std::int32_t* index) {
     static_assert(Lane<F>::count == kFloatLanes);
     // GCC would derive the addresses from those of a row above, for which there are not enough registers.
-    asm("" : "+r"(base), "+r"(index));
+    base = from_memory(base), index = from_memory(index);
     const F first = reinterpret_cast<F>(load_pairs(base, index)),
             second = reinterpret_cast<F>(load_pairs(base, index + kDoubleLanes));
     return {LanesTo<kFloatLanes>::even(first, second), LanesTo<kFloatLanes>::odd(first, second)};

@@ -97,6 +97,16 @@ BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return __builti
 BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return a * b + c; }
 #endif
 
+// The same pointer, but not known as such to the compiler. Lanes that were stored there are read from memory:
+// GCC would take each out of its vector again, with more instructions.
+template <class T>
+BELTSCAPE_INLINE T* from_memory(T* pointer) {
+#ifndef __CUDACC__
+    asm("" : "+r"(pointer));
+#endif
+    return pointer;
+}
+
 // Asks for the cache line of an address, of any value, that is read later. (Always inlined: GCC deletes calls
 // of functions that only prefetch.)
 #ifdef __CUDACC__

@@ -31,17 +31,23 @@ BELTSCAPE_INLINE void raise(float& nearest, float inverse_depth) {
 template <class F>
 BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end, int width, int height,
                                 float* corners) {
+    constexpr int kAtOnce = 16 * Lane<F>::count;  // pixels; projecting one waits for itself, not for others
     const F zero{};
-    for (int x = 0; x < end; x += Lane<F>::count) {
-        const Seen<F> seen = seen_from<F>(view, s, v, x, end);
-        const MaskOf<F> hits = (seen.u >= -1.0f) & (seen.u < to_float(width)) & (seen.v >= -1.0f) &
-                               (seen.v < to_float(height)) & (seen.inverse_depth > 0.0f);
-        const IntOf<F> column = floor_int(select(hits, seen.u, zero)) + 1;
-        const IntOf<F> row = floor_int(select(hits, seen.v, zero)) + 1;
-        int at[Lane<F>::count];
-        float to[Lane<F>::count];
-        store(at, row * (width + 1) + column), store(to, select(hits, seen.inverse_depth, zero));
-        for (int i = 0; i < lesser(Lane<F>::count, end - x); ++i) raise(corners[at[i]], to[i]);
+    int at[kAtOnce];
+    float to[kAtOnce];
+    for (int first = 0; first < end; first += kAtOnce) {
+        const int last = lesser(end, first + kAtOnce);
+        for (int x = first; x < last; x += Lane<F>::count) {
+            const Seen<F> seen = seen_from<F>(view, s, v, x, end);
+            const MaskOf<F> hits = (seen.u >= -1.0f) & (seen.u < to_float(width)) & (seen.v >= -1.0f) &
+                                   (seen.v < to_float(height)) & (seen.inverse_depth > 0.0f);
+            const IntOf<F> column = floor_int(select(hits, seen.u, zero)) + 1;
+            const IntOf<F> row = floor_int(select(hits, seen.v, zero)) + 1;
+            store(at + x - first, row * (width + 1) + column);
+            store(to + x - first, select(hits, seen.inverse_depth, zero));
+            prefetch(corners + at[x - first] + 2 * (width + 1));  // for the next row
+        }
+        for (int x = first; x < last; ++x) raise(corners[at[x - first]], to[x - first]);
     }
 }
 

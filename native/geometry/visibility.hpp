@@ -8,6 +8,10 @@
 
 namespace beltscape {
 
+// Vectors that are projected before the first one's pixel is read: a projection is a long chain of
+// operations, and the processor does not look far enough ahead past the accesses of single pixels.
+inline constexpr int kProjected = 16;
+
 // Projects the core's pixels from (x, v) on, one F of them, into an auxiliary.
 template <class F>
 BELTSCAPE_INLINE Seen<F> seen_from(const View& view, const float* s, int v, int x, int end) {
@@ -31,7 +35,7 @@ BELTSCAPE_INLINE void raise(float& nearest, float inverse_depth) {
 template <class F>
 BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end, int width, int height,
                                 float* corners) {
-    constexpr int kAtOnce = 16 * Lane<F>::count;  // pixels; projecting one waits for itself, not for others
+    constexpr int kAtOnce = kProjected * Lane<F>::count;
     const F zero{};
     int at[kAtOnce];
     float to[kAtOnce];
@@ -69,15 +73,22 @@ BELTSCAPE_INLINE void spread_row(const float* corners, int v, int width, float* 
 template <class F>
 BELTSCAPE_INLINE void visible_row(const View& view, const float* s, int v, int end, int width, int height,
                                   const float* buffer, float tolerance, unsigned char* out) {
-    for (int x = 0; x < end; x += Lane<F>::count) {
-        const Seen<F> seen = seen_from<F>(view, s, v, x, end);
-        const F u = seen.u + 0.5f, w = seen.v + 0.5f;
-        const MaskOf<F> inside = (u >= 0.0f) & (u < to_float(width)) & (w >= 0.0f) & (w < to_float(height));
-        const IntOf<F> column = clamp(to_int(clamp(u, 0.0f, to_float(width))), 0, width - 1);
-        const IntOf<F> row = clamp(to_int(clamp(w, 0.0f, to_float(height))), 0, height - 1);
-        const F nearest = gather(buffer, row * width + column);
-        const MaskOf<F> clear = inside & (nearest <= seen.inverse_depth + tolerance);
-        store_first(out + x, select(clear, broadcast<IntOf<F>>(1), broadcast<IntOf<F>>(0)), end - x);
+    constexpr int kAtOnce = kProjected * Lane<F>::count;
+    int at[kAtOnce];
+    float most[kAtOnce];  // of the buffer's inverse depth; NaN: not inside
+    for (int first = 0; first < end; first += kAtOnce) {
+        const int last = lesser(end, first + kAtOnce);
+        for (int x = first; x < last; x += Lane<F>::count) {
+            const Seen<F> seen = seen_from<F>(view, s, v, x, end);
+            const F u = seen.u + 0.5f, w = seen.v + 0.5f;
+            const MaskOf<F> inside =
+                (u >= 0.0f) & (u < to_float(width)) & (w >= 0.0f) & (w < to_float(height));
+            const IntOf<F> column = clamp(to_int(clamp(u, 0.0f, to_float(width))), 0, width - 1);
+            const IntOf<F> row = clamp(to_int(clamp(w, 0.0f, to_float(height))), 0, height - 1);
+            store(at + x - first, row * width + column);
+            store(most + x - first, select(inside, seen.inverse_depth + tolerance, broadcast<F>(kNotANumber)));
+        }
+        for (int x = first; x < last; ++x) out[x] = buffer[at[x - first]] <= most[x - first];
     }
 }
 

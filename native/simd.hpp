@@ -107,6 +107,11 @@ BELTSCAPE_INLINE T* from_memory(T* pointer) {
     return pointer;
 }
 
+// Vectors whose places in an image are computed before the first one is read there: a projection is a long
+// chain of operations, and the processor does not look far enough ahead past the loads of single pixels.
+template <class F>
+inline constexpr int kPlacedAhead = Lane<F>::count > 1 ? 8 : 1;
+
 // Asks for the cache line of an address, of any value, that is read later. (Always inlined: GCC deletes calls
 // of functions that only prefetch.)
 #ifdef __CUDACC__

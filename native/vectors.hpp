@@ -1,10 +1,10 @@
 // The lanes of the CPU: GCC vectors as wide as the level's registers, with the operations of simd.hpp (which
-// includes this file; include that one). No intrinsics but in `multiply_add`, whose loop GCC 12 takes apart:
-// it makes one or two instructions of each but `gather`, where the loop is within 20 % of vgatherdps, and
-// `any`.
+// includes this file; include that one). GCC 12 makes one or two instructions of each but `gather`, where its
+// loop is within 20 % of vgatherdps. Intrinsics stand only where it does not: it takes the loop of
+// `multiply_add` apart, and lanes out of registers one by one in `any` and where several loads make a vector.
 #pragma once
 
-#if defined(__FMA__)
+#if defined(__AVX__)
 #include <immintrin.h>
 #elif defined(__ARM_FEATURE_FMA)
 #include <arm_neon.h>

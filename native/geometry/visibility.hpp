@@ -8,10 +8,6 @@
 
 namespace beltscape {
 
-// Vectors that are projected before the first one's pixel is read: a projection is a long chain of
-// operations, and the processor does not look far enough ahead past the accesses of single pixels.
-inline constexpr int kProjected = 16;
-
 // Projects the core's pixels from (x, v) on, one F of them, into an auxiliary.
 template <class F>
 BELTSCAPE_INLINE Seen<F> seen_from(const View& view, const float* s, int v, int x, int end) {
@@ -35,7 +31,7 @@ BELTSCAPE_INLINE void raise(float& nearest, float inverse_depth) {
 template <class F>
 BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end, int width, int height,
                                 float* corners) {
-    constexpr int kAtOnce = kProjected * Lane<F>::count;
+    constexpr int kAtOnce = kPlacedAhead<F> * Lane<F>::count;
     const F zero{};
     int at[kAtOnce];
     float to[kAtOnce];
@@ -73,7 +69,7 @@ BELTSCAPE_INLINE void spread_row(const float* corners, int v, int width, float* 
 template <class F>
 BELTSCAPE_INLINE void visible_row(const View& view, const float* s, int v, int end, int width, int height,
                                   const float* buffer, float tolerance, unsigned char* out) {
-    constexpr int kAtOnce = kProjected * Lane<F>::count;
+    constexpr int kAtOnce = kPlacedAhead<F> * Lane<F>::count;
     int at[kAtOnce];
     float most[kAtOnce];  // of the buffer's inverse depth; NaN: not inside
     for (int first = 0; first < end; first += kAtOnce) {
@@ -86,7 +82,8 @@ BELTSCAPE_INLINE void visible_row(const View& view, const float* s, int v, int e
             const IntOf<F> column = clamp(to_int(clamp(u, 0.0f, to_float(width))), 0, width - 1);
             const IntOf<F> row = clamp(to_int(clamp(w, 0.0f, to_float(height))), 0, height - 1);
             store(at + x - first, row * width + column);
-            store(most + x - first, select(inside, seen.inverse_depth + tolerance, broadcast<F>(kNotANumber)));
+            store(most + x - first,
+                  select(inside, seen.inverse_depth + tolerance, broadcast<F>(kNotANumber)));
         }
         for (int x = first; x < last; ++x) out[x] = buffer[at[x - first]] <= most[x - first];
     }

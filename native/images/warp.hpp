@@ -12,8 +12,7 @@ namespace beltscape {
 template <bool brown, class F>
 BELTSCAPE_INLINE void warp_row_through(const View& view, const Spline& spline, const float* s, int row,
                                        int begin, int end, float* value, float* slope) {
-    // projected before the first is sampled: the processor does not look far enough ahead past the loads
-    constexpr int kAtOnce = 8;
+    constexpr int kAtOnce = kPlacedAhead<F>;
     const F v = broadcast<F>(to_float(row));
     for (int first = begin; first < end; first += kAtOnce * Lane<F>::count) {
         const int count = lesser((end - first + Lane<F>::count - 1) / Lane<F>::count, kAtOnce);
@@ -24,7 +23,8 @@ BELTSCAPE_INLINE void warp_row_through(const View& view, const Spline& spline, c
             const F u = to_float(broadcast<IntOf<F>>(x) + lane_numbers<F>());
             seen[i] = see_moving<brown>(view, u, v, load_first<F>(s + x, end - x));
             places[i] = footprint(spline, seen[i].u, seen[i].v);
-            prefetch(spline.coefficients + Lane<IntOf<F>>::get(places[i].first, 0) + 5 * spline.width);  // next row
+            const int below = Lane<IntOf<F>>::get(places[i].first, 0) + 5 * spline.width;  // for the next row
+            prefetch(spline.coefficients + below);
         }
         for (int i = 0; i < count; ++i) {
             const int x = first + i * Lane<F>::count;

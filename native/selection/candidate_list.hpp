@@ -90,7 +90,8 @@ BELTSCAPE_INLINE void insert_candidate(const CandidatePlaces& places, const Cand
     for (int k = 0; k < places.count; ++k) {
         const size_t at = static_cast<size_t>(k) * places.stride;
         const F kept = load<F>(places.cost + at);
-        const MaskOf<F> here = (absolute(load<F>(places.s + at) - candidate.s) < separation) & negate(is_near);
+        const MaskOf<F> here =
+            (absolute(load<F>(places.s + at) - candidate.s) < separation) & negate(is_near);
         const MaskOf<F> dearer = kept > dearest;
         const IntOf<F> number = broadcast<IntOf<F>>(k);
         near_cost = select(here, kept, near_cost), near_place = select(here, number, near_place);

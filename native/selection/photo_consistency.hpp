@@ -177,8 +177,9 @@ inline void photo_consistency(const PhotoConsistencyInput& in, std::size_t threa
             for (std::size_t k = 0; k < vectors; ++k) {
                 const int i = first + static_cast<int>(k) * kFloatLanes;
                 const std::size_t at = row * count + static_cast<std::size_t>(i);
-                photo_consistency_lanes(problem, crosses[k], {s.data + at, slope_u.data + at, slope_v.data + at},
-                                        end - i, out.data + at, rows * count);
+                photo_consistency_lanes(problem, crosses[k],
+                                        {s.data + at, slope_u.data + at, slope_v.data + at}, end - i,
+                                        out.data + at, rows * count);
             }
     });
 }

@@ -103,7 +103,7 @@ private:
     }
 
     // The candidates of kFloatLanes pixels, and a path's tolls.
-    struct Pixels {
+    struct alignas(kVectorBytes) Pixels {
         float s[kMostCandidates * kFloatLanes], rise[kMostCandidates * kFloatLanes],
             toll[kMostCandidates * kFloatLanes];
     };
@@ -130,10 +130,10 @@ private:
             for (int k = 0; k < in_.candidates; ++k) {
                 Floats toll{};
                 if (before)
-                    toll = select(comes,
-                                  path_cost(come, load<Floats>(line.s(k) + x),
-                                            load<Floats>(line.rise(path, k) + x)),
-                                  toll);
+                    toll = select(
+                        comes,
+                        path_cost(come, load<Floats>(line.s(k) + x), load<Floats>(line.rise(path, k) + x)),
+                        toll);
                 if (kept) {
                     float* const sum = score(row, block, k) + i;
                     store(sum, is_first ? toll : load<Floats>(sum) + toll);
@@ -145,7 +145,7 @@ private:
     }
 
     // A block's columns of as many rows, by candidate.
-    struct Columns {
+    struct alignas(kVectorBytes) Columns {
         float s[kMostCandidates][kBlock * kFloatLanes], slope[kMostCandidates][kBlock * kFloatLanes],
             cost[kMostCandidates][kBlock * kFloatLanes], score[kMostCandidates][kBlock * kFloatLanes];
     };

@@ -12,7 +12,7 @@ namespace beltscape {
 
 inline constexpr int kTileColumns = 128;
 inline constexpr int kTileBlocks = kTileColumns / kBlock;
-inline constexpr int kTileSpan = kTileColumns + kBlock;  // columns that are sampled: one more on each side
+inline constexpr int kTileSpan = kTileColumns + kBlock;  // columns sampled: one more on each side
 inline constexpr int kTileRows = 32;
 
 class Tile {
@@ -44,7 +44,7 @@ public:
     }
 
 private:
-    using Blocks = std::uint32_t;  // a set, a bit to a block
+    using Blocks = std::uint32_t;    // a set, a bit to a block
     static constexpr int kSums = 4;  // of grey, of grey squared, of grey times the core's; seen
 
     // Calls job(x) for each F of columns in some blocks.
@@ -142,7 +142,8 @@ private:
         for_columns(sampled, [&](int x) {
             const Floats u = load<Floats>(u_ + x);
             store(grey_.data() + x, bilinear(by.image, index_ + x, u, load<Floats>(v_ + x)) - in_.level);
-            store(seen + x, unoccluded(by.buffer, nearest_ + x, u, load<Floats>(seen + x), in_.costs.tolerance));
+            store(seen + x,
+                  unoccluded(by.buffer, nearest_ + x, u, load<Floats>(seen + x), in_.costs.tolerance));
         });
         const float* const core = core_.data() + (row + 1) * kTileSpan;
         float *const sum = sums(auxiliary, row, 0), *const squares = sums(auxiliary, row, 1),
@@ -179,18 +180,21 @@ private:
                                               load<Floats>(given(row, 2) + x + 1)};
             const CandidatePlaces places = places_of(row, x);
             if (number == 0) clear_places(places, candidate);
-            insert_candidate(
-                places, candidate, multiview_cost.cost(in_.costs.unseen_cost), in_.costs.separation,
-                number == 0 ? finite(candidate.s) : finite(candidate.s) & active_pixels(row, x));
+            insert_candidate(places, candidate, multiview_cost.cost(in_.costs.unseen_cost),
+                             in_.costs.separation,
+                             number == 0 ? finite(candidate.s) : finite(candidate.s) & active_pixels(row, x));
         });
     }
 
     CandidatePlaces places_of(int row, int x) {
         const int block = (left_ + x) / kBlock, lane = x % kBlock;
         BlockPlace& first = *store_.places(top_ + row, block);
-        return {first.s + lane,       first.cost + lane,
-                first.slope_u + lane, first.slope_v + lane,
-                store_.count(top_ + row, block), kPlaceFloats};
+        return {first.s + lane,
+                first.cost + lane,
+                first.slope_u + lane,
+                first.slope_v + lane,
+                store_.count(top_ + row, block),
+                kPlaceFloats};
     }
 
     Ints active_pixels(int row, int x) const {

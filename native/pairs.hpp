@@ -48,8 +48,10 @@ using LanesTo = typename MakeLanes<count>::Type;
 #if defined(__AVX__)
 inline __m256d load_four_pairs(const float* base, const std::int32_t* index) {
     const auto two = [&](int i) {
-        return _mm_loadh_pd(_mm_load_sd(reinterpret_cast<const double*>(base + index[i])),
-                            reinterpret_cast<const double*>(base + index[i + 1]));
+        double one, other;
+        __builtin_memcpy(&one, base + index[i], sizeof one);
+        __builtin_memcpy(&other, base + index[i + 1], sizeof other);
+        return _mm_set_pd(other, one);
     };
     return _mm256_insertf128_pd(_mm256_castpd128_pd256(two(0)), two(2), 1);
 }

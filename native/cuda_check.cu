@@ -130,13 +130,13 @@ __global__ void check_propagate(Surface surface, Offset offset, View view, Image
                                 float tolerance, CandidatePlaces places, PreviousCandidates before,
                                 Jumps jumps, float* tolls) {
     const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x), y = static_cast<int>(blockIdx.y);
-    const float s = shifted_candidate<float>(surface, offset, x, y);
-    const SampledPoint<float> seen = sample_point(view, image, to_float(x), to_float(y), s);
+    const Candidate<float> given = shifted_candidate<float>(surface, offset, x, y);
+    const SampledPoint<float> seen = sample_point(view, image, to_float(x), to_float(y), given.s);
     const float clear = unoccluded(buffer, &seen.row, seen.spot.u, seen.inverse_depth, tolerance);
     MultiviewCost<float> multiview_cost;
     multiview_cost.add(bilinear(image, &seen.spot.index, seen.spot.u, seen.spot.v), clear);
-    insert_candidate(places, s, multiview_cost.cost(0.35f), 1, 0.4f, finite(s));
-    tolls[x] = least_path_cost(before, s, finite_or_zero(surface.slope_u[x]), jumps);
+    insert_candidate(places, given, multiview_cost.cost(0.35f), 0.4f, finite(given.s));
+    tolls[x] = least_path_cost(before, given.s, given.slope_u, jumps);
     level_out<float>(tolls, places.count, places.stride);
 }
 
@@ -157,13 +157,16 @@ __global__ void check_neighbours(const float* plane, int width, int height, cons
 }
 
 // A thread takes a pixel: all its candidates, then the photo-consistency of each.
-__global__ void check_candidates(CandidateSearch search, PhotoConsistencyProblem in, Planes at,
-                                 CandidateRows candidates, float* out) {
+__global__ void check_candidates(CandidateSearch search, PhotoConsistencyProblem in, const float* u,
+                                 const float* v, Planes at, float* gains, CandidateRows candidates,
+                                 float* out) {
     const size_t pixel = blockIdx.x * blockDim.x + threadIdx.x;
-    find_candidates(search, static_cast<int>(at.u[pixel]), static_cast<int>(at.v[pixel]), candidates, pixel);
-    photo_consistency_lanes<float>(
-        in, {at.u + pixel, at.v + pixel, at.s + pixel, at.slope_u + pixel, at.slope_v + pixel}, 1,
-        out + pixel, candidates.stride);
+    find_candidates(search, static_cast<int>(u[pixel]), static_cast<int>(v[pixel]), candidates, pixel);
+    CoreCross<float> cross;
+    cross.gains = gains + pixel * static_cast<size_t>(in.auxiliary_count);
+    read_cross(in, u + pixel, v + pixel, 1, cross);
+    photo_consistency_lanes(in, cross, {at.s + pixel, at.slope_u + pixel, at.slope_v + pixel}, 1, out + pixel,
+                            candidates.stride);
 }
 
 }  // namespace beltscape

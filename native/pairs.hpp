@@ -44,19 +44,31 @@ template <int count>
 using LanesTo = typename MakeLanes<count>::Type;
 
 #ifndef BELTSCAPE_SCALAR
-// Loads `pairs` pairs of floats, each as a double; GCC optimises halves that are joined best.
-template <int pairs>
-inline auto load_pairs(const float* base, const std::int32_t* index) {
-    if constexpr (pairs == 2) {
-        typedef double Two __attribute__((vector_size(16)));
+// Pairs of floats, each as a double, one after the other.
+#if defined(__AVX__)
+inline __m256d load_four_pairs(const float* base, const std::int32_t* index) {
+    const auto two = [&](int i) {
         double one, other;
-        __builtin_memcpy(&one, base + index[0], sizeof one);
-        __builtin_memcpy(&other, base + index[1], sizeof other);
-        return Two{one, other};
-    } else {
-        return LanesTo<pairs>::joined(load_pairs<pairs / 2>(base, index),
-                                      load_pairs<pairs / 2>(base, index + pairs / 2));
-    }
+        __builtin_memcpy(&one, base + index[i], sizeof one);
+        __builtin_memcpy(&other, base + index[i + 1], sizeof other);
+        return _mm_set_pd(other, one);
+    };
+    return _mm256_insertf128_pd(_mm256_castpd128_pd256(two(0)), two(2), 1);
+}
+#endif
+
+inline Doubles load_pairs(const float* base, const std::int32_t* index) {
+#if defined(__AVX512F__)
+    return LanesTo<8>::joined(load_four_pairs(base, index), load_four_pairs(base, index + 4));
+#elif defined(__AVX__)
+    return load_four_pairs(base, index);
+#else
+    double pairs[kDoubleLanes];
+    for (int i = 0; i < kDoubleLanes; ++i) __builtin_memcpy(pairs + i, base + index[i], sizeof *pairs);
+    Doubles all;
+    __builtin_memcpy(&all, pairs, sizeof all);
+    return all;
+#endif
 }
 
 // base[index[i]] and base[index[i] + 1] for each lane i. (From memory: taking lanes out of a vector costs
@@ -64,8 +76,10 @@ inline auto load_pairs(const float* base, const std::int32_t* index) {
 template <class F>
 inline Pair<F> gather_pair(const float* base, const std::int32_t* index) {
     static_assert(Lane<F>::count == kFloatLanes);
-    const F first = reinterpret_cast<F>(load_pairs<kDoubleLanes>(base, index)),
-            second = reinterpret_cast<F>(load_pairs<kDoubleLanes>(base, index + kDoubleLanes));
+    // GCC would derive the addresses from those of a row above, for which there are not enough registers.
+    base = from_memory(base), index = from_memory(index);
+    const F first = reinterpret_cast<F>(load_pairs(base, index)),
+            second = reinterpret_cast<F>(load_pairs(base, index + kDoubleLanes));
     return {LanesTo<kFloatLanes>::even(first, second), LanesTo<kFloatLanes>::odd(first, second)};
 }
 #endif

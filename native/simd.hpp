@@ -97,6 +97,29 @@ BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return __builti
 BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return a * b + c; }
 #endif
 
+// The same pointer, but not known as such to the compiler. Lanes that were stored there are read from memory:
+// GCC would take each out of its vector again, with more instructions.
+template <class T>
+BELTSCAPE_INLINE T* from_memory(T* pointer) {
+#ifndef __CUDACC__
+    asm("" : "+r"(pointer));
+#endif
+    return pointer;
+}
+
+// Vectors whose places in an image are computed before the first one is read there: a projection is a long
+// chain of operations, and the processor does not look far enough ahead past the loads of single pixels.
+template <class F>
+inline constexpr int kPlacedAhead = Lane<F>::count > 1 ? 8 : 1;
+
+// Asks for the cache line of an address, of any value, that is read later. (Always inlined: GCC deletes calls
+// of functions that only prefetch.)
+#ifdef __CUDACC__
+BELTSCAPE_INLINE void prefetch(const float*) {}
+#else
+[[gnu::always_inline]] inline void prefetch(const float* from) { __builtin_prefetch(from); }
+#endif
+
 // base[index] as float; T is float, unsigned char, unsigned short, ...
 template <class T>
 BELTSCAPE_INLINE float gather(const T* base, int index) {

@@ -1,10 +1,10 @@
 // The lanes of the CPU: GCC vectors as wide as the level's registers, with the operations of simd.hpp (which
-// includes this file; include that one). No intrinsics but in `multiply_add`, whose loop GCC 12 takes apart:
-// it makes one or two instructions of each but `gather`, where the loop is within 20 % of vgatherdps, and
-// `any`.
+// includes this file; include that one). GCC 12 makes one or two instructions of each but `gather`, where its
+// loop is within 20 % of vgatherdps. Intrinsics stand only where it does not: it takes the loop of
+// `multiply_add` apart, and lanes out of registers one by one in `any` and where several loads make a vector.
 #pragma once
 
-#if defined(__FMA__)
+#if defined(__AVX__)
 #include <immintrin.h>
 #elif defined(__ARM_FEATURE_FMA)
 #include <arm_neon.h>
@@ -60,6 +60,11 @@ struct Lane<Ints> : VectorLane<Ints, std::int32_t, kFloatLanes> {};
 inline Ints negate(Ints mask) { return ~mask; }
 inline Ints not_a_number(Floats a) { return a != a; }
 inline bool any(Ints mask) {
+#if defined(__AVX512F__)
+    return _mm512_movepi32_mask(reinterpret_cast<__m512i>(mask)) != 0;
+#elif defined(__AVX__)
+    return _mm256_movemask_ps(reinterpret_cast<__m256>(mask)) != 0;
+#endif
     std::int32_t found = 0;
     for (int i = 0; i < kFloatLanes; ++i) found |= mask[i];
     return found != 0;
@@ -132,16 +137,17 @@ inline Floats shuffle(Floats a, Floats b, Pick) {
 
 // base[index] ... base[index + 3] as four Floats: one load a lane, then each 4x4 is transposed where it lies.
 // A spline's warp takes 6 ms so and 9 with gathers (16 lanes), 8 and 9 (8 lanes).
-inline void gather_four(const float* base, Ints index, Floats (&taps)[4]) {
+inline void gather_four(const float* base, Ints indices, Floats (&taps)[4]) {
+    std::int32_t index[kFloatLanes];
+    __builtin_memcpy(index, &indices, sizeof indices);
     Floats rows[4];  // lane 4q + k of row r: neighbour k of point 4q + r
     for (int r = 0; r < 4; ++r) {
 #if defined(__AVX512F__)
-        typedef float Eights __attribute__((vector_size(32)));
-        const Eights low = __builtin_shufflevector(four_from(base + index[r]), four_from(base + index[r + 4]),
-                                                   0, 1, 2, 3, 4, 5, 6, 7);
-        const Eights high = __builtin_shufflevector(four_from(base + index[r + 8]),
-                                                    four_from(base + index[r + 12]), 0, 1, 2, 3, 4, 5, 6, 7);
-        rows[r] = __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+        const auto four = [&](int q) { return _mm_loadu_ps(base + index[r + 4 * q]); };
+        rows[r] = _mm512_castps128_ps512(four(0));
+        rows[r] = _mm512_insertf32x4(rows[r], four(1), 1);
+        rows[r] = _mm512_insertf32x4(rows[r], four(2), 2);
+        rows[r] = _mm512_insertf32x4(rows[r], four(3), 3);
 #elif defined(__AVX__)
         rows[r] = __builtin_shufflevector(four_from(base + index[r]), four_from(base + index[r + 4]), 0, 1, 2,
                                           3, 4, 5, 6, 7);

@@ -31,17 +31,23 @@ BELTSCAPE_INLINE void raise(float& nearest, float inverse_depth) {
 template <class F>
 BELTSCAPE_INLINE void splat_row(const View& view, const float* s, int v, int end, int width, int height,
                                 float* corners) {
+    constexpr int kAtOnce = kPlacedAhead<F> * Lane<F>::count;
     const F zero{};
-    for (int x = 0; x < end; x += Lane<F>::count) {
-        const Seen<F> seen = seen_from<F>(view, s, v, x, end);
-        const MaskOf<F> hits = (seen.u >= -1.0f) & (seen.u < to_float(width)) & (seen.v >= -1.0f) &
-                               (seen.v < to_float(height)) & (seen.inverse_depth > 0.0f);
-        const IntOf<F> column = floor_int(select(hits, seen.u, zero)) + 1;
-        const IntOf<F> row = floor_int(select(hits, seen.v, zero)) + 1;
-        int at[Lane<F>::count];
-        float to[Lane<F>::count];
-        store(at, row * (width + 1) + column), store(to, select(hits, seen.inverse_depth, zero));
-        for (int i = 0; i < lesser(Lane<F>::count, end - x); ++i) raise(corners[at[i]], to[i]);
+    int at[kAtOnce];
+    float to[kAtOnce];
+    for (int first = 0; first < end; first += kAtOnce) {
+        const int last = lesser(end, first + kAtOnce);
+        for (int x = first; x < last; x += Lane<F>::count) {
+            const Seen<F> seen = seen_from<F>(view, s, v, x, end);
+            const MaskOf<F> hits = (seen.u >= -1.0f) & (seen.u < to_float(width)) & (seen.v >= -1.0f) &
+                                   (seen.v < to_float(height)) & (seen.inverse_depth > 0.0f);
+            const IntOf<F> column = floor_int(select(hits, seen.u, zero)) + 1;
+            const IntOf<F> row = floor_int(select(hits, seen.v, zero)) + 1;
+            store(at + x - first, row * (width + 1) + column);
+            store(to + x - first, select(hits, seen.inverse_depth, zero));
+            prefetch(corners + at[x - first] + 2 * (width + 1));  // for the next row
+        }
+        for (int x = first; x < last; ++x) raise(corners[at[x - first]], to[x - first]);
     }
 }
 
@@ -63,15 +69,23 @@ BELTSCAPE_INLINE void spread_row(const float* corners, int v, int width, float* 
 template <class F>
 BELTSCAPE_INLINE void visible_row(const View& view, const float* s, int v, int end, int width, int height,
                                   const float* buffer, float tolerance, unsigned char* out) {
-    for (int x = 0; x < end; x += Lane<F>::count) {
-        const Seen<F> seen = seen_from<F>(view, s, v, x, end);
-        const F u = seen.u + 0.5f, w = seen.v + 0.5f;
-        const MaskOf<F> inside = (u >= 0.0f) & (u < to_float(width)) & (w >= 0.0f) & (w < to_float(height));
-        const IntOf<F> column = clamp(to_int(clamp(u, 0.0f, to_float(width))), 0, width - 1);
-        const IntOf<F> row = clamp(to_int(clamp(w, 0.0f, to_float(height))), 0, height - 1);
-        const F nearest = gather(buffer, row * width + column);
-        const MaskOf<F> clear = inside & (nearest <= seen.inverse_depth + tolerance);
-        store_first(out + x, select(clear, broadcast<IntOf<F>>(1), broadcast<IntOf<F>>(0)), end - x);
+    constexpr int kAtOnce = kPlacedAhead<F> * Lane<F>::count;
+    int at[kAtOnce];
+    float most[kAtOnce];  // of the buffer's inverse depth; NaN: not inside
+    for (int first = 0; first < end; first += kAtOnce) {
+        const int last = lesser(end, first + kAtOnce);
+        for (int x = first; x < last; x += Lane<F>::count) {
+            const Seen<F> seen = seen_from<F>(view, s, v, x, end);
+            const F u = seen.u + 0.5f, w = seen.v + 0.5f;
+            const MaskOf<F> inside =
+                (u >= 0.0f) & (u < to_float(width)) & (w >= 0.0f) & (w < to_float(height));
+            const IntOf<F> column = clamp(to_int(clamp(u, 0.0f, to_float(width))), 0, width - 1);
+            const IntOf<F> row = clamp(to_int(clamp(w, 0.0f, to_float(height))), 0, height - 1);
+            store(at + x - first, row * width + column);
+            store(most + x - first,
+                  select(inside, seen.inverse_depth + tolerance, broadcast<F>(kNotANumber)));
+        }
+        for (int x = first; x < last; ++x) out[x] = buffer[at[x - first]] <= most[x - first];
     }
 }
 

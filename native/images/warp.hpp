@@ -12,19 +12,31 @@ namespace beltscape {
 template <bool brown, class F>
 BELTSCAPE_INLINE void warp_row_through(const View& view, const Spline& spline, const float* s, int row,
                                        int begin, int end, float* value, float* slope) {
+    constexpr int kAtOnce = kPlacedAhead<F>;
     const F v = broadcast<F>(to_float(row));
-    for (int x = begin; x < end; x += Lane<F>::count) {
-        const F u = to_float(broadcast<IntOf<F>>(x) + lane_numbers<F>());
-        const Moving<F> seen = see_moving<brown>(view, u, v, load_first<F>(s + x, end - x));
-        const Footprint<F> place = footprint(spline, seen.u, seen.v);
-        F found = broadcast<F>(kNotANumber), change{};
-        if (any(place.inside)) {
-            const Sample<F> at = sample(spline, place);
-            found = select(place.inside, at.value, found);
-            change = select(place.inside, at.du * seen.du + at.dv * seen.dv, change);
+    for (int first = begin; first < end; first += kAtOnce * Lane<F>::count) {
+        const int count = lesser((end - first + Lane<F>::count - 1) / Lane<F>::count, kAtOnce);
+        Moving<F> seen[kAtOnce];
+        Footprint<F> places[kAtOnce];
+        for (int i = 0; i < count; ++i) {
+            const int x = first + i * Lane<F>::count;
+            const F u = to_float(broadcast<IntOf<F>>(x) + lane_numbers<F>());
+            seen[i] = see_moving<brown>(view, u, v, load_first<F>(s + x, end - x));
+            places[i] = footprint(spline, seen[i].u, seen[i].v);
+            const int below = Lane<IntOf<F>>::get(places[i].first, 0) + 5 * spline.width;  // for the next row
+            prefetch(spline.coefficients + below);
         }
-        store_first(value + x, found, end - x);
-        store_first(slope + x, change, end - x);
+        for (int i = 0; i < count; ++i) {
+            const int x = first + i * Lane<F>::count;
+            F found = broadcast<F>(kNotANumber), change{};
+            if (any(places[i].inside)) {
+                const Sample<F> at = sample(spline, places[i]);
+                found = select(places[i].inside, at.value, found);
+                change = select(places[i].inside, at.du * seen[i].du + at.dv * seen[i].dv, change);
+            }
+            store_first(value + x, found, end - x);
+            store_first(slope + x, change, end - x);
+        }
     }
 }
 

@@ -41,15 +41,22 @@ BELTSCAPE_INLINE F finite_or_zero(F a) {
     return select(finite(a), a, F{});
 }
 
+// An inverse depth for a pixel, and the slopes of the surface that it comes from (0 where they are NaN).
 template <class F>
-BELTSCAPE_INLINE F extrapolate(F s, F slope_u, F slope_v, F across, float down) {
-    return s + clamp(multiply_add(finite_or_zero(slope_v), down, finite_or_zero(slope_u) * across),
-                     -kFarthestStep, kFarthestStep);
+struct Candidate {
+    F s, slope_u, slope_v;
+};
+
+template <class F>
+BELTSCAPE_INLINE Candidate<F> extrapolate(F s, F slope_u, F slope_v, F across, float down) {
+    slope_u = finite_or_zero(slope_u), slope_v = finite_or_zero(slope_v);
+    return {s + clamp(multiply_add(slope_v, down, slope_u * across), -kFarthestStep, kFarthestStep), slope_u,
+            slope_v};
 }
 
 // The candidates of an offset at pixels x, x + 1, ... of row y; beyond the surface its edge is repeated.
 template <class F>
-BELTSCAPE_INLINE F shifted_candidate(const Surface& surface, const Offset& offset, int x, int y) {
+BELTSCAPE_INLINE Candidate<F> shifted_candidate(const Surface& surface, const Offset& offset, int x, int y) {
     const int row = clamp(y - offset.dy, 0, surface.height - 1), first = x - offset.dx;
     const float down = to_float(y - row);
     const size_t at = static_cast<size_t>(row) * static_cast<size_t>(surface.width);
@@ -67,8 +74,7 @@ BELTSCAPE_INLINE F shifted_candidate(const Surface& surface, const Offset& offse
 
 // The places of some pixels' candidates: `count` rows, `stride` apart.
 struct CandidatePlaces {
-    float *s, *cost;
-    int* source;  // the number of the offset that it comes from
+    float *s, *cost, *slope_u, *slope_v;
     int count;
     size_t stride;
 };
@@ -76,7 +82,7 @@ struct CandidatePlaces {
 // Inserts a candidate where `allowed`, if it is cheaper: in the first place closer than `separation`, or else
 // in the most expensive one.
 template <class F>
-BELTSCAPE_INLINE void insert_candidate(const CandidatePlaces& places, F s, F cost, int source,
+BELTSCAPE_INLINE void insert_candidate(const CandidatePlaces& places, const Candidate<F>& candidate, F cost,
                                        float separation, MaskOf<F> allowed) {
     IntOf<F> place{}, near_place{};
     MaskOf<F> is_near{};
@@ -84,7 +90,8 @@ BELTSCAPE_INLINE void insert_candidate(const CandidatePlaces& places, F s, F cos
     for (int k = 0; k < places.count; ++k) {
         const size_t at = static_cast<size_t>(k) * places.stride;
         const F kept = load<F>(places.cost + at);
-        const MaskOf<F> here = (absolute(load<F>(places.s + at) - s) < separation) & negate(is_near);
+        const MaskOf<F> here =
+            (absolute(load<F>(places.s + at) - candidate.s) < separation) & negate(is_near);
         const MaskOf<F> dearer = kept > dearest;
         const IntOf<F> number = broadcast<IntOf<F>>(k);
         near_cost = select(here, kept, near_cost), near_place = select(here, number, near_place);
@@ -97,10 +104,10 @@ BELTSCAPE_INLINE void insert_candidate(const CandidatePlaces& places, F s, F cos
     for (int k = 0; k < places.count; ++k) {
         const size_t at = static_cast<size_t>(k) * places.stride;
         const MaskOf<F> here = cheaper & (place == broadcast<IntOf<F>>(k));
-        store(places.s + at, select(here, s, load<F>(places.s + at)));
+        store(places.s + at, select(here, candidate.s, load<F>(places.s + at)));
         store(places.cost + at, select(here, cost, load<F>(places.cost + at)));
-        store(places.source + at,
-              select(here, broadcast<IntOf<F>>(source), load<IntOf<F>>(places.source + at)));
+        store(places.slope_u + at, select(here, candidate.slope_u, load<F>(places.slope_u + at)));
+        store(places.slope_v + at, select(here, candidate.slope_v, load<F>(places.slope_v + at)));
     }
 }
 

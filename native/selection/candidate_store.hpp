@@ -1,50 +1,63 @@
-// The candidates of all pixels, as the tiles find them and the selection reads them. A block of pixels
-// without an active one keeps only the first place.
+// What candidate propagation works on, and the candidates of all pixels, as the tiles find them and the
+// selection reads them: in blocks of columns. A block without an active pixel has one place, others all.
 #pragma once
 
-#include "selection/propagate_tile.hpp"
+#include <algorithm>
+#include <cstdint>
+#include <vector>
+
+#include "selection/candidate_list.hpp"
+#include "selection/multiview_cost.hpp"
+#include "sweep/cells.hpp"
 
 namespace beltscape {
 
-// Places are (rows, candidates, stride); a pixel beyond a row's end is never written.
+inline constexpr int kBlock = kFloatLanes > 8 ? kFloatLanes : 8;  // columns; whole lanes at every level
+inline constexpr int kMostCandidates = 8;
+
+struct PropagationCosts {
+    float separation, floor, unseen_cost, tolerance, small_jump, large_jump;
+
+    void fields(const auto& read) {
+        read("separation", separation), read("floor", floor), read("unseen_cost", unseen_cost);
+        read("tolerance", tolerance), read("small_jump", small_jump), read("large_jump", large_jump);
+    }
+};
+
+struct PropagationProblem {
+    Surface surface;
+    const float* core;  // (height, width) grey levels, like the surface
+    const Auxiliary* auxiliaries;
+    int auxiliary_count;
+    const Offset* offsets;  // the first is (0, 0)
+    int offset_count;
+    int candidates;
+    PropagationCosts costs;
+    float level;                 // taken off all grey levels, for the digits' sake
+    const std::uint8_t* active;  // (height, width), or none: all are
+};
+
+// One place of a block's pixels.
+struct BlockPlace {
+    float s[kBlock], cost[kBlock], slope_u[kBlock], slope_v[kBlock];
+};
+inline constexpr std::size_t kPlaceFloats = sizeof(BlockPlace) / sizeof(float);
+
+// Places are (rows, blocks, candidates).
 class CandidateStore {
 public:
     explicit CandidateStore(const PropagationProblem& in)
         : in_(in),
           blocks_((in.surface.width + kBlock - 1) / kBlock),
-          stride_(static_cast<std::size_t>(blocks_ * kBlock)),
-          row_size_(stride_ * static_cast<std::size_t>(in.candidates)),
-          s_(std::make_unique_for_overwrite<float[]>(size())),
-          cost_(std::make_unique_for_overwrite<float[]>(size())),
-          source_(std::make_unique_for_overwrite<std::uint8_t[]>(size())),
+          places_(at(in.surface.height, 0)),
           active_(static_cast<std::size_t>(in.surface.height * blocks_)) {}
 
     int blocks() const { return blocks_; }
-    std::size_t stride() const { return stride_; }
-    std::size_t row_size() const { return row_size_; }
-    std::size_t at(int row, int k) const {
-        return static_cast<std::size_t>(row) * row_size_ + static_cast<std::size_t>(k) * stride_;
-    }
     bool active(int row, int block) const { return active_[static_cast<std::size_t>(row * blocks_ + block)]; }
-    const float* s() const { return s_.get(); }
-    const float* cost() const { return cost_.get(); }
-    const std::uint8_t* source() const { return source_.get(); }
+    int count(int row, int block) const { return active(row, block) ? in_.candidates : 1; }
+    BlockPlace* places(int row, int block) const { return places_.data() + at(row, block); }
 
-    // Computes the candidates of rows first ... end - 1.
-    void fill(Tile& tile, int first, int end) {
-        for (int row = first; row < end; ++row) mark_active(row);
-        for (int top = first; top < end; top += kTileRows)
-            for (int left = 0; left < in_.surface.width; left += kTileColumns) {
-                const int rows = std::min(kTileRows, end - top),
-                          columns = std::min(kTileColumns, in_.surface.width - left);
-                tile.work(left, top, columns, rows);
-                for (int row = 0; row < rows; ++row) take(tile, row, top + row, left, columns);
-            }
-    }
-
-private:
-    std::size_t size() const { return row_size_ * static_cast<std::size_t>(in_.surface.height); }
-
+    // Finds the blocks with an active pixel.
     void mark_active(int row) {
         const int width = in_.surface.width;
         const std::size_t from = static_cast<std::size_t>(row) * static_cast<std::size_t>(width);
@@ -56,25 +69,16 @@ private:
         }
     }
 
-    void take(const Tile& tile, int tile_row, int row, int left, int columns) {
-        int places = 1;  // all, where a block is active that may reach into the next tile: it is read whole
-        for (int block = left / kBlock; block <= (left + columns - 1) / kBlock; ++block)
-            if (active(row, block)) places = in_.candidates;
-        for (int k = 0; k < places; ++k) {
-            const std::size_t to = at(row, k) + static_cast<std::size_t>(left);
-            std::copy_n(tile.s(tile_row, k), columns, s_.get() + to);
-            std::copy_n(tile.cost(tile_row, k), columns, cost_.get() + to);
-            const int* const source = tile.source(tile_row, k);
-            for (int x = 0; x < columns; ++x)
-                source_[to + static_cast<std::size_t>(x)] = static_cast<std::uint8_t>(source[x]);
-        }
+private:
+    std::size_t at(int row, int block) const {
+        return (static_cast<std::size_t>(row) * static_cast<std::size_t>(blocks_) +
+                static_cast<std::size_t>(block)) *
+               static_cast<std::size_t>(in_.candidates);
     }
 
     const PropagationProblem& in_;
     int blocks_;
-    std::size_t stride_, row_size_;
-    std::unique_ptr<float[]> s_, cost_;
-    std::unique_ptr<std::uint8_t[]> source_;
+    CellBuffer<BlockPlace> places_;
     std::vector<unsigned char> active_;
 };
 

@@ -22,9 +22,8 @@ struct PhotoConsistencyProblem {
     float tolerance;
 };
 
-// Planes at pixels (u, v).
 struct Planes {
-    const float *u, *v, *s, *slope_u, *slope_v;
+    const float *s, *slope_u, *slope_v;
 };
 
 // Order statistics of the values of the views that see a point.
@@ -76,31 +75,53 @@ BELTSCAPE_INLINE F clear_at(const Auxiliary& by, const Sampled<F>& sample, float
     return select(sample.spot.u >= 0.0f, seen, F{});
 }
 
-// Evaluates at most `count` planes; out: point least, second, mean, most; cross the same; views.
+// The core's levels at a pixel and the four beside it, one over their variance, and the gains of each
+// auxiliary at the pixel.
 template <class F>
-BELTSCAPE_INLINE void photo_consistency_lanes(const PhotoConsistencyProblem& in, const Planes& at, int count,
-                                              float* out, size_t stride) {
+struct CoreCross {
+    F u, v, level[kCross], weight[kCross];
+    float* gains;  // Lane<F>::count to an auxiliary
+};
+
+BELTSCAPE_INLINE Offset cross_offset(int i) {
     constexpr int across[kCross] = {0, 1, -1, 0, 0}, down[kCross] = {0, 0, 0, 1, -1};
-    const F u = load_first<F>(at.u, count), v = load_first<F>(at.v, count), s = load_first<F>(at.s, count);
-    const F slope_u = load_first<F>(at.slope_u, count), slope_v = load_first<F>(at.slope_v, count);
-    const IntOf<F> column = to_int(u), row = to_int(v);
-    F core[kCross], weight[kCross];
+    return {across[i], down[i]};
+}
+
+// Reads the cross about at most `count` pixels.
+template <class F>
+BELTSCAPE_INLINE void read_cross(const PhotoConsistencyProblem& in, const float* u, const float* v, int count,
+                                 CoreCross<F>& cross) {
+    cross.u = load_first<F>(u, count), cross.v = load_first<F>(v, count);
+    const IntOf<F> column = to_int(cross.u), row = to_int(cross.v);
     for (int i = 0; i < kCross; ++i) {
+        const auto [dx, dy] = cross_offset(i);
         const IntOf<F> pixel =
-            clamp(row + down[i], 0, in.height - 1) * in.width + clamp(column + across[i], 0, in.width - 1);
-        core[i] = gather(in.core, pixel), weight[i] = 1.0f / gather(in.variance, pixel);
+            clamp(row + dy, 0, in.height - 1) * in.width + clamp(column + dx, 0, in.width - 1);
+        cross.level[i] = gather(in.core, pixel), cross.weight[i] = 1.0f / gather(in.variance, pixel);
     }
+    for (int k = 0; k < in.auxiliary_count; ++k)
+        store(cross.gains + k * Lane<F>::count, gather(in.gains[k], row * in.width + column));
+}
+
+// Evaluates at most `count` planes at the pixels of `at`; out: point least, second, mean, most; cross the
+// same; views.
+template <class F>
+BELTSCAPE_INLINE void photo_consistency_lanes(const PhotoConsistencyProblem& in, const CoreCross<F>& at,
+                                              const Planes& planes, int count, float* out, size_t stride) {
+    const F s = load_first<F>(planes.s, count);
+    const F slope_u = load_first<F>(planes.slope_u, count), slope_v = load_first<F>(planes.slope_v, count);
     Ordered<F> point, cross;
     F views{};
     for (int k = 0; k < in.auxiliary_count; ++k) {
         const Auxiliary& by = in.auxiliaries[k];
-        const F gain = gather(in.gains[k], row * in.width + column);
+        const F gain = load<F>(at.gains + k * Lane<F>::count);
         F middle{}, sum{}, seen{};
         for (int i = 0; i < kCross; ++i) {
-            const float du = to_float(across[i]), dv = to_float(down[i]);
-            const Sampled<F> sample = sampled(by, u + du, v + dv, s + slope_u * du + slope_v * dv);
-            const F off = core[i] - gain * level_at(by, sample.spot);
-            const F unlike = lesser(off * off * weight[i], broadcast<F>(kMostDissimilar));
+            const float du = to_float(cross_offset(i).dx), dv = to_float(cross_offset(i).dy);
+            const Sampled<F> sample = sampled(by, at.u + du, at.v + dv, s + slope_u * du + slope_v * dv);
+            const F off = at.level[i] - gain * level_at(by, sample.spot);
+            const F unlike = lesser(off * off * at.weight[i], broadcast<F>(kMostDissimilar));
             if (i == 0) middle = unlike, seen = clear_at(by, sample, in.tolerance);
             sum += unlike;
         }
@@ -143,12 +164,22 @@ inline void photo_consistency(const PhotoConsistencyInput& in, std::size_t threa
     const auto& [s, slope_u, slope_v] = in.planes;
     const std::size_t count = in.u.shape[0], rows = s.shape[0];
     for_bands(0, static_cast<int>(count), kPixelsPerJob, threads, [&](int first, int end) {
+        const std::size_t vectors = static_cast<std::size_t>((end - first + kFloatLanes - 1) / kFloatLanes);
+        const std::size_t gain_floats = auxiliaries.size() * kFloatLanes;
+        std::vector<CoreCross<Floats>> crosses(vectors);
+        std::vector<float> cross_gains(vectors * gain_floats);
+        for (std::size_t k = 0; k < vectors; ++k) {
+            const int i = first + static_cast<int>(k) * kFloatLanes;
+            crosses[k].gains = cross_gains.data() + k * gain_floats;
+            read_cross(problem, in.u.data + i, in.v.data + i, end - i, crosses[k]);
+        }
         for (std::size_t row = 0; row < rows; ++row)
-            for (int i = first; i < end; i += kFloatLanes) {
-                const std::size_t pixel = static_cast<std::size_t>(i), at = row * count + pixel;
-                const Planes planes{in.u.data + pixel, in.v.data + pixel, s.data + at, slope_u.data + at,
-                                    slope_v.data + at};
-                photo_consistency_lanes<Floats>(problem, planes, end - i, out.data + at, rows * count);
+            for (std::size_t k = 0; k < vectors; ++k) {
+                const int i = first + static_cast<int>(k) * kFloatLanes;
+                const std::size_t at = row * count + static_cast<std::size_t>(i);
+                photo_consistency_lanes(problem, crosses[k],
+                                        {s.data + at, slope_u.data + at, slope_v.data + at}, end - i,
+                                        out.data + at, rows * count);
             }
     });
 }

@@ -7,6 +7,7 @@
 #include "parallel.hpp"
 #include "pool.hpp"
 #include "selection/propagate_select.hpp"
+#include "selection/propagate_tile.hpp"
 #include "sweep/sweep_band.hpp"
 
 namespace beltscape {
@@ -49,12 +50,14 @@ inline void propagate(const PropagationInput& in, std::size_t threads, const std
                                      mean_level(image_of(in.core)),
                                      in.active ? in.active->data : nullptr};
     const PropagationResult to{out[0].data, out[1].data, out[2].data, out[3].data, out[4].data};
-    const int height = problem.surface.height;
+    const int width = problem.surface.width, height = problem.surface.height;
     CandidateStore store{problem};
     Pool<Tile> tiles;
     for_bands(0, height, kTileRows, threads, [&](int first, int end) {
-        const auto tile = tiles.take([&] { return std::make_unique<Tile>(problem); });
-        store.fill(*tile, first, end);
+        const auto tile = tiles.take([&] { return std::make_unique<Tile>(problem, store); });
+        for (int row = first; row < end; ++row) store.mark_active(row);
+        for (int left = 0; left < width; left += kTileColumns)
+            tile->work(left, first, std::min(kTileColumns, width - left), end - first);
     });
     Pool<Selector> selectors;
     for_bands(0, height, kBandRows, threads, [&](int first, int end) {

@@ -3,93 +3,61 @@
 // second-level cache. Blocks without an active pixel in or beside them are skipped.
 #pragma once
 
-#include <algorithm>
-#include <cstdint>
-#include <memory>
-#include <vector>
+#include <array>
+#include <bit>
 
-#include "selection/candidate_list.hpp"
-#include "selection/multiview_cost.hpp"
+#include "selection/candidate_store.hpp"
 
 namespace beltscape {
 
-inline constexpr int kBlock = 16;                   // columns; whole lanes at every level
-inline constexpr int kTileSpan = 128;               // columns that are sampled:
-inline constexpr int kTileColumns = kTileSpan - 2;  // the tile's and one on each side
-inline constexpr int kTileBlocks = kTileSpan / kBlock;
+inline constexpr int kTileColumns = 128;
+inline constexpr int kTileBlocks = kTileColumns / kBlock;
+inline constexpr int kTileSpan = kTileColumns + kBlock;  // columns sampled: one more on each side
 inline constexpr int kTileRows = 32;
-inline constexpr int kMostCandidates = 8;
-
-struct PropagationCosts {
-    float separation, floor, unseen_cost, tolerance, small_jump, large_jump;
-
-    void fields(const auto& read) {
-        read("separation", separation), read("floor", floor), read("unseen_cost", unseen_cost);
-        read("tolerance", tolerance), read("small_jump", small_jump), read("large_jump", large_jump);
-    }
-};
-
-struct PropagationProblem {
-    Surface surface;
-    const float* core;  // (height, width) grey levels, like the surface
-    const Auxiliary* auxiliaries;
-    int auxiliary_count;
-    const Offset* offsets;  // the first is (0, 0)
-    int offset_count;       // at most 255
-    int candidates;
-    PropagationCosts costs;
-    float level;                 // taken off all grey levels, for the digits' sake
-    const std::uint8_t* active;  // (height, width), or none: all are
-};
 
 class Tile {
 public:
-    explicit Tile(const PropagationProblem& in)
+    Tile(const PropagationProblem& in, CandidateStore& store)
         : in_(in),
-          core_((kTileRows + 2) * kTileSpan + kBlock),
+          store_(store),
+          core_((kTileRows + 2) * kTileSpan),
           mean_(kTileRows * kTileSpan),
           energy_(mean_.size()),
-          active_(mean_.size()),
-          given_(3 * kTileSpan + kBlock),
-          grey_(kTileSpan + kBlock),
-          sums_(static_cast<std::size_t>(in.auxiliary_count) * 3 * kSums * kTileSpan + kBlock),
-          s_(static_cast<std::size_t>(in.candidates) * mean_.size()),
-          cost_(s_.size()),
-          source_(s_.size()) {}
+          given_(3 * 3 * kTileSpan),
+          grey_(kTileSpan),
+          sums_(static_cast<std::size_t>(in.auxiliary_count) * 3 * kSums * kTileSpan) {}
 
-    // Columns left ... left + columns - 1 of rows top ... top + rows - 1, within the surface.
+    // Finds the candidates of columns left ... left + columns - 1 of rows top ... top + rows - 1, whose
+    // active blocks are marked.
     void work(int left, int top, int columns, int rows) {
         left_ = left, top_ = top, columns_ = columns, rows_ = rows;
-        std::fill(s_.begin(), s_.end(), kNoCandidate);
-        std::fill(cost_.begin(), cost_.end(), kNoCost);
-        std::fill(source_.begin(), source_.end(), 0);
         prepare_active();
         prepare_core();
         for (int number = 0; number < in_.offset_count; ++number) {
             for (int row = -1; row <= rows_; ++row) {
-                const bool* const wanted = wanted_[number == 0][row + 1];
-                shift_candidates(number, row, wanted);
-                for (int i = 0; i < in_.auxiliary_count; ++i) sample_view(i, row, wanted);
+                shift_candidates(number, row);
+                for (int i = 0; i < in_.auxiliary_count; ++i) sample_view(i, row, number == 0);
                 if (row > 0) compare_windows(number, row - 1);
             }
             if (number == 0 && !any_active_) break;
         }
     }
 
-    // kTileSpan columns of a row's k-th places.
-    const float* s(int row, int k) const { return s_.data() + at(row, k); }
-    const float* cost(int row, int k) const { return cost_.data() + at(row, k); }
-    const int* source(int row, int k) const { return source_.data() + at(row, k); }
-
 private:
+    using Blocks = std::uint32_t;    // a set, a bit to a block
     static constexpr int kSums = 4;  // of grey, of grey squared, of grey times the core's; seen
 
-    std::size_t at(int row, int k) const {
-        return static_cast<std::size_t>((row * in_.candidates + k) * kTileSpan);
+    // Calls job(x) for each F of columns in some blocks.
+    static void for_columns(Blocks blocks, const auto& job) {
+        for (; blocks; blocks &= blocks - 1) {
+            const int first = std::countr_zero(blocks) * kBlock;
+            for (int x = first; x < first + kBlock; x += kFloatLanes) job(x);
+        }
     }
     // The row in a ring of three.
     static int slot(int row) { return (row + 3) % 3; }
-    float* given(int row) { return given_.data() + slot(row) * kTileSpan; }
+    // The given candidates' s (0), slope_u (1) and slope_v (2).
+    float* given(int row, int which) { return given_.data() + (slot(row) * 3 + which) * kTileSpan; }
     float* sums(int auxiliary, int row, int which) {
         return sums_.data() + ((auxiliary * 3 + slot(row)) * kSums + which) * kTileSpan;
     }
@@ -97,33 +65,32 @@ private:
 
     void prepare_active() {
         any_active_ = false;
-        for (int row = 0; row < kTileRows; ++row) {
-            float* const active = active_.data() + row * kTileSpan;
-            std::fill(active, active + kTileSpan, 0.0f);
-            if (row < rows_) {
-                const std::size_t from =
-                    static_cast<std::size_t>(top_ + row) * static_cast<std::size_t>(in_.surface.width) +
-                    static_cast<std::size_t>(left_);
-                for (int x = 0; x < columns_; ++x)
-                    active[x] = !in_.active || in_.active[from + x] ? 1.0f : 0.0f;
-            }
-            any_active_in_[row] = false;
-            for (int block = 0; block < kTileBlocks; ++block) {
-                const float* const first = active + block * kBlock;
-                const bool found = std::find(first, first + kBlock, 1.0f) != first + kBlock;
-                compared_[0][row][block] = found;
-                compared_[1][row][block] = row < rows_ && block * kBlock < columns_;
-                any_active_in_[row] |= found;
-            }
-            any_active_ |= any_active_in_[row];
-        }
-        for (int own = 0; own < 2; ++own)
-            for (int row = -1; row <= kTileRows; ++row)
-                for (int block = 0; block < kTileBlocks; ++block) {
-                    bool& wanted = wanted_[own][row + 1][block] = false;
-                    for (int near = std::max(row - 1, 0); near <= std::min(row + 1, kTileRows - 1); ++near)
-                        wanted |= compared_[own][near][block];
+        for (int own = 0; own < 2; ++own) {
+            compared_[own].fill(0), wanted_[own].fill(0), sampled_[own].fill(0);
+            for (int row = 0; row < rows_; ++row)
+                for (int first = 0; first < columns_; first += kBlock) {
+                    const int last = std::min(columns_, first + kBlock) - 1;
+                    if (own)
+                        want(own, row, first), want(own, row, last);
+                    else if (store_.active(top_ + row, (left_ + first) / kBlock))
+                        for (int x = first; x <= last; ++x)
+                            if (!in_.active || *active(row, x)) want(own, row, x), any_active_ = true;
                 }
+        }
+    }
+
+    // Marks the blocks that are needed for a pixel's candidates.
+    void want(int own, int row, int x) {
+        compared_[own][row] |= 1u << x / kBlock;
+        for (int i = row; i < row + 3; ++i)
+            wanted_[own][i] |= 1u << x / kBlock,
+                sampled_[own][i] |= 1u << x / kBlock | 1u << (x + 2) / kBlock;
+    }
+
+    const std::uint8_t* active(int row, int x) const {
+        return in_.active +
+               static_cast<std::size_t>(top_ + row) * static_cast<std::size_t>(in_.surface.width) +
+               static_cast<std::size_t>(left_ + x);
     }
 
     void prepare_core() {
@@ -149,55 +116,45 @@ private:
             }
     }
 
-    // Whether column block's samples are wanted: windows reach two columns into the next block's.
-    static bool sampled(const bool* wanted, int block) {
-        return wanted[block] || (block > 0 && wanted[block - 1]);
+    void shift_candidates(int number, int row) {
+        for_columns(sampled_[number == 0][row + 1], [&](int x) {
+            const auto [s, slope_u, slope_v] =
+                shifted_candidate<Floats>(in_.surface, in_.offsets[number], left_ - 1 + x, row_of(row));
+            store(given(row, 0) + x, s), store(given(row, 1) + x, slope_u), store(given(row, 2) + x, slope_v);
+        });
     }
 
-    void shift_candidates(int number, int row, const bool* wanted) {
-        for (int block = 0; block < kTileBlocks; ++block)
-            if (sampled(wanted, block))
-                for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes)
-                    store(given(row) + x, shifted_candidate<Floats>(in_.surface, in_.offsets[number],
-                                                                    left_ - 1 + x, row_of(row)));
-    }
-
-    void sample_view(int auxiliary, int row, const bool* wanted) {
+    void sample_view(int auxiliary, int row, bool own) {
         const Auxiliary& by = in_.auxiliaries[auxiliary];
+        const Blocks sampled = sampled_[own][row + 1];
         const float y = to_float(row_of(row));
-        for (int block = 0; block < kTileBlocks; ++block) {
-            if (!sampled(wanted, block)) continue;
-            for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
-                const Ints column = clamp(left_ - 1 + x + lane_numbers<Floats>(), 0, in_.surface.width - 1);
-                const SampledPoint<Floats> sampled_point =
-                    sample_point(by.view, by.image, to_float(column), y, load<Floats>(given(row) + x));
-                store(index_ + x, sampled_point.spot.index), store(nearest_ + x, sampled_point.row);
-                store(u_ + x, sampled_point.spot.u), store(v_ + x, sampled_point.spot.v);
-                store(sums(auxiliary, row, 3) + x, sampled_point.inverse_depth);
-            }
-        }
-        for (int block = 0; block < kTileBlocks; ++block) {
-            if (!sampled(wanted, block)) continue;
-            for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
-                const Floats u = load<Floats>(u_ + x);
-                store(grey_.data() + x, bilinear(by.image, index_ + x, u, load<Floats>(v_ + x)) - in_.level);
-                float* const seen = sums(auxiliary, row, 3) + x;
-                store(seen, unoccluded(by.buffer, nearest_ + x, u, load<Floats>(seen), in_.costs.tolerance));
-            }
-        }
+        float* const seen = sums(auxiliary, row, 3);
+        for_columns(sampled, [&](int x) {
+            const Ints column = clamp(left_ - 1 + x + lane_numbers<Floats>(), 0, in_.surface.width - 1);
+            const SampledPoint<Floats> point =
+                sample_point(by.view, by.image, to_float(column), y, load<Floats>(given(row, 0) + x));
+            store(index_ + x, point.spot.index), store(nearest_ + x, point.row);
+            store(u_ + x, point.spot.u), store(v_ + x, point.spot.v), store(seen + x, point.inverse_depth);
+            if (!own) return;
+            const int below = index_[x] + 3 * by.image.width;  // for the next rows
+            prefetch(by.image.pixels + below), prefetch(by.buffer + below);
+        });
+        for_columns(sampled, [&](int x) {
+            const Floats u = load<Floats>(u_ + x);
+            store(grey_.data() + x, bilinear(by.image, index_ + x, u, load<Floats>(v_ + x)) - in_.level);
+            store(seen + x,
+                  unoccluded(by.buffer, nearest_ + x, u, load<Floats>(seen + x), in_.costs.tolerance));
+        });
         const float* const core = core_.data() + (row + 1) * kTileSpan;
         float *const sum = sums(auxiliary, row, 0), *const squares = sums(auxiliary, row, 1),
                      *const products = sums(auxiliary, row, 2);
-        for (int block = 0; block < kTileBlocks; ++block) {
-            if (!wanted[block]) continue;
-            for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
-                const float* const grey = grey_.data() + x;
-                const Floats a = load<Floats>(grey), b = load<Floats>(grey + 1), c = load<Floats>(grey + 2);
-                store(sum + x, a + b + c), store(squares + x, three_products(a, b, c, a, b, c));
-                store(products + x, three_products(a, b, c, load<Floats>(core + x),
-                                                   load<Floats>(core + x + 1), load<Floats>(core + x + 2)));
-            }
-        }
+        for_columns(wanted_[own][row + 1], [&](int x) {
+            const float* const grey = grey_.data() + x;
+            const Floats a = load<Floats>(grey), b = load<Floats>(grey + 1), c = load<Floats>(grey + 2);
+            store(sum + x, a + b + c), store(squares + x, three_products(a, b, c, a, b, c));
+            store(products + x, three_products(a, b, c, load<Floats>(core + x), load<Floats>(core + x + 1),
+                                               load<Floats>(core + x + 2)));
+        });
     }
 
     Floats window_sum(int auxiliary, int row, int which, int x) {
@@ -207,43 +164,66 @@ private:
     }
 
     void compare_windows(int number, int row) {
-        for (int block = 0; block < kTileBlocks; ++block) {
-            if (!compared_[number == 0][row][block]) continue;
-            for (int x = block * kBlock; x < (block + 1) * kBlock; x += kFloatLanes) {
-                const std::size_t pixel = static_cast<std::size_t>(row * kTileSpan + x);
-                const CoreWindow<Floats> core{load<Floats>(mean_.data() + pixel),
-                                              load<Floats>(energy_.data() + pixel)};
-                MultiviewCost<Floats> multiview_cost;
-                for (int i = 0; i < in_.auxiliary_count; ++i)
-                    multiview_cost.add(
-                        dissimilarity(WindowSums<Floats>{window_sum(i, row, 0, x), window_sum(i, row, 1, x),
-                                                         window_sum(i, row, 2, x)},
-                                      core, in_.costs.floor),
-                        load<Floats>(sums(i, row, 3) + x + 1));
-                const Floats s = load<Floats>(given(row) + x + 1);
-                const Ints allowed =
-                    number == 0 ? finite(s) : finite(s) & (load<Floats>(active_.data() + pixel) > 0.5f);
-                const std::size_t place = at(row, 0) + static_cast<std::size_t>(x);
-                insert_candidate(CandidatePlaces{s_.data() + place, cost_.data() + place,
-                                                 source_.data() + place, in_.candidates, kTileSpan},
-                                 s, multiview_cost.cost(in_.costs.unseen_cost), number, in_.costs.separation,
-                                 allowed);
-            }
+        for_columns(compared_[number == 0][row], [&](int x) {
+            const std::size_t pixel = static_cast<std::size_t>(row * kTileSpan + x);
+            const CoreWindow<Floats> core{load<Floats>(mean_.data() + pixel),
+                                          load<Floats>(energy_.data() + pixel)};
+            MultiviewCost<Floats> multiview_cost;
+            for (int i = 0; i < in_.auxiliary_count; ++i)
+                multiview_cost.add(
+                    dissimilarity(WindowSums<Floats>{window_sum(i, row, 0, x), window_sum(i, row, 1, x),
+                                                     window_sum(i, row, 2, x)},
+                                  core, in_.costs.floor),
+                    load<Floats>(sums(i, row, 3) + x + 1));
+            const Candidate<Floats> candidate{load<Floats>(given(row, 0) + x + 1),
+                                              load<Floats>(given(row, 1) + x + 1),
+                                              load<Floats>(given(row, 2) + x + 1)};
+            const CandidatePlaces places = places_of(row, x);
+            if (number == 0) clear_places(places, candidate);
+            insert_candidate(places, candidate, multiview_cost.cost(in_.costs.unseen_cost),
+                             in_.costs.separation,
+                             number == 0 ? finite(candidate.s) : finite(candidate.s) & active_pixels(row, x));
+        });
+    }
+
+    CandidatePlaces places_of(int row, int x) {
+        const int block = (left_ + x) / kBlock, lane = x % kBlock;
+        BlockPlace& first = *store_.places(top_ + row, block);
+        return {first.s + lane,
+                first.cost + lane,
+                first.slope_u + lane,
+                first.slope_v + lane,
+                store_.count(top_ + row, block),
+                kPlaceFloats};
+    }
+
+    Ints active_pixels(int row, int x) const {
+        if (!in_.active) return Ints{} - 1;
+        return load_first<Floats>(active(row, x), columns_ - x) > 0.5f;
+    }
+
+    // A pixel without a candidate has the slopes of its own surface.
+    static void clear_places(const CandidatePlaces& places, const Candidate<Floats>& own) {
+        for (int k = 0; k < places.count; ++k) {
+            const std::size_t at = static_cast<std::size_t>(k) * places.stride;
+            store(places.s + at, broadcast<Floats>(kNoCandidate));
+            store(places.cost + at, broadcast<Floats>(kNoCost));
+            store(places.slope_u + at, own.slope_u), store(places.slope_v + at, own.slope_v);
         }
     }
 
     const PropagationProblem& in_;
+    CandidateStore& store_;
     int left_ = 0, top_ = 0, columns_ = 0, rows_ = 0;
-    bool any_active_ = false, any_active_in_[kTileRows] = {};
-    // Blocks whose pixels are compared, and whose window sums are needed for that: [0] for all offsets, [1]
-    // for the pixel's own.
-    bool compared_[2][kTileRows][kTileBlocks] = {}, wanted_[2][kTileRows + 2][kTileBlocks] = {};
-    std::vector<float> core_, mean_, energy_, active_;
+    bool any_active_ = false;
+    // Blocks whose pixels are compared, and those whose window sums and samples are needed for that, from
+    // the row above on: [0] for all offsets, [1] for the pixel's own.
+    std::array<Blocks, kTileRows> compared_[2];
+    std::array<Blocks, kTileRows + 2> wanted_[2], sampled_[2];
+    std::vector<float> core_, mean_, energy_;
     std::vector<float> given_, grey_, sums_;                 // of the present row and the two before it
     alignas(64) int index_[kTileSpan], nearest_[kTileSpan];  // of a row's samples
     alignas(64) float u_[kTileSpan], v_[kTileSpan];
-    std::vector<float> s_, cost_;
-    std::vector<int> source_;
 };
 
 }  // namespace beltscape

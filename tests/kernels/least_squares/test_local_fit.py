@@ -273,6 +273,8 @@ def test_wrong_input_is_named(name):
         (lambda: fit(tolerance=1.0, radii=()), "radii must be 1 to 4 windows, not 0"),
         (lambda: fit(tolerance=1.0, radii=((3, 1.0), (3, 2.0))), "radii must ascend within 1 to 15 px, not 3, 3"),
         (lambda: fit(tolerance=1.0, radii=((16, 1.0),)), "radii must ascend within 1 to 15 px, not 16"),
+        (lambda: fit(tolerance=1.0, radii=((2, 2.0), (3, 1.5))),
+         "the sigmas of larger windows must not be less, not 2, 1.5"),
         (lambda: fit(tolerance=1.0, radii=((2, 0.0),)), "a window's sigma must be at least 0.001, not 0"),
     ):  # fmt: skip
         with pytest.raises(KernelError) as error:

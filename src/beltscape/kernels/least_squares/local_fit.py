@@ -68,7 +68,7 @@ class LocalFitInput(NamedTuple):
     slope_v: NDArray[np.float32]
     """(H, W) of s per px downwards; NaN counts as 0."""
     windows: list[FitWindow]
-    """One to four, from (radius px, Gaussian sigma px) with ascending radii of 1 to 15 px."""
+    """One to four, from (radius px, Gaussian sigma px) with ascending radii of 1 to 15 px and sigmas that do not fall."""
     tolerance: float
     """Of s in px, 0.001 to 1000."""
     confidence_width: float
@@ -146,6 +146,11 @@ def fit_windows(radii: Sequence[tuple[int, float]]) -> list[FitWindow]:
     if sorted(set(sizes)) != sizes or not 1 <= sizes[0] <= sizes[-1] <= WINDOW_LIMIT:
         raise KernelError(
             f"radii must ascend within 1 to {WINDOW_LIMIT} px, not {', '.join(map(str, sizes))}"
+        )
+    sigmas = [sigma for _, sigma in radii]
+    if sorted(sigmas) != sigmas:  # a larger window has all taps of the smaller ones
+        raise KernelError(
+            f"the sigmas of larger windows must not be less, not {', '.join(f'{x:g}' for x in sigmas)}"
         )
     windows: list[FitWindow] = []
     for radius, sigma in radii:

@@ -68,7 +68,7 @@ class LocalFitInput(NamedTuple):
     slope_v: NDArray[np.float32]
     """(H, W) of s per px downwards; NaN counts as 0."""
     windows: list[FitWindow]
-    """One to four, from (radius px, Gaussian sigma px) with ascending radii of 1 to 15 px and sigmas that do not fall."""
+    """One to four, from (radius px, Gaussian sigma px) with ascending radii of 1 to 15 px; sigmas may not fall."""
     tolerance: float
     """Of s in px, 0.001 to 1000."""
     confidence_width: float

@@ -90,6 +90,7 @@ bench: dev ## accuracy and speed against OpenCV; writes benchmarks/RESULTS.md, a
 train: dev ## fit every network that ships to simulated captures, from their seeds (hours; goes on where it was; WORKERS=4)
 	$(BIN)/python -m pip install --quiet 'torch==2.15.0'
 	cd tools && ../$(BIN)/python -m training $(if $(ONLY),--only $(ONLY)) $(if $(WORKERS),--workers $(WORKERS))
+	$(BIN)/python tools/write_model_cards.py
 
 faults: dev ## play every fault to the running system, against exact truth; writes benchmarks/FAULTS.md (an hour)
 	cd benchmarks && ../$(BIN)/python -m faults

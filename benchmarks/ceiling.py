@@ -36,7 +36,7 @@ from beltscape.stereo.multiview.selection.candidates import CandidateSelector
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
 from matching.scenes import AblationScene, make_scene_parser, read_scenes
-from matching.sight import CLASSES
+from matching.visibility import CLASSES
 
 HEAD = (
     "scene",
@@ -67,7 +67,7 @@ def measure_ceilings(one: AblationScene) -> tuple[list[float], dict[str, tuple[f
         share(reached < 1), share(accepted < 1), share(selected < 1), share(selected < 2),
         share(~state.textured),
     ]  # fmt: skip
-    classes = one.sight.classify(scene.true_depth_mm) if one.sight else {}
+    classes = one.visibility.classify(scene.true_depth_mm) if one.visibility else {}
     return ceilings, {name: (share(mask), share(mask & (reached >= 1))) for name, mask in classes.items()}
 
 

@@ -19,7 +19,7 @@ from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from captures import LABELS, REGION_MM, Scene, read_rendered
-from matching.sight import Sight, find_sight, read_projector
+from matching.visibility import TrueVisibility, find_visibility, read_projector
 
 ROOT = Path(__file__).parent.parent.parent
 _SCENES = Path(__file__).with_name("scenes.toml")
@@ -32,7 +32,7 @@ class AblationScene:
     scene: Scene
     belt: Belt | None
     """None where there is no load whose volume is known."""
-    sight: Sight | None
+    visibility: TrueVisibility | None
     """What the auxiliaries truly see and the projector lights; None where the truth does not say."""
 
 
@@ -54,8 +54,8 @@ def read_scenes(cache: Path, rendered: Path | None) -> list[AblationScene]:
     if rendered is not None and rendered.is_dir():
         for name in ("belt_loaded", "module", "belt_empty"):
             scene = replace(read_rendered(rendered, name, 0), name=f"{name}, other renderer")
-            sight = find_sight(scene.rig, scene.true_depth_mm, *read_projector(rendered / "truth"))
-            scenes.append(AblationScene(scene, None, sight))
+            visibility = find_visibility(scene.rig, scene.true_depth_mm, *read_projector(rendered / "truth"))
+            scenes.append(AblationScene(scene, None, visibility))
     return scenes
 
 
@@ -68,20 +68,20 @@ def _read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:
     kind = scenario.kind
     with np.load(truth / f"{kind}_depth.npz") as arrays:
         depth, label = arrays["depth_mm"].astype(np.float64), arrays["label"]
-        sight = Sight(arrays["views"], arrays["lit"])
+        visibility = TrueVisibility(arrays["views"], arrays["lit"])
     points = world_from_core.apply(
         np.concatenate([rig.core_camera.rays() * depth[..., None], depth[..., None]], axis=-1)
     )
     lit = np.abs(points[..., 1]) <= REGION_MM
     images = {camera: read_image(folder / camera / "000.png") for camera in rig.cameras}
-    region, unseen = np.isin(label, LABELS[kind]) & lit, lit & (sight.views == 0) & np.isfinite(depth)
+    region, unseen = np.isin(label, LABELS[kind]) & lit, lit & (visibility.views == 0) & np.isfinite(depth)
     scene = Scene(name, rig, FrameSet("000", images), depth, region, unseen)
     if kind != "belt_loaded":
-        return AblationScene(scene, None, sight)
+        return AblationScene(scene, None, visibility)
     belt = find_true_belt(plant)
     volume = read_json(truth / f"{kind}_scene.json")["volume"]
     offset = float((belt.belt_from_core @ world_from_core.inverse()).translation_mm[1])
     first, last = (float(end) + offset for end in volume["along_mm"])
     return AblationScene(
-        replace(scene, true_volume_mm3=volume["volume_mm3"], along_mm=(first, last)), belt, sight
+        replace(scene, true_volume_mm3=volume["volume_mm3"], along_mm=(first, last)), belt, visibility
     )

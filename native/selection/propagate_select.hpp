@@ -223,10 +223,11 @@ private:
     void step(const Pixels& before, Pixels& column, int x, int way, Ints chosen, bool starts) {
         for (int k = 0; k < in_.candidates; ++k) {
             const int at = x * kFloatLanes;
-            const Floats s = load<Floats>(columns_.s[k] + at);
             const Floats rise = 0.5f * to_float(way) * load<Floats>(columns_.slope[k] + at);
-            Floats cost = load<Floats>(columns_.cost[k] + at), toll{};
-            if (k > 0) cost = select(chosen, cost, kNoCost - Floats{});
+            Floats s = load<Floats>(columns_.s[k] + at), cost = load<Floats>(columns_.cost[k] + at), toll{};
+            if (k > 0)  // rows whose block has one place
+                s = select(chosen, s, kNoCandidate - Floats{}),
+                cost = select(chosen, cost, kNoCost - Floats{});
             if (!starts) toll = path_cost(before, s, rise);
             store(columns_.score[k] + at, load<Floats>(columns_.score[k] + at) + toll);
             store(column.s + k * kFloatLanes, s), store(column.rise + k * kFloatLanes, rise);

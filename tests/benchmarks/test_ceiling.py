@@ -13,13 +13,15 @@ pytestmark = pytest.mark.slow
 
 def test_better_decisions_reach_more(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
-    names = "ceiling", "captures", "matching.scenes", "matching.sight"
-    ceiling, captures, scenes, sight = (import_module(name) for name in names)
+    names = "ceiling", "captures", "matching.scenes", "matching.visibility"
+    ceiling, captures, scenes, visibility = (import_module(name) for name in names)
     loaded = captures.demo_scenes()[-1]
     rig = loaded.rig
     # a projector at the place of an auxiliary lights what that one sees
     projector = replace(rig.cameras["cam1"], name="projector")
-    lit_from_cam1 = sight.find_sight(rig, loaded.true_depth_mm, projector, rig.cam_from_core["cam1"])
+    lit_from_cam1 = visibility.find_visibility(
+        rig, loaded.true_depth_mm, projector, rig.cam_from_core["cam1"]
+    )
     one = scenes.AblationScene(loaded, None, lit_from_cam1)
     (reached, accepted, selected, within_2mm, blank), classes = ceiling.measure_ceilings(one)
     assert 0.5 < reached < accepted < selected < within_2mm <= 1

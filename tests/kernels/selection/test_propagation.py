@@ -102,6 +102,19 @@ def test_threads_and_levels_do_not_change_a_byte(partly):
         assert len(set(results)) == 1
 
 
+@every_level
+def test_what_memory_held_before_does_not_matter(level):
+    given_ = scene(1, 17, 17, 1) | {"candidates": 4, "active": blobs(1, 17, 17)}
+    results = set()
+    for value in (np.nan, 0.0, 10.0, 1e30):  # 10: near the inverse depths of the scene
+        for size in (900, 4_000, 20_000):
+            held = [np.full(size, value, np.float32) for _ in range(8)]
+            del held
+            found = load(level).propagate(**given_, threads=1)
+            results.add(b"".join(field.tobytes() for field in found))
+    assert len(results) == 1
+
+
 @everything
 def test_a_smeared_step_returns_to_its_edge(name):
     height, width, edge = 40, 64, 32

@@ -20,7 +20,7 @@ CLASSES = "unseen", "in shadow", "one view", "near a step", "elsewhere"
 
 
 @dataclass(frozen=True)
-class Sight:
+class TrueVisibility:
     """How many auxiliaries see the point of a pixel (H, W), and whether the projector lights it."""
 
     views: np.ndarray
@@ -39,8 +39,10 @@ class Sight:
         return {name: first == number for number, name in enumerate(CLASSES)}
 
 
-def find_sight(rig: Rig, true_depth_mm: np.ndarray, projector: Camera, projector_from_core: Pose) -> Sight:
-    """Return the sight of a rig whose surface has this true depth (H, W) in the core."""
+def find_visibility(
+    rig: Rig, true_depth_mm: np.ndarray, projector: Camera, projector_from_core: Pose
+) -> TrueVisibility:
+    """Return what the cameras of a rig see whose surface has this true depth (H, W) in the core."""
 
     def mask_seen(camera: Camera, cam_from_core: Pose) -> np.ndarray:
         cameras = {rig.core: rig.core_camera, camera.name: camera}
@@ -49,7 +51,7 @@ def find_sight(rig: Rig, true_depth_mm: np.ndarray, projector: Camera, projector
         return np.isfinite(true_depth_mm) & ~hidden
 
     seen = [mask_seen(rig.cameras[name], rig.cam_from_core[name]) for name in rig.auxiliaries]
-    return Sight(np.sum(seen, axis=0), mask_seen(projector, projector_from_core))
+    return TrueVisibility(np.sum(seen, axis=0), mask_seen(projector, projector_from_core))
 
 
 def read_projector(truth: Path) -> tuple[Camera, Pose]:

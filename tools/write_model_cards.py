@@ -49,10 +49,13 @@ def describe_libraries(made_with: dict[str, str]) -> str:
     if not made_with:
         return (
             "The bytes depended on the processor: these networks were fitted on one of them, before\n"
-            "`tools/training/instructions.py` gave all processors the same. `make train` gives other weights.\n\n"
+            "`tools/training/instructions.py` gave all processors the same from the same captures.\n"
+            "`make train` gives other weights.\n\n"
         )
     versions = ", ".join(f"{library} {version}" for library, version in made_with.items())
-    return f"The bytes are those of {versions}, on any x86-64 processor with AVX2.\n\n"
+    return (
+        f"The bytes are those of {versions}, on any x86-64 processor with AVX2\nfrom the same captures.\n\n"
+    )
 
 
 def format_scores(scores: dict[str, dict[str, float]]) -> str:

@@ -2,7 +2,8 @@
 
 NumPy, PyTorch and their libraries of linear algebra choose the widest instructions of the processor, and a sum over
 vectors of another width is rounded otherwise. In a fit of thousands of steps that grows to other weights. With one
-choice for all processors the samples and the fits are the same bytes.
+choice for all processors the samples of a capture and the fits are the same bytes. The renderer of the captures has
+no such choice: between kinds of processors the last bits of its light may differ.
 """
 
 from __future__ import annotations

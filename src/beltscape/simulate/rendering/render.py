@@ -35,7 +35,8 @@ class RenderSettings(BaseModel):
     texture_filter: Literal["nearest", "bilinear"] = "nearest"
     """Filter of solids' textures: sharp texels, or interpolated ones."""
     engine: Engine = "scalar"
-    """One engine gives the same bytes for the same scene on every machine; `auto` chooses by the machine."""
+    """One engine gives the same bytes for the same scene with any number of threads; between kinds of processors the
+    last bits of the light may differ. `auto` chooses by the machine."""
 
 
 def render(

@@ -34,6 +34,7 @@ from beltscape.stereo.multiview.optimisation.textureless import FilledDiscs
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from matching.scenes import AblationScene, make_scene_parser, read_scenes
+from tables import format_cells, format_head
 
 _RUNS = 2
 """Runs of each row on each scene; the least processor time counts."""
@@ -167,7 +168,7 @@ def format_row(name: str, figures: Sequence[Figures]) -> str:
         f"{volume:+.2%}" if one else f"{volume:.2%}",
         f"{mean([f.cpu_s for f in figures]):.2f}",
     )
-    return "| " + " | ".join("" if "nan" in cell else cell for cell in cells) + " |"
+    return format_cells(["" if "nan" in cell else cell for cell in cells])
 
 
 def main() -> None:
@@ -179,15 +180,13 @@ def main() -> None:
     rows = [row for row in ROWS if any(text in row.name for text in arguments.rows)]
     lines: list[str] = []
     found: dict[str, list[Figures]] = {row.name: [] for row in rows}
-    head = ["| " + " | ".join(HEAD) + " |", "|" + "---|" * len(HEAD)]
+    head = format_head(HEAD)
 
     def tell(*more: str) -> None:
         lines.extend(more)
         print("\n".join(more), flush=True)
 
-    for one in read_scenes(arguments.cache, arguments.rendered):
-        if not any(text in one.scene.name for text in arguments.scenes):
-            continue
+    for one in read_scenes(arguments):
         near_far = find_depth_range(one.scene.rig, one.scene.frame, Silent())
         tell("", f"### {one.scene.name}, {one.scene.size}", "", *head)
         for row in rows:

@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -116,13 +117,16 @@ def _halve_truth(
 def parse_true_rig(truth: dict) -> Rig:
     cameras, poses = {}, {}
     for name, entry in truth["cameras"].items():
-        matrix = np.array(entry["K"])
-        size = (truth["image_size"][0], truth["image_size"][1])
-        cameras[name] = Camera(
-            name, size, np.diag(matrix)[:2].copy(), matrix[:2, 2].copy(), np.array(entry["dist"])
-        )
+        cameras[name] = parse_true_camera(name, entry, truth["image_size"])
         poses[name] = Pose.of(entry["R_rel"], entry["t_rel"])
     return Rig("cam0", cameras, poses)
+
+
+def parse_true_camera(name: str, entry: dict, size_px: Sequence[int]) -> Camera:
+    """Return a camera of the truth; one without ``dist`` has no distortion."""
+    matrix, (width, height) = np.array(entry["K"]), size_px
+    distortion = np.array(entry.get("dist", np.zeros(5)))
+    return Camera(name, (width, height), np.diag(matrix)[:2].copy(), matrix[:2, 2].copy(), distortion)
 
 
 def _halve(image: np.ndarray, halvings: int) -> np.ndarray:

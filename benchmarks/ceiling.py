@@ -23,8 +23,6 @@ A cell has the class's share of the true pixels, and which share of the true pix
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from beltscape.core.progress import Silent
@@ -37,6 +35,7 @@ from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
 from matching.scenes import AblationScene, make_scene_parser, read_scenes
 from matching.visibility import CLASSES
+from tables import format_cells, format_head
 
 HEAD = (
     "scene",
@@ -93,26 +92,14 @@ def _find_best_candidates(matcher: MultiviewReconstructor, scene: Scene) -> np.n
 def main() -> None:
     """Print both tables, with a row for every scene."""
     arguments = make_scene_parser(__doc__).parse_args()
-    scenes = read_scenes(arguments.cache, arguments.rendered)
-    chosen = [one for one in scenes if any(text in one.scene.name for text in arguments.scenes)]
     missing = format_head(("scene", *CLASSES))
     print("\n".join(format_head(HEAD)))
-    for one in chosen:
+    for one in read_scenes(arguments):
         ceilings, classes = measure_ceilings(one)
-        print(format_row([one.scene.name, *(f"{value:.2%}" for value in ceilings)]), flush=True)
+        print(format_cells([one.scene.name, *(f"{value:.2%}" for value in ceilings)]), flush=True)
         cells = (f"{share:.1%}, {missed:.2%} missed" for share, missed in classes.values())
-        missing.append(format_row([one.scene.name, *cells]))
+        missing.append(format_cells([one.scene.name, *cells]))
     print("\n" + "\n".join(missing))
-
-
-def format_head(names: Sequence[str]) -> list[str]:
-    """Return the first two lines of a table of Markdown."""
-    return [format_row(names), "|" + "---|" * len(names)]
-
-
-def format_row(cells: Sequence[str]) -> str:
-    """Return a row of Markdown."""
-    return "| " + " | ".join(cells) + " |"
 
 
 if __name__ == "__main__":

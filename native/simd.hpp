@@ -112,12 +112,20 @@ BELTSCAPE_INLINE T* from_memory(T* pointer) {
 template <class F>
 inline constexpr int kPlacedAhead = Lane<F>::count > 1 ? 8 : 1;
 
-// Asks for the cache line of an address, of any value, that is read later. (Always inlined: GCC deletes calls
-// of functions that only prefetch.)
+// Asks for the cache line of a value that is read later, or for `count` values in the second-level cache, up
+// to the last one's line. The address may be any. (Always inlined: GCC deletes calls of functions that only
+// prefetch.)
 #ifdef __CUDACC__
 BELTSCAPE_INLINE void prefetch(const float*) {}
+template <class T>
+BELTSCAPE_INLINE void prefetch(const T*, int) {}
 #else
 [[gnu::always_inline]] inline void prefetch(const float* from) { __builtin_prefetch(from); }
+template <class T>
+[[gnu::always_inline]] inline void prefetch(const T* from, int count) {
+    constexpr int line = 64 / sizeof(T);
+    for (int i = 0; i < count; i += line) __builtin_prefetch(from + lesser(i + line, count) - 1, 0, 2);
+}
 #endif
 
 // base[index] as float; T is float, unsigned char, unsigned short, ...

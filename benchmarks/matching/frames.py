@@ -16,6 +16,7 @@ from beltscape.measure.volume.volume import measure_volume
 from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
 from captures import FULL, LABELS, Scene, read_rendered
 from matching.methods import HH, METHODS, MULTIVIEW, SGBM, Range, Result, bare_sgbm, run
+from tables import format_cells, format_head
 from timing import Cost, run_in_fresh_process
 
 _COLUMNS = (
@@ -38,8 +39,7 @@ each its own pair."""
 
 
 def head(*more: str) -> list[str]:
-    columns = (*more, *_COLUMNS)
-    return ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    return format_head((*more, *_COLUMNS))
 
 
 def row(name: str, result: Result, bases: Sequence[Cost | None], *more: str) -> str:
@@ -52,7 +52,7 @@ def row(name: str, result: Result, bases: Sequence[Cost | None], *more: str) -> 
         f"{s.gross:.2%}", f"{s.coverage:.2%}", _share(result.false_fill), f"{s.sigma_ratio:.2f}",
         f"{low:.2f}–{high:.2f}", f"{result.locking_px:.4f}", *_cost_cells(result.cost, bases),
     ]  # fmt: skip
-    return "| " + " | ".join("" if cell == "nan" else cell for cell in cells) + " |"
+    return format_cells(["" if cell == "nan" else cell for cell in cells])
 
 
 def _share(value: float) -> str:

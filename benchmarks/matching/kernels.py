@@ -28,6 +28,7 @@ from beltscape.stereo.multiview.selection.gain import compute_difference_varianc
 from beltscape.stereo.multiview.settings import MultiviewSettings
 from captures import Scene
 from matching.triangulation import random_points
+from tables import format_head
 from timing import measure_seconds
 
 PLANES = 64
@@ -90,10 +91,9 @@ def kernels(scenes: list[Scene]) -> list[str]:
     best = levels()[-1]
     others = list(reversed(levels()[:-1]))
     columns = ["kernel", "size", f"{best}, 1 thread", f"{best}, 2", *others, "OpenCV / SciPy", "reference"]
-    rows = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     cv2.setNumThreads(1)
     tables = [_rows(scene, best, others) for scene in scenes]
-    return [*rows, *(row for same in zip(*tables, strict=True) for row in same)]
+    return [*format_head(columns), *(row for same in zip(*tables, strict=True) for row in same)]
 
 
 def _rows(scene: Scene, best: str, others: list[str]) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -47,16 +48,25 @@ def make_scene_parser(description: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def read_scenes(cache: Path, rendered: Path | None) -> list[AblationScene]:
-    """Return all scenes; own ones are rendered into the cache once (a minute each)."""
-    tables = tomllib.loads(_SCENES.read_text("utf-8"))
-    scenes = [_read_own(name, Scenario.model_validate(table), cache / name) for name, table in tables.items()]
-    if rendered is not None and rendered.is_dir():
+def read_scenes(arguments: argparse.Namespace) -> Iterator[AblationScene]:
+    """Yield the scenes that the arguments choose; own ones are rendered into the cache once (a minute each)."""
+
+    def is_chosen(name: str) -> bool:
+        return any(text in name for text in arguments.scenes)
+
+    for name, table in tomllib.loads(_SCENES.read_text("utf-8")).items():
+        if is_chosen(name):
+            yield _read_own(name, Scenario.model_validate(table), arguments.cache / name)
+    if arguments.rendered is not None and arguments.rendered.is_dir():
         for name in ("belt_loaded", "module", "belt_empty"):
-            scene = replace(read_rendered(rendered, name, 0), name=f"{name}, other renderer")
-            visibility = find_visibility(scene.rig, scene.true_depth_mm, *read_projector(rendered / "truth"))
-            scenes.append(AblationScene(scene, None, visibility))
-    return scenes
+            if is_chosen(f"{name}, other renderer"):
+                yield _read_rendered(name, arguments.rendered)
+
+
+def _read_rendered(name: str, folder: Path) -> AblationScene:
+    scene = replace(read_rendered(folder, name, 0), name=f"{name}, other renderer")
+    visibility = find_visibility(scene.rig, scene.true_depth_mm, *read_projector(folder / "truth"))
+    return AblationScene(scene, None, visibility)
 
 
 def _read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:

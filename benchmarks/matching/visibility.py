@@ -14,6 +14,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.evaluate.scores.depth import interior_mask
 from beltscape.evaluate.truth.occluded_pixels import occluded_mask
 from beltscape.kernels import load
+from captures import parse_true_camera
 
 CLASSES = "unseen", "in shadow", "one view", "near a step", "elsewhere"
 """Names of the classes, in their order: a pixel belongs to the first that is true of it."""
@@ -58,8 +59,5 @@ def read_projector(truth: Path) -> tuple[Camera, Pose]:
     """Return the projector of rendered captures as a camera, and its pose in the core's frame."""
     entry = json.loads((truth / "projector.json").read_text())
     core = json.loads((truth / "rig.json").read_text())["cameras"]["cam0"]
-    matrix = np.array(entry["K"])
-    camera = Camera(
-        "projector", tuple(entry["size"]), np.diag(matrix)[:2].copy(), matrix[:2, 2].copy(), np.zeros(5)
-    )
+    camera = parse_true_camera("projector", entry, entry["size"])
     return camera, Pose.of(entry["R"], entry["t"]) @ Pose.of(core["R"], core["t"]).inverse()

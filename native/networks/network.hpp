@@ -96,19 +96,6 @@ BELTSCAPE_INLINE void read_plane(const Network& net, int p, const float* from, i
         }
 }
 
-// Brings the next `count` values into the second-level cache, up to the last one's line; they may lie beyond
-// the array's end. Always inlined: GCC deletes calls of functions that only prefetch.
-#ifdef __CUDACC__
-template <class T>
-BELTSCAPE_INLINE void prefetch(const T*, int) {}
-#else
-template <class T>
-[[gnu::always_inline]] inline void prefetch(const T* from, int count) {
-    constexpr int line = 64 / sizeof(T);
-    for (int i = 0; i < count; i += line) __builtin_prefetch(from + lesser(i + line, count) - 1, 0, 2);
-}
-#endif
-
 // Evaluates the network at pixels `at` ... `at + count - 1`; sums run in the order of the inputs.
 template <class F>
 BELTSCAPE_INLINE void evaluate_network_pixels(const Network& net, const float* const* planes, size_t at,

@@ -118,7 +118,7 @@ def make_optimiser(model: nn.Module, rate: float, decay: float) -> torch.optim.O
 
     The fused one takes the processor's square root; the other one MKL's, whose last bit depends on the processor.
     """
-    return torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=decay, fused=True)  # pyright: ignore[reportCallIssue]
+    return torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=decay, fused=True)
 
 
 def _descend(model: nn.Sequential, x: Tensor, loss: Loss, schedule: Schedule) -> None:

@@ -125,7 +125,7 @@ class SelectionSamples:
     """Of the uncertain pixels that is drawn."""
 
     def draw(self) -> Iterator[tuple[Pixels, Candidates, dict[str, np.ndarray], np.ndarray]]:
-        """Yield pixels, their candidates, these' features (1, M) and errors (9, N), px at scale 1, in parts."""
+        """Yield pixels, their candidates, the features (1, M) of those with a surface, and errors (9, N) in px."""
         rng = np.random.default_rng(0)
         for rows, columns in self.selector.find_uncertain_pixels():
             use = self.truth.scene[rows, columns] & (rng.random(len(rows)) < self.share)

@@ -7,12 +7,19 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
+from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.progress import Reporter
+from beltscape.reprocessing import parcel
 from beltscape.reprocessing import run as module
 from beltscape.reprocessing.results import PieceResult, PieceTimes
 from beltscape.sinks.historian.historian import Historian
@@ -75,6 +82,37 @@ def test_other_settings_of_measuring_need_a_store_of_their_own(
     )  # fmt: skip
     assert (code, out) == (2, "")
     assert "give another folder with --out" in err[-1]
+
+
+def test_a_run_goes_on_on_a_processor_that_fits_the_empty_belt_with_other_last_bits(
+    reprocess, monkeypatch
+) -> None:
+    reprocess()
+    fit = parcel.read_empty_belt
+
+    def fit_elsewhere(path: Path, reporter: Reporter) -> tuple[Belt, Camera]:
+        belt, camera = fit(path, reporter)
+        return replace(belt, noise_mm=float(np.nextafter(belt.noise_mm, np.inf))), camera
+
+    monkeypatch.setattr(parcel, "read_empty_belt", fit_elsewhere)
+    again = reprocess()
+    assert (again["changed"], again["measured_now"]) == (False, 0)
+
+
+def test_another_empty_belt_needs_a_store_of_its_own(reprocess, run, recorded_plant, tmp_path) -> None:
+    reprocess("moving")
+    other = _write_project(recorded_plant, tmp_path, 'empty = "empty/000"', 'empty = "empty"')
+    (tmp_path / "empty").unlink()
+    shutil.copytree(recorded_plant / "empty" / "000", tmp_path / "empty")
+    depth = tmp_path / "empty" / "depth.tiff"
+    changed = cv2.imread(str(depth), cv2.IMREAD_UNCHANGED)
+    changed[0, 0] = np.nan
+    cv2.imwrite(str(depth), changed)
+    code, out, err = run(
+        "reprocess", recorded_plant / "moving", "--project", other, "--out", tmp_path / "store"
+    )
+    assert (code, out) == (2, "")
+    assert "another rig, empty belt" in err[-1]
 
 
 def test_a_recording_that_comes_later_measures_only_what_it_touches(

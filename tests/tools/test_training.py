@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import os
 import subprocess
 import sys
 import tomllib
@@ -234,10 +235,18 @@ def test_the_area_under_the_roc_curve_is_the_share_of_ordered_pairs(load) -> Non
     assert np.isnan(compute_auc(score, np.ones(5, bool)))
 
 
+def test_only_the_program_of_the_training_chooses_instructions(load) -> None:
+    before = dict(os.environ)
+    for name in ("scenarios", "samples.pixels", "instructions"):
+        importlib.reload(load(name))
+    assert dict(os.environ) == before
+
+
 def test_a_training_takes_the_instructions_that_processors_have_in_common() -> None:
     pytest.importorskip("torch", reason=WITHOUT_TORCH)
     code = (
-        "import training, torch; from numpy._core._multiarray_umath import __cpu_features__ as found; "
+        "from training.instructions import restart_pinned; restart_pinned(); import torch; "
+        "from numpy._core._multiarray_umath import __cpu_features__ as found; "
         "print(torch.backends.cpu.get_cpu_capability(), found.get('X86_V4', False))"
     )
     ran = subprocess.run([sys.executable, "-c", code], cwd=TOOLS, capture_output=True, text=True, check=True)

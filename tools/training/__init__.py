@@ -5,7 +5,3 @@ features with their truth. `perceptron` fits a network by PyTorch; `confidence`,
 the recipes; `drawing` renders and draws on several workers; `instructions` lets every processor give the same bytes.
 ``python -m training`` runs what is missing, in order, and writes the manifest.
 """
-
-from training.instructions import pin_instructions
-
-pin_instructions()  # before anything imports NumPy or PyTorch

@@ -32,6 +32,7 @@ from training.cache import SampleCache
 from training.confidence import train_candidates, train_pixels
 from training.drawing import Drawing
 from training.holes import train_holes
+from training.instructions import restart_pinned
 from training.lumps import train_lumps
 from training.manifest import Assessment, write_manifest
 from training.perceptron import set_deterministic
@@ -172,4 +173,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    restart_pinned()
     main()

@@ -9,6 +9,7 @@ no such choice: between kinds of processors the last bits of its light may diffe
 from __future__ import annotations
 
 import os
+import sys
 
 PINNED = {
     # samples: float32 exp and log have other last bits with AVX-512
@@ -22,6 +23,7 @@ PINNED = {
 """Environment variables of NumPy, OpenBLAS, MKL, PyTorch and oneDNN, which read them when they are loaded."""
 
 
-def pin_instructions() -> None:
-    """Let the libraries that are loaded from here on, and programs that are started, use these instructions."""
-    os.environ.update(PINNED)
+def restart_pinned() -> None:
+    """Start this program again with these variables, unless it has them; programs that it starts get them, too."""
+    if any(os.environ.get(name) != value for name, value in PINNED.items()):
+        os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], os.environ | PINNED)

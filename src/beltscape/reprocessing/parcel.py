@@ -17,7 +17,7 @@ from beltscape import __version__
 from beltscape.core.progress import Reporter
 from beltscape.files.belt_json import write_belt
 from beltscape.pipeline.live.project import CaptureSettings, Project, RunSettings
-from beltscape.pipeline.measuring.belt import read_empty_belt
+from beltscape.pipeline.measuring.belt import hash_empty_belt, read_empty_belt
 
 _RIG, _BELT = "rig.json", "belt.json"
 
@@ -30,21 +30,32 @@ class Parcel:
     """With paths relative to the folder into which the files are unpacked."""
     files: tuple[tuple[str, bytes], ...]
     """Name → content."""
+    empty_sha256: str
+    """Digest of what the empty belt was fitted to."""
 
     @property
     def digest(self) -> str:
-        """Return the SHA-256 of all that decides the volumes: settings, rig, empty belt and the program's version."""
-        contents = [content for _, content in self.files]
-        parts = [__version__.encode(), self.settings.model_dump_json().encode(), *contents]
-        return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()
+        """Return the SHA-256 of all that decides the volumes: settings, rig, empty belt and the program's version.
+
+        A fit's last bits depend on the kind of processor; so the digest is of what the empty belt was fitted to, and
+        a run goes on on another machine.
+        """
+        parts = [__version__.encode(), self.settings.model_dump_json().encode()]
+        digests = [hashlib.sha256(part).digest() for part in parts]
+        digests += [
+            bytes.fromhex(self.empty_sha256) if name == _BELT else hashlib.sha256(content).digest()
+            for name, content in self.files
+        ]
+        return hashlib.sha256(b"".join(digests)).hexdigest()
 
 
 def pack_project(project: Project[RunSettings], reporter: Reporter) -> Parcel:
     """Return the parcel of a project; InputError if one of its files cannot be read."""
     settings = project.settings
+    empty = project.resolve(settings.empty)
     files = {
         _RIG: project.resolve(settings.rig).read_bytes(),
-        _BELT: _read_belt_file(project.resolve(settings.empty), reporter),
+        _BELT: _read_belt_file(empty, reporter),
     }
     own = RunSettings(
         name=settings.name,
@@ -55,7 +66,7 @@ def pack_project(project: Project[RunSettings], reporter: Reporter) -> Parcel:
         flow=settings.flow,
         health=settings.health,
     )
-    return Parcel(own, tuple(sorted(files.items())))
+    return Parcel(own, tuple(sorted(files.items())), hash_empty_belt(empty))
 
 
 def unpack_project(parcel: Parcel) -> Project[RunSettings]:

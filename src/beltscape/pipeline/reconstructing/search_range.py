@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 
 from beltscape.core.errors import ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
+from beltscape.core.runtime.system_calls import count_usable_cores
 from beltscape.files.rig_limits import LEAST_DEPTH_MM
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.consistency.check import check_consistency
@@ -81,16 +85,12 @@ def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter)
     chosen = {
         source.frames[int(i)] for i in np.unique(np.linspace(0, len(source) - 1, RANGE_FRAMES).astype(int))
     }
-    ranges: list[tuple[float, float]] = []
-    failure: ReconstructionError | None = None
-    for frame_set in source.preview_frames(chosen):
-        try:
-            ranges.append(find_depth_range(rig, frame_set, reporter))
-        except ReconstructionError as error:
-            failure = error
+    outcomes = _search_frames(source, rig, chosen, reporter)
+    ranges = [outcome for outcome in outcomes if not isinstance(outcome, ReconstructionError)]
     if not ranges:
         _raise_diagnosis(source, rig, min(chosen))
-        raise failure or ReconstructionError(f"{source.folder}: no frame in it")
+        failures = [outcome for outcome in outcomes if isinstance(outcome, ReconstructionError)]
+        raise failures[-1] if failures else ReconstructionError(f"{source.folder}: no frame in it")
     near, far = min(near for near, _ in ranges), max(far for _, far in ranges)
     if far < LEAST_DEPTH_MM:
         raise ReconstructionError(
@@ -98,6 +98,27 @@ def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter)
             "metres: multiply its translations by 1000"
         )
     return near, far
+
+
+def _search_frames(
+    source: FolderSource, rig: Rig, chosen: Collection[str], reporter: Reporter
+) -> list[tuple[float, float] | ReconstructionError]:
+    """Return the depth range of each chosen frame, or why it shows none; frames are searched side by side."""
+    cores = count_usable_cores()
+    threads = max(1, cores // len(chosen))
+
+    def search(frame_set: FrameSet) -> tuple[float, float] | ReconstructionError:
+        try:
+            return find_depth_range(rig, frame_set, Silent(), threads)
+        except ReconstructionError as error:
+            return error
+
+    outcomes: list[tuple[float, float] | ReconstructionError] = []
+    with ThreadPoolExecutor(cores) as pool:
+        for outcome in pool.map(search, source.preview_frames(chosen)):
+            outcomes.append(outcome)
+            reporter.step("looking for the surface", len(outcomes), len(chosen))
+    return outcomes
 
 
 def _raise_diagnosis(source: FolderSource, rig: Rig, frame: str) -> None:

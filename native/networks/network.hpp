@@ -9,10 +9,12 @@ namespace beltscape {
 
 inline constexpr int kMostUnits = 256;  // of a layer, and planes of evidence
 
-// `rows` (units, inputs + 1): weights, and in the last column the biases.
+// `rows` (units, inputs + 1): weights, and in the last column the biases. All layers but the last are
+// rectified.
 struct Layer {
     const float* rows;
     int inputs, units;
+    bool rectified;
 };
 
 // `low` and `high` (inputs of the first layer) clamp the inputs, NaN to `low`.
@@ -38,8 +40,7 @@ using Units = F[kMostUnits][kBeside<F>];
 
 // Evaluates units k ... k + count - 1.
 template <int count, class F>
-BELTSCAPE_INLINE void apply_units(const Layer& layer, const Units<F>& in, int k, bool is_last,
-                                  Units<F>& out) {
+BELTSCAPE_INLINE void apply_units(const Layer& layer, const Units<F>& in, int k, Units<F>& out) {
     const int stride = layer.inputs + 1;
     const float* const row = layer.rows + k * stride;
     F unit[count][kBeside<F>];
@@ -50,15 +51,15 @@ BELTSCAPE_INLINE void apply_units(const Layer& layer, const Units<F>& in, int k,
             for (int x = 0; x < kBeside<F>; ++x)
                 unit[j][x] = multiply_add(in[i][x], row[j * stride + i], unit[j][x]);
     for (int j = 0; j < count; ++j)
-        for (int x = 0; x < kBeside<F>; ++x) out[k + j][x] = is_last ? unit[j][x] : greater(unit[j][x], F{});
+        for (int x = 0; x < kBeside<F>; ++x)
+            out[k + j][x] = layer.rectified ? greater(unit[j][x], F{}) : unit[j][x];
 }
 
 // Evaluates the units from k on, `count` at a time, and the rest in halves of that.
 template <int count, class F>
-BELTSCAPE_INLINE void apply_layer(const Layer& layer, const Units<F>& in, int k, bool is_last,
-                                  Units<F>& out) {
-    for (; k + count <= layer.units; k += count) apply_units<count, F>(layer, in, k, is_last, out);
-    if constexpr (count > 1) apply_layer<count / 2, F>(layer, in, k, is_last, out);
+BELTSCAPE_INLINE void apply_layer(const Layer& layer, const Units<F>& in, int k, Units<F>& out) {
+    for (; k + count <= layer.units; k += count) apply_units<count, F>(layer, in, k, out);
+    if constexpr (count > 1) apply_layer<count / 2, F>(layer, in, k, out);
 }
 
 // Evaluates all layers and returns the outputs, which lie in `in` or in `spare`.
@@ -66,7 +67,7 @@ template <class F>
 BELTSCAPE_INLINE const Units<F>& evaluate_layers(const Network& net, Units<F>& in, Units<F>& spare) {
     Units<F>*from = &in, *to = &spare;
     for (int l = 0; l < net.layer_count; ++l) {
-        apply_layer<kAbreast<F>, F>(net.layers[l], *from, 0, l == net.layer_count - 1, *to);
+        apply_layer<kAbreast<F>, F>(net.layers[l], *from, 0, *to);
         Units<F>* const read = from;
         from = to, to = read;
     }
@@ -118,7 +119,8 @@ BELTSCAPE_INLINE void evaluate_network_pixels(const Network& net, const float* c
 inline std::vector<Layer> layers_of(const std::vector<Grid<const float>>& layers) {
     std::vector<Layer> all;
     for (const Grid<const float>& layer : layers)
-        all.push_back({layer.data, layer.width() - 1, layer.height()});
+        all.push_back({layer.data, layer.width() - 1, layer.height(), true});
+    all.back().rectified = false;
     return all;
 }
 

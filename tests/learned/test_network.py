@@ -75,6 +75,8 @@ def test_a_network_survives_its_file_and_gives_the_same_bytes(tmp_path: Path) ->
         ({"features": ("one", "two")}, "limits are"),
         ({"outputs": ("one",)}, "the last layer has 2 units"),
         ({"layers": (np.zeros((2, 9), np.float32),)}, "layer_0 is"),
+        ({"layers": (np.full((2, 4), np.nan, np.float32),)}, "layer_0 has a number that is not finite"),
+        ({"limits": np.full((2, 3), np.inf, np.float32)}, "limits has a number that is not finite"),
     ],
 )
 def test_a_file_whose_parts_do_not_fit_is_refused(change: dict[str, object], message: str) -> None:

@@ -38,7 +38,8 @@ def read_network(source: Path | IO[bytes], name: str) -> Network:
     Raises
     ------
     InputError
-        If an array is missing, or the layers fit neither each other nor the names of features and outputs.
+        If an array is missing, a number is not finite, or the layers fit neither each other nor the names of features
+        and outputs.
     """
     with np.load(source, allow_pickle=False) as arrays:
         count = sum(key.startswith("layer_") for key in arrays.files)
@@ -63,6 +64,10 @@ def _check(network: Network, name: str) -> None:
         if layer.ndim != 2 or layer.shape[1] != inputs + 1:
             raise InputError(f"{name}: layer_{i} is {layer.shape}; it must be (units, {inputs + 1})")
         inputs = layer.shape[0]
+    numbers = {"limits": network.limits} | {f"layer_{i}": layer for i, layer in enumerate(network.layers)}
+    for key, array in numbers.items():
+        if not np.isfinite(array).all():
+            raise InputError(f"{name}: {key} has a number that is not finite; the file is damaged")
     if inputs != len(network.outputs):
         raise InputError(
             f"{name}: the last layer has {inputs} units, but there are {len(network.outputs)} outputs"

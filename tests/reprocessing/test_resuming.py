@@ -106,6 +106,7 @@ def test_another_empty_belt_needs_a_store_of_its_own(reprocess, run, recorded_pl
     shutil.copytree(recorded_plant / "empty" / "000", tmp_path / "empty")
     depth = tmp_path / "empty" / "depth.tiff"
     changed = cv2.imread(str(depth), cv2.IMREAD_UNCHANGED)
+    assert changed is not None
     changed[0, 0] = np.nan
     cv2.imwrite(str(depth), changed)
     code, out, err = run(

@@ -236,10 +236,10 @@ def test_the_area_under_the_roc_curve_is_the_share_of_ordered_pairs(load) -> Non
 
 
 def test_only_the_program_of_the_training_chooses_instructions(load) -> None:
-    before = dict(os.environ)
-    for name in ("scenarios", "samples.pixels", "instructions"):
-        importlib.reload(load(name))
-    assert dict(os.environ) == before
+    pinned = load("instructions").PINNED
+    environment = {name: value for name, value in os.environ.items() if name not in pinned}
+    code = f"import os, training.scenarios; assert not set({[*pinned]}) & set(os.environ)"
+    subprocess.run([sys.executable, "-c", code], cwd=TOOLS, env=environment, check=True)
 
 
 def test_a_training_takes_the_instructions_that_processors_have_in_common() -> None:

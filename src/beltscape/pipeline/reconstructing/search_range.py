@@ -85,11 +85,9 @@ def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter)
     chosen = {
         source.frames[int(i)] for i in np.unique(np.linspace(0, len(source) - 1, RANGE_FRAMES).astype(int))
     }
-    outcomes = _search_frames(source, rig, chosen, reporter)
-    ranges = [outcome for outcome in outcomes if not isinstance(outcome, ReconstructionError)]
+    ranges, failures = _search_frames(source, rig, chosen, reporter)
     if not ranges:
         _raise_diagnosis(source, rig, min(chosen))
-        failures = [outcome for outcome in outcomes if isinstance(outcome, ReconstructionError)]
         raise failures[-1] if failures else ReconstructionError(f"{source.folder}: no frame in it")
     near, far = min(near for near, _ in ranges), max(far for _, far in ranges)
     if far < LEAST_DEPTH_MM:
@@ -102,8 +100,8 @@ def find_capture_depth_range(source: FolderSource, rig: Rig, reporter: Reporter)
 
 def _search_frames(
     source: FolderSource, rig: Rig, chosen: Collection[str], reporter: Reporter
-) -> list[tuple[float, float] | ReconstructionError]:
-    """Return the depth range of each chosen frame, or why it shows none; frames are searched side by side."""
+) -> tuple[list[tuple[float, float]], list[ReconstructionError]]:
+    """Return the depth ranges of the chosen frames, and why others show none; frames are searched side by side."""
     cores = count_usable_cores()
     threads = max(1, cores // len(chosen))
 
@@ -113,12 +111,16 @@ def _search_frames(
         except ReconstructionError as error:
             return error
 
-    outcomes: list[tuple[float, float] | ReconstructionError] = []
+    ranges: list[tuple[float, float]] = []
+    failures: list[ReconstructionError] = []
     with ThreadPoolExecutor(cores) as pool:
         for outcome in pool.map(search, source.preview_frames(chosen)):
-            outcomes.append(outcome)
-            reporter.step("looking for the surface", len(outcomes), len(chosen))
-    return outcomes
+            if isinstance(outcome, ReconstructionError):
+                failures.append(outcome)
+            else:
+                ranges.append(outcome)
+            reporter.step("looking for the surface", len(ranges) + len(failures), len(chosen))
+    return ranges, failures
 
 
 def _raise_diagnosis(source: FolderSource, rig: Rig, frame: str) -> None:

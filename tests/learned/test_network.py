@@ -60,7 +60,8 @@ def test_a_network_survives_its_file_and_gives_the_same_bytes(tmp_path: Path) ->
     network = make_network(np.random.default_rng(1), (3, 4, 2))
     first, second = tmp_path / "a.npz", tmp_path / "b.npz"
     write_network(first, network)
-    again = read_network(first, "a.npz")
+    with first.open("rb") as stream:
+        again = read_network(stream, "a.npz")
     write_network(second, again)
     assert first.read_bytes() == second.read_bytes()
     assert (again.features, again.outputs) == (network.features, network.outputs)
@@ -87,10 +88,39 @@ def test_a_file_whose_parts_do_not_fit_is_refused(change: dict[str, object], mes
         read_network(stream, "some.npz")
 
 
-def test_a_file_without_layers_is_refused(tmp_path: Path) -> None:
-    np.savez(tmp_path / "x.npz", features=np.array(["a"]))
-    with pytest.raises(InputError, match="has no array outputs"):
-        read_network(tmp_path / "x.npz", "x.npz")
+@pytest.mark.parametrize(
+    ("arrays", "missing"),
+    [
+        (("features",), "outputs"),
+        (("features", "outputs", "limits"), "layer_0"),
+        (("features", "outputs", "limits", "layer_0", "layer_2"), "layer_1"),
+    ],
+)
+def test_an_array_that_is_missing_is_named(arrays: tuple[str, ...], missing: str) -> None:
+    stream = io.BytesIO()
+    np.savez(stream, allow_pickle=False, **dict.fromkeys(arrays, np.zeros((2, 2))))
+    stream.seek(0)
+    with pytest.raises(InputError, match=f"x.npz: has no array {missing};"):
+        read_network(stream, "x.npz")
+
+
+@pytest.mark.parametrize("part", [0, 0.5, 0.99])
+def test_a_file_that_ends_early_is_refused(part: float) -> None:
+    stream = io.BytesIO()
+    write_network(stream, make_network(np.random.default_rng(1), (3, 4, 2)))
+    whole = stream.getvalue()
+    with pytest.raises(InputError, match="is no readable file of arrays"):
+        read_network(io.BytesIO(whole[: int(part * len(whole))]), "some.npz")
+
+
+def test_a_weight_of_which_a_bit_flipped_is_refused() -> None:
+    network = make_network(np.random.default_rng(1), (3, 4, 2))
+    stream = io.BytesIO()
+    write_network(stream, network)
+    damaged = bytearray(stream.getvalue())
+    damaged[damaged.index(network.layers[0].tobytes())] ^= 1
+    with pytest.raises(InputError, match="is no readable file of arrays"):
+        read_network(io.BytesIO(damaged), "some.npz")
 
 
 @pytest.mark.parametrize("name", PURPOSES)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any, cast
+from typing import IO, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,16 @@ def write_arrays(path: Path, /, **arrays: NDArray[Any]) -> None:
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Return the arrays of a file by name; InputError if it is missing, damaged or no such file."""
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        with path.open("rb") as stream:
+            return parse_arrays(stream, str(path))
+    except OSError as error:
         raise InputError(f"{path}: is no readable file of arrays ({error})") from None
+
+
+def parse_arrays(stream: IO[bytes], name: str) -> dict[str, NDArray[Any]]:
+    """Return the arrays of an open file, which is called ``name`` in errors; InputError as `read_arrays`."""
+    try:
+        with np.load(stream, allow_pickle=False) as arrays:
+            return {key: arrays[key] for key in arrays.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        raise InputError(f"{name}: is no readable file of arrays ({error})") from None

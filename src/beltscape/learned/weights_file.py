@@ -16,6 +16,7 @@ from typing import IO
 import numpy as np
 
 from beltscape.core.errors import InputError
+from beltscape.files.arrays import parse_arrays
 from beltscape.learned.network import Network
 
 
@@ -32,26 +33,26 @@ def write_network(path: Path | IO[bytes], network: Network) -> None:
     )
 
 
-def read_network(source: Path | IO[bytes], name: str) -> Network:
-    """Return the network in a file, which is called ``name`` in errors.
+def read_network(stream: IO[bytes], name: str) -> Network:
+    """Return the network in an open file, which is called ``name`` in errors.
 
     Raises
     ------
     InputError
-        If an array is missing, a number is not finite, or the layers fit neither each other nor the names of features
-        and outputs.
+        If the file is damaged, an array is missing, a number is not finite, or the layers fit neither each other nor
+        the names of features and outputs.
     """
-    with np.load(source, allow_pickle=False) as arrays:
-        count = sum(key.startswith("layer_") for key in arrays.files)
-        missing = [key for key in ("features", "outputs", "limits", "layer_0") if key not in arrays.files]
-        if missing:
-            raise InputError(f"{name}: has no array {missing[0]}; it is no file of a network")
-        network = Network(
-            tuple(map(str, arrays["features"])),
-            tuple(map(str, arrays["outputs"])),
-            arrays["limits"].astype(np.float32),
-            tuple(arrays[f"layer_{i}"].astype(np.float32) for i in range(count)),
-        )
+    arrays = parse_arrays(stream, name)
+    layers = [f"layer_{i}" for i in range(max(1, sum(key.startswith("layer_") for key in arrays)))]
+    missing = [key for key in ("features", "outputs", "limits", *layers) if key not in arrays]
+    if missing:
+        raise InputError(f"{name}: has no array {missing[0]}; it is no file of a network")
+    network = Network(
+        tuple(map(str, arrays["features"])),
+        tuple(map(str, arrays["outputs"])),
+        arrays["limits"].astype(np.float32),
+        tuple(arrays[key].astype(np.float32) for key in layers),
+    )
     _check(network, name)
     return network
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 from beltscape.files.rig_json import read_rig
 from beltscape.learned.network import Network
 from beltscape.measure.lumps.features import compute_features
@@ -96,7 +97,7 @@ def _draw(capture: Path) -> dict[str, np.ndarray]:
 def _draw_cells(
     depth: DepthMap,
     rocks: np.ndarray,
-    camera,
+    camera: Camera,
     rng: np.random.Generator,
 ) -> Iterator[tuple[tuple[str, ...], np.ndarray, np.ndarray]]:
     """Yield names, features (N, F) and targets (N, 2) at each width of cell."""

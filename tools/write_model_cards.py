@@ -6,6 +6,7 @@ python tools/write_model_cards.py
 from __future__ import annotations
 
 import json
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ PAGE = ROOT / "docs/reference/models.md"
 MANIFEST = ROOT / "src/beltscape/data/networks/manifest.json"
 _FEW = 12
 """Largest number of features of which all are named; of more, the first are."""
+_WIDTH = 120
+"""Characters of a line."""
 HEAD = """# Models
 
 Fitted networks decide which pixels are accepted, how accurate they are, and what lies in holes. All are small
@@ -39,23 +42,16 @@ def describe_origin(manifest: dict[str, Any]) -> str:
         f"Trained on the scenarios {first} to {last} of `tools/training/scenarios.py`, each drawn from the\n"
         f"seed of its number, at commit {manifest['commit'][:9]}. Scenarios {first_held_out} to "
         f"{last_held_out} were held out.\n\n"
-        + describe_libraries(manifest.get("made_with", {}))
+        + describe_libraries(manifest["made_with"])
         + format_scores(manifest["reconstruction"])
     )
 
 
 def describe_libraries(made_with: dict[str, str]) -> str:
     """Return the paragraph on the processors and libraries that give these bytes."""
-    if not made_with:
-        return (
-            "The bytes depended on the processor: these networks were fitted on one of them, before\n"
-            "`tools/training/instructions.py` gave all processors the same from the same captures.\n"
-            "`make train` gives other weights.\n\n"
-        )
     versions = ", ".join(f"{library} {version}" for library, version in made_with.items())
-    return (
-        f"The bytes are those of {versions}, on any x86-64 processor with AVX2\nfrom the same captures.\n\n"
-    )
+    sentence = f"The bytes are those of {versions}, on any x86-64 processor with AVX2 from the same captures."
+    return textwrap.fill(sentence, _WIDTH) + "\n\n"
 
 
 def format_scores(scores: dict[str, dict[str, float]]) -> str:

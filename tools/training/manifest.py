@@ -35,6 +35,7 @@ class Assessment:
 
 def write_manifest(networks: Path, out: Path, assessment: Assessment) -> None:
     """Copy the networks of a training to a folder, with manifest.json."""
+    commit = _read_commit()  # before this training's own files change the working tree
     out.mkdir(parents=True, exist_ok=True)
     entries: dict[str, Any] = {}
     for name in PURPOSES:
@@ -51,7 +52,7 @@ def write_manifest(networks: Path, out: Path, assessment: Assessment) -> None:
         shutil.copyfile(path, out / path.name)
     document = {
         "made_by": "make train",
-        "commit": _read_commit(),
+        "commit": commit,
         "made_with": {library: importlib.metadata.version(library) for library in MADE_WITH},
         "scenarios": {
             "training": [0, assessment.trained - 1],

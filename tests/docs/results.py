@@ -19,6 +19,8 @@ from pathlib import Path
 from tests.docs.program import Answer
 
 WITH_SUBCOMMANDS = {"measure", "target", "evaluate"}
+LISTENING = "run"
+"""The command that listens at the manual's ports, the same on all its pages: one at a time over all workers."""
 PURE = {"calibrate", "check", "rectify", "reconstruct", "simulate", "plan", "view"} | WITH_SUBCOMMANDS
 
 
@@ -30,10 +32,14 @@ class Results:
 
     def obtain(self, words: Sequence[str], at: Path, call: Callable[[Sequence[str], Path], Answer]) -> Answer:
         """Return the answer of a command run in the folder ``at``, whose output is there afterwards."""
+        self.folder.mkdir(exist_ok=True)
+        if words[0] == LISTENING:
+            with (self.folder / "ports.lock").open("w") as lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+                return call(words, at)
         if words[0] not in PURE:
             return call(words, at)
         kept = self.folder / digest_command(words, at)
-        self.folder.mkdir(exist_ok=True)
         out = at / words[words.index("--out") + 1] if "--out" in words else None
         with kept.with_suffix(".lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)

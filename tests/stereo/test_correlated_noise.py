@@ -25,7 +25,8 @@ CHANGES = {
 }
 """Change of the images, least ratio of actual to stated sigma without the correction, largest with it.
 
-Without it the ratios were 1.09 to 1.14, 4 to 6 % less than with the networks before: so much two trainings differ.
+Without it the ratios are 1.09 to 1.14. With the networks before they were 2 to 4 % larger: so much two trainings
+differ.
 """
 
 

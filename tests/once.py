@@ -3,10 +3,19 @@
 from __future__ import annotations
 
 import fcntl
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+
+
+@contextmanager
+def hold_lock(path: Path) -> Iterator[None]:
+    """Keep all other workers that ask for the same lock waiting until the context ends."""
+    with path.open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def make_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
@@ -14,8 +23,7 @@ def make_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
     shared = factory.getbasetemp()
     shared = shared.parent if shared.name.startswith("popen") else shared
     folder, done = shared / name, shared / f"{name}.done"
-    with (shared / f"{name}.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with hold_lock(shared / f"{name}.lock"):
         if not done.is_file():
             folder.mkdir()
             make(folder)

@@ -6,7 +6,6 @@ bytes under any name. Every worker finds the results of all others.
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import re
@@ -17,6 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from tests.docs.program import Answer
+from tests.once import hold_lock
 
 WITH_SUBCOMMANDS = {"measure", "target", "evaluate"}
 LISTENING = "run"
@@ -34,15 +34,13 @@ class Results:
         """Return the answer of a command run in the folder ``at``, whose output is there afterwards."""
         self.folder.mkdir(exist_ok=True)
         if words[0] == LISTENING:
-            with (self.folder / "ports.lock").open("w") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX)
+            with hold_lock(self.folder / "ports.lock"):
                 return call(words, at)
         if words[0] not in PURE:
             return call(words, at)
         kept = self.folder / digest_command(words, at)
         out = at / words[words.index("--out") + 1] if "--out" in words else None
-        with kept.with_suffix(".lock").open("w") as lock:
-            fcntl.flock(lock, fcntl.LOCK_EX)
+        with hold_lock(kept.with_suffix(".lock")):
             if (kept / "answer.json").is_file():
                 if out is not None:
                     replace(kept / "out", out)

@@ -77,6 +77,10 @@ def test_what_is_wrong_is_one_line(folders, tmp_path, capsys):
     write_float_tiff(frame / "sigma.tiff", np.full((20, 30), 0.1, np.float32))
     assert main(["evaluate", "lumps", str(frame), "--truth", str(truth)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
-    (truth / "belt_loaded_depth.npz").unlink()
+    seen = truth / "belt_loaded_depth.npz"
+    seen.write_bytes(seen.read_bytes()[:-50])
+    assert main(["evaluate", "lumps", "--truth", str(truth)]) == 2
+    assert f"{seen}: is no readable file of arrays" in capsys.readouterr().err
+    seen.unlink()
     assert main(["evaluate", "lumps", "--truth", str(truth)]) == 2
     assert "simulate the scene again" in capsys.readouterr().err

@@ -117,6 +117,8 @@ def test_what_is_missing_is_named(tmp_path, ours):
     np.savez(ours / "small_depth.npz", depth_mm=np.zeros((3, 4)), label=np.zeros((3, 4)))
     with pytest.raises(InputError, match="4×3 px"):
         read_truth(ours, "small")
-    (ours / "broken_depth.npz").write_text("no npz")
-    with pytest.raises(InputError, match="not a truth's npz"):
-        read_truth(ours, "broken")
+    whole = (ours / "small_depth.npz").read_bytes()
+    for content in (b"no npz", b"", whole[: len(whole) // 2]):
+        (ours / "broken_depth.npz").write_bytes(content)
+        with pytest.raises(InputError, match="not a truth's npz"):
+            read_truth(ours, "broken")

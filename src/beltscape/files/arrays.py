@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 from beltscape.core.errors import InputError
 from beltscape.files.folders.atomic import atomic_replacement
 
+DAMAGED = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)
+"""What NumPy and the archive raise for a file that cannot be read, is damaged or is no archive of arrays."""
+
 
 def write_arrays(path: Path, /, **arrays: NDArray[Any]) -> None:
     """Write named arrays, atomically; OutputError where the disk does not take them."""
@@ -34,5 +37,5 @@ def parse_arrays(stream: IO[bytes], name: str) -> dict[str, NDArray[Any]]:
     try:
         with np.load(stream, allow_pickle=False) as arrays:
             return {key: arrays[key] for key in arrays.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+    except DAMAGED as error:
         raise InputError(f"{name}: is no readable file of arrays ({error})") from None

@@ -12,6 +12,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.evaluate.scores.lumps import LumpScore, score_lumps
+from beltscape.files.arrays import read_arrays
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.lumps.lumps import measure_lumps
@@ -56,14 +57,14 @@ def read_heap(truth: Path) -> TrueHeap:
         raise InputError(
             f"{truth}: holds {len(rocks)} *_rocks.npz; give truth/ of one loaded belt by beltscape simulate"
         )
-    with np.load(rocks[0]) as arrays:
-        size, volume = (arrays[name].astype(np.float64) for name in ("size_mm", "volume_mm3"))
+    bodies = read_arrays(rocks[0])
+    size, volume = (bodies[name].astype(np.float64) for name in ("size_mm", "volume_mm3"))
     seen = rocks[0].with_name(rocks[0].name.replace("_rocks", "_depth"))
     if not seen.is_file():
         raise InputError(f"{seen}: is missing beside {rocks[0].name}; simulate the scene again")
-    with np.load(seen) as arrays:
-        depth = arrays["depth_mm"].astype(np.float32)
-        rock = arrays["rock"].astype(np.int32) if "rock" in arrays else np.full(depth.shape, -1, np.int32)
+    arrays = read_arrays(seen)
+    depth = arrays["depth_mm"].astype(np.float32)
+    rock = arrays["rock"].astype(np.int32) if "rock" in arrays else np.full(depth.shape, -1, np.int32)
     if depth.ndim != 2 or not (rock >= 0).any():
         raise InputError(f"{seen}: shows no rock in a single frame; simulate belt_loaded with rocks")
     valid = np.isfinite(depth)

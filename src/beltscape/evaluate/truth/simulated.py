@@ -17,6 +17,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_mapping
 from beltscape.evaluate.truth.occluded_pixels import occluded_mask
 from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
+from beltscape.files.arrays import DAMAGED
 from beltscape.files.documents.json_text import read_json
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
@@ -114,9 +115,9 @@ def read_truth(path: Path, scene: str | None = None) -> TruthFile:
     """
     file = _depth_file(path, scene)
     try:
-        with np.load(file) as arrays:
+        with file.open("rb") as stream, np.load(stream) as arrays:
             own = {name: arrays[name] for name in _WANTED if name in arrays.files}
-    except (OSError, ValueError) as error:
+    except DAMAGED as error:
         raise InputError(f"{file}: not a truth's npz file; give truth/<scene>_depth.npz") from error
     depth = own.get("depth_mm", own.get("z_pinhole"))
     label = own.get("label", own.get("label_pinhole"))

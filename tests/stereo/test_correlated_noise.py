@@ -19,8 +19,8 @@ SOLID = plane(700, 0.2, 0.1)
 RANGE = (620.0, 800.0)
 CHANGES = {
     "as taken": (lambda i: i, 0.85, 1.35),
-    "bilinear": (lambda i: cv2.cvtColor(i, cv2.COLOR_BayerRGGB2RGB), 1.05, 1.25),
-    "edge-aware": (lambda i: cv2.cvtColor(i, cv2.COLOR_BayerRGGB2RGB_EA), 1.05, 1.25),
+    "bilinear": (lambda i: cv2.cvtColor(i, cv2.COLOR_BayerRGGB2RGB), 1.1, 1.25),
+    "edge-aware": (lambda i: cv2.cvtColor(i, cv2.COLOR_BayerRGGB2RGB_EA), 1.1, 1.25),
     "blurred": (lambda i: cv2.GaussianBlur(i, (0, 0), 0.8), 1.05, 1.25),
 }
 """Change of the images, least ratio of actual to stated sigma without the correction, largest with it.

@@ -109,6 +109,16 @@ class OpcUaServer:
         self._listening.start(self._settings.host, self._settings.port, "choose another port or address")
         if self.own.ends_soon:
             self._on_message(f"opcua: {self.own.describe()}: make a new one, and have the clients trust it")
+        if missing := self.own.list_missing_hosts(self._settings):
+            fix = (
+                "remove opcua/certificate.der from the data folder"
+                if self._settings.certificate is None
+                else "make one"
+            )
+            self._on_message(
+                f"opcua: the certificate does not name {', '.join(missing)}, which some clients demand: {fix}, and "
+                "have them trust the new one"
+            )
         self._on_message(f"opcua: opc.tcp://{self._settings.host}:{self.port}/, {self.own.describe()}")
 
     @property

@@ -110,14 +110,10 @@ class OpcUaServer:
         if self.own.ends_soon:
             self._on_message(f"opcua: {self.own.describe()}: make a new one, and have the clients trust it")
         if missing := self.own.list_missing_hosts(self._settings):
-            fix = (
-                "remove opcua/certificate.der from the data folder"
-                if self._settings.certificate is None
-                else "make one"
-            )
             self._on_message(
-                f"opcua: the certificate does not name {', '.join(missing)}, which some clients demand: {fix}, and "
-                "have them trust the new one"
+                f"opcua: the certificate does not name {', '.join(missing)}, which some clients demand: make a new "
+                "one (where the service made it, remove opcua/certificate.der from the data folder), and have the "
+                "clients trust it"
             )
         self._on_message(f"opcua: opc.tcp://{self._settings.host}:{self.port}/, {self.own.describe()}")
 

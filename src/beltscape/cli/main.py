@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn, cast
 
 from beltscape import __version__
@@ -14,6 +15,8 @@ from beltscape.cli.command import Command
 from beltscape.cli.commands.installation import completion
 from beltscape.cli.examples import add_examples
 from beltscape.cli.failure import UsageError, report_failure
+from beltscape.cli.terminal import Terminal, prepare_streams, print_output
+from beltscape.core.errors import InputError
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -27,13 +30,22 @@ class OneLineParser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; return the exit code: 0 on success, else that of `beltscape.cli.failure`."""
     words = list(sys.argv[1:] if argv is None else argv)
+    prepare_streams()
     try:
-        return _run_command(words)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return _run_and_flush(words)
     except (Exception, KeyboardInterrupt) as error:
         return report_failure(error, as_json="--json" in words)
+
+
+def _run_and_flush(words: Sequence[str]) -> int:
+    """Run the program, and see that what argparse prints can be written."""
+    try:
+        code = _run_command(words)
+    except SystemExit:
+        print_output("")
+        raise
+    print_output("")
+    return code
 
 
 def _run_command(words: Sequence[str]) -> int:
@@ -67,15 +79,24 @@ def _declare(name: str, parser: argparse.ArgumentParser) -> Command:
 
 def _run(command: Command, arguments: argparse.Namespace) -> int:
     from beltscape.cli.output import manage_output
-    from beltscape.cli.terminal import Terminal
     from beltscape.files.documents.json_text import to_json
 
+    _require_working_folder()
     with Terminal() as terminal, manage_output(arguments) as output:
         result = {**output.relocate(command.run(arguments, terminal)), "warnings": terminal.warnings}
     text = to_json(result) if arguments.json else command.summary(result) + "\n"
-    sys.stdout.write(text)
-    sys.stdout.flush()
+    print_output(text, as_json=arguments.json)
     return 0
+
+
+def _require_working_folder() -> None:
+    """Raise InputError where the folder in which the program was started is gone: relative paths lead nowhere."""
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise InputError(
+            f"the working folder cannot be used ({error.strerror}): it was removed or moved away; cd to another one"
+        ) from error
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:

@@ -60,7 +60,7 @@ def run_plant(
         closing(plant.access),
         serve_production(plant.production, project),
         serve_protocols(
-            protocols, plant.served, options.data, plant.live_state.on_message
+            protocols, plant.served, options.data, plant.assembled.components.observer.on_message
         ) as plant.protocols,
         _serve_page(plant, reloader) if page else nullcontext() as plant.server,
     ):
@@ -97,7 +97,11 @@ def _make_plant(project: Project[ProjectSettings], options: RunOptions, *, page:
         assembled.production,
     )
     production = ServedProduction(
-        assembled.production, assembled.historian, options.data, live_state.on_message, reports
+        assembled.production,
+        assembled.historian,
+        options.data,
+        assembled.components.observer.on_message,
+        reports,
     )
     return RunningPlant(project, assembled, assembled.parts, live_state, access, expiry, served, production)
 

@@ -32,6 +32,8 @@ class OpcUaSettings(BaseModel):
     """The server's own certificate, PEM or DER, together with ``key``; None: the service makes one."""
     key: Path | None = None
     """Its private key, PEM or DER."""
+    hosts: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9.:_-]{1,253}$")], ...] = ()
+    """Further names and addresses by which clients connect, for the certificate that the service makes."""
     update_every_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
     """Period of the present values."""
     full_t_h: Limit | None = None

@@ -39,8 +39,6 @@ def check_modbus(modbus: ModbusSettings) -> str:
     from beltscape.protocols.modbus.commands import place_commands
     from beltscape.protocols.modbus.registers import place_registers
 
-    with name_library("modbus"):
-        import_module("pymodbus")
     registers = place_registers(modbus)
     place_commands(modbus, registers)
     last = registers[-1].address + registers[-1].words - 1

@@ -203,9 +203,8 @@ def _start_modbus(
 ) -> Served:
     from beltscape.protocols.modbus.commands import place_commands
     from beltscape.protocols.modbus.registers import place_registers, write_csv
+    from beltscape.protocols.modbus.server import ModbusServer
 
-    with name_library("modbus"):
-        from beltscape.protocols.modbus.server import ModbusServer
     server = ModbusServer(settings, plant, data, tell, plant, plant.users)
     placed = place_registers(settings)
     write_text(data / "modbus.csv", write_csv([*placed, *place_commands(settings, placed)]))

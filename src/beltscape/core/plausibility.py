@@ -141,6 +141,55 @@ class Quantity:
         return f"{self.name} in {sign} ({_format(limits[0])} to {_format(limits[1])}){hint}"
 
 
+_STILL_MM_S, _FAST_MM_S, _IMPOSSIBLE_MM_S = 10.0, 15_000.0, 50_000.0
+"""Below the first no conveyor moves, the second is beyond the fastest, the third beyond any encoder's slip. A belt of
+up to 10 m/s with times in ms, or positions in m, is below the first."""
+_SELDOM_S = 8.0
+"""Frames this far apart come from no moving belt; up to 125 a second their times in ms are farther apart. Chosen."""
+_SHORT_S, _LONG_S = 0.005, 0.5
+"""Frames farther apart than the second may have times in ms, nearer than the first in minutes or hours. Chosen."""
+_LIKELY_S, _LIKELY_MM_S = (0.001, 5.0), (30.0, 12_000.0)
+"""Intervals of frames and speeds of belts that a unit must lead to in order to be suggested."""
+_TIMES = (
+    *UNITS["s"][:1],
+    ("microseconds", 1e-6),
+    ("nanoseconds", 1e-9),
+    ("minutes", 60.0),
+    ("hours", 3600.0),
+)
+_POSITIONS = UNITS["mm"][:2] + UNITS["mm"][3:]
+
+
+def find_motion_faults(interval_s: float, speed_mm_s: float) -> tuple[str, str]:
+    """Return why frames at an interval of a belt at a speed cannot be, and what is unusual in them; empty if nothing.
+
+    ``speed_mm_s`` is that of the moving belt; 0: it never moves.
+    """
+    if speed_mm_s == 0 or _STILL_MM_S <= speed_mm_s <= _FAST_MM_S:
+        return "", ""
+    times = [
+        (name, factor)
+        for name, factor in _TIMES
+        if (interval_s > _LONG_S if factor < 1 else interval_s < _SHORT_S)
+        and _is_likely(interval_s * factor, speed_mm_s / factor)
+    ]
+    places = [(name, factor) for name, factor in _POSITIONS if _is_likely(interval_s, speed_mm_s * factor)]
+    fixes = [
+        *(f"; timestamp_s in {name}? multiply by {_round(factor)}" for name, factor in times),
+        *(f"; belt_position_mm in {name}? multiply by {_round(factor)}" for name, factor in places),
+    ]
+    if speed_mm_s > _FAST_MM_S and not times:
+        fixes.append("; belt_position_mm in pulses? multiply by the mm of a pulse")
+    text = f"rows every {_round(interval_s)} s at {_round(speed_mm_s)} mm/s{''.join(fixes[:2])}"
+    if speed_mm_s > _IMPOSSIBLE_MM_S or (times and interval_s > _SELDOM_S):
+        return f"no belt has {text}", ""
+    return "", f"few belts have {text}"
+
+
+def _is_likely(interval_s: float, speed_mm_s: float) -> bool:
+    return _LIKELY_S[0] <= interval_s <= _LIKELY_S[1] and _LIKELY_MM_S[0] <= speed_mm_s <= _LIKELY_MM_S[1]
+
+
 def _round(value: float) -> str:
     """Return a converted value with four digits; more would repeat the rounding of a unit's size."""
     return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"

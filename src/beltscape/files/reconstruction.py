@@ -171,7 +171,9 @@ def _read_faults(folder: Path) -> tuple[float, tuple[str, ...]]:
         if is_dict(frame) and frame.get("frame") == folder.name:
             systematic, faults = frame.get("systematic_mm") or 0.0, frame.get("doubts") or []
             if parse_numbers(systematic) is None or not is_list(faults):
-                raise InputError(f"{path}: frame {folder.name}: systematic_mm must be a number, doubts a list")
+                raise InputError(
+                    f"{path}: frame {folder.name}: systematic_mm must be a number, doubts a list"
+                )
             return float(systematic), tuple(map(str, faults))
     return 0.0, ()
 

@@ -124,7 +124,9 @@ def _covariance(table: dict[str, Any]) -> dict[str, Any]:
     if not is_list(names) or not all(isinstance(name, str) for name in names):
         raise ValueError("covariance.parameters must be a list of names")
     if table and parse_numbers(table.get("matrix", []), *(len(names),) * (2 if names else 1)) is None:
-        raise ValueError(f"covariance.matrix must be {len(names)}×{len(names)} numbers, as its parameters are")
+        raise ValueError(
+            f"covariance.matrix must be {len(names)}×{len(names)} numbers, as its parameters are"
+        )
     return table
 
 

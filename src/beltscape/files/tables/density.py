@@ -71,6 +71,8 @@ def read_density_table(path: Path) -> list[tuple[int, float, float]]:
         for name, value, quantity in zip(HEADER[1:], (density, sigma), (DENSITY, DENSITY_SIGMA), strict=True):
             if refusal := quantity.find_refusal(value):
                 raise line.error(f"{name} {value:g} {refusal}")
+        if sigma >= density:
+            raise line.error(f"sigma_kg_m3 {sigma:g} is not below density_kg_m3 {density:g}; decimal commas?")
         if table and time_ns <= table[-1][0]:
             raise line.error(
                 f"timestamp_s {line.values[0]} is not after the row before; sort the rows by time"

@@ -127,16 +127,6 @@ def require_plausible(option: str, value: float | None, quantity: Quantity) -> f
     return value
 
 
-def require_plausible_range(
-    option: str, values: Sequence[float] | None, quantity: Quantity
-) -> tuple[float, float] | None:
-    """Return two numbers that can be, smaller first; None if the option is not given; SettingsError otherwise."""
-    pair = require_positive_range(option, values)
-    for value in pair or ():
-        require_plausible(option, value, quantity)
-    return pair
-
-
 def add_workers(parser: ArgumentParser) -> None:
     """Declare ``--workers`` and ``--address``: on how many workers, and on which machines, independent parts run."""
     parser.add_argument(

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, log
 from typing import Any, Protocol
 
 Range = tuple[float, float]
@@ -141,6 +141,35 @@ class Quantity:
         return f"{self.name} in {sign} ({_format(limits[0])} to {_format(limits[1])}){hint}"
 
 
+_USUAL_RIG = ((30.0, 2.2), (900.0, 2.2), (250.0, 2.5))
+"""Square and distance of a board, and the farthest distance of two cameras, of rigs over belts: a usual value in mm
+and the factor by which it spreads. They tell units apart, whose sizes differ by 2.5 and more. Chosen."""
+_CLEARER = 4.0
+"""A unit is likelier than mm from this difference of the squared deviations on: e² in probability."""
+_ALMOST = 3.0
+"""The second unit is named as well where it is less likely by no more than this difference."""
+
+
+def guess_unit_of_board(square_mm: float, distance_mm: float, baseline_mm: float) -> list[tuple[str, float]]:
+    """Return the units, with their size in mm, in which a board's squares were probably given; none: in mm.
+
+    The board was ``distance_mm`` away and the cameras up to ``baseline_mm`` apart, by these squares.
+    """
+
+    def deviation(factor: float) -> float:
+        values = (square_mm, distance_mm, baseline_mm)
+        pairs = zip(values, _USUAL_RIG, strict=True)
+        return sum(
+            (log(max(value, 1e-9) * factor / usual) / log(spread)) ** 2 for value, (usual, spread) in pairs
+        )
+
+    ranked = sorted(UNITS["mm"], key=lambda unit: deviation(unit[1]))
+    best = deviation(ranked[0][1])
+    if deviation(1.0) - best < _CLEARER:
+        return []
+    return [unit for unit in ranked[:2] if deviation(unit[1]) - best < _ALMOST]
+
+
 _STILL_MM_S, _FAST_MM_S, _IMPOSSIBLE_MM_S = 10.0, 15_000.0, 50_000.0
 """Below the first no conveyor moves, the second is beyond the fastest, the third beyond any encoder's slip. A belt of
 up to 10 m/s with times in ms, or positions in m, is below the first."""
@@ -203,6 +232,8 @@ LOAD_HEIGHT = Quantity("the height of a load", "mm", (2, 5000), (20, 1500))
 """Loads are some hundred mm high; in metres they are below 1.5, so that 2 separates the two."""
 BELT_WIDTH = Quantity("a width of belt", "mm", (20, 20_000), (150, 4000))
 """Belts are 300 to 3200 mm wide (ISO 251), those of laboratories 100 and more; in metres all are below 20."""
+TOP_WIDTH = Quantity("the width of a load's top", "mm", (3, 20_000), (20, 4000))
+"""A load may end in a ridge or be as wide as the belt; in metres all widths are below 3."""
 RIG_HEIGHT = Quantity("the height of a camera over the belt", "mm", (30, 20_000), (150, 8000))
 """Rigs hang 0.5 to 3 m high; in metres all are below 30."""
 BASELINE = Quantity("the distance of two cameras", "mm", (2, 20_000), (20, 5000))

@@ -7,7 +7,15 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.core.plausibility import BASELINE, BELT_SPEED, BELT_WIDTH, EXPOSURE, LOAD_HEIGHT, RIG_HEIGHT
+from beltscape.core.plausibility import (
+    BASELINE,
+    BELT_SPEED,
+    BELT_WIDTH,
+    EXPOSURE,
+    LOAD_HEIGHT,
+    RIG_HEIGHT,
+    TOP_WIDTH,
+)
 
 TABLE_1_ANGLE_DEG = 57.0
 """Horizontal angle of view that the paper states for its camera and lens."""
@@ -43,7 +51,7 @@ class BeltSettings(_Part):
     """Width of the level middle."""
     material_mm: tuple[Annotated[float, Field(ge=0, le=20_000)], LoadHeight] = (0.0, 150.0)
     """Lowest and highest surface to measure, above the level middle."""
-    top_width_mm: Width | None = None
+    top_width_mm: Annotated[float, TOP_WIDTH] | None = None
     """Maximum width of the load at its top; None: the span, so that no load is missed."""
     speed_m_s: Annotated[float, BELT_SPEED] = 2.0
     """Speed of the belt."""

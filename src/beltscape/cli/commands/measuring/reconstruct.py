@@ -9,8 +9,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import add_output_folder, add_workers, require_plausible_range
-from beltscape.core.plausibility import DISTANCE
+from beltscape.cli.arguments import add_output_folder, add_workers, require_positive_range
 from beltscape.core.progress import Reporter
 
 
@@ -56,7 +55,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         method=arguments.method,
         pair=arguments.pair,
         preset=arguments.preset,
-        depth_range_mm=require_plausible_range("--depth-range", arguments.depth_range, DISTANCE),
+        depth_range_mm=require_positive_range("--depth-range", arguments.depth_range),
         clouds=arguments.cloud,
         workers=workers,
     )

@@ -8,8 +8,7 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import add_output_folder, require_plausible_range
-from beltscape.core.plausibility import DISTANCE
+from beltscape.cli.arguments import add_output_folder, require_positive_range
 from beltscape.core.progress import Reporter
 
 
@@ -30,7 +29,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.pipeline.reconstructing.rectification import rectify_capture
 
     rig = read_rig(arguments.rig)
-    given = require_plausible_range("--depth-range", arguments.depth_range, DISTANCE)
+    given = require_positive_range("--depth-range", arguments.depth_range)
     near_far, frames = rectify_capture(arguments.capture, rig, arguments.out, reporter, depth_range_mm=given)
     return {"depth_range_mm": near_far, "frames": frames}
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from ipaddress import ip_address
 from math import isfinite, log
 from typing import Any, Protocol
 
@@ -36,6 +37,21 @@ _SIGNS = {
     "gib": "GiB", "t_h": "t/h", "deg": "°", "per_s": "per second",
 }  # fmt: skip
 """Units whose sign in a text differs from that in a name."""
+
+
+def require_host(host: str) -> str:
+    """Return the name or address of a machine; ValueError if it can be neither, such as 300.1.2.3 or a URL."""
+    if not host or host.isspace():
+        raise ValueError("is empty; give a name or an address")
+    if set(host) <= set("0123456789.") or ":" in host:
+        try:
+            ip_address(host.partition("%")[0])
+        except ValueError as error:
+            fixes = {0: "IPv4 has four numbers from 0 to 255", 1: "give the port in its own key"}
+            raise ValueError(f"is no address; {fixes.get(host.count(':'), 'write IPv6 as ::1')}") from error
+    elif set(host) & set("/ @[]"):
+        raise ValueError("is no name of a machine; give the name or the address alone")
+    return host
 
 
 class ValidationContext(Protocol):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.core.plausibility import DENSITY, DENSITY_SIGMA, MOISTURE, SCALE_SIGMA
+from beltscape.core.plausibility import DENSITY, DENSITY_SIGMA, MOISTURE, SCALE_SIGMA, require_host
 from beltscape.production.calendar import open_zone, parse_clock
 
 Name = Annotated[str, Field(min_length=1, max_length=60, pattern=r"^\S(.*\S)?$")]
@@ -89,7 +89,7 @@ class ProductionSettings(_Table):
 class MailSettings(_Table):
     """Reports by mail: the table [reports.mail]."""
 
-    host: Annotated[str, Field(min_length=1, max_length=253)]
+    host: Annotated[str, Field(max_length=253), AfterValidator(require_host)]
     """SMTP server."""
     port: Annotated[int, Field(ge=1, le=65_535)] | None = None
     """Without it 587 for "starttls", 465 for "tls", 25 for "none"."""
@@ -152,7 +152,7 @@ class ReportSettings(_Table):
 class ScaleModbusSettings(_Table):
     """The counter of a belt scale as registers of its controller: the table [scale.modbus]."""
 
-    host: Annotated[str, Field(min_length=1, max_length=253)]
+    host: Annotated[str, Field(max_length=253), AfterValidator(require_host)]
     port: Annotated[int, Field(ge=1, le=65_535)] = 502
     unit: Annotated[int, Field(ge=0, le=255)] = 1
     address: Annotated[int, Field(ge=0, le=65_535)]

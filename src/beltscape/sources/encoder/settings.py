@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.core.plausibility import BELT_SPEED_MM, ENCODER_STEP, FASTEST_SPEED
+from beltscape.core.plausibility import BELT_SPEED_MM, ENCODER_STEP, FASTEST_SPEED, require_host
 
 EncoderKind = Literal["capture", "file", "udp", "constant", "camera", "none"]
 """capture: a recorded capture's encoder.csv, by frame; file: a CSV file that grows; udp: datagrams; constant: a given
@@ -20,7 +20,7 @@ class EncoderSettings(BaseModel):
     kind: EncoderKind = "none"
     path: str = ""
     """The file that grows, or a recorded table in place of the capture's own; beside project.toml unless absolute."""
-    host: str = "127.0.0.1"
+    host: Annotated[str, AfterValidator(require_host)] = "127.0.0.1"
     """Address that receives datagrams; if other machines can reach it, ``sender`` should be set."""
     port: Annotated[int, Field(ge=1, le=65_535)] = 8461
     """UDP port that receives datagrams."""

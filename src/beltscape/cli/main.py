@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,8 +24,17 @@ class OneLineParser(argparse.ArgumentParser):
     """Parser whose usage errors are one line with the fix."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise UsageError with the message in one line."""
+        """Raise UsageError with the message in one line, without the names of Python's types."""
+        message = re.sub(r"invalid (float|int) value: (.*)", _describe_no_number, message)
         raise UsageError(f"{self.prog}: {message}; see: {self.prog} --help")
+
+
+def _describe_no_number(found: re.Match[str]) -> str:
+    """Return what a number must be, in place of argparse's message."""
+    kind, text = found[1], found[2]
+    needed = "a whole number" if kind == "int" else "a number"
+    point = ", with a decimal point" if kind == "float" and "," in text else ""
+    return f"{text} is not {needed}{point}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -79,10 +89,11 @@ def _declare(name: str, parser: argparse.ArgumentParser) -> Command:
 
 def _run(command: Command, arguments: argparse.Namespace) -> int:
     from beltscape.cli.output import manage_output
+    from beltscape.core.plausibility import receive_oddities
     from beltscape.files.documents.json_text import to_json
 
     _require_working_folder()
-    with Terminal() as terminal, manage_output(arguments) as output:
+    with Terminal() as terminal, manage_output(arguments) as output, receive_oddities(terminal.warn):
         result = {**output.relocate(command.run(arguments, terminal)), "warnings": terminal.warnings}
     text = to_json(result) if arguments.json else command.summary(result) + "\n"
     print_output(text, as_json=arguments.json)
@@ -122,11 +133,10 @@ def _run_top_level(words: Sequence[str]) -> int:
     parser.add_argument("command", nargs="?", help=argparse.SUPPRESS)
     arguments, unknown = parser.parse_known_args(words)
     if arguments.command is not None:
-        from difflib import get_close_matches
+        from beltscape.core.errors import suggest_name
 
         command: str = arguments.command
-        near = get_close_matches(command, COMMANDS, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
+        hint = suggest_name(command, COMMANDS) or f"there are {', '.join(COMMANDS)}"
         parser.error(f"no command {arguments.command!r}; {hint}")
     if unknown:
         parser.error(f"no option {unknown[0]}")

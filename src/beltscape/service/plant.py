@@ -21,8 +21,9 @@ from beltscape.service.app import create_app
 from beltscape.service.changes.parts import RunningPlant
 from beltscape.service.changes.reloader import SettingsReloader
 from beltscape.service.changes.requests import answer_requests, discard_requests
+from beltscape.service.check import check_start
 from beltscape.service.hosting.lifecycle import log_address
-from beltscape.service.hosting.server import RunningServer, check_listening, serve
+from beltscape.service.hosting.server import RunningServer, serve
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
 from beltscape.service.production.serving import ReportStatus, ServedProduction, serve_production
@@ -50,8 +51,7 @@ def run_plant(
     InputError, SettingsError, MeasureError, OutputError
         With one line that names the fault and the fix.
     """
-    if page:
-        check_listening(project.settings.web)  # before the history is opened
+    check_start(project, page=page)  # before the history is opened
     plant = _make_plant(project, options, page=page)
     assembled = plant.assembled
     totals_before, reloader = assembled.historian.totals, _make_reloader(plant, options.data)

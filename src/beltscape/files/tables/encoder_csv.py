@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
+from beltscape.core.errors import InputError
+from beltscape.core.plausibility import find_motion_faults, report_oddity
 from beltscape.files.documents.plain_text import read_text
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rasters.images import EXTENSIONS
 from beltscape.files.tables.csv_table import parse_csv
 
+_LATEST_NS = 4_102_444_800 * 10**9
+"""The beginning of 2100; times of day in ms since 1970 are after it when they are read as seconds."""
 HEADER = ("frame", "timestamp_s", "belt_position_mm")
 
 
@@ -62,4 +69,26 @@ def parse_encoder(text: str, file: str) -> tuple[BeltReading, ...]:
             )
         lines[frame] = line.number
         readings.append(BeltReading(frame, time_ns, position))
+    _check_motion(file, readings)
     return tuple(readings)
+
+
+def _check_motion(file: str, readings: Sequence[BeltReading]) -> None:
+    """Raise InputError where times or positions are in another unit, as far as intervals and speeds show it."""
+    if any(abs(reading.time_ns) > _LATEST_NS for reading in readings):
+        raise InputError(
+            f"{file}: timestamp_s {readings[-1].time_ns * 1e-9:.10g} is after the year 2100; give seconds: divide "
+            "milliseconds by 1000, nanoseconds by 1e9"
+        )
+    steps = [
+        ((after.time_ns - before.time_ns) * 1e-9, abs(after.belt_position_mm - before.belt_position_mm))
+        for before, after in pairwise(readings)
+    ]
+    moving = [length / seconds for seconds, length in steps if length > 0]
+    if not moving:
+        return
+    refusal, oddity = find_motion_faults(median(seconds for seconds, _ in steps), median(moving))
+    if refusal:
+        raise InputError(f"{file}: {refusal}")
+    if oddity:
+        report_oddity(f"{file}: {oddity}")

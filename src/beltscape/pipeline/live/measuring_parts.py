@@ -116,6 +116,11 @@ def build_context(
     settings, matching = project.settings, project.settings.matching
     propose_rig = None if data is None else make_rig_writer(data, rig, reporter)
     width = rig.core_camera.size_px[0]
+    if matching.width_px is not None and matching.width_px > width:
+        raise InputError(
+            f"{project.path}: matching.width_px = {matching.width_px}: the images are {width} px wide; give less, or "
+            "leave it out for their full size"
+        )
     if matching.width_px is not None and matching.width_px < width:
         rig = scale_rig(rig, matching.width_px / width)
     empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)

@@ -139,9 +139,9 @@ class Connection:
         self.reason = self.reason or reason
         self._lost.set()
 
-    def close(self, goodbye: Message) -> None:
-        """Publish ``goodbye`` where the connection still stands, and end the library's thread."""
-        if self._client.is_connected():
+    def close(self, goodbye: Message | None) -> None:
+        """Publish ``goodbye``, if there is one, where the connection still stands, and end the library's thread."""
+        if goodbye is not None and self._client.is_connected():
             sent = self._client.publish(goodbye.topic, goodbye.payload, goodbye.qos, goodbye.retain)
             with suppress(RuntimeError, ValueError):
                 sent.wait_for_publish(1.0)
@@ -192,3 +192,15 @@ class Connection:
 def list_tls_files(settings: MqttSettings) -> tuple[Path | None, Path | None, Path | None]:
     """Return the files of the authority, the client's certificate and its key."""
     return settings.tls_ca, settings.tls_certificate, settings.tls_key
+
+
+def find_refusal(settings: MqttSettings, password: str | None) -> str:
+    """Return why the broker does not accept a connection, in one line; empty if it does. Nothing is published."""
+    own = settings.model_copy(
+        update={"client": f"{settings.client_id[:50]}-check"}
+    )  # disconnects no running client
+    connection = Connection(own, password, Message(f"{settings.place}/check", "", qos=0))
+    try:
+        return connection.open()
+    finally:
+        connection.close(None)

@@ -93,7 +93,7 @@ def check_listening(settings: ListenSettings) -> None:
     _check_encryption(settings.host, settings.limits, encrypted=settings.tls_certificate is not None)
     if settings.tls_certificate and settings.tls_key:
         create_tls_context(settings.tls_certificate, settings.tls_key)
-    _bind_socket(settings.host, settings.port).close()
+    bind_socket(settings.host, settings.port).close()
 
 
 def serve(app: ASGIApp, settings: ListenSettings) -> RunningServer:
@@ -104,7 +104,7 @@ def serve(app: ASGIApp, settings: ListenSettings) -> RunningServer:
         tls = create_tls_context(settings.tls_certificate, settings.tls_key)
         expiry = describe_expiry(settings.tls_certificate, settings.tls_key)
         warnings += (expiry,) if expiry else ()
-    listener = _bind_socket(settings.host, settings.port)
+    listener = bind_socket(settings.host, settings.port)
     http, websocket = make_protocols(limits, tls)
     config = Config(
         app, loop="asyncio", http=http, ws=websocket, lifespan="auto",
@@ -142,7 +142,7 @@ def _wait_to_stop(server: Server, seconds: float) -> bool:
     return server.should_exit
 
 
-def _bind_socket(host: str, port: int) -> socket.socket:
+def bind_socket(host: str, port: int) -> socket.socket:
     """Return a socket that listens on host and port."""
     address_text = f"host = {host!r}, port = {port}"
     try:
@@ -150,8 +150,9 @@ def _bind_socket(host: str, port: int) -> socket.socket:
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
     except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise SettingsError(
-            f"{address_text}: no such address ({error}); give one of this machine's, or 127.0.0.1"
+            f"{address_text}: no such address ({reason}); give one of this machine's, or 127.0.0.1"
         ) from error
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -162,7 +163,7 @@ def _bind_socket(host: str, port: int) -> socket.socket:
         listener.close()
         fix = "another program listens there; stop it, or choose another port (0: any free one)"
         if not _is_address_in_use(error):
-            fix = "choose an address of this machine, and a port from 1024 on"
+            fix = "choose an address of this machine, and a port from 1024 on or that the service may have"
         raise SettingsError(f"{address_text}: cannot listen ({error.strerror}): {fix}") from error
     return listener
 

@@ -228,8 +228,8 @@ def _read_capture(folder: Path, core: str | None) -> Capture:
     capture = read_capture(folder)
     if len(capture.cameras) < 2:
         raise InputError(
-            f"{folder}: only camera {', '.join(capture.cameras)} has images; a rig needs two: "
-            "give the folder above the camera folders"
+            f"{folder}: only camera {', '.join(capture.cameras)} has images{capture.explain(*capture.omissions)}; "
+            "a rig needs two: give the folder above the camera folders"
         )
     if core is not None and core not in capture.cameras:
         raise InputError(

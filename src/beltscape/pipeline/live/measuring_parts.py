@@ -23,11 +23,11 @@ from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
 from beltscape.pipeline.live.operation import zero
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.measuring.belt import hash_empty_belt
-from beltscape.pipeline.measuring.flow.capture import scale_rig_to_capture
 from beltscape.pipeline.measuring.flow.chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.camera_checks.rig_proposal import make_rig_writer
 from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
+from beltscape.sources.folder import scale_rig_to_capture
 
 TABLES = ("matching", "flow", "density", "watch", "health")
 """Tables of project.toml on which the parts depend, beside rig and empty belt."""

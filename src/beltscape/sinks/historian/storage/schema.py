@@ -7,8 +7,8 @@ from contextlib import closing
 from pathlib import Path
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.sinks.durable import commit_file
-from beltscape.sinks.historian.storage.failures import is_damage
+from beltscape.files.folders.durable import commit_file
+from beltscape.files.sqlite_failures import is_damage
 from beltscape.sinks.historian.storage.migrations import MIGRATIONS
 
 COPIES = "before_update"

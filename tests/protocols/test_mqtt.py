@@ -17,6 +17,7 @@ pytest.importorskip("paho", reason="paho-mqtt is not installed; pip install 'bel
 from beltscape.protocols.mqtt.payloads import format_alarm, format_record, format_state
 from beltscape.protocols.mqtt.publisher import Publisher, check_settings, read_cursor
 from beltscape.protocols.mqtt.settings import MqttSettings
+from tests.files.damages import DAMAGES, check_set_aside
 from tests.protocols.broker import (
     MQTT_3_REFUSAL,
     Broker,
@@ -240,9 +241,19 @@ def test_the_cursor_survives_and_belongs_to_one_broker(tmp_path: Path) -> None:
     read_cursor(path, "one").keep(12)
     assert read_cursor(path, "one").number == 12
     assert read_cursor(path, "two").number is None
-    path.write_text("{")
-    with pytest.raises(InputError, match=r"mqtt.json: cannot be read .* remove it"):
-        read_cursor(path, "one")
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_cursor_is_set_aside(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "mqtt.json"
+
+    def read() -> list[str]:
+        messages: list[str] = []
+        cursor = read_cursor(path, "one", messages.append)
+        assert cursor.number is None and cursor.is_lost
+        return messages
+
+    check_set_aside(path, DAMAGES[damage], read)
 
 
 @pytest.mark.parametrize("topic", ["a/#", "+/a", "/a", "$SYS", "a/", ""])

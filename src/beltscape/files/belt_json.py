@@ -15,7 +15,8 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose, is_rotation
 from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.digest import add_digest, require_digest
-from beltscape.files.documents.json_text import parse_numbers, read_json, write_json
+from beltscape.files.documents.json_text import parse_numbers, read_json, to_json
+from beltscape.files.folders.atomic import write_text
 from beltscape.files.folders.paths import AnyPath, as_path
 
 FORMAT = "beltscape-belt/1"
@@ -31,9 +32,13 @@ def write_belt(
 
     ``zero_settings`` are the corrections of its zero since it was learned, oldest first.
     """
-    path = as_path(path)
+    write_text(as_path(path), format_belt(belt, camera, zero_settings))
+
+
+def format_belt(belt: Belt, camera: Camera, zero_settings: Sequence[Mapping[str, Any]] = ()) -> str:
+    """Return the text of belt.json; see `write_belt`."""
     settings = {"zero_settings": list(zero_settings)} if zero_settings else {}
-    write_json(path, add_digest({**belt_document(belt, camera), **settings}))
+    return to_json(add_digest({**belt_document(belt, camera), **settings}))
 
 
 def read_zero_settings(path: AnyPath) -> list[dict[str, Any]]:

@@ -61,6 +61,8 @@ class LiveState:
         """Called with all alarms after every update; each must return at once."""
         self._notes: deque[tuple[int, str]] = deque(maxlen=_NOTES)
         self._records: deque[BeltRecord] = deque(maxlen=_RECORDS)
+        self._measured = 0
+        """Number of the newest record in the flow."""
         self._points: deque[FlowPoint] = deque(maxlen=_POINTS)
         self._point_count, self._point_s = 0, -inf
         self._images: dict[str, _CameraImage] = {}
@@ -114,13 +116,23 @@ class LiveState:
             if not self._records:
                 self._totals = totals
 
+    def on_measured(self, records: Sequence[BeltRecord]) -> None:
+        """Update flow and chart, whether or not the disk takes the records."""
+        with self._lock:
+            self._add_to_flow(records)
+
     def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:
-        """Update records, totals, flow and chart."""
+        """Update records and totals; flow and chart by those records that they lack."""
         with self._lock:
             self._totals = totals
             self._records.extend(records)
-            self._flow.add(records)
-            self._append_point(self._wall_ns(), self._monotonic_s())
+            self._add_to_flow(records)
+
+    def _add_to_flow(self, records: Sequence[BeltRecord]) -> None:
+        """Add the records that the flow lacks, each once."""
+        self._flow.add([record for record in records if record.number > self._measured])
+        self._measured = max(self._measured, *(record.number for record in records), 0)
+        self._append_point(self._wall_ns(), self._monotonic_s())
 
     def on_surface(self, stretch: BeltStretch) -> None:
         """Add a finished piece of the belt's surface."""

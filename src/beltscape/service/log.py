@@ -28,6 +28,9 @@ class LogObserver:
     def on_frame(self, event: FrameEvent) -> None:
         """Ignore single frame sets."""
 
+    def on_measured(self, records: Sequence[BeltRecord]) -> None:
+        """Ignore what is not on disk yet."""
+
     def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:  # noqa: ARG002
         """Log the totals, once a minute."""
         if monotonic() - self._logged_s < _EVERY_S:

@@ -14,7 +14,6 @@ from beltscape.core.live.interfaces import Observers
 from beltscape.files.systemd import notify
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.live.project import Project
-from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.service.access import Access
 from beltscape.service.access.tls import CertificateExpiry
 from beltscape.service.app import create_app
@@ -109,8 +108,8 @@ def _make_plant(project: Project[ProjectSettings], options: RunOptions, *, page:
 def _make_reloader(plant: RunningPlant, data: Path) -> SettingsReloader:
     """Return what reads the settings again on request; requests from before this run are forgotten."""
     discard_requests(data)
-    reporter = plant.assembled.components.reporter
-    return SettingsReloader(plant, EventLog(plant.assembled.historian, reporter), reporter)
+    components = plant.assembled.components
+    return SettingsReloader(plant, components.events, components.reporter)
 
 
 @contextmanager

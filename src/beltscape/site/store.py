@@ -15,6 +15,7 @@ from threading import RLock
 from typing import Any
 
 from beltscape.core.errors import OutputError
+from beltscape.files.sqlite_failures import describe_failure, is_damage
 from beltscape.site.balance import BalanceResult
 from beltscape.site.following.catch_up import FIELDS, Batch, Cursor, Gap, Sums
 
@@ -62,8 +63,9 @@ class SiteStore:
             (version,) = self._connection.execute("PRAGMA user_version").fetchone()
             self._connection.execute(f"PRAGMA user_version = {_VERSION}")
         except sqlite3.Error as error:
+            fix = "; remove it to fetch all anew" if is_damage(error) else ""
             raise OutputError(
-                f"{self._path}: cannot be used ({error}); remove it to fetch all anew"
+                f"{self._path}: not opened: {describe_failure(self._path, error)}{fix}"
             ) from error
         if version > _VERSION:
             raise OutputError(f"{self._path}: is of a newer version of Beltscape; update this one")
@@ -186,7 +188,9 @@ class SiteStore:
                 if self._connection.in_transaction:
                     self._connection.execute("ROLLBACK")
                 if isinstance(error, sqlite3.Error):
-                    raise OutputError(f"{self._path}: cannot be written ({error})") from error
+                    raise OutputError(
+                        f"{self._path}: not written: {describe_failure(self._path, error)}"
+                    ) from error
                 raise
 
 

@@ -27,7 +27,8 @@ from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
 from beltscape.pipeline.live.monitoring.gauges import Gauges
 from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
 from beltscape.pipeline.live.operation.zero import FILE, ZeroControl
-from beltscape.pipeline.live.writer import Writer, notify_records
+from beltscape.pipeline.live.reporting.event_log import EventLog
+from beltscape.pipeline.live.writer import make_record_writer, notify_records
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, frames, make_context
@@ -64,6 +65,7 @@ class Watcher:
 
     def __init__(self) -> None:
         self.frames: list[FrameEvent] = []
+        self.measured: list[BeltRecord] = []
         self.records: list[BeltRecord] = []
         self.totals = Totals()
         self.alarms: dict[str, str] = {}
@@ -73,6 +75,9 @@ class Watcher:
 
     def on_frame(self, event: FrameEvent) -> None:
         self.frames.append(event)
+
+    def on_measured(self, records: Sequence[BeltRecord]) -> None:
+        self.measured += records
 
     def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:
         self.records += records
@@ -115,15 +120,16 @@ def engine_of(
     context = make_context()
     if matcher is not None:
         object.__setattr__(context, "matcher", matcher)
-    writers = [Writer("historian", historian, notify_records(watcher, historian))]
+    writers = [make_record_writer("historian", historian, notify_records(watcher, historian))]
     if sink is not None:
-        writers.append(Writer("other", sink))  # type: ignore[arg-type]
+        writers.append(make_record_writer("other", sink))  # type: ignore[arg-type]
     parts = EngineComponents(
         source=feed,
         encoder=None,
         queue=FrameQueue(2, blocking=blocking),
         measurement=MeasurementRun(context, state, CAMERAS, time.time_ns, reporter),
         historian=historian,
+        events=EventLog(historian),
         writers=writers,
         recorder=None,
         board=AlarmBoard(AlarmSettings()),

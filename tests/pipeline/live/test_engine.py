@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import sqlite3
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import OutputError
+from beltscape.pipeline.live.engine import Engine
+from beltscape.sinks.historian.storage import schema
 from tests.pipeline.live.feed import (
     STEP_MM,
     Feed,
@@ -20,6 +24,7 @@ from tests.pipeline.live.feed import (
     history,
     track,
 )
+from tests.protocols.broker import wait_until
 from tests.synthetic.belt_feed import FakeMatcher
 
 
@@ -159,3 +164,34 @@ def test_runs_follow_one_another(tmp_path: Path) -> None:
     assert again.totals.missing_mm == pytest.approx(gaps[0].length_mm)
     assert again.totals.length_mm == pytest.approx(kept[-1].belt_mm[1] - kept[0].belt_mm[0])
     again.close()
+
+
+def test_another_program_that_holds_the_history_delays_only_the_storing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(schema, "BUSY_S", 0.3)
+    feed, beats = Feed(track(0, 60_000), pause_s=0.05), list[float]()
+    _, watcher, historian, parts = engine_of(tmp_path, feed)
+    engine = Engine(replace(parts, heartbeat=lambda: beats.append(time.monotonic())))
+    holder = sqlite3.connect(tmp_path / "history.db", isolation_level=None)
+    holder.execute("BEGIN IMMEDIATE")
+    engine.start()
+    wait_until(lambda: watcher.alarms.get("disk_full") == "raised" and len(watcher.measured) > 20)
+    assert watcher.records == []  # measured and shown, not stored
+    for trouble in (parts.writers[0].trouble, parts.events.trouble):
+        assert "another program holds history.db; close it there; what waits is stored then" in trouble
+    count = len(beats)
+    wait_until(lambda: len(beats) > count + 2)  # the monitor and the watchdog wait for nobody
+    engine.begin_maintenance("cleaning", 5, "ana")
+    assert historian.events(0, 1 << 62) == ()
+    holder.execute("ROLLBACK")
+    wait_until(lambda: len(watcher.records) > 20 and parts.events.trouble == "")
+    assert engine.stop() == 0
+    check(everything(historian))
+    assert [one.number for one in watcher.measured] == [one.number for one in everything(historian)]
+    stored = [(one.kind, one.name, one.text.partition(":")[0]) for one in historian.events(0, 1 << 62)][::-1]
+    assert stored[0][:2] == ("alarm", "journal")
+    assert ("alarm", "disk_full", "raised") in stored
+    assert ("maintenance", "begin", "cleaning, for at most 5 min") in stored
+    holder.close()
+    historian.close()

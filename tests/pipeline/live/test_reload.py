@@ -63,7 +63,7 @@ def running(plant: Path, tmp_path: Path) -> Iterator[RunningPlant]:
 
 @pytest.fixture
 def reloader(running: RunningPlant) -> SettingsReloader:
-    return SettingsReloader(running, EventLog(running.assembled.historian, Silent()), Silent())
+    return SettingsReloader(running, EventLog(running.assembled.historian), Silent())
 
 
 def rewrite(path: Path, *changes: tuple[str, str], more: str = "") -> None:

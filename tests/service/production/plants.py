@@ -44,7 +44,7 @@ class Silent:
 
 def make_control(history: Historian, wall_ns: Callable[[], int] = time_ns) -> ProductionControl:
     """Return the control of three products and three shifts."""
-    return ProductionControl(PRODUCTS, SETTINGS, history.production, EventLog(history, Silent()), wall_ns)
+    return ProductionControl(PRODUCTS, SETTINGS, history.production, EventLog(history), wall_ns)
 
 
 def make_production(

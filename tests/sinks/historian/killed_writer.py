@@ -22,6 +22,8 @@ from tests.sinks.ledgers import START_NS, record, same
 
 SETTINGS = HistorySettings(reserve_mib=1, database_days=2)
 HOUR_NS = 3_600_000_000_000
+LEAST = 6 * 96
+"""Records, those of six days: of all days but the newest ones there are files, however few a busy machine writes."""
 
 
 def write_until_killed(folder: Path, acknowledge: int) -> None:
@@ -69,10 +71,10 @@ def killed_once(folder: Path, after_s: float, *, writing_first: bool) -> int:
 
 
 def main(folder: Path, kills: int) -> None:
-    """Kill, then look at everything."""
+    """Kill that often, and until there is enough to look at; then look at everything."""
     rng = random.Random(7)
-    acknowledged, repairs = 0, []
-    for kill in range(kills):
+    acknowledged, repairs, kill = 0, [], -1
+    while (kill := kill + 1) < kills or acknowledged < LEAST:
         acknowledged = max(
             acknowledged, killed_once(folder, rng.uniform(0, 0.06), writing_first=kill % 3 > 0)
         )

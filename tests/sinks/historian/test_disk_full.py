@@ -135,7 +135,7 @@ def test_full_disk_loses_nothing_that_was_acknowledged(tmp_path):
     trouble, full = seen["full"]
     assert "disk is full" in trouble
     # the reserve holds thousands of records, then nothing goes
-    assert "cannot be written" in seen["refusal"]
+    assert "not written: the disk is full; free some space" in seen["refusal"]
     assert seen["refused"] - full > 2000
     assert seen["read_while_full"] == seen["refused"] == seen["refused_again"]
     assert seen["start"][1] == seen["refused"] and "nearly full" in seen["start"][0]

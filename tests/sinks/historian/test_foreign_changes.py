@@ -8,7 +8,11 @@ from contextlib import closing
 
 import pytest
 
-from beltscape.sinks.historian import Historian
+from beltscape.core.errors import OutputError
+from beltscape.files.sqlite_failures import describe_failure
+from beltscape.sinks.historian import Historian, NewEvent
+from beltscape.sinks.historian.storage import schema
+from beltscape.sinks.historian.writing import store
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import ledger
 
@@ -139,4 +143,64 @@ def test_an_unreadable_folder_is_reported_and_kept(tmp_path, monkeypatch):
     historian.verify()
     assert historian.trouble == ""
     assert historian.repair_message == ""
+    historian.close()
+
+
+def test_a_lock_is_named_and_what_was_refused_is_stored_later(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(schema, "BUSY_S", 0.1)
+    historian = Historian(tmp_path, SETTINGS)
+    historian.begin_run()
+    holder = sqlite3.connect(tmp_path / "history.db", isolation_level=None)
+    holder.execute("BEGIN IMMEDIATE")
+    events = [NewEvent("alarm", f"a{k}", "raised", k) for k in range(3)]
+    for refused in (lambda: historian.write(RECORDS), lambda: historian.add_events(events)):
+        with pytest.raises(OutputError, match=r"another program holds history\.db; close it there"):
+            refused()
+    historian.verify()
+    assert historian.trouble == "" and historian.records(*ALWAYS) == ()  # a lock is no damage
+    holder.execute("ROLLBACK")
+    historian.write(RECORDS)
+    historian.add_events(events)
+    assert len(historian.records(*ALWAYS)) == 60
+    assert [one.name for one in historian.events(*ALWAYS)] == ["a2", "a1", "a0"]
+    assert historian.repair_message == ""
+    holder.close()
+    historian.close()
+
+
+@pytest.mark.parametrize(
+    ("code", "expected"),
+    [
+        (sqlite3.SQLITE_BUSY, "another program holds history.db; close it there"),
+        (sqlite3.SQLITE_LOCKED_SHAREDCACHE, "another program holds history.db; close it there"),
+        (sqlite3.SQLITE_FULL, "the disk is full; free some space"),
+        (sqlite3.SQLITE_READONLY_DIRECTORY, "correct the rights of file and folder"),
+        (sqlite3.SQLITE_CANTOPEN, "correct the rights of file and folder"),
+        (sqlite3.SQLITE_IOERR_WRITE, "the disk fails"),
+        (sqlite3.SQLITE_CORRUPT, "it is damaged"),
+    ],
+)
+def test_the_fix_follows_the_cause(tmp_path, code: int, expected: str) -> None:
+    error = sqlite3.OperationalError("its own words")
+    error.sqlite_errorcode = code
+    assert expected in describe_failure(tmp_path / "history.db", error)
+
+
+def test_no_reader_sees_a_record_behind_the_ledgers_end(tmp_path, monkeypatch) -> None:
+    """A record that is committed but not counted yet would let a reader take the ledger for replaced."""
+    historian, seen = Historian(tmp_path, SETTINGS), []
+    historian.begin_run()
+    append = store.append_records
+
+    def append_and_read(*arguments, **settings):
+        sums = append(*arguments, **settings)  # committed; the sums are assigned after this returns
+        found = historian.records(*ALWAYS, limit=100)
+        seen.append((len(found), historian.ledger_end.number, historian.totals.records))
+        return sums
+
+    monkeypatch.setattr(store, "append_records", append_and_read)
+    for record in RECORDS[:3]:
+        historian.write([record])
+    assert seen == [(0, 0, 0), (1, 1, 1), (2, 2, 2)]
+    assert len(historian.records(*ALWAYS)) == 3
     historian.close()

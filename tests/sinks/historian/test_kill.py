@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.sinks.historian.killed_writer import LEAST
+
 ROOT = Path(__file__).parents[3]
 
 
@@ -20,11 +22,11 @@ def test_nothing_acknowledged_is_lost_by_killing(tmp_path):
         check=False,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=600,
     )
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
-    assert found["acknowledged"] > 30
+    assert found["acknowledged"] >= LEAST
     # what was written but not yet acknowledged may be there: one batch at most
     assert 0 <= found["records"] - found["acknowledged"] <= 4
     assert found["runs"] > 20

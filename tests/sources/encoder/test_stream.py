@@ -13,6 +13,7 @@ from beltscape.sources.encoder.offset import EncoderOffset
 from beltscape.sources.encoder.readings.stream import ReadingStream
 from beltscape.sources.encoder.readings.text import parse_reading
 from beltscape.sources.encoder.settings import EncoderSettings
+from tests.files.damages import DAMAGES, check_set_aside, damage_values
 from tests.strategies import floats
 
 SETTINGS = EncoderSettings(kind="udp", wait_s=0)
@@ -170,13 +171,20 @@ def test_count_continues_over_a_reset_and_a_restart(tmp_path):
     assert second.trouble == ""
 
 
-@pytest.mark.parametrize(
-    "text", ["", "{", "[]", '{"format": "beltscape-encoder/1"}', "null", '{"offset_mm": 5}']
-)
-def test_damaged_offset_counts_as_none(tmp_path, text):
+def test_a_damaged_offset_is_set_aside_and_reported(tmp_path):
     path = tmp_path / "encoder.json"
-    path.write_text(text)
-    assert EncoderOffset(path, SETTINGS).read_mm() == 0
+
+    def read():
+        return [ReadingStream(SETTINGS, EncoderOffset(path, SETTINGS)).trouble]
+
+    assert EncoderOffset(path, SETTINGS).write_mm(12.5) == ""
+    wrong = [data for key, data in damage_values(path).items() if key.startswith("offset_mm")]
+    assert len(wrong) == 6
+    for data in (*DAMAGES.values(), *wrong):
+        check_set_aside(path, data, read)
+    stream = ReadingStream(SETTINGS, EncoderOffset(path, SETTINGS), 50_000.0)
+    stream.add_line("3", 10**9)
+    assert stream.position_at(10**9, "") == 50_000.0  # positions go on at the ledger's end
 
 
 def test_offset_belongs_to_its_encoder(tmp_path):

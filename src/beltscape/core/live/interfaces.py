@@ -87,6 +87,9 @@ class Observer(Protocol):
     def on_frame(self, event: FrameEvent) -> None:
         """Handle a processed frame set."""
 
+    def on_measured(self, records: Sequence[BeltRecord]) -> None:
+        """Handle records that are measured and not on disk yet: they are what is so now."""
+
     def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:
         """Handle records that are on disk, and the totals with them."""
 
@@ -118,6 +121,10 @@ class Observers:
     def on_frame(self, event: FrameEvent) -> None:
         """Pass the event on."""
         self._notify(lambda observer: observer.on_frame(event))
+
+    def on_measured(self, records: Sequence[BeltRecord]) -> None:
+        """Pass the event on."""
+        self._notify(lambda observer: observer.on_measured(records))
 
     def on_records(self, records: Sequence[BeltRecord], totals: Totals) -> None:
         """Pass the event on."""

@@ -25,12 +25,12 @@ from beltscape.pipeline.live.measuring_parts import make_measuring_parts, read_r
 from beltscape.pipeline.live.monitoring.gauges import Gauges
 from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
 from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
-from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
+from beltscape.pipeline.live.operation.maintenance import MaintenanceMode, recover_maintenance
 from beltscape.pipeline.live.operation.production import ProductionControl
 from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
 from beltscape.pipeline.live.reporting.event_log import EventLog
-from beltscape.pipeline.live.writer import Writer, notify_records
+from beltscape.pipeline.live.writer import make_record_writer, notify_records
 from beltscape.pipeline.measuring.flow.instants import Instant, list_instants
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.sinks.historian import Historian
@@ -40,6 +40,9 @@ from beltscape.sources.encoder.protocol import Encoder
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import GenicamSource, open_cameras
 from beltscape.sources.replay import FrameTime, ReplaySource
+
+_END_OF_TIME_NS = 1 << 62
+"""A time after every event."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +77,7 @@ class AssembledRun:
 
     def close(self) -> None:
         """Close all sinks; call it after the engine has stopped and the last reader is done."""
+        self.components.events.close()
         self.table.close()
         self.historian.close()
 
@@ -114,28 +118,28 @@ def _assemble_around(
         context.learned_images.learn_anew()
     check_encoder(project)
     historian = Historian(ensure_output_folder(options.data), settings.history)
-    observer = _add_exposure_control(observer, settings.cameras, source, rig, context, historian, reporter)
+    events = EventLog(historian)
+    observer = _add_exposure_control(observer, settings.cameras, source, rig, context, events)
     resume = historian.ledger_end
     ended = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
     encoder = _open_encoder(project, options, ended)
     run = historian.begin_run(parts.provenance)
     state = LedgerState(run, resume.number + 1, resume.end_mm, resume.offset_mm)
-    writers = [Writer("historian", historian, notify_records(observer, historian))]
+    writers = [make_record_writer("historian", historian, notify_records(observer, historian))]
     table = CsvTable(options.data / "csv", settings.csv, historian)
-    writers.append(Writer("csv", table))
-    production = ProductionControl(
-        settings.products, settings.production, historian.production, EventLog(historian, reporter)
-    )
+    writers.append(make_record_writer("csv", table))
+    production = ProductionControl(settings.products, settings.production, historian.production, events)
     components = EngineComponents(
         source=source,
         encoder=encoder,
         queue=FrameQueue(settings.queue.frames, blocking=not options.paced),
         measurement=MeasurementRun(context, state, source.cameras, time_ns, reporter),
         historian=historian,
+        events=events,
         writers=writers,
         recorder=Recorder(options.data / "recordings", settings.recording) if options.record else None,
         board=AlarmBoard(settings.alarms, read_alarm_texts(project)),
-        hidden_alarms=HiddenAlarms(options.data),
+        hidden_alarms=HiddenAlarms(options.data, on_message=reporter.warn),
         alarm_states=AlarmStateFile(options.data, reporter.warn),
         inspector=parts.inspector,
         gauges=Gauges(parts.full_area_mm2, parts.stale_s),
@@ -147,7 +151,11 @@ def _assemble_around(
         users_trouble=options.users_trouble,
         reports_trouble=options.reports_trouble,
         heartbeat=options.heartbeat,
-        maintenance=MaintenanceMode(options.data),
+        maintenance=MaintenanceMode(
+            options.data,
+            on_message=reporter.warn,
+            recover=lambda: recover_maintenance(historian.events(0, _END_OF_TIME_NS)),
+        ),
         learned_images=context.learned_images,
         read_tag=lambda: production.tag,
         follow_timetable=production.follow_timetable,
@@ -161,15 +169,13 @@ def _add_exposure_control(
     source: LiveSource,
     rig: Rig,
     context: MeasurementContext,
-    historian: Historian,
-    reporter: Reporter,
+    events: EventLog,
 ) -> Observer:
     """Return the observer with the control of the exposure times, where the settings of the cameras have bounds."""
     if settings is None or settings.adaptive_exposure is None or not isinstance(source, GenicamSource):
         return observer
     distance_mm = float(context.empty_belt.belt.belt_from_core.inverse().translation_mm[2])
     pixel_mm = distance_mm / float(rig.core_camera.focal_px.mean())
-    events = EventLog(historian, reporter)
 
     def log(text: str, parts: Mapping[str, object]) -> None:
         events.add("exposure", "changed", text, time_ns(), parameters=parts)

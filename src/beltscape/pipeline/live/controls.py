@@ -8,7 +8,6 @@ from beltscape.core.live.alarms import AlarmControls
 from beltscape.core.live.events import ZeroProposal
 from beltscape.pipeline.live.engine_components import EngineComponents
 from beltscape.pipeline.live.operation.alarm_control import AlarmControl
-from beltscape.pipeline.live.reporting.event_log import EventLog
 
 
 class OperatorControls:
@@ -16,7 +15,7 @@ class OperatorControls:
 
     def __init__(self, components: EngineComponents) -> None:
         self._components = components
-        self._events = EventLog(components.historian, components.reporter)
+        self._events = components.events
         recorder = components.recorder
         self._alarms = AlarmControl(
             components.board,

@@ -26,6 +26,10 @@ _MONITOR_S = 0.5
 """Period in which cameras, encoder and alarms are evaluated."""
 _HOUSEKEEPING_S = 60.0
 """Period of the removal of old records."""
+_STUCK_S = 120.0
+"""Time without a round of the monitor after which it counts as stuck: a disk may hang for a minute. Chosen."""
+_PATIENCE_S = 10.0
+"""Longest wait at the end for the events and for the housekeeping."""
 
 
 class Engine(OperatorControls):
@@ -41,20 +45,27 @@ class Engine(OperatorControls):
         self._done = 0
         self._last_frame_s = monotonic()
         self._last_position_mm: float | None = None
-        self._threads = [
-            make_supervised_thread(name, work, self._warn_of_failure, self._stopping.wait)
-            for name, work in (("feeder", self._feed), ("worker", self._work), ("monitor", self._monitor))
-        ]
+        self._monitored_s = monotonic()
+        """Monotonic clock at the monitor's last round."""
+        self._threads = {
+            name: make_supervised_thread(name, work, self._warn_of_failure, self._stopping.wait)
+            for name, work in (
+                ("feeder", self._feed),
+                ("worker", self._work),
+                ("monitor", self._monitor),
+                ("housekeeper", self._keep_house),
+                ("watchdog", self._feed_watchdog),
+            )
+        }
 
     def start(self) -> None:
         """Start the threads; maintenance that an earlier run began goes on."""
         present = self._components.maintenance.current
         if present is not None:
             self._components.observer.on_maintenance(present)
-        if trouble := self._components.hidden_alarms.trouble:
-            self._components.reporter.warn(trouble)
         self._alarms.start()
-        for thread in self._threads:
+        self._monitored_s = monotonic()
+        for thread in self._threads.values():
             thread.start()
 
     def wait(self, seconds: float | None = None) -> bool:
@@ -66,12 +77,14 @@ class Engine(OperatorControls):
         components = self._components
         self._stopping.set()
         components.source.close()
-        self._threads[0].join(5)
+        self._threads["feeder"].join(5)
         components.queue.close()
-        self._threads[1].join(60)
+        self._threads["worker"].join(60)
         unwritten = [writer.close() for writer in components.writers]
-        self._threads[2].join(5)
+        self._threads["monitor"].join(5)
+        self._threads["housekeeper"].join(_PATIENCE_S)
         components.finding_log.store(components.historian)
+        components.events.wait(_PATIENCE_S)
         if components.recorder is not None:
             components.recorder.close()
         if components.encoder is not None:
@@ -219,22 +232,33 @@ class Engine(OperatorControls):
             self._components.observer.on_surface(stretch)
         if outcome.entries:
             self._components.gauges.add(outcome.entries)
+            self._components.observer.on_measured(outcome.entries)
             for writer in self._components.writers:
                 writer.put(outcome.entries)
 
     def _monitor(self) -> None:
-        """Update health and alarms twice a second; do the historian's housekeeping once a minute."""
-        last = monotonic()
+        """Update health and alarms twice a second; it waits for no record, event or finding to be stored."""
         while not self._stopping.wait(_MONITOR_S):
             if self._components.maintenance.is_over:
                 self.end_maintenance("")
-            self._components.follow_timetable()
             self._update_alarms()
-            self._components.finding_log.store(self._components.historian)
+            self._monitored_s = monotonic()
+
+    def _keep_house(self) -> None:
+        """Do what may wait for the history: timetable, findings, its check, and once a minute its old records."""
+        components, last = self._components, monotonic()
+        while not self._stopping.wait(_MONITOR_S):
+            components.follow_timetable()
+            self._repair.check()
+            components.finding_log.store(components.historian)
             if monotonic() - last > _HOUSEKEEPING_S:
                 last = monotonic()
-                self._components.historian.maintain(time_ns())
-            if self._threads[1].is_alive():
+                components.historian.maintain(time_ns())
+
+    def _feed_watchdog(self) -> None:
+        """Feed the watchdog while the worker lives and the monitor comes round, whatever the disk does."""
+        while not self._stopping.wait(_MONITOR_S):
+            if self._threads["worker"].is_alive() and monotonic() - self._monitored_s < _STUCK_S:
                 self._components.heartbeat()
 
     def _update_alarms(self) -> None:
@@ -248,12 +272,13 @@ class Engine(OperatorControls):
         """Return the readings of the measurement with the states of the components."""
         components = self._components
         encoder, recorder = components.encoder, components.recorder
-        troubles = [writer.trouble for writer in components.writers] + [components.historian.trouble]
+        stores = (*components.writers, components.events, components.historian)
+        troubles = [store.trouble for store in stores]
         return replace(
             components.gauges.collect_readings(components.queue.dropped),
             cameras=components.source.health(),
             history_trouble=next((text for text in troubles if text), ""),
-            history_repair=self._repair.check(),
+            history_repair=self._repair.text,
             users_trouble=components.users_trouble(),
             reports_trouble=components.reports_trouble(),
             recording_trouble="" if recorder is None else recorder.trouble,

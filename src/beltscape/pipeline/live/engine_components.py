@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from beltscape.alarms.board import AlarmBoard
-from beltscape.core.belt.ledger_entries import RecordTag
+from beltscape.core.belt.ledger_entries import BeltRecord, RecordTag
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live.interfaces import LiveSource, Observer
 from beltscape.core.progress import Reporter
@@ -19,6 +19,7 @@ from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
 from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.operation.maintenance import MaintenanceMode
 from beltscape.pipeline.live.operation.zero import ZeroControl
+from beltscape.pipeline.live.reporting.event_log import EventLog
 from beltscape.pipeline.live.reporting.finding_log import FindingLog
 from beltscape.pipeline.live.writer import Writer
 from beltscape.sinks.historian import Historian
@@ -53,7 +54,8 @@ class EngineComponents:
     queue: FrameQueue
     measurement: MeasurementRun
     historian: Historian
-    writers: Sequence[Writer]
+    events: EventLog
+    writers: Sequence[Writer[BeltRecord]]
     recorder: Recorder | None
     board: AlarmBoard
     inspector: PeriodicInspector

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Generic, Protocol, TypeVar
 
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import BeltscapeError
@@ -16,21 +17,43 @@ _RETRY_S = 1.0
 """Wait after a failed write."""
 _WITH_SECTION = 20_000
 """Number of waiting entries that keep their cross-sections; older ones lose theirs, which bounds the memory."""
-_BATCH = 500
+BATCH = 500
 """Entries written in one transaction."""
 
 
-class Writer:
+Entry = TypeVar("Entry")
+_Entry_contra = TypeVar("_Entry_contra", contravariant=True)
+
+
+class Sink(Protocol[_Entry_contra]):
+    """A destination of entries; a `RecordSink` is one of records."""
+
+    def write(self, records: Sequence[_Entry_contra], /) -> None:
+        """Store the entries in order, all or none; after an OutputError the same ones are offered again."""
+        ...
+
+
+class Writer(Generic[Entry]):
     """Writes entries to one sink in order; refused entries are kept and offered again."""
 
     def __init__(
-        self, name: str, sink: RecordSink, on_written: Callable[[Sequence[BeltRecord]], None] | None = None
+        self,
+        name: str,
+        sink: Sink[Entry],
+        on_written: Callable[[Sequence[Entry]], None] | None = None,
+        bound: Callable[[list[Entry]], None] = lambda _: None,
     ) -> None:
-        """``on_written`` is called with the entries that the sink has stored."""
+        """``on_written`` is called with the entries that the sink has stored.
+
+        ``bound`` shortens the waiting entries in place where they are too many for the memory.
+        """
         self.trouble = ""
         """The sink's last error; empty once it stores again."""
         self._sink, self._on_written = sink, on_written
-        self._waiting: list[BeltRecord] = []
+        self._bound = bound
+        self._waiting: list[Entry] = []
+        self._added = 0
+        """Entries that were put since the start."""
         self._changed = threading.Condition()
         self._closing = False
         self._thread = make_supervised_thread(
@@ -41,15 +64,19 @@ class Writer:
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def put(self, entries: Sequence[BeltRecord]) -> None:
+    def put(self, entries: Sequence[Entry]) -> None:
         """Append entries; returns at once."""
         with self._changed:
             self._waiting.extend(entries)
-            for index in range(len(self._waiting) - _WITH_SECTION - 1, -1, -1):
-                if self._waiting[index].section is None:
-                    break
-                self._waiting[index] = replace(self._waiting[index], section=None)
+            self._added += len(entries)
+            self._bound(self._waiting)
             self._changed.notify_all()
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until the sink has taken, or lost, what was put before; return whether it has in time."""
+        with self._changed:
+            until = self._added
+            return self._changed.wait_for(lambda: self._added - len(self._waiting) >= until, seconds)
 
     def close(self, patience_s: float = 10.0) -> int:
         """Write the waiting entries; return how many were not stored in time. The sink stays open."""
@@ -64,7 +91,7 @@ class Writer:
             with self._changed:
                 while not self._waiting and not self._closing:
                     self._changed.wait()
-                batch = self._waiting[:_BATCH]
+                batch = self._waiting[:BATCH]
             if not batch:
                 return
             if self._offer(batch):
@@ -81,7 +108,7 @@ class Writer:
         with self._changed:
             return self._changed.wait_for(lambda: self._closing, seconds)
 
-    def _offer(self, batch: list[BeltRecord]) -> bool:
+    def _offer(self, batch: list[Entry]) -> bool:
         try:
             self._sink.write(batch)
         except (BeltscapeError, OSError) as error:
@@ -90,9 +117,25 @@ class Writer:
         self.trouble = ""
         with self._changed:
             del self._waiting[: len(batch)]
+            self._changed.notify_all()
         if self._on_written is not None:
             self._on_written(batch)
         return True
+
+
+def drop_old_sections(waiting: list[BeltRecord]) -> None:
+    """Let the oldest of very many waiting records lose their cross-sections."""
+    for index in range(len(waiting) - _WITH_SECTION - 1, -1, -1):
+        if waiting[index].section is None:
+            break
+        waiting[index] = replace(waiting[index], section=None)
+
+
+def make_record_writer(
+    name: str, sink: RecordSink, on_written: Callable[[Sequence[BeltRecord]], None] | None = None
+) -> Writer[BeltRecord]:
+    """Return the writer of records to a sink; see `Writer`."""
+    return Writer(name, sink, on_written, drop_old_sections)
 
 
 def notify_records(observer: Observer, historian: Historian) -> Callable[[Sequence[BeltRecord]], None]:

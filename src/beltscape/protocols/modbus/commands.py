@@ -90,7 +90,7 @@ class Commands:
         on_message: Callable[[str], None],
         monotonic_s: Callable[[], float] = monotonic,
     ) -> None:
-        """Read the last request that was carried out. InputError if its file is damaged."""
+        """Read the last request that was carried out; a damaged file is set aside with a message."""
         assert settings.commands is not None
         self._settings, self._plant, self._control, self._users = settings.commands, plant, control, users
         self._on_message, self._monotonic_s = on_message, monotonic_s
@@ -99,7 +99,8 @@ class Commands:
             "beltscape-modbus-request/1",
             "request",
             ("unit", settings.unit),
-            "go on",
+            "the next request that is written is carried out, also one that was before",
+            on_message,
         )
         self._words = [0] * (4 + NAME_WORDS)
         self._words[-1] = self.done

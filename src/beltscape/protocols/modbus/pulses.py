@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 from beltscape.protocols.kept_number import KeptNumber
@@ -15,16 +16,11 @@ class PulseCount:
     and the next comes when the total exceeds its highest value.
     """
 
-    def __init__(self, path: Path, step: float) -> None:
-        """Read the count that was given last; ``step`` is the mass or volume of a pulse.
-
-        Raises
-        ------
-        InputError
-            If the file is damaged.
-        """
+    def __init__(self, path: Path, step: float, on_message: Callable[[str], object] = lambda _: None) -> None:
+        """Read the count that was given last; ``step`` is the mass or volume of a pulse."""
         self._step = step
-        self._kept = KeptNumber(path, "beltscape-pulses/1", "count", ("step", step), "count anew")
+        instead = "the count is taken from the ledger's total"
+        self._kept = KeptNumber(path, "beltscape-pulses/1", "count", ("step", step), instead, on_message)
 
     @property
     def count(self) -> int:

@@ -63,12 +63,12 @@ class ModbusServer:
         Raises
         ------
         InputError
-            If the map's addresses do not fit, or the kept count cannot be read.
+            If the map's addresses do not fit.
         """
         self._settings, self._plant, self._on_message = settings, plant, on_message
         self._registers = place_registers(settings)
         step = settings.pulse_kg or settings.pulse_l
-        self._pulses = None if step is None else PulseCount(data / "pulses.json", step)
+        self._pulses = None if step is None else PulseCount(data / "pulses.json", step, on_message)
         self._written = place_commands(settings, self._registers)
         self._commands = None
         if settings.commands is not None and control is not None:

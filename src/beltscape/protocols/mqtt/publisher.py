@@ -87,15 +87,17 @@ class Publisher:
         Raises
         ------
         InputError
-            If a file of the settings or the cursor cannot be read.
+            If a file of the settings cannot be read.
         """
         check_library(settings)
         self._settings, self._plant, self._on_message = settings, plant, on_message
         self._data = data
         self._password = read_password(settings.password_file)
         self._cursor = read_cursor(
-            data / "mqtt.json", f"{settings.host}:{settings.broker_port}/{settings.place}"
+            data / "mqtt.json", f"{settings.host}:{settings.broker_port}/{settings.place}", on_message
         )
+        self._first_after = 0
+        """Number behind which publishing begins where the cursor has none."""
         self._stop = threading.Event()
         self._thread = make_supervised_thread("mqtt", self._run, on_message, self._stop.wait)
         self.trouble = ""
@@ -103,14 +105,19 @@ class Publisher:
 
     def start(self) -> None:
         """Start publishing; returns at once."""
-        if self._cursor.number is None:
-            self._cursor.keep(0 if self._settings.first == "all" else self._plant.read_last_number())
+        if self._settings.first == "new" and not self._cursor.is_lost:
+            self._first_after = self._plant.read_last_number()
         self._thread.start()
 
     @property
     def waiting(self) -> int:
         """Return the number of records that the broker has not acknowledged."""
-        return max(0, self._plant.read_last_number() - (self._cursor.number or 0))
+        return max(0, self._plant.read_last_number() - self._after)
+
+    @property
+    def _after(self) -> int:
+        """Return the number of the last record that needs no publishing."""
+        return self._first_after if self._cursor.number is None else self._cursor.number
 
     def close(self, patience_s: float = 5.0) -> None:
         """Publish what is stored, as far as the time allows, and disconnect."""
@@ -134,11 +141,15 @@ class Publisher:
             return JsonChannel(self._settings, self._password)
         from beltscape.protocols.mqtt.sparkplug.channel import SparkplugChannel
 
-        return SparkplugChannel(self._settings, self._password, self._data)
+        return SparkplugChannel(self._settings, self._password, self._data, self._on_message)
 
     def _publish_until_lost(self) -> str:
-        """Connect and publish until the end or until the connection is lost; return why it was lost."""
+        """Connect and publish until the end or until the connection is lost; return why it was lost.
+
+        A disk that refuses the cursor counts as a lost connection.
+        """
         try:
+            self._cursor.keep(self._after)
             channel = self._make_channel()
         except OutputError as error:
             return str(error)
@@ -149,10 +160,12 @@ class Publisher:
             self._set_trouble("")
             self._publish_while_up(channel)
             return "" if self._stop.is_set() else channel.reason
+        except OutputError as error:
+            return str(error)
         finally:
             channel.close()
             if channel.republish_after is not None:
-                self._cursor.keep(min(channel.republish_after, self._cursor.number or 0))
+                self._cursor.keep(min(channel.republish_after, self._after))
 
     def _publish_while_up(self, channel: Channel) -> None:
         next_state_s = 0.0
@@ -167,7 +180,7 @@ class Publisher:
 
     def _publish_records(self, channel: Channel) -> bool:
         """Publish a batch of records and advance the cursor; return whether any arrived."""
-        after = self._cursor.number or 0
+        after = self._after
         if self._plant.read_last_number() < after:
             self._on_message(
                 f"mqtt: the ledger ends before record {after}, which was published; it was replaced. "
@@ -213,13 +226,7 @@ def check_settings(settings: MqttSettings) -> None:
             raise InputError(f"{path}: there is no such file; [mqtt] names it")
 
 
-def read_cursor(path: Path, broker: str) -> KeptNumber:
-    """Return the number of the last record that the broker has acknowledged, kept on the disk; at first none.
-
-    Raises
-    ------
-    InputError
-        If the file is damaged.
-    """
-    key, fix = ("broker", broker), "publish from the newest record on"
-    return KeptNumber(path, "beltscape-mqtt/1", "acknowledged", key, fix)
+def read_cursor(path: Path, broker: str, on_message: Callable[[str], object] = lambda _: None) -> KeptNumber:
+    """Return the number of the last record that the broker has acknowledged, kept on the disk; at first none."""
+    key, instead = ("broker", broker), "all records of the ledger are published again, so that none is lost"
+    return KeptNumber(path, "beltscape-mqtt/1", "acknowledged", key, instead, on_message)

@@ -46,6 +46,15 @@ class PulseOutput(Protocol):
         """Return the pulses that were given."""
         ...
 
+    @property
+    def is_lost(self) -> bool:
+        """Return whether the kept count was damaged: nothing is given before `restore`."""
+        ...
+
+    def restore(self, given: int) -> None:
+        """Go on from a number of given pulses that was found otherwise; OutputError if it cannot be kept."""
+        ...
+
     def advance(self, module: Module, due: int) -> float | None:
         """Go on towards the due pulses; return the seconds until the next step, or None if there is none."""
         ...
@@ -58,15 +67,23 @@ class PulseOutput(Protocol):
 class CounterOutput:
     """Two registers with the number of due pulses."""
 
-    def __init__(self, settings: PulseSettings, data: Path, key: tuple[str, str | float]) -> None:
-        """Read the count; InputError if the file is damaged."""
-        self._address = settings.address
-        self._kept = _read_kept(data, key)
+    def __init__(self, settings: PulseSettings, kept: KeptNumber) -> None:
+        """``kept`` is twice the number of pulses."""
+        self._address, self._kept = settings.address, kept
 
     @property
     def given(self) -> int:
         """Return the pulses that were given."""
         return (self._kept.number or 0) // 2
+
+    @property
+    def is_lost(self) -> bool:
+        """Return whether the kept count was damaged and is not restored yet."""
+        return self._kept.is_lost and self._kept.number is None
+
+    def restore(self, given: int) -> None:
+        """Go on from a number of given pulses."""
+        self._kept.keep(2 * given)
 
     def advance(self, module: Module, due: int) -> float | None:
         """Write the count; the module gets it again with every call, so that it has it after its own restart too."""
@@ -84,15 +101,12 @@ class CoilOutput:
     """A coil with one rising edge for every pulse."""
 
     def __init__(
-        self,
-        settings: PulseSettings,
-        data: Path,
-        key: tuple[str, str | float],
-        clock: Callable[[], float] = monotonic,
+        self, settings: PulseSettings, kept: KeptNumber, clock: Callable[[], float] = monotonic
     ) -> None:
-        """Read how many pulses were given; InputError if the file is damaged."""
-        self._settings, self._clock = settings, clock
-        self._kept = _read_kept(data, key)
+        """``kept`` says how far the pulses have come."""
+        self._settings, self._kept, self._clock = settings, kept, clock
+        self._restored: int | None = None
+        """Steps that were found otherwise, until the coil is off."""
         self._is_certain = False
         self._wait_until_s = 0.0
 
@@ -100,6 +114,15 @@ class CoilOutput:
     def given(self) -> int:
         """Return the pulses that were begun."""
         return ((self._kept.number or 0) + 1) // 2
+
+    @property
+    def is_lost(self) -> bool:
+        """Return whether the kept count was damaged and is not restored yet."""
+        return self._kept.is_lost and self._kept.number is None and self._restored is None
+
+    def restore(self, given: int) -> None:
+        """Go on from a number of given pulses; a coil that is on belongs to the last of them."""
+        self._restored = 2 * given
 
     def advance(self, module: Module, due: int) -> float | None:
         """Switch the coil if it is time to; see ``PulseOutput.advance``."""
@@ -127,7 +150,7 @@ class CoilOutput:
         steps = self._kept.number
         if steps is None:  # a coil that was on before the first pulse belongs to none
             module.write_coil(self._settings.address, is_on=False)
-            self._keep(0)
+            self._keep(self._restored or 0)
         else:
             was_made = module.read_coil(self._settings.address) != (steps % 2 == 1)
             self._keep(steps + was_made)
@@ -140,10 +163,13 @@ class CoilOutput:
         self._wait_until_s = self._clock() + wait_ms / 1000
 
 
-def _read_kept(data: Path, key: tuple[str, str | float]) -> KeptNumber:
-    return KeptNumber(data / "outputs_pulses.json", "beltscape-pulse-steps/1", "steps", key, "begin at 0")
+def read_steps(data: Path, key: tuple[str, str | float], on_message: Callable[[str], object]) -> KeptNumber:
+    """Return twice the number of given pulses, and one more while a coil is on, as kept in the folder ``data``."""
+    instead = "the given pulses are counted by the ledger's total, and those that waited are not given"
+    path = data / "outputs_pulses.json"
+    return KeptNumber(path, "beltscape-pulse-steps/1", "steps", key, instead, on_message)
 
 
-def make_pulse_output(settings: PulseSettings, data: Path, key: tuple[str, str | float]) -> PulseOutput:
-    """Return the output of the settings; InputError if the file of its count is damaged."""
-    return (CounterOutput if settings.kind == "counter" else CoilOutput)(settings, data, key)
+def make_pulse_output(settings: PulseSettings, kept: KeptNumber) -> PulseOutput:
+    """Return the output of the settings, which goes on from what was kept."""
+    return (CounterOutput if settings.kind == "counter" else CoilOutput)(settings, kept)

@@ -12,7 +12,7 @@ from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.protocols.outputs.analogue import FAILURE_MA, compute_current_ma
 from beltscape.protocols.outputs.module import ModuleAwayError, OutputModule
 from beltscape.protocols.outputs.pulse_target import PulseTarget
-from beltscape.protocols.outputs.pulses import PulseOutput, make_pulse_output
+from beltscape.protocols.outputs.pulses import PulseOutput, make_pulse_output, read_steps
 from beltscape.protocols.outputs.settings import OutputSettings
 from beltscape.protocols.plant import Plant, PlantState
 
@@ -32,20 +32,15 @@ class OutputWriter:
         data: Path,
         on_message: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """Prepare; ``data`` is the folder of the pulses' count.
-
-        Raises
-        ------
-        InputError
-            If a kept number cannot be read.
-        """
+        """Prepare; ``data`` is the folder of the pulses' count."""
         self._settings, self._plant, self._on_message = settings, plant, on_message
         self._module, self._stop = OutputModule(settings), Event()
         self._target: PulseTarget | None = None
         self._pulses: PulseOutput | None = None
         if settings.pulse is not None:
-            self._target = PulseTarget(settings.pulse, data)
-            self._pulses = make_pulse_output(settings.pulse, data, self._target.key)
+            self._target = PulseTarget(settings.pulse, data, on_message)
+            kept = read_steps(data, self._target.key, on_message)
+            self._pulses = make_pulse_output(settings.pulse, kept)
         self._due = self._beats = 0
         self._trouble, self._is_late = "", False
         self._thread = make_supervised_thread("outputs", self._run, on_message, self._stop.wait)
@@ -71,7 +66,7 @@ class OutputWriter:
                 if monotonic() >= next_s:
                     next_s = monotonic() + self._settings.every_s
                     self._update(self._plant.read_state())
-                wait_s = None if self._pulses is None else self._pulses.advance(self._module, self._due)
+                wait_s = self._advance_pulses(self._due)
                 self._set_trouble("")
             except (ModuleAwayError, OutputError) as error:
                 self._forget()
@@ -85,6 +80,9 @@ class OutputWriter:
     def _update(self, state: PlantState) -> None:
         """Write the analogue outputs, and find out how many pulses are due."""
         if self._target is not None and self._pulses is not None:
+            given = self._target.find_given(state) if self._pulses.is_lost else None
+            if given is not None:
+                self._pulses.restore(given)
             self._due, is_replaced = self._target.update(state, self._pulses.given)
             if is_replaced:
                 self._on_message("outputs: the ledger was replaced; pulses go on with its present total")
@@ -95,6 +93,12 @@ class OutputWriter:
         if self._settings.heartbeat is not None:
             self._beats = (self._beats + 1) % (1 << 16)
             self._module.write_registers(self._settings.heartbeat, [self._beats])
+
+    def _advance_pulses(self, due: int) -> float | None:
+        """Go on towards the due pulses; return the seconds until the next step, None if there is none."""
+        if self._pulses is None or self._pulses.is_lost:
+            return None
+        return self._pulses.advance(self._module, due)
 
     def _note_backlog(self) -> None:
         is_late = self.waiting > _MANY
@@ -107,11 +111,9 @@ class OutputWriter:
     def _finish(self) -> None:
         """Complete the pulse that is on, and show a failure at the analogue outputs."""
         try:
-            if self._pulses is not None:
-                wait_s = self._pulses.advance(self._module, self._pulses.given)
-                while wait_s is not None:
-                    Event().wait(min(wait_s, 1.0))
-                    wait_s = self._pulses.advance(self._module, self._pulses.given)
+            given = 0 if self._pulses is None else self._pulses.given
+            while (wait_s := self._advance_pulses(given)) is not None:
+                Event().wait(min(wait_s, 1.0))
             for output in self._settings.analogue:
                 self._module.write_registers(output.address, [output.convert(FAILURE_MA[output.failure])])
         except (ModuleAwayError, OutputError):

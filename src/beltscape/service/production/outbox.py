@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from beltscape.core.errors import InputError
-from beltscape.files.folders.atomic import write_text
+from beltscape.files.folders.durable import keep_state
 
 Item = TypeVar("Item")
 
@@ -26,7 +26,7 @@ class Outbox:
 
     def mark(self, key: str) -> None:
         """Mark a report as to be delivered; it is, once it is written. OutputError if the disk refuses it."""
-        write_text(self.folder / f"{key}{self.waiting}", "")
+        keep_state(self.folder / f"{key}{self.waiting}", b"")
 
     @property
     def is_empty(self) -> bool:

@@ -12,7 +12,8 @@ from time import monotonic, time_ns
 
 from beltscape.core.errors import BeltscapeError, InputError, OutputError
 from beltscape.core.runtime.supervision import make_supervised_thread
-from beltscape.files.folders.atomic import ensure_output_folder, write_text
+from beltscape.files.folders.atomic import ensure_output_folder
+from beltscape.files.folders.durable import keep_state
 from beltscape.production.settings import ReportSettings
 from beltscape.production.shifts import Period, PeriodKind
 from beltscape.report.production.document import ChangeOut, FlowOut, ReportDocument
@@ -195,14 +196,14 @@ class ReportWriter:
         if not figures.period.totals.records:
             self._empty.add(period.key)
             return False
-        write_text(document, figures.model_dump_json(indent=1) + "\n")
+        keep_state(document, (figures.model_dump_json(indent=1) + "\n").encode())
         for wanted, outbox in ((self._settings.mail, self._mails), (self._settings.printer, self._prints)):
             if wanted is not None:
                 outbox.mark(period.key)
         command = [sys.executable, "-m", "beltscape.report.production", str(document)]
         command += ["--pdf"] if self._settings.pdf else []
         self._render(command)
-        self._historian.add_event("report", period.key, make_title(figures))
+        self._figures.control.events.add("report", period.key, make_title(figures), now_ns)
         return True
 
     def _render(self, command: list[str]) -> None:

@@ -88,7 +88,7 @@ class ScaleWatch:
             "deviation": scale.deviation_t,
             "sigma": scale.deviation_sigma_t,
         }
-        self._historian.add_event(_EVENT, name, text, wall_ns=now_ns, parameters=values)
+        self._figures.control.events.add(_EVENT, name, text, now_ns, parameters=values)
         self._on_message(text)
 
     def _tell(self, trouble: str) -> None:

@@ -66,6 +66,7 @@ class ServedPlant:
         now = self._live_state.take_snapshot()
         flow, speed = now.flow, now.frames.speed_mm_s
         is_current = now.frame_age_s < self._live_state.settings.stale_s
+        totals = self._historian.totals  # number and totals of one instant
         return PlantState(
             wall_ns=now.wall_ns,
             standing=flow.standing if now.maintenance is None else "missing",
@@ -77,8 +78,8 @@ class ServedPlant:
             full_area_mm2=now.frames.full_area_mm2,
             coverage=flow.coverage,
             speed_m_s=speed * 1e-3 if is_current else nan,
-            record=self.read_last_number(),
-            totals=self._historian.totals,
+            record=totals.records,
+            totals=totals,
             cameras=now.cameras,
             alarms=now.alarms,
             maintenance="" if now.maintenance is None else now.maintenance.reason,
@@ -207,7 +208,10 @@ def _start_modbus(
 
     server = ModbusServer(settings, plant, data, tell, plant, plant.users)
     placed = place_registers(settings)
-    write_text(data / "modbus.csv", write_csv([*placed, *place_commands(settings, placed)]))
+    try:
+        write_text(data / "modbus.csv", write_csv([*placed, *place_commands(settings, placed)]))
+    except OutputError as error:  # a list for people, which the server does not need
+        tell(f"modbus: the list of registers is not written: {error}")
     server.start()
     return server
 

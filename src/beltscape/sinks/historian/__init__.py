@@ -5,7 +5,7 @@ days to files, and `storage` defines tables, files and connections.
 """
 
 from beltscape.sinks.historian.historian import Historian, LedgerEnd
-from beltscape.sinks.historian.reading.events import Event
+from beltscape.sinks.historian.reading.events import Event, NewEvent
 from beltscape.sinks.historian.reading.findings import CheckKey, FindingSeries
 from beltscape.sinks.historian.reading.periods import DaySum
 from beltscape.sinks.historian.reading.series import Series
@@ -18,6 +18,7 @@ __all__ = [
     "FindingSeries",
     "Historian",
     "LedgerEnd",
+    "NewEvent",
     "Series",
     "StoredFinding",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,7 +15,7 @@ from beltscape.core.errors import OutputError
 from beltscape.sinks.historian.archive.finding_days import FindingArchive
 from beltscape.sinks.historian.archive.retention import Retention
 from beltscape.sinks.historian.production_history import ProductionHistory
-from beltscape.sinks.historian.reading.events import Event, insert_event, read_events, read_journal
+from beltscape.sinks.historian.reading.events import Event, NewEvent, insert_events, read_events, read_journal
 from beltscape.sinks.historian.reading.findings import (
     CheckKey,
     FindingSeries,
@@ -26,6 +27,7 @@ from beltscape.sinks.historian.reading.runs import Run, read_runs
 from beltscape.sinks.historian.reading.series import Series, read_series
 from beltscape.sinks.historian.storage.finding_rows import StoredFinding
 from beltscape.sinks.historian.writing.findings import append_findings
+from beltscape.sinks.historian.writing.ledger import transaction
 from beltscape.sinks.historian.writing.store import Store
 from beltscape.sinks.settings import HistorySettings
 
@@ -169,9 +171,16 @@ class Historian:
         ``parameters``: the parts of the text, from which a page composes it in another language.
         """
         when = time.time_ns() if wall_ns is None else wall_ns
-        self._store.transact(
-            lambda connection: insert_event(connection, when, kind, name, text, by, parameters)
-        )
+        self.add_events((NewEvent(kind, name, text, when, by, parameters),))
+
+    def add_events(self, events: Sequence[NewEvent]) -> None:
+        """Store events in their order, all or none; they are on disk when the call returns. OutputError otherwise."""
+
+        def work(connection: sqlite3.Connection) -> None:
+            with transaction(connection):
+                insert_events(connection, events)
+
+        self._store.transact(work)
 
     def add_findings(self, findings: Sequence[StoredFinding]) -> None:
         """Store findings; they are on disk when the call returns. OutputError otherwise.
@@ -226,18 +235,15 @@ class Historian:
     ) -> tuple[BeltRecord, ...]:
         """Return the first ``limit`` records of a period with numbers above ``after``, in the ledger's order.
 
-        The last record's number as ``after`` gives the next page. Old days are read from their files.
+        The last record's number as ``after`` gives the next page. Old days are read from their files. No record is
+        behind ``ledger_end``: one that the database has committed an instant before comes with the next call.
         """
+        end, shift_ns = self._store.sums.number, self._store.shift_ns
         with self._store.readers.borrow() as connection:
-            return read_records(
-                connection,
-                self._days,
-                (since_ns, until_ns),
-                after,
-                limit,
-                self._store.shift_ns,
-                sections=sections,
+            found = read_records(
+                connection, self._days, (since_ns, until_ns), after, limit, shift_ns, sections=sections
             )
+        return tuple(record for record in found if record.number <= end)
 
     def series(self, since_ns: int, until_ns: int, points: int = 600) -> Series:
         """Return a period in at most ``points`` intervals, for charts."""

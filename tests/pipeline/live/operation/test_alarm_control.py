@@ -11,7 +11,6 @@ import pytest
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.management.settings import ShelvingSettings
 from beltscape.core.errors import InputError
-from beltscape.core.progress import Silent
 from beltscape.pipeline.live.operation.alarm_control import AlarmControl
 from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
 from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
@@ -32,10 +31,17 @@ class Run:
     control: AlarmControl
     watcher: Watcher
     historian: Historian
+    events: EventLog
     recordings: list[str]
+
+    def close(self) -> None:
+        """Store the waiting events and close the history."""
+        assert self.events.close() == 0
+        self.historian.close()
 
     def texts(self) -> list[str]:
         """Return name, text and user of the journal's entries, oldest first."""
+        assert self.events.wait(20)
         events = self.historian.events(0, time.time_ns() + 10**9)
         return [f"{event.name} {event.text} {event.by}".strip() for event in reversed(events)]
 
@@ -43,13 +49,14 @@ class Run:
 def open_run(folder: Path, shelving: ShelvingSettings | None = None) -> Run:
     settings = SETTINGS.model_copy(update={"shelving": shelving or ShelvingSettings()})
     historian, watcher, kept = Historian(folder, HistorySettings(reserve_mib=1)), Watcher(), []
+    events = EventLog(historian)
     control = AlarmControl(
-        AlarmBoard(settings), HiddenAlarms(folder), EventLog(historian, Silent()), watcher, kept.append,
+        AlarmBoard(settings), HiddenAlarms(folder), events, watcher, kept.append,
         AlarmStateFile(folder), tuple(GOOD.cameras),
     )  # fmt: skip
     control.start()
     control.update(GOOD)
-    return Run(control, watcher, historian, kept)
+    return Run(control, watcher, historian, events, kept)
 
 
 def test_a_shelved_alarm_is_journalled_hidden_and_shown_again(tmp_path: Path) -> None:
@@ -68,21 +75,21 @@ def test_a_shelved_alarm_is_journalled_hidden_and_shown_again(tmp_path: Path) ->
         f"{NAME} shelving ended ben",
         f"{NAME} raised: silent for 1.0 s; check its cable",
     ]
-    run.historian.close()
+    run.close()
 
 
 def test_shelving_and_out_of_service_survive_a_restart(tmp_path: Path) -> None:
     run = open_run(tmp_path)
     run.control.shelve(NAME, "cable is coming", 30, "ada")
     run.control.take_out_of_service("overload", "no capacity known", "eve")
-    run.historian.close()
+    run.close()
     again = open_run(tmp_path)
     again.control.update(replace(LOST, **BAD["overload"]))
     assert (again.watcher.alarms[NAME], again.watcher.alarms["overload"]) == ("clear", "clear")
     texts = again.texts()
     assert f"journal the program starts; present: none; hidden: {NAME}, overload" in texts
     assert f"{NAME} raised (shelved: cable is coming): silent for 1.0 s; check its cable" in texts
-    again.historian.close()
+    again.close()
 
 
 def test_shelving_ends_by_itself_with_an_entry(tmp_path: Path) -> None:
@@ -93,7 +100,7 @@ def test_shelving_ends_by_itself_with_an_entry(tmp_path: Path) -> None:
     run.control.update(LOST)
     assert run.watcher.alarms[NAME] == "raised"
     assert f"{NAME} shelving ends" in run.texts()
-    run.historian.close()
+    run.close()
 
 
 def test_what_must_not_be_is_refused_in_one_line(tmp_path: Path) -> None:
@@ -112,7 +119,7 @@ def test_what_must_not_be_is_refused_in_one_line(tmp_path: Path) -> None:
     control.take_out_of_service(NAME, "repair", "eve")
     with pytest.raises(InputError, match="out of service"):
         control.shelve(NAME, "x", 5, "ada")
-    run.historian.close()
+    run.close()
 
 
 def test_a_critical_alarm_keeps_the_frames_unless_it_is_hidden(tmp_path: Path) -> None:
@@ -123,7 +130,7 @@ def test_a_critical_alarm_keeps_the_frames_unless_it_is_hidden(tmp_path: Path) -
     run.control.update(GOOD)
     run.control.update(replace(GOOD, history_trouble="no space left"))
     assert run.recordings == ["disk_full"]
-    run.historian.close()
+    run.close()
 
 
 def test_an_acknowledgement_survives_a_restart_with_who_and_when(tmp_path: Path) -> None:
@@ -131,7 +138,7 @@ def test_an_acknowledgement_survives_a_restart_with_who_and_when(tmp_path: Path)
     run.control.update(replace(LOST, **BAD["disk_full"]))
     before_ns = time.time_ns()
     assert run.control.acknowledge(NAME, "ada")
-    run.historian.close()
+    run.close()
     again = open_run(tmp_path)
     assert (again.watcher.alarms[NAME], again.watcher.alarms["disk_full"]) == ("acknowledged", "raised")
     assert f"journal the program starts; present: {NAME}, disk_full; hidden: none" in again.texts()
@@ -139,4 +146,4 @@ def test_an_acknowledgement_survives_a_restart_with_who_and_when(tmp_path: Path)
     assert (again.watcher.alarms[NAME], again.watcher.alarms["disk_full"]) == ("acknowledged", "raised")
     (alarm,) = (alarm for alarm in AlarmStateFile(tmp_path).read().alarms if alarm.name == NAME)
     assert alarm.by == "ada" and before_ns <= (alarm.acknowledged_ns or 0) <= time.time_ns()
-    again.historian.close()
+    again.close()

@@ -79,4 +79,4 @@ def test_no_acknowledgement_is_lost_by_a_kill(tmp_path: Path) -> None:
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert int(done.stdout) > 12
+    assert int(done.stdout) >= 12  # each kill comes after an acknowledgement

@@ -77,11 +77,15 @@ def test_a_clock_that_was_set_back_does_not_lengthen_it(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_a_damaged_file_hides_nothing_and_says_so(tmp_path: Path, text: str) -> None:
     (tmp_path / FILE).write_text(text)
-    hidden = open_hidden(tmp_path, Clocks())
-    assert hidden.hidden == {} and FILE in hidden.trouble and "\n" not in hidden.trouble
+    messages: list[str] = []
+    assert HiddenAlarms(tmp_path, on_message=messages.append).hidden == {}
+    assert (
+        len(messages) == 1 and FILE in messages[0] and "moved to" in messages[0] and "\n" not in messages[0]
+    )
 
 
 def test_a_disk_that_cannot_be_written_is_not_fatal(tmp_path: Path) -> None:
-    hidden = open_hidden(tmp_path / "missing", Clocks())
+    messages: list[str] = []
+    hidden = HiddenAlarms(tmp_path / "missing", on_message=messages.append)
     hidden.shelve("overload", "test", 30, "ada")
-    assert "overload" in hidden.hidden
+    assert "overload" in hidden.hidden and "a restart would show hidden alarms" in messages[0]

@@ -9,7 +9,12 @@ from pathlib import Path
 import pytest
 
 from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.operation.maintenance import MaintenanceMode, make_maintenance_finding
+from beltscape.pipeline.live.operation.maintenance import (
+    MaintenanceMode,
+    make_maintenance_finding,
+    recover_maintenance,
+)
+from beltscape.sinks.historian import Event
 from tests.pipeline.live.feed import Feed, check, engine_of, everything, track
 from tests.synthetic.belt_feed import frames, run
 
@@ -60,7 +65,32 @@ def test_a_restart_continues_it_and_a_clock_set_back_does_not_lengthen_it(tmp_pa
 @pytest.mark.parametrize("text", ["", "[]", '{"reason": "x"}', "{" * 9, json.dumps({"until_ns": None})])
 def test_a_damaged_file_is_no_maintenance(tmp_path: Path, text: str) -> None:
     (tmp_path / "maintenance.json").write_text(text)
-    assert open_mode(tmp_path, Clock()).current is None
+    messages: list[str] = []
+    assert MaintenanceMode(tmp_path, on_message=messages.append).current is None
+    assert len(messages) == 1 and "maintenance.json" in messages[0] and "moved to" in messages[0]
+
+
+def test_a_damaged_file_is_made_anew_from_the_history(tmp_path: Path) -> None:
+    clock, folder = Clock(), tmp_path / "data"
+    folder.mkdir()
+    begun = open_mode(folder, clock).begin("cleaning", 10, "ana")
+    begin = {"action": "begin", "reason": "cleaning", "minutes": 10.0}
+    events = [
+        Event(3, begun.since_ns, "alarm", "empty", "raised", ""),
+        Event(2, begun.since_ns, "maintenance", "begin", "x", "ana", json.dumps(begin)),
+        Event(1, 5, "maintenance", "end", "x", "ana"),
+    ]
+    (folder / "maintenance.json").write_bytes(b"")
+    clock.now_s += 60
+    again = MaintenanceMode(
+        folder, clock.monotonic_s, clock.wall_ns, print, lambda: recover_maintenance(events)
+    )
+    assert again.current == begun
+    assert open_mode(folder, clock).current == begun  # it is on the disk again
+    clock.now_s += 541
+    assert again.is_over
+    for ended in ([], events[2:], [Event(4, 9, "maintenance", "begin", "x", "", "{")]):
+        assert recover_maintenance(ended) is None
 
 
 def test_belt_that_passes_meanwhile_is_missing_and_has_no_volume() -> None:

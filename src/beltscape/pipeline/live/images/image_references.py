@@ -14,7 +14,8 @@ from beltscape.core.errors import BeltscapeError, InputError
 from beltscape.core.progress import Reporter
 from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.digest import add_digest, require_digest
-from beltscape.files.documents.json_text import read_json, write_json
+from beltscape.files.documents.json_text import read_json, to_json
+from beltscape.files.folders.durable import keep_state
 from beltscape.health.image_statistics import GRID, FloatArray
 from beltscape.health.reference import CameraReference, ImageReferences, Reference
 from beltscape.pipeline.live.images.optional_file import read_optional_file
@@ -63,7 +64,7 @@ def _write(path: Path, key: Mapping[str, Any], reporter: Reporter, learned: Imag
         "window_light": learned.window_light,
     }
     try:
-        write_json(path, add_digest(document))
+        keep_state(path, to_json(add_digest(document)).encode())
     except BeltscapeError as error:
         reporter.warn(f"{error}; what the cameras normally show is not kept")
 

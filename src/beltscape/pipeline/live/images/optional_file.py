@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
+from beltscape.files.folders.durable import describe_damage, set_aside
 
 Content = TypeVar("Content")
 
@@ -15,15 +15,14 @@ Content = TypeVar("Content")
 def read_optional_file(
     path: Path, read: Callable[[], Content | None], fix: str, reporter: Reporter
 ) -> Content | None:
-    """Return what ``read`` finds in a file; None without the file, and with a warning where it is damaged.
+    """Return what ``read`` finds in a file; None without it, and where it is damaged.
 
-    ``fix`` is the end of the warning: what happens without the file.
+    A damaged file is set aside with a warning, of which ``fix`` is the end: what happens without the file.
     """
     if not path.is_file():
         return None
     try:
         return read()
-    except (InputError, KeyError, TypeError, ValueError) as error:
-        reason = str(error) if isinstance(error, InputError) else f"{path}: damaged ({error!r})"
-        reporter.warn(reason if reason.endswith(fix) else f"{reason}; {fix}")
+    except Exception as error:
+        reporter.warn(f"{set_aside(path, describe_damage(path, error).removesuffix(f'; {fix}'))}; {fix}")
         return None

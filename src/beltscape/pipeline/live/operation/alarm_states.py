@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from beltscape.alarms.management.snapshot import BoardSnapshot, format_snapshot, parse_snapshot
-from beltscape.sinks.durable import write_durably
+from beltscape.files.folders.durable import describe_refusal, read_state, write_durably
 
 FILE = "alarm_states.json"
 
@@ -23,15 +23,13 @@ class AlarmStateFile:
 
     def read(self) -> BoardSnapshot:
         """Return the states that a run before has left; none where there is no such file, or it is damaged."""
-        if self._path is None or not self._path.exists():
+        if self._path is None:
             return BoardSnapshot()
-        try:
-            return parse_snapshot(self._path.read_bytes())
-        except (OSError, ValueError) as error:
-            reason = " ".join(str(error).split())[:200]
-            result = "it is written anew, and alarms must be acknowledged again"
-            self._on_message(f"{self._path}: not readable ({reason}); {result}")
-            return BoardSnapshot()
+        instead = "it is written anew, and alarms must be acknowledged again"
+        found, trouble = read_state(self._path, parse_snapshot, instead)
+        if trouble:
+            self._on_message(trouble)
+        return found or BoardSnapshot()
 
     def write(self, snapshot: BoardSnapshot) -> None:
         """Put the states durably on the disk if a restart must not lose what has changed since the last time.
@@ -43,7 +41,7 @@ class AlarmStateFile:
         try:
             write_durably(self._path, format_snapshot(snapshot))
         except OSError as error:
-            trouble = f"{self._path}: not written ({error.strerror}); a restart would lose acknowledgements"
+            trouble = f"{self._path}: {describe_refusal(error)}; a restart would lose acknowledgements"
             if trouble != self._trouble:
                 self._on_message(trouble)
             self._trouble = trouble

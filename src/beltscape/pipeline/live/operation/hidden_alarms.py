@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import threading
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from time import monotonic, time_ns
@@ -13,7 +12,7 @@ from time import monotonic, time_ns
 from pydantic import TypeAdapter
 
 from beltscape.core.live.alarms import Suppression
-from beltscape.sinks.durable import write_durably
+from beltscape.files.folders.durable import describe_refusal, read_state, write_durably
 
 FILE = "alarms.json"
 _MINUTE_S, _S_NS = 60.0, 1_000_000_000
@@ -32,15 +31,18 @@ class HiddenAlarms:
         folder: Path | None,
         monotonic_s: Callable[[], float] = monotonic,
         wall_ns: Callable[[], int] = time_ns,
+        on_message: Callable[[str], object] = lambda _: None,
     ) -> None:
-        """Continue with the alarms that a run before has left in ``folder``; None: nothing is kept."""
+        """Continue with the alarms that a run before has left in ``folder``; None: nothing is kept.
+
+        ``on_message`` gets a line when they cannot be read or written.
+        """
         self._path = None if folder is None else folder / FILE
         self._monotonic_s, self._wall_ns = monotonic_s, wall_ns
         self._lock = threading.Lock()
         self._hidden: dict[str, Suppression] = {}
         self._end_s: dict[str, float] = {}
-        self.trouble = ""
-        """Why the alarms of the run before are not known, in one line; empty: they are."""
+        self._on_message = on_message
         self._read()
 
     @property
@@ -87,15 +89,12 @@ class HiddenAlarms:
             return suppression
 
     def _read(self) -> None:
-        if self._path is None or not self._path.exists():
+        if self._path is None:
             return
-        try:
-            hidden = _parse(self._path.read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            reason = " ".join(str(error).split())[:200]
-            self.trouble = f"{self._path}: not readable ({reason}); no alarm is shelved or out of service now"
-            return
-        for name, suppression in hidden.items():
+        hidden, trouble = read_state(self._path, _parse, "no alarm is shelved or out of service now")
+        if trouble:
+            self._on_message(trouble)
+        for name, suppression in (hidden or {}).items():
             self._hidden[name] = suppression
             self._end_s[name] = self._compute_end_s(suppression)
 
@@ -111,12 +110,14 @@ class HiddenAlarms:
         """Keep the alarms on the disk; without it a restart would show them, so a failure is not fatal."""
         if self._path is None:
             return
-        with suppress(OSError):
-            text = json.dumps({name: asdict(one) for name, one in self._hidden.items()}, indent=1)
+        text = json.dumps({name: asdict(one) for name, one in self._hidden.items()}, indent=1)
+        try:
             write_durably(self._path, text.encode())
+        except OSError as error:
+            self._on_message(f"{self._path}: {describe_refusal(error)}; a restart would show hidden alarms")
 
 
-def _parse(text: str) -> dict[str, Suppression]:
+def _parse(text: bytes) -> dict[str, Suppression]:
     """Return the alarms of a file; ValueError where they cannot be hidden by people."""
     hidden = TypeAdapter(dict[str, Suppression]).validate_json(text)
     for name, one in hidden.items():

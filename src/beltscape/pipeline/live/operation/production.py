@@ -40,7 +40,7 @@ class ProductionControl:
         self.products = tuple(products)
         self.settings, self.history = settings, history
         self.zone = open_zone(settings.time_zone)
-        self._events, self._wall_ns = events, wall_ns
+        self.events, self._wall_ns = events, wall_ns
         self._lock = threading.Lock()
         self._by_name = {product.name: product for product in products}
         self._minute = -1
@@ -105,7 +105,7 @@ class ProductionControl:
             number = self.history.start_batch(name, by, self._read_ms())
             self._batch_name = name
             self._set_tag(self.tag.product, number)
-        self._events.add("batch", name, "started", self._wall_ns(), by, {"action": "start"})
+        self.events.add("batch", name, "started", self._wall_ns(), by, {"action": "start"})
         return number
 
     def stop_batch(self, by: str) -> None:
@@ -120,7 +120,7 @@ class ProductionControl:
             self.history.end_batch(by, self._read_ms())
             self._batch_name = ""
             self._set_tag(self.tag.product, 0)
-        self._events.add("batch", name, "stopped", self._wall_ns(), by, {"action": "stop"})
+        self.events.add("batch", name, "stopped", self._wall_ns(), by, {"action": "stop"})
 
     def follow_timetable(self) -> None:
         """Make the change whose time has come; call it at least once a minute."""
@@ -168,7 +168,7 @@ class ProductionControl:
         self.history.change_product(name, by, self._wall_ns())
         self._set_tag(name, self.tag.batch)
         text = f"{name} instead of {before}" if before else name
-        self._events.add("product", name, text, self._wall_ns(), by, {"before": before} if before else None)
+        self.events.add("product", name, text, self._wall_ns(), by, {"before": before} if before else None)
         return True
 
     def _set_tag(self, name: str, batch: int) -> None:

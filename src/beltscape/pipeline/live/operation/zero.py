@@ -9,16 +9,18 @@ from pathlib import Path
 from time import monotonic
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.errors import InputError, MeasureError
+from beltscape.core.errors import MeasureError
 from beltscape.core.live.events import ZeroProposal
 from beltscape.core.live.findings import Finding
 from beltscape.core.live.translatable_message import Message
 from beltscape.core.progress import Reporter
-from beltscape.files.belt_json import read_belt, read_zero_settings, write_belt
+from beltscape.files.belt_json import format_belt, read_belt, read_zero_settings
+from beltscape.files.folders.durable import keep_state
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_finding import DRIFT, SHIFT, TILT
 from beltscape.health.belt.zero_setting import ZeroSetting, zero_offset
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
+from beltscape.pipeline.live.images.optional_file import read_optional_file
 from beltscape.pipeline.measuring.zero import make_zero_document
 
 FILE = "zero.json"
@@ -147,7 +149,8 @@ class ZeroControl:
         at = datetime.now(UTC).isoformat(timespec="seconds")
         entry = {"at": at, "by": by, **make_zero_document(setting), "learned_sha256": self._digest}
         before = read_zero_settings(self._path) if self._path.is_file() else []
-        write_belt(self._path, setting.reference.belt, self._learned.camera, [*before, entry])
+        text = format_belt(setting.reference.belt, self._learned.camera, [*before, entry])
+        keep_state(self._path, text.encode())
 
 
 def read_zero(path: Path, learned: EmptyBeltReference, digest: str, reporter: Reporter) -> EmptyBeltReference:
@@ -155,15 +158,11 @@ def read_zero(path: Path, learned: EmptyBeltReference, digest: str, reporter: Re
 
     A zero of another learned belt, whose ``digest`` differs, and a damaged file are named and not used.
     """
-    if not path.is_file():
-        return learned
     fix = "the zero of the learned empty belt is used; set the zero again"
-    try:
-        belt, _ = read_belt(path)
-        settings = read_zero_settings(path)
-    except InputError as error:
-        reporter.warn(f"{error.args[0].partition(';')[0]}; {fix}")
+    found = read_optional_file(path, lambda: (read_belt(path)[0], read_zero_settings(path)), fix, reporter)
+    if found is None:
         return learned
+    belt, settings = found
     if not settings or settings[-1].get("learned_sha256") != digest:
         reporter.warn(f"{path}: it was set for another empty belt; {fix}")
         return learned

@@ -19,11 +19,15 @@ class RepairNotice:
         self._message = ""
         self._since_s = float("-inf")
 
-    def check(self) -> str:
-        """Verify the history; return the text of a repair of the last seconds, empty without one."""
+    def check(self) -> None:
+        """Verify the history; it may wait for the disk."""
         self._historian.verify()
         message = self._historian.repair_message
         if message != self._message:
             self._message, self._since_s = message, monotonic()
             self._reporter.warn(message)
-        return message if monotonic() - self._since_s < HOLD_S else ""
+
+    @property
+    def text(self) -> str:
+        """Return the text of a repair of the last seconds; empty without one."""
+        return self._message if monotonic() - self._since_s < HOLD_S else ""

@@ -8,7 +8,7 @@ arrived there; while a primary host is offline they wait.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from threading import Event
 
@@ -29,15 +29,20 @@ _SEQUENCE = 256
 class SparkplugChannel:
     """One session with the broker; see ``publisher.Channel``."""
 
-    def __init__(self, settings: MqttSettings, password: str | None, data: Path) -> None:
+    def __init__(
+        self,
+        settings: MqttSettings,
+        password: str | None,
+        data: Path,
+        on_message: Callable[[str], object] = lambda _: None,
+    ) -> None:
         """Take the next number of births, which is kept in ``data``; OutputError if it cannot be kept."""
         own = settings.sparkplug
         self._topic = f"spBv1.0/{own.group}/{{}}/{own.node}"
         self._device = own.device
         self._host = PrimaryHost(own.primary_host)
-        kept = KeptNumber(
-            data / "mqtt_births.json", "beltscape-births/1", "birth", ("node", self._topic), "begin at 0"
-        )
+        path, key = data / "mqtt_births.json", ("node", self._topic)
+        kept = KeptNumber(path, "beltscape-births/1", "birth", key, "births begin at 0", on_message)
         self._birth = (-1 if kept.number is None else kept.number) + 1
         self._birth %= _SEQUENCE
         kept.keep(self._birth)

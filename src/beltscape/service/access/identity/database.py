@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.core.errors import BeltscapeError, OutputError
+from beltscape.files.folders.durable import describe_refusal
+from beltscape.files.sqlite_failures import describe_failure
 
 FILE = "users.db"
 _SCHEMA = """
@@ -86,7 +88,7 @@ class Database:
                     raise
             except sqlite3.OperationalError as error:
                 raise OutputError(
-                    f"{self.path}: cannot be written ({error}); make room on the disk"
+                    f"{self.path}: not written: {describe_failure(self.path, error)}"
                 ) from error
 
     def close(self) -> None:
@@ -105,10 +107,10 @@ class Database:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self.path.touch(mode=0o600)
             self._connection = _open(self.path)
-        except (OSError, sqlite3.OperationalError) as error:
-            raise OutputError(
-                f"{self.path}: cannot be opened ({error}); check the folder's rights"
-            ) from error
+        except sqlite3.OperationalError as error:
+            raise OutputError(f"{self.path}: not opened: {describe_failure(self.path, error)}") from error
+        except OSError as error:
+            raise OutputError(f"{self.path}: {describe_refusal(error)}") from error
         self._identity = _identify(self.path)
         return self._connection
 
@@ -122,7 +124,7 @@ class Database:
                 raise
             self.close()
             if isinstance(error, sqlite3.OperationalError) and "no such table" not in str(error):
-                raise OutputError(f"{self.path}: cannot be read ({error}); check disk and rights") from error
+                raise OutputError(f"{self.path}: not read: {describe_failure(self.path, error)}") from error
             self._trouble = (
                 f"{self.path}: no user database ({error}), so nobody can sign in; measuring continues; restore it "
                 "from a backup, or remove it and set up again"

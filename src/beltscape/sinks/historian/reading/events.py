@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 
@@ -28,20 +28,32 @@ class Event:
     """The parts of the text as a JSON object, from which a page composes it in another language; empty: none."""
 
 
-def insert_event(
-    connection: sqlite3.Connection,
-    wall_ns: int,
-    kind: str,
-    name: str,
-    text: str,
-    by: str,
-    parameters: Mapping[str, object] | None = None,
-) -> None:
-    """Store an event; it is on disk when this returns."""
-    connection.execute(
+@dataclass(frozen=True, slots=True)
+class NewEvent:
+    """An event that is to be stored; see `Event`."""
+
+    kind: str
+    name: str
+    text: str
+    wall_ns: int
+    by: str = ""
+    parameters: Mapping[str, object] | None = None
+    """The parts of the text, from which a page composes it in another language."""
+
+
+def insert_events(connection: sqlite3.Connection, events: Sequence[NewEvent]) -> None:
+    """Store events in their order, all or none, within a transaction."""
+    connection.executemany(
         "INSERT INTO events (wall_ns, kind, name, text, by, parameters) VALUES (?, ?, ?, ?, ?, ?)",
-        (wall_ns, kind, name, text, by, json.dumps(parameters) if parameters else ""),
+        (
+            (one.wall_ns, one.kind, one.name, one.text, one.by, _format_parameters(one.parameters))
+            for one in events
+        ),
     )
+
+
+def _format_parameters(parameters: Mapping[str, object] | None) -> str:
+    return json.dumps(parameters) if parameters else ""
 
 
 def read_journal(

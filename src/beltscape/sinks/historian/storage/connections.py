@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.sinks.historian.storage.failures import is_damage
+from beltscape.files.sqlite_failures import describe_failure, is_damage
 from beltscape.sinks.historian.storage.schema import open_reader
 
 _IDLE = 8
@@ -53,7 +53,7 @@ class ReaderPool:
         except sqlite3.Error as error:
             if is_damage(error):
                 locate_suspect_marker(self._path).touch()
-            raise InputError(f"{self._path}: cannot be read ({error})") from error
+            raise InputError(f"{self._path}: not read: {describe_failure(self._path, error)}") from error
         finally:
             self._take_back(connection, age)
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError
 from beltscape.files.documents.digest import hash_file
-from beltscape.sinks.durable import commit_file
+from beltscape.files.folders.durable import commit_file
 from beltscape.sinks.historian.storage.day_table import NAMES, hash_table, schema, to_records
 
 UNBOUNDED = 1 << 62

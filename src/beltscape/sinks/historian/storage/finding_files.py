@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.live.findings import EFFECTS
-from beltscape.sinks.durable import commit_file
+from beltscape.files.folders.durable import commit_file
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -7,12 +7,14 @@ from contextlib import closing
 from pathlib import Path
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.sinks.durable import commit_file
-from beltscape.sinks.historian.storage.failures import is_damage
+from beltscape.files.folders.durable import commit_file
+from beltscape.files.sqlite_failures import is_damage
 from beltscape.sinks.historian.storage.migrations import MIGRATIONS
 
 COPIES = "before_update"
 """Folder beside a database of its copies from before a newer program changed its tables."""
+BUSY_S = 10.0
+"""Time to wait for another program that holds the database; a commit of a script takes less. Chosen."""
 APPLICATION_ID = 0x62656C74
 """Identifies the program's files: "belt" in ASCII."""
 
@@ -25,7 +27,7 @@ def open_writer(path: Path) -> sqlite3.Connection:
     InputError
         When a newer version of the program wrote the file, or it is another program's.
     """
-    connection = sqlite3.connect(path, check_same_thread=False, isolation_level=None, timeout=10)
+    connection = sqlite3.connect(path, check_same_thread=False, isolation_level=None, timeout=BUSY_S)
     try:
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")
@@ -46,7 +48,7 @@ def open_reader(path: Path) -> sqlite3.Connection:
         uri=True,
         check_same_thread=False,
         isolation_level=None,
-        timeout=10,
+        timeout=BUSY_S,
     )
     connection.execute("PRAGMA query_only = ON")
     connection.execute("PRAGMA temp_store = MEMORY")

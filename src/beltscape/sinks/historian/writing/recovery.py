@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import mmap
 import sqlite3
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.errors import OutputError
-from beltscape.sinks.durable import write_durably
+from beltscape.files.folders.durable import DAMAGED, move_aside, write_durably
+from beltscape.files.sqlite_failures import is_damage
 from beltscape.sinks.historian.storage.connections import locate_suspect_marker
-from beltscape.sinks.historian.storage.failures import is_damage
 from beltscape.sinks.historian.storage.schema import open_writer
 from beltscape.sinks.historian.writing.catch_up import catch_up
 from beltscape.sinks.historian.writing.ledger import set_sums, transaction
@@ -96,7 +95,7 @@ def _open_or_replace(folder: Path, shift_ns: int) -> OpenedDatabase:
 def replace_database(folder: Path, shift_ns: int, known: Sums | None, why: str) -> OpenedDatabase:
     """Move the database aside and create a new one with the newest totals; no connection may be open."""
     path = folder / DATABASE
-    moved = move_aside(path)
+    moved = move_database_aside(path)
     locate_suspect_marker(path).unlink(missing_ok=True)
     candidates = [sums for sums in (known, read_snapshot(folder), _salvage_sums(moved)) if sums is not None]
     sums = max(candidates, key=lambda each: each.number, default=Sums())
@@ -142,24 +141,15 @@ def _check_database(connection: sqlite3.Connection, path: Path) -> Sums:
     return sums
 
 
-def move_aside(path: Path) -> Path:
+def move_database_aside(path: Path) -> Path:
     """Move a database with its log to a new folder in damaged/; return its path there. OutputError if impossible."""
-    stamp = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime())
-    place = path.parent / "damaged" / stamp
-    again = 1
-    while place.exists():
-        again += 1
-        place = path.parent / "damaged" / f"{stamp}-{again}"
     try:
-        place.mkdir(parents=True)
-        for name in (path.name, f"{path.name}-wal", f"{path.name}-shm"):
-            if (path.parent / name).exists():
-                (path.parent / name).rename(place / name)
+        return move_aside(path, ("-wal", "-shm"))
     except OSError as error:
         raise OutputError(
-            f"{path}: it is damaged and cannot be moved to {place} ({error.strerror or error}); move it away by hand"
+            f"{path}: it is damaged and cannot be moved to {path.parent / DAMAGED} ({error.strerror or error}); move "
+            "it away by hand"
         ) from error
-    return place / path.name
 
 
 def _salvage_sums(path: Path) -> Sums | None:

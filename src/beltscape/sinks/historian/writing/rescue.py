@@ -10,14 +10,14 @@ from contextlib import closing, suppress
 from pathlib import Path
 
 from beltscape.core.errors import OutputError
-from beltscape.sinks.durable import commit_file
-from beltscape.sinks.historian.storage.failures import is_temporary
+from beltscape.files.folders.durable import commit_file, describe_refusal
+from beltscape.files.sqlite_failures import describe_failure, is_temporary
 from beltscape.sinks.historian.storage.schema import open_writer
 from beltscape.sinks.historian.writing.ledger import set_sums, transaction
 from beltscape.sinks.historian.writing.recovery import (
     DATABASE,
     OpenedDatabase,
-    move_aside,
+    move_database_aside,
     replace_database,
 )
 from beltscape.sinks.historian.writing.sums import Sums
@@ -46,16 +46,18 @@ def rescue_database(
     except (sqlite3.Error, OSError) as error:
         with suppress(OSError):
             copy.unlink(missing_ok=True)
-        if isinstance(error, OSError) or is_temporary(error):
-            raise _output_error(path, why, str(error)) from error
+        if isinstance(error, OSError):
+            raise _output_error(path, why, describe_refusal(error)) from error
+        if is_temporary(error):
+            raise _output_error(path, why, describe_failure(path, error)) from error
         connection.close()
         return replace_database(folder, shift_ns, sums, why)
     try:
         connection.close()
-        moved = move_aside(path)
+        moved = move_database_aside(path)
         commit_file(copy, path)
     except OSError as error:
-        raise _output_error(path, why, error.strerror or str(error)) from error
+        raise _output_error(path, why, describe_refusal(error)) from error
     message = f"{path}: {why}; it was written again with all records and totals"
     if moved.exists():
         message += f", what was found there is in {moved.parent}"
@@ -82,9 +84,7 @@ def correct_end(connection: sqlite3.Connection, sums: Sums) -> bool:
 
 
 def _output_error(path: Path, why: str, reason: str) -> OutputError:
-    return OutputError(
-        f"{path}: {why}; it cannot be written again ({reason}); free some space or correct its permissions"
-    )
+    return OutputError(f"{path}: {why}; it is not written again yet: {reason}")
 
 
 def _require_sound(connection: sqlite3.Connection) -> None:

@@ -13,9 +13,9 @@ from typing import IO, TypeVar
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError, SettingsError
 from beltscape.core.runtime.system_calls import lock_file
+from beltscape.files.sqlite_failures import describe_failure, is_damage, is_full, is_temporary
 from beltscape.sinks.days import compute_shift_ns
 from beltscape.sinks.historian.storage.connections import ReaderPool
-from beltscape.sinks.historian.storage.failures import is_damage, is_full, is_temporary
 from beltscape.sinks.historian.storage.file_watch import FileWatch
 from beltscape.sinks.historian.writing.ledger import append_records
 from beltscape.sinks.historian.writing.recovery import (
@@ -243,9 +243,8 @@ class Store:
         self.connection.execute(f"PRAGMA wal_autocheckpoint = {pages}").fetchall()
 
     def _output_error(self, error: sqlite3.Error) -> OutputError:
-        return OutputError(
-            f"{self.path}: cannot be written ({error}); free some space or correct its permissions"
-        )
+        waits = "; what waits is stored then" if is_temporary(error) else ""
+        return OutputError(f"{self.path}: not written: {describe_failure(self.path, error)}{waits}")
 
 
 def _lock_folder(folder: Path) -> IO[bytes]:

@@ -49,6 +49,8 @@ class ReadingStream:
         self._lock = Lock()
         self._last_reading_ns = monotonic_ns()
         self._notices: dict[str, tuple[int, str]] = {}
+        if offset is not None and offset.trouble:
+            self.add_notice("offset", offset.trouble, self._last_reading_ns)
 
     def add_line(self, line: str, arrival_ns: int) -> None:
         """Add a line that arrived at a monotonic time; a line that is no reading is skipped with a notice."""

@@ -34,7 +34,7 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
     document = read_document(path)
     if is_dict(document) and "cameras" not in document and any(map(_is_anipose, document.values())):
         raise ValueError(
-            "is a calibration of anipose (cam_0, … at its top), not of caliscope; calibrate with caliscope or Beltscape"
+            "is a calibration of anipose (cam_0, … at its top), not of caliscope; give caliscope's camera_array.toml"
         )
     if not is_dict(document):
         raise ValueError("is no table of cameras; give a camera_array.toml of caliscope")
@@ -64,9 +64,7 @@ def _is_anipose(entry: Any) -> bool:
 
 def _read_camera(name: str, entry: Any) -> Camera:
     if is_dict(entry) and entry.get("matrix") is None:
-        raise ValueError(
-            f"{name} has no matrix: it is not calibrated yet; calibrate it in caliscope, or set ignore = true"
-        )
+        raise ValueError(f"{name} has no matrix: calibrate it in caliscope, or set ignore = true")
     matrix = values.require_numbers(values.require_value(entry, "matrix", name), f"{name}.matrix", 3, 3)
     focal, center = values.split_camera_matrix(matrix, f"{name}.matrix")
     where = f"{name}.distortions"

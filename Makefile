@@ -105,7 +105,7 @@ $(VENV)-wheel/.made: requirements/wheel.lock
 wheel: $(VENV)-wheel/.made ## dist/: the wheel for glibc 2.28 and newer, and the source archive
 	$(VENV)-wheel/bin/python tools/build_wheel.py dist
 
-screenshots: dev ## docs/images/operator_*.png anew, from a simulated plant in Chromium
+screenshots: dev ## docs/images/operator_*.png and passing.webp anew, from a simulated plant in Chromium
 	$(BIN)/python -m tests.service.page.take_screenshots
 
 docs: dev ## the manual as a web site in site/

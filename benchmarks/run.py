@@ -26,6 +26,7 @@ from captures import Scene, demo_scenes, full_size_scene, rendered_scenes
 from cluster.scaling import cluster_scaling
 from live import live
 from matching import frames, kernels
+from matching.choices import choices
 from matching.real_pairs import real_pairs
 from matching.robustness import NOTES as ROBUSTNESS_NOTES
 from matching.robustness import SCENES, robustness
@@ -44,6 +45,9 @@ class Benchmarks:
         self.sections: dict[str, Callable[[], list[str]]] = {
             "Calibration": lambda: self.calibration[0],
             "Whole frames": self.whole_frames,
+            "Choices": lambda: (
+                choices(self.folder) if self.folder.is_dir() else ["Left out: no rendered captures."]
+            ),
             "Running system": lambda: live(self.folder, self.scenes[0].rig),
             "Protocols": protocols_load,
             "Re-processing": cluster_scaling,

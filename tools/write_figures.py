@@ -5,20 +5,65 @@ python tools/write_figures.py
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
+
+from beltscape.plan.document import plan_to_document
+from beltscape.plan.plan import Plan, make_plan
+from beltscape.plan.settings import PlanSettings
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks/RESULTS.md"
 PAGES = (
     "README.md", "docs/explanation/matching.md", "docs/reference/figures_matching.md",
     "docs/explanation/measuring.md", "docs/explanation/running.md", "docs/explanation/calibration.md",
+    "docs/howto/choose.md",
 )  # fmt: skip
 _MARKED = re.compile(r"(<!-- figures: (\w+) -->\n).*?(?= *<!-- end -->)", re.S)
 _SCENES = {"belt_empty": "empty belt", "module": "module", "belt_loaded": "loaded belt"}
 _METHODS = ("multiview fast", "multiview standard", "pairwise")
 _SHARES = ("< 1 mm", "< 0.25 mm", "median mm", "gross", "measured", "over fifths")
 _HEADS = ("< 1 mm", "< 0.25 mm", "median mm", "gross", "measured", "σ ratio")
+
+_PARTS = (
+    "belt",
+    "cameras",
+    "lens",
+    "place",
+    "light",
+    "σ of depth",
+    "computer, two views of every millimetre",
+)
+
+
+def _describe_rig(
+    belt: tuple[float, float, float, float, float], size_px: tuple[int, int], focal_mm: float
+) -> PlanSettings:
+    """Return a plan's settings: belt width, span, flat, load in mm and speed in m/s; image size and focal length."""
+    width, span, flat, load, speed = belt
+    return PlanSettings.model_validate(
+        {
+            "frames_per_point": 2,
+            "belt": {
+                "width_mm": width,
+                "span_mm": span,
+                "flat_mm": flat,
+                "material_mm": (0, load),
+                "speed_m_s": speed,
+            },
+            "camera": {"size_px": size_px, "focal_mm": focal_mm, "f_number": 1.4},
+            "light": {"projector_lm": 100_000},
+        }
+    )
+
+
+RIGS = {
+    "small": _describe_rig((650, 620, 240, 120, 2), (1440, 1080), 6),
+    "medium": _describe_rig((1000, 920, 370, 200, 3), (2448, 2048), 8),
+    "large": _describe_rig((1400, 1270, 500, 300, 5), (2448, 2048), 8),
+}
+"""Three classes of belts; spans and flats are those of three-roll troughs of 25 to 30°."""
 
 
 def section(results: str, heading: str) -> list[list[str]]:
@@ -125,12 +170,61 @@ def accuracy(results: str) -> str:
         f"to {empty['median mm']} mm on the empty belt and to {loaded['median mm']} mm on rocks, away from edges;",
         f"{loaded['gross']} of what is measured among the rocks is off by more than 5 mm.",
     )
-    return "".join(f"   {line}\n" for line in lines)
+    return "".join(f"{line}\n" for line in lines)
+
+
+def parts(results: str) -> str:
+    """Return the README's table of what makes up a rig, planned for three belts, and what two cores hold."""
+    rate = _rate(results)
+    rows = [_part_cells(make_plan(settings), rate) for settings in RIGS.values()]
+    heads = ["", *RIGS]
+    return table(heads, [list(row) for row in zip(_PARTS, *rows, strict=True)])
+
+
+def _part_cells(plan: Plan, rate: float) -> list[str]:
+    document = plan_to_document(plan)
+    belt, camera, motion = plan.settings.belt, plan.settings.camera, document["motion"]
+    above_mm, lumens = document["mounting"]["above_belt_mm"], document["light"]["needed_lumens"]
+    baseline_mm, tilt_deg = document["rig"]["baseline_mm"], document["rig"]["tilt_deg"]
+    held_m_s = rate * motion["frame_length_mm"] / 1000 / plan.settings.frames_per_point
+    pixels = f"{camera.size_px[0]}×{camera.size_px[1]} px of {camera.pitch_um:g} µm"
+    return [
+        f"{belt.width_mm:.0f} mm, {belt.material_mm[1]:.0f} mm of load, {belt.speed_m_s:g} m/s",
+        f"5 × {pixels}, {motion['data_mb_s']:.0f} MB/s in all",
+        f"{camera.focal_mm:g} mm, f/{camera.f_number:g}",
+        f"core {above_mm:.0f} mm above the belt, others {baseline_mm:.0f} mm beside it, tilted by {tilt_deg:.0f}°",
+        f"{math.ceil(lumens / 1000)},000 lm for {motion['exposure_us']:.0f} µs",
+        f"{document['depth_sigma']['in_this_light_mm']:.3f} mm",
+        f"{motion['fps']:.1f} frame sets/s; two cores hold {rate:g}, enough for {held_m_s:.1f} m/s",
+    ]
+
+
+def _rate(results: str) -> float:
+    """Return the frame sets per second of the running system with the preset fast at 612 px."""
+    _, _, *cells = section(results, "\n## Running system")
+    return float(next(line[2] for line in cells if line[:2] == ["612 px", "fast"]))
+
+
+def rigs(results: str) -> str:
+    """Return the table of accuracy by the number of cameras."""
+    return _choices(results, "Number of cameras", "cameras")
+
+
+def widths(results: str) -> str:
+    """Return the table of accuracy and cost by image width and preset."""
+    return _choices(results, "Image width and preset", "width px", "preset")
+
+
+def _choices(results: str, heading: str, *keys: str) -> str:
+    head, _, *cells = section(results, f"\n### {heading}\n")
+    columns = (*keys, "< 1 mm", "gross", "measured", "median mm", "σ ratio", "volume", "σ of volume", "CPU s")
+    rows = [[dict(zip(head, line, strict=True))[key] for key in columns] for line in cells]
+    return table(list(columns), rows) + "\n" + state(results, "Choices")
 
 
 FIGURES = {
     "presets": presets, "standard": standard, "volumes": volumes, "speed": speed, "calibration": calibration,
-    "accuracy": accuracy,
+    "accuracy": accuracy, "parts": parts, "rigs": rigs, "widths": widths,
 }  # fmt: skip
 
 

@@ -65,7 +65,7 @@ def test_an_own_text_keeps_the_key_of_the_program_s(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("[en.overlaod]", "did you mean 'overload'"),
+        ("[en.overlaod]", "did you mean overload"),
         ('[en.overload]\ndetial = "x"', r"\[en.overload\] unknown key detial; did you mean detail"),
         ('[en.overload]\ndetail = "{volume}"', r"give one of \{value\}, \{limit\}, \{subject\}, \{detail\}"),
         ('[en.overload]\ndetail = "{value.__class__}"', "braces"),

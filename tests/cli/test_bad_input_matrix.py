@@ -51,7 +51,7 @@ rectify nowhere --rig rig.json --out o => nowhere: no such folder
 rectify cap --rig board.toml --out o => board.toml: not JSON
 rectify cap --rig rig.json --out cap => --out cap: is an input
 rectify cap --rig rig.json --out o --depth-range 500 => expected 2 arguments
-rectify cap --rig rig.json --out o --depth-range a b => invalid float value: 'a'
+rectify cap --rig rig.json --out o --depth-range a b => argument --depth-range: 'a' is not a number
 rectify cap --rig rig.json --out o --depth-range 0 800 => both numbers must be positive
 reconstruct cap --rig rig.json --out o --preset slow => preset slow: unknown; use --preset fast
 reconstruct cap --rig rig.json --out o --method magic => method magic: unknown; use --method
@@ -85,8 +85,8 @@ measure volume two/000 --empty text.txt => text.txt: not JSON
 measure volume two/000 --empty dir => dir: holds no depth.tiff
 measure volume two/000 --empty two --across 5 1 => --across 5 1: the first number must be the smaller
 measure volume two/000 --empty two --along nan 1 => --along nan 1: both must be finite
-measure volume two/000 --empty two --cell nan => --cell nan: must be
-measure volume two/000 --empty two --profile-every 1e-9 => --profile-every 1e-09: must be
+measure volume two/000 --empty two --cell nan => --cell nan: cannot be the edge of a cell in mm
+measure volume two/000 --empty two --profile-every 1e-9 => --profile-every 1e-09: cannot be the distance of two
 measure volume two/000 --empty two --surcharge 95 => --surcharge 95: must be
 measure volume two/000 --empty two --out two/000 => --out two/000: is an input
 measure volume two/000 => the following arguments are required: --empty
@@ -95,7 +95,23 @@ measure lumps two => two: holds the frames 000, 001
 measure lumps two/000 --empty rig.json => rig.json: format is 'beltscape-rig/1'
 measure lumps two/000 --sieves a,b => --sieves a,b: give apertures in mm
 measure lumps two/000 --sieves 20,10 => --sieves 20,10: sieves must ascend
-measure lumps two/000 --oversize nan => --oversize nan: must be
+measure lumps two/000 --oversize nan => --oversize nan: cannot be the size of a lump
+measure lumps two/000 --oversize 0.15 => --oversize 0.15: cannot be the size of a lump in mm (1 to 3000); in metres?
+measure lumps two/000 --sieves 0.01,0.02 => --sieves 0.01: cannot be the aperture of a sieve
+measure volume two/000 --empty two --along -0.2 0.2 => write --along -200 200
+measure volume two/000 --empty two --across -0.2 0.2 => 0.4 mm cannot be the side of a box on the belt in mm
+measure volume two/000 --empty two --cell 0.002 => --cell 0.002: cannot be the edge of a cell in mm (0.02 to 100)
+measure volume two/000 --empty two --profile-every 0.05 => --profile-every 0.05: cannot be
+measure volume two/000 --empty two --profile-every 0,05 => '0,05' is not a number, with a decimal point
+{FLOW} --out o --load 0.2 => --load 0.2: cannot be the height of a load in mm (2 to 5000); in metres? write 200
+{FLOW} --out o --density 1.6 => --density 1.6: cannot be a bulk density in kg/m³ (5 to 30000); in t/m³? write 1600
+plan --belt-width 0.8 => belt.width_mm = 0.8: cannot be a width of belt in mm (20 to 20000); in metres? write 800
+plan --speed 2000 => belt.speed_m_s = 2000: cannot be the speed of a belt in m/s (0.005 to 20); in mm/s? write 2
+plan --speed 120 => in m/min? write 2
+plan --focal 0.008 => camera.focal_mm = 0.008: must be greater than or equal to 1; in metres? write 8
+plan --angle 0.99 => camera.angle_deg = 0.99: must be greater than 1; in radians? write 56.72
+simulate module --height 0.744 --out o => rig.height_mm = 0.744: cannot be the height of a camera
+target board --corners 8 5 --square 0.03 --out o => square_mm = 0.03: cannot be the edge of a board's square in mm
 measure features nowhere --module module.toml => nowhere: no such folder
 measure features two/000 --module nope.toml => nope.toml: no such file
 measure features two/000 --module board.toml => board.toml: unknown key kind; known: name, base
@@ -103,12 +119,12 @@ measure features two/000 --module module.toml --image text.txt => text.txt: not 
 {FLOW} --out o --encoder nope.csv => nope.csv: no such file
 {FLOW} --out o --encoder bad.csv => bad.csv: line 3: timestamp_s 'x' is not a number
 {FLOW} --out o --encoder empty.json => empty.json: the header is ''
-{FLOW} --out o --density nan => --density nan: must be above 0
+{FLOW} --out o --density nan => --density nan: cannot be a bulk density in kg/m³
 {FLOW} --out o --density-table bad.csv => bad.csv: the header is 'frame,timestamp_s,belt_position_mm'
 {FLOW} --out o --product x => --product NAME goes with --products FILE
 {FLOW} --out o --direction up => --direction up: must be '+y' or '-y'
-{FLOW} --out o --load nan => --load nan: must be above 0
-{FLOW} --out o --frames-per-s 0 => --frames-per-s 0: must be above 0
+{FLOW} --out o --load nan => --load nan: cannot be the height of a load in mm
+{FLOW} --out o --frames-per-s 0 => --frames-per-s 0: cannot be a rate of frames
 {FLOW} --out cap/flow => --out cap/flow: lies in the capture cap
 measure weight two => invalid choice: 'weight'
 view nowhere --out s.html => nowhere: holds neither rig.json nor frames
@@ -119,7 +135,7 @@ view two --belt rig.json --out s.html => rig.json: holds no pose belt_from_core
 view two --features list.json --out s.html => list.json: is no features.json
 plan --plan nope.toml => nope.toml: no such file
 plan --plan board.toml => board.toml: unknown key kind
-plan --belt-width nan => belt.width_mm = nan: must be a finite number
+plan --belt-width nan => belt.width_mm = nan: cannot be a width of belt in mm
 plan --out cap => cap: holds core, left, which beltscape plan did not write; choose a new or empty --out
 {BOARD.replace("22", "40")} --out o => marker_mm = 40 must be smaller than square_mm = 30
 {BOARD.replace("5X5_100", "9")} --out o => no ArUco dictionary is called DICT_9

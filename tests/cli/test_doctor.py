@@ -7,7 +7,12 @@ import json
 import pytest
 
 from beltscape.cli.main import main
-from beltscape.pipeline.installation.machine import check_disk, check_network_cards, check_socket_buffers
+from beltscape.pipeline.installation.machine import (
+    check_clock,
+    check_disk,
+    check_network_cards,
+    check_socket_buffers,
+)
 from beltscape.pipeline.installation.software import check_kernels
 
 
@@ -37,7 +42,13 @@ def test_small_packets_and_cards_that_are_down(tmp_path):
     assert "ip link set eth0 mtu 9000" in checks[0].fix
 
 
-@pytest.mark.parametrize(("size", "state"), [("212992", "warning"), ("33554432", "ok"), ("no number", "ok")])
+@pytest.mark.parametrize(("answer", "state"), [("yes", "ok"), ("no", "warning"), (None, "warning")])
+def test_a_clock_of_which_nothing_is_known_is_not_ok(monkeypatch, answer, state):
+    monkeypatch.setattr("beltscape.pipeline.installation.machine._run", lambda *_: answer)
+    assert check_clock().state == state
+
+
+@pytest.mark.parametrize(("size", "state"), [("212992", "warning"), ("33554432", "ok"), ("no number", "warning")])
 def test_socket_buffers(size, state, tmp_path):
     limit = tmp_path / "rmem_max"
     limit.write_text(size)

@@ -37,7 +37,7 @@ from importlib import import_module
 import beltscape
 apart = (
     "beltscape.service", "beltscape.simulate", "beltscape.kernels._native",
-    "beltscape.protocols.modbus.server", "beltscape.protocols.mqtt.connection", "beltscape.protocols.mqtt.publisher",
+    "beltscape.protocols.mqtt.connection", "beltscape.protocols.mqtt.publisher",
     "beltscape.protocols.mqtt.json_channel", "beltscape.protocols.mqtt.sparkplug", "beltscape.protocols.opcua",
     "beltscape.protocols.outputs.module", "beltscape.protocols.outputs.writer", "beltscape.site",
 )

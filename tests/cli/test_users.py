@@ -101,11 +101,35 @@ def test_what_is_wrong_is_one_line(monkeypatch, capsys, words, said, line):
 def test_a_data_folder_that_is_not_there(monkeypatch, capsys, desk):
     (desk / "project.toml").write_text("")
     assert users(monkeypatch, "list", "project.toml") == 2
-    assert capsys.readouterr().err.startswith("beltscape: data: no such folder; create it, or let")
+    line = "beltscape: data: no such folder; the first `beltscape users add` or `beltscape run` creates it\n"
+    assert capsys.readouterr().err == line
+    assert not (desk / "data").exists()
     (desk / "project.toml").write_text("data = 3")
     assert users(monkeypatch, "list", "project.toml") == 2
     assert capsys.readouterr().err.startswith(
         "beltscape: project.toml: data = 3: must be the name of a folder"
+    )
+
+
+@pytest.mark.parametrize("data", ["", 'data = "plant/kept here"'])
+def test_the_first_user_may_be_added_before_the_first_run(monkeypatch, desk, data):
+    (desk / "project.toml").write_text(data)
+    folder = desk / (data[8:-1] or "data")
+    add = ("add", "project.toml", "bela", "--role=engineer", "--password-stdin")
+    assert users(monkeypatch, *add, said=PASSWORD + "\n") == 0
+    assert [path.stat().st_mode & 0o027 for path in (folder, folder / "users.db")] == [0, 0]
+    access = Access(folder)
+    assert access.setup_token is None
+    assert access.log_in("bela", PASSWORD, "")
+    access.close()
+
+
+def test_a_password_in_another_encoding_is_refused(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO("Grüße".encode("latin-1")), "utf-8"))
+    assert program.main(["users", "add", "kept", "anna", "--role=viewer", "--password-stdin"]) == 2
+    assert (
+        capsys.readouterr().err
+        == "beltscape: password: standard input is not utf-8; send it in this encoding\n"
     )
 
 

@@ -24,6 +24,7 @@ from tests.docs.results import Results
 from tests.docs.service import curl, run_service
 from tests.docs.system import ROOT, RULES, Wrong, demand, run_system
 from tests.docs.tables import check_table
+from tests.service.proxy import read_locations
 
 RUN_ELSEWHERE = {"evaluate paper": "tests/evaluate/paper", "demo": "tests/pipeline/test_demo.py",
                  "reload": "tests/pipeline/live/test_reload.py", "site": "tests/site/test_services.py",
@@ -71,7 +72,7 @@ class Reader:
         """Do what a block says."""
         ways = {
             "sh": self._shell, "toml": self._toml, "python": self._python, "json": self._json, "yaml": self._yaml,
-            "csv": self._csv,
+            "csv": self._csv, "nginx": self._nginx,
             "text": self._text, "indented": self._text,
         }  # fmt: skip
         way = ways.get(block.kind)
@@ -89,6 +90,10 @@ class Reader:
             self.wrong.append(f"{place}: {error}")
         except Exception as error:
             self.wrong.append(f"{place}: {type(error).__name__}: {error}")
+
+    def _nginx(self, block: Block) -> None:
+        """tests/service/test_path_prefix.py serves belts by the block."""
+        self.attempt(block.place, lambda: demand(read_locations(block.text), "no location"))
 
     def _shell(self, block: Block) -> None:
         for words in split_commands(block.text):

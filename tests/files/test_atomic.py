@@ -5,12 +5,18 @@ from __future__ import annotations
 import pytest
 
 from beltscape.core.errors import OutputError
+from beltscape.files.documents.json_text import read_json, write_json
 from beltscape.files.folders.atomic import atomic_replacement, ensure_output_folder, write_bytes, write_text
 
 
 def test_text_is_utf_8_with_plain_line_ends(tmp_path):
     write_text(tmp_path / "a" / "b.txt", "σ\n")
     assert (tmp_path / "a" / "b.txt").read_bytes() == "σ\n".encode()
+
+
+def test_a_file_name_that_is_no_utf_8_comes_back_from_json(tmp_path):
+    write_json(tmp_path / "a.json", {"capture": "caf\udce9"})
+    assert read_json(tmp_path / "a.json") == {"capture": "caf\udce9"}
 
 
 def test_a_file_is_replaced_whole(tmp_path):

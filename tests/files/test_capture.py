@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.files.capture import natural_key, read_capture
+from beltscape.files.capture import read_capture
+from beltscape.files.frame_names import natural_key
 
 
 def make(folder, *names: str) -> None:
@@ -58,7 +59,7 @@ def test_duplicate_frame_is_refused(tmp_path):
 
 def test_missing_frames_are_listed_for_each_camera(tmp_path):
     make(tmp_path, *(f"cam0/{i}.png" for i in range(8)), "cam1/0.png", "cam1/9.png", "cam2/0.png")
-    assert read_capture(tmp_path).describe_missing_frames() == [
+    assert read_capture(tmp_path).describe_omissions() == [
         f"{tmp_path}/cam0: no image for frame 9; going on without",
         f"{tmp_path}/cam1: no image for frame 1, 2, 3, 4 and 3 more; going on without",
         f"{tmp_path}/cam2: no image for frame 1, 2, 3, 4 and 4 more; going on without",
@@ -67,7 +68,7 @@ def test_missing_frames_are_listed_for_each_camera(tmp_path):
 
 def test_a_full_capture_has_no_gaps(tmp_path):
     make(tmp_path, "cam0/0.png", "cam1/0.jpg")
-    assert read_capture(tmp_path).describe_missing_frames() == []
+    assert read_capture(tmp_path).describe_omissions() == []
 
 
 def test_only_keeps_known_cameras_in_the_given_order(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.errors import InputError
+from beltscape.core.plausibility import receive_oddities
 from beltscape.files.tables.density import find_product, read_density_table
 from beltscape.files.tables.encoder_csv import read_encoder
 from beltscape.files.tables.flow_csv import HEADER, format_flow_row, write_flow
@@ -29,6 +30,12 @@ def test_frames_may_be_named_by_their_files(tmp_path: Path) -> None:
     assert second.belt_position_mm == 201.2
 
 
+def belt(scale_s: float = 1, scale_mm: float = 1, start_s: float = 0) -> str:
+    """Return an encoder.csv of a belt at 2 m/s, which stands at first, with times and positions in other units."""
+    rows = (f"{k},{start_s + 0.05 * k * scale_s},{100 * max(0, k - 3) * scale_mm}\n" for k in range(8))
+    return GOOD + "".join(rows)
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -42,6 +49,31 @@ def test_frames_may_be_named_by_their_files(tmp_path: Path) -> None:
         (GOOD + "a,0,nan\n", "line 2: belt_position_mm 'nan' is not a number"),
         (GOOD + "a,0\n", "line 2: 2 values, but the header has 3"),
         (GOOD + ",0,0\n", "line 2: no frame is named"),
+        (
+            GOOD + "a,0,05,12,5\n",
+            "line 2: 5 values, but the header has 3; decimal commas? write numbers with a",
+        ),
+        (GOOD + 'a,"0,05",12\n', "line 2: timestamp_s '0,05' is not a number; write 0.05"),
+        (GOOD + "a,0,1_000\n", "line 2: belt_position_mm '1_000' is not a number"),
+        (GOOD + "a;0,05;12,5\n", "line 2: timestamp_s '05;12' is not a number"),
+        (GOOD.replace(",", ";") + "a;0,05;12,5\n", "separate the columns by commas and write numbers with a"),
+        (GOOD.replace(",", "\t"), "separate the columns by commas"),
+        (
+            belt(scale_s=1e3),
+            "no belt has rows every 50 s at 2 mm/s; timestamp_s in milliseconds? multiply by 0.001",
+        ),
+        (belt(scale_s=1e6), "timestamp_s in microseconds? multiply by 1e-06"),
+        (belt(scale_s=1e9), "timestamp_s in nanoseconds? multiply by 1e-09"),
+        (belt(scale_s=1e3, start_s=1.76e12), "timestamp_s 1.76e+12 is after the year 2100"),
+        (belt(scale_s=1 / 3600), "timestamp_s in hours? multiply by 3600"),
+        (
+            belt(scale_mm=1e3),
+            "no belt has rows every 0.05 s at 2000000 mm/s; belt_position_mm in micrometres?",
+        ),
+        (
+            belt(scale_mm=50),
+            "multiply by 0.001; belt_position_mm in pulses? multiply by the mm of a pulse",
+        ),
     ],
 )
 def test_a_wrong_encoder_file_is_refused_in_one_line(tmp_path: Path, text: str, words: str) -> None:
@@ -53,11 +85,41 @@ def test_a_wrong_encoder_file_is_refused_in_one_line(tmp_path: Path, text: str, 
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("text", "oddity"),
+    [
+        (belt(), ""),
+        (GOOD + "a,0,7\nb,60,7\n", ""),  # a standing belt
+        (GOOD + "a,0,0\nb,2,1000\n", ""),
+        (
+            belt(scale_mm=1e-3),
+            "few belts have rows every 0.05 s at 2 mm/s; belt_position_mm in metres? multiply by 1000",
+        ),
+        (GOOD + "a,0,0\nb,1,2\nc,2,4\n", "few belts have rows every 1 s at 2 mm/s"),
+        (belt(scale_mm=10), "few belts have rows every 0.05 s at 20000 mm/s"),
+    ],
+)
+def test_an_unusual_motion_is_read_with_a_remark(tmp_path: Path, text: str, oddity: str) -> None:
+    lines: list[str] = []
+    with receive_oddities(lines.append):
+        assert read_encoder(written(tmp_path, text))
+    assert bool(lines) == bool(oddity)
+    assert oddity in "".join(lines)
+
+
 def test_density_by_time(tmp_path: Path) -> None:
     path = written(tmp_path, "timestamp_s,density_kg_m3,sigma_kg_m3\n0,800,10\n1.5,900,12\n", "density.csv")
     assert read_density_table(path) == [(0, 800.0, 10.0), (1_500_000_000, 900.0, 12.0)]
-    path = written(tmp_path, "timestamp_s,density_kg_m3\n0,-5\n", "density.csv")
-    with pytest.raises(InputError, match="line 2: a density of -5"):
+    for row, words in (
+        ("0,-5", "line 2: density_kg_m3 -5 cannot be a bulk density"),
+        ("0,1.6", r"1.6 cannot be a bulk density in kg/m³ \(5 to 30000\); in t/m³\? write 1600"),
+        ("0,800,5,1", "line 2: 4 values, but the header has 2; decimal commas"),
+    ):
+        path = written(tmp_path, f"timestamp_s,density_kg_m3\n{row}\n", "density.csv")
+        with pytest.raises(InputError, match=words):
+            read_density_table(path)
+    path = written(tmp_path, "timestamp_s,density_kg_m3,sigma_kg_m3\n0,5,800\n", "density.csv")
+    with pytest.raises(InputError, match="sigma_kg_m3 800 is not below density_kg_m3 5; decimal commas"):
         read_density_table(path)
 
 

@@ -8,7 +8,7 @@ import PIL.Image
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.files.rasters.images import encode_image, read_image, write_image
+from beltscape.files.rasters.images import KINDS, encode_image, read_image, write_image
 
 RED, BLUE = (255, 0, 0), (0, 128, 255)
 
@@ -81,7 +81,7 @@ def test_a_truncated_image_is_refused_not_half_read(tmp_path, capfd, extension, 
     with pytest.raises(InputError) as error:
         read_image(path)
     assert str(error.value) in (
-        f"{path}: not a readable image; PNG, TIFF, JPEG and BMP are known",
+        f"{path}: not a readable image; {KINDS} are known",
         f"{path}: the file is damaged or cut short; copy the image again",
     )
     assert capfd.readouterr() == ("", "")  # nor does OpenCV say a word
@@ -102,7 +102,7 @@ def test_text_named_png_is_refused(tmp_path):
     (tmp_path / "a.png").write_text("hello")
     with pytest.raises(InputError) as error:
         read_image(tmp_path / "a.png")
-    assert str(error.value) == f"{tmp_path}/a.png: not a readable image; PNG, TIFF, JPEG and BMP are known"
+    assert str(error.value) == f"{tmp_path}/a.png: not a readable image; {KINDS} are known"
 
 
 def test_a_missing_file_or_a_folder_is_named(tmp_path):

@@ -152,6 +152,17 @@ POSE = "cameras.cam1.cam_from_core"
         ("cameras.cam1.focal_px", [800, 0], f"cameras.cam1.focal_px = [800, 0]: must be positive{MEND}"),
         ("cameras.cam1.focal_px", 800, f"cameras.cam1.focal_px must be 2 numbers{MEND}"),
         ("cameras.cam1.focal_px", [800, "x"], f"cameras.cam1.focal_px must be 2 numbers{MEND}"),
+        ("cameras.cam1.focal_px", ["800", "800"], f"cameras.cam1.focal_px must be 2 numbers{MEND}"),
+        ("cameras.cam1.distortion", [0, 0, 0, 0, True], f"cameras.cam1.distortion must be 5 numbers{MEND}"),
+        ("cameras.cam1.valid_radius_px", True, f"cameras.cam1.valid_radius_px must be a number{MEND}"),
+        ("quality", "good", f"quality must be a table{MEND}"),
+        ("covariance", [1], f"covariance must be a table{MEND}"),
+        ("covariance", {"parameters": 3}, f"covariance.parameters must be a list of names{MEND}"),
+        (
+            "covariance",
+            {"parameters": ["cam0.fx"], "matrix": [["1"]]},
+            f"covariance.matrix must be 1×1 numbers, as its parameters are{MEND}",
+        ),
         (
             "cameras.cam1.distortion",
             [0, 0, 0, 0],

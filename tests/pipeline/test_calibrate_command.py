@@ -8,7 +8,7 @@ import pytest
 
 from beltscape.core.progress import Silent
 from beltscape.files.rasters.images import read_image
-from beltscape.files.rig_json import read_rig
+from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.calibrating import calibration
 from beltscape.target.board import read_board
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
@@ -53,15 +53,16 @@ def test_mirrored_images_are_reported(boards):
     assert f"{boards / 'cam2'}: the images are mirrored; switch mirroring off in the camera" in found.warnings
 
 
-def test_square_given_in_centimetres_causes_a_warning(boards, tmp_path):
+def test_square_given_in_inches_causes_a_warning(boards, tmp_path):
     board = tmp_path / "board.toml"
     text = (DEMO / "board.toml").read_text()
-    board.write_text(text.replace("34.0", "3.4").replace("25.0", "2.5"))
+    board.write_text(text.replace("34.0", "1.34").replace("25.0", "0.984"))
     found = calibration.calibrate(boards, read_board(board), None, Silent())
-    warnings = [line for line in found.warnings if "centimetres" in line]
-    assert len(warnings) == 1
-    assert warnings[0].startswith("with square_mm = 3.4 the board was 6")
-    assert warnings[0].endswith("mm away; was it given in centimetres (34 mm)?")
+    (warning,) = [line for line in found.warnings if "square_mm" in line]
+    assert warning.startswith("with square_mm = 1.34 the board was 2")
+    assert warning.endswith("mm apart; was it given in inches (34.04 mm)?")
+    write_rig(tmp_path / "rig.json", found.rig)
+    assert read_rig(tmp_path / "rig.json").core == found.rig.core  # what is written can be read
 
 
 def test_given_intrinsics_are_fixed(run, boards, tmp_path):

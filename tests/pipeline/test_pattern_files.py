@@ -85,7 +85,7 @@ def test_svg_contains_every_dot_and_marker_at_its_position():
         (lambda d: d["markers"][2].update(row=4), "markers[2].row = 4: must be less than 4"),
         (
             lambda d: d["parameters"].update(d_min_px=None),
-            "parameters.d_min_px = None: must be a valid number",
+            "parameters.d_min_px = null: must be a number",
         ),
     ],
 )

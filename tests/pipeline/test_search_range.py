@@ -23,6 +23,7 @@ def rig():
         ((0.5, 0.8), "were these metres? then give 500 800"),
         ((0.7, 2.0), "were these metres? then give 700 2000"),
         ((60, 90), "were these centimetres? then give 600 900"),
+        ((24, 32), "were these inches? then give 609.6 812.8"),
         ((600_000, 800_000), "were these micrometres? then give 600 800"),
         ((5, 8), "meet between 326 and 1592 mm; give a range there"),
         ((1, 5000), "too wide to be searched"),

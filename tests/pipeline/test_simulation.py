@@ -56,7 +56,7 @@ def test_simulated_capture_reads_as_a_capture(simulated, kind):
     capture = read_capture(folder)
     assert capture.cameras == CAMERAS  # neither truth nor tof
     assert capture.frames == tuple(f"{i:03d}" for i in range(scene.frames or 1))
-    assert capture.describe_missing_frames() == []
+    assert capture.describe_omissions() == []
     rig = read_rig(folder / "truth" / "rig.json")
     for name in CAMERAS:
         image = read_image(capture.files[name]["000"])

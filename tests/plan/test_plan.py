@@ -66,7 +66,7 @@ def test_differing_angles_of_table_1_give_a_warning(paper):
 @pytest.mark.parametrize(
     ("settings", "line"),
     [
-        (PlanSettings(belt=BeltSettings(speed_m_s=40)), "frames a second are needed, the camera gives 79.1"),
+        (PlanSettings(belt=BeltSettings(speed_m_s=19)), "frames a second are needed, the camera gives 79.1"),
         (
             PlanSettings(light=LightSettings(exposure_us=1000)),
             "px of motion blur; expose at most 82 µs for 0.5 px",

@@ -26,6 +26,24 @@ with_broker = pytest.mark.skipif(
 )
 
 
+MQTT_3_REFUSAL = bytes((0x20, 2, 0, 1))
+"""CONNACK of a broker of MQTT 3.1.1 that gets a CONNECT of MQTT 5: "unacceptable protocol version"."""
+
+
+def answer_every_client(answer: bytes) -> int:
+    """Return the port of a thread that answers the first bytes of every client by these, and ends the connection."""
+    listener = socket.create_server(("127.0.0.1", 0))
+
+    def serve() -> None:
+        while True:
+            with listener.accept()[0] as client:
+                client.recv(4096)
+                client.sendall(answer)
+
+    threading.Thread(target=serve, daemon=True).start()
+    return listener.getsockname()[1]
+
+
 def find_port() -> int:
     """Return a free TCP port."""
     with socket.socket() as one:

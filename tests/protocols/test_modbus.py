@@ -140,6 +140,96 @@ def test_a_port_in_use_is_named(tmp_path: Path) -> None:
             server.start()
 
 
+def make_request(number: int, pdu: bytes = b"\x03\x00\x00\x00\x02", unit: int = 1) -> bytes:
+    """Return a request: by default a read of the first two holding registers."""
+    return struct.pack(">HHHB", number, 0, len(pdu) + 1, unit) + pdu
+
+
+def read_answers(client: socket.socket, count: int) -> list[tuple[int, bytes]]:
+    """Return the next answers of a connection: transaction number and data."""
+    file, answers = client.makefile("rb"), list[tuple[int, bytes]]()
+    for _ in range(count):
+        number, _, size, _ = struct.unpack(">HHHB", file.read(7))
+        answers.append((number, file.read(size - 1)))
+    return answers
+
+
+def cut(data: bytes, pieces: int) -> list[bytes]:
+    return [data[k * len(data) // pieces : (k + 1) * len(data) // pieces] for k in range(pieces)]
+
+
+@pytest.mark.parametrize(("requests", "segments"), [(1, 3), (3, 1), (3, 2), (40, 7), (12, 12 * 12)])
+def test_every_request_is_answered_however_the_network_cuts_them(serve, requests: int, segments: int) -> None:
+    server, _ = serve()
+    numbers = [1000 + 7 * k for k in range(requests)]
+    with socket.create_connection(("127.0.0.1", server.port), timeout=20) as client:
+        client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for segment in cut(b"".join(map(make_request, numbers)), segments):
+            client.sendall(segment)
+        answers = read_answers(client, requests)
+    assert [number for number, _ in answers] == numbers
+    assert {len(data) for _, data in answers} == {2 + 4}
+
+
+def test_clients_at_once_get_their_own_answers(serve) -> None:
+    server, _ = serve()
+    clients = [socket.create_connection(("127.0.0.1", server.port), timeout=20) for _ in range(20)]
+    for k, client in enumerate(clients):  # all are in the middle of their first request
+        client.sendall((make_request(100 * k) + make_request(100 * k + 1))[:5])
+    for k, client in reversed(list(enumerate(clients))):
+        client.sendall((make_request(100 * k) + make_request(100 * k + 1))[5:])
+        assert [number for number, _ in read_answers(client, 2)] == [100 * k, 100 * k + 1]
+        client.close()
+
+
+def test_connections_that_were_left_open_do_not_keep_others_out(serve) -> None:
+    server, _ = serve()
+    left = [socket.create_connection(("127.0.0.1", server.port), timeout=20) for _ in range(100)]
+    with socket.create_connection(("127.0.0.1", server.port), timeout=20) as client:
+        client.sendall(make_request(1))
+        assert [number for number, _ in read_answers(client, 1)] == [1]
+    for one in left:
+        one.close()
+
+
+@pytest.mark.parametrize(
+    ("pdu", "code"),
+    [
+        (b"\x01\x00\x00\x00\x02", 1),  # coils
+        (b"\x2b\x0e\x01\x00", 1),  # identification
+        (b"\x06\x00\x00\x00\x02", 1),  # there are no commands
+        (b"\x03\x0f\xff\x00\x02", 2),
+        (b"\x03\x00\x00\x00\x00", 3),
+        (b"\x04\x00\x00\x00\x7e", 3),
+        (b"\x03\x00", 3),
+    ],
+)
+def test_what_cannot_be_answered_is_an_exception_and_the_next_request_is_answered(
+    serve, pdu: bytes, code: int
+) -> None:
+    server, _ = serve()
+    with socket.create_connection(("127.0.0.1", server.port), timeout=20) as client:
+        client.sendall(make_request(1, pdu) + make_request(2, unit=9) + make_request(3))
+        answers = read_answers(client, 3)
+    assert [number for number, _ in answers] == [1, 2, 3]
+    assert answers[0][1] == bytes((pdu[0] | 0x80, code))
+    assert answers[1][1] == b"\x83\x0b"
+    assert answers[2][1][:2] == b"\x03\x04"
+
+
+def test_a_state_that_cannot_be_read_is_an_exception_and_told_once(
+    serve, plant: FakePlant, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server, _ = serve()
+    messages = list[str]()
+    monkeypatch.setattr(server, "_on_message", messages.append)
+    monkeypatch.setattr(plant, "read_state", lambda: 1 / 0)
+    with socket.create_connection(("127.0.0.1", server.port), timeout=20) as client:
+        client.sendall(make_request(1) + make_request(2))
+        assert read_answers(client, 2) == [(1, b"\x83\x04"), (2, b"\x83\x04")]
+    assert messages == ["modbus: ZeroDivisionError: division by zero; a request was not answered"]
+
+
 def test_garbage_on_the_port_stops_nothing(serve, plant: FakePlant) -> None:
     server, client = serve()
     rng = random.Random(3)

@@ -24,7 +24,15 @@ from beltscape.sinks.historian import Historian
 from beltscape.sinks.historian.writing import store
 from beltscape.sinks.settings import HistorySettings
 from tests.files.damages import DAMAGES, check_set_aside
-from tests.protocols.broker import Broker, Subscriber, find_port, wait_until, with_broker
+from tests.protocols.broker import (
+    MQTT_3_REFUSAL,
+    Broker,
+    Subscriber,
+    answer_every_client,
+    find_port,
+    wait_until,
+    with_broker,
+)
 from tests.protocols.plant import FakePlant, make_record
 from tests.service.access.certificates import make_certificate
 from tests.sinks.ledgers import ledger
@@ -187,6 +195,25 @@ def test_tls_checks_the_certificate_of_the_broker(tmp_path: Path) -> None:
         assert publisher.waiting == (0 if authority is certificate else 40)
         publisher.close()
     one.stop(kill=True)
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [
+        (MQTT_3_REFUSAL, "refused (the broker does not speak MQTT 5; update it"),
+        (bytes((0x20, 3, 0, 132, 0)), "refused (the broker does not speak MQTT 5; update it"),
+        (b"", "it ends without an answer; check that host and port are those of a broker that speaks MQTT 5"),
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "it ends without an answer; check that host and port are"),
+    ],
+)
+def test_what_does_not_speak_mqtt_5_is_named(tmp_path: Path, answer: bytes, expected: str) -> None:
+    messages: list[str] = []
+    settings = MqttSettings(host="127.0.0.1", port=answer_every_client(answer), topic=TOPIC)
+    publisher = Publisher(settings, FakePlant(), tmp_path, messages.append)
+    publisher.start()
+    wait_until(lambda: bool(messages))
+    publisher.close()
+    assert expected in messages[0]
 
 
 def test_a_broker_that_is_not_there_is_named_and_closing_is_quick(tmp_path: Path) -> None:

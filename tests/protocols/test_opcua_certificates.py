@@ -17,7 +17,9 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
-from beltscape.protocols.opcua.security.certificates import ClientCertificates
+from beltscape.protocols.listening import list_own_addresses
+from beltscape.protocols.opcua.security.certificates import ClientCertificates, open_own_certificate
+from beltscape.protocols.opcua.settings import OpcUaSettings
 from tests.protocols.opcua import APPLICATION
 
 
@@ -72,3 +74,26 @@ def test_others_may_not_issue_certificates(tmp_path: Path, is_authority: bool, d
     with pytest.raises(ServiceError) as refused:
         clients.check(client.public_bytes(Encoding.DER), APPLICATION)
     assert refused.value.code == ua.StatusCodes.BadCertificateUntrusted
+
+
+def test_the_made_certificate_names_every_address_by_which_clients_connect(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("socket.gethostname", lambda: "Belt4")
+    everywhere = OpcUaSettings(host="0.0.0.0", hosts=("belt4.plant.example", "192.0.2.17", "2001:DB8:0::4"))
+    own = open_own_certificate(everywhere, tmp_path)
+    names = own.certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert {"belt4", "localhost", "belt4.plant.example"} <= set(names.get_values_for_type(x509.DNSName))
+    addresses = {str(one) for one in names.get_values_for_type(x509.IPAddress)}
+    assert addresses >= {"192.0.2.17", "2001:db8::4", "127.0.0.1", "::1"} | list_own_addresses()
+    assert own.list_missing_hosts(everywhere) == []
+    kept = open_own_certificate(everywhere, tmp_path)
+    assert (
+        kept.certificate == own.certificate
+    )  # clients trust it: it is not made anew where an address changes
+    moved = OpcUaSettings(host="192.0.2.99", hosts=("BELT4",))
+    assert kept.list_missing_hosts(moved) == ["192.0.2.99"]
+    monkeypatch.setattr(
+        "beltscape.protocols.opcua.security.certificates.find_routed_addresses", lambda: {"192.0.2.50"}
+    )
+    assert kept.list_missing_hosts(everywhere) == ["192.0.2.50"]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from beltscape.core.errors import InputError
 from beltscape.site.following.faults import BeltFaultError
 from beltscape.site.run import RunningSite, check_site
 from beltscape.site.settings import BeltSettings, read_site
@@ -133,10 +134,17 @@ def test_what_is_wrong_with_a_belt_is_one_clear_line(belts: dict[str, Belt], tmp
 
 def test_check_names_every_belt(belts: dict[str, Belt], tmp_path: Path) -> None:
     belts["a"].measure(3)
-    lines = check_site(read_site(write_site(tmp_path, belts, c=f"http://127.0.0.1:{find_port()}")))
+    warnings: list[str] = []
+    site = read_site(write_site(tmp_path, belts, c=f"http://127.0.0.1:{find_port()}"))
+    lines = check_site(site, warnings.append)
     assert "3 records" in lines["a"]
     assert "cannot be reached" in lines["c"]
     assert lines["page"] == "127.0.0.1 port 0"
+    assert warnings == [f"c: {lines['c']}"]
+    for belt in belts.values():
+        belt.stop()
+    with pytest.raises(InputError, match=r"no belt can be read; a: .*; b: .*; c: "):
+        check_site(site)
 
 
 def test_another_version_is_marked_and_read_nevertheless(

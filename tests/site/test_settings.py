@@ -22,7 +22,7 @@ BALANCE = '[[balances]]\nname = "t"\ninflow = ["a"]\noutflow = ["b"]\n'
     [
         ("", "belts is missing"),
         (BELT.replace("https://", ""), "must be http:// or https://"),
-        (BELT.replace("8460", "8460/page"), "must be http:// or https://"),
+        (BELT.replace("8460", "8460/?page=1"), "must be http:// or https://"),
         (BELT + BELT, "belts: the name 'a' stands twice"),
         (BELT + BALANCE, "there is no belt 'b'; there are a"),
         (BELT + BALANCE.replace('"b"', '"a"'), "stands in inflow or outflow once only"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
+from beltscape.core.errors import suggest_name
 
 CHECKS = (
     "camera_pose",
@@ -41,6 +41,5 @@ def require_check(name: str) -> str:
     """Return the name of a check; ValueError with the most similar one if there is none of that name."""
     if name in CHECKS:
         return name
-    similar = get_close_matches(name, CHECKS, 1)
-    hint = f"did you mean {similar[0]!r}?" if similar else f"give one of {', '.join(CHECKS)}"
+    hint = suggest_name(name, CHECKS) or f"give one of {', '.join(CHECKS)}"
     raise ValueError(f"no check is called {name!r}; {hint}")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from typing import Annotated
 
 from pydantic import AfterValidator
 
 from beltscape.alarms.checks import CHECKS
+from beltscape.core.errors import suggest_name
 
 KINDS = (
     "no_measurement",
@@ -51,8 +51,7 @@ def require_alarm(name: str) -> str:
     known = (*KINDS, *CHECKS)
     if kind in known:
         return name
-    similar = get_close_matches(kind, known, 1)
-    hint = f"did you mean {similar[0]!r}?" if similar else f"give one of {', '.join(known)}"
+    hint = suggest_name(kind, known) or f"give one of {', '.join(known)}"
     raise ValueError(f"no alarm is called {name!r}; {hint}")
 
 

@@ -17,6 +17,7 @@ from beltscape.alarms.management.groups import GROUPS
 from beltscape.alarms.management.settings import Groups, ShelvingSettings, SuppressionSettings
 from beltscape.alarms.names import AlarmKey
 from beltscape.core.live.alarms import Priority, Severity
+from beltscape.core.plausibility import CROSS_SECTION, LUMP, OFFSET, STOPPED_SPEED
 
 Seconds = Annotated[float, Field(ge=0, le=86_400, allow_inf_nan=False)]
 """A time, up to a day."""
@@ -73,7 +74,7 @@ class Overload(LoadSettings):
     after_s: Seconds = 1.0
     fill: Share | None = 1.0
     """Cross-section over that of the fully loaded belt (DIN 22101)."""
-    area_mm2: Limit | None = None
+    area_mm2: Annotated[float, CROSS_SECTION] | None = None
     volume_flow_m3_h: Limit | None = None
     mass_flow_t_h: Limit | None = None
     """Needs a bulk density; without one this limit can neither raise nor clear the alarm."""
@@ -92,7 +93,7 @@ class Empty(LoadSettings):
     clear_after_s: Seconds = 2.0
     fill: Share | None = 0.02
     """Cross-section over that of the fully loaded belt."""
-    area_mm2: Limit | None = None
+    area_mm2: Annotated[float, CROSS_SECTION] | None = None
     hysteresis: Above = 1.0
     """Over above limit·(1 + hysteresis)."""
     sigmas: Sigmas = 0.0
@@ -105,7 +106,7 @@ class BeltStopped(CommonSettings):
     latched: bool = False
     after_s: Seconds = 3.0
     clear_after_s: Seconds = 1.0
-    speed_mm_s: Limit = 20.0
+    speed_mm_s: Annotated[float, STOPPED_SPEED] = 20.0
     """Belts run at 500 mm/s and more; a stopped belt creeps."""
     hysteresis: Above = 1.0
     """Over above limit·(1 + hysteresis)."""
@@ -116,7 +117,7 @@ class OversizeLump(CommonSettings):
 
     severity: Severity = "critical"
     clear_after_s: Seconds = 10.0
-    size_mm: Limit | None = None
+    size_mm: Annotated[float, LUMP] | None = None
     """Sieve size; None: no alarm."""
     hysteresis: Below = 0.05
     """Over below limit·(1 - hysteresis)."""
@@ -128,7 +129,7 @@ class MisalignedBelt(CommonSettings):
     """The belt runs off to a side."""
 
     after_s: Seconds = 5.0
-    offset_mm: Limit = 50.0
+    offset_mm: Annotated[float, OFFSET] = 50.0
     """Limit to either side."""
     hysteresis: Below = 0.3
     """Over below limit·(1 - hysteresis)."""

@@ -28,7 +28,7 @@ from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.files.capture import natural_key
+from beltscape.files.frame_names import natural_key
 from beltscape.target.board import Board, corner_points_mm
 
 EXCESS_FACTOR, EXCESS_PX = 2.0, 0.25

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from beltscape.core.errors import SettingsError
+from beltscape.core.plausibility import Quantity, report_oddity
 from beltscape.core.type_guards import is_list_or_tuple
 
 if TYPE_CHECKING:
@@ -64,8 +65,11 @@ def make_settings(model: type[Model], **options: object) -> Model:
     """Return the settings of options named as its fields; SettingsError with the bounds for an invalid value."""
     from pydantic import ValidationError
 
+    def describe_oddity(field: str, value: float, oddity: str) -> str:
+        return f"{_option(field)} {_format_input(value)}: {oddity}"
+
     try:
-        return model.model_validate(options)
+        return model.model_validate(options, context=describe_oddity)
     except ValidationError as error:
         first = error.errors()[0]
         text = first["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
@@ -109,6 +113,17 @@ def require_positive(option: str, value: float | None) -> float | None:
     """Return a positive number; None if the option is not given; SettingsError otherwise."""
     if value is not None and not 0 < value < inf:
         raise SettingsError(f"{option} {value:g}: must be positive")
+    return value
+
+
+def require_plausible(option: str, value: float | None, quantity: Quantity) -> float | None:
+    """Return a number that can be, and report an unusual one; None if the option is not given; else SettingsError."""
+    if value is None:
+        return None
+    if refusal := quantity.find_refusal(value):
+        raise SettingsError(f"{option} {value:g}: {refusal}")
+    if oddity := quantity.find_oddity(value):
+        report_oddity(f"{option} {value:g}: {oddity}")
     return value
 
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import traceback
+from contextlib import suppress
 from pathlib import Path
 
-from beltscape.core.errors import BeltscapeError
+from beltscape.cli.terminal import print_error, print_output
+from beltscape.core.errors import BeltscapeError, OutputError
 from beltscape.core.runtime.extras import describe_missing_library
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
@@ -25,12 +26,13 @@ def report_failure(error: BaseException, *, as_json: bool) -> int:
     """Print ``error`` as one line and, with ``as_json``, as a document; return the exit code."""
     code, message = _describe(error)
     line = message if isinstance(error, UsageError) else f"beltscape: {message}"
-    print(line, file=sys.stderr)
+    print_error(line)
     if code == INTERNAL and os.environ.get(TRACEBACK):
-        traceback.print_exception(error)
+        print_error("".join(traceback.format_exception(error)).rstrip())
     if as_json:
         document = {"type": _kind(error, code), "message": message, "exit_code": code}
-        print(json.dumps({"error": document}, indent=1, ensure_ascii=False))
+        with suppress(OutputError):  # the line says what went wrong first
+            print_output(json.dumps({"error": document}, indent=1, ensure_ascii=False) + "\n", as_json=True)
     return code
 
 

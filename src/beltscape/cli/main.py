@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NoReturn, cast
 
 from beltscape import __version__
@@ -14,26 +16,46 @@ from beltscape.cli.command import Command
 from beltscape.cli.commands.installation import completion
 from beltscape.cli.examples import add_examples
 from beltscape.cli.failure import UsageError, report_failure
+from beltscape.cli.terminal import Terminal, prepare_streams, print_output
+from beltscape.core.errors import InputError
 
 
 class OneLineParser(argparse.ArgumentParser):
     """Parser whose usage errors are one line with the fix."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise UsageError with the message in one line."""
+        """Raise UsageError with the message in one line, without the names of Python's types."""
+        message = re.sub(r"invalid (float|int) value: (.*)", _describe_no_number, message)
         raise UsageError(f"{self.prog}: {message}; see: {self.prog} --help")
+
+
+def _describe_no_number(found: re.Match[str]) -> str:
+    """Return what a number must be, in place of argparse's message."""
+    kind, text = found[1], found[2]
+    needed = "a whole number" if kind == "int" else "a number"
+    point = ", with a decimal point" if kind == "float" and "," in text else ""
+    return f"{text} is not {needed}{point}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; return the exit code: 0 on success, else that of `beltscape.cli.failure`."""
     words = list(sys.argv[1:] if argv is None else argv)
+    prepare_streams()
     try:
-        return _run_command(words)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        return _run_and_flush(words)
     except (Exception, KeyboardInterrupt) as error:
         return report_failure(error, as_json="--json" in words)
+
+
+def _run_and_flush(words: Sequence[str]) -> int:
+    """Run the program, and see that what argparse prints can be written."""
+    try:
+        code = _run_command(words)
+    except SystemExit:
+        print_output("")
+        raise
+    print_output("")
+    return code
 
 
 def _run_command(words: Sequence[str]) -> int:
@@ -67,15 +89,25 @@ def _declare(name: str, parser: argparse.ArgumentParser) -> Command:
 
 def _run(command: Command, arguments: argparse.Namespace) -> int:
     from beltscape.cli.output import manage_output
-    from beltscape.cli.terminal import Terminal
+    from beltscape.core.plausibility import receive_oddities
     from beltscape.files.documents.json_text import to_json
 
-    with Terminal() as terminal, manage_output(arguments) as output:
+    _require_working_folder()
+    with Terminal() as terminal, manage_output(arguments) as output, receive_oddities(terminal.warn):
         result = {**output.relocate(command.run(arguments, terminal)), "warnings": terminal.warnings}
     text = to_json(result) if arguments.json else command.summary(result) + "\n"
-    sys.stdout.write(text)
-    sys.stdout.flush()
+    print_output(text, as_json=arguments.json)
     return 0
+
+
+def _require_working_folder() -> None:
+    """Raise InputError where the folder in which the program was started is gone: relative paths lead nowhere."""
+    try:
+        Path.cwd()
+    except OSError as error:
+        raise InputError(
+            f"the working folder cannot be used ({error.strerror}): it was removed or moved away; cd to another one"
+        ) from error
 
 
 def _add_json(parser: argparse.ArgumentParser) -> None:
@@ -101,11 +133,10 @@ def _run_top_level(words: Sequence[str]) -> int:
     parser.add_argument("command", nargs="?", help=argparse.SUPPRESS)
     arguments, unknown = parser.parse_known_args(words)
     if arguments.command is not None:
-        from difflib import get_close_matches
+        from beltscape.core.errors import suggest_name
 
         command: str = arguments.command
-        near = get_close_matches(command, COMMANDS, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(COMMANDS)}"
+        hint = suggest_name(command, COMMANDS) or f"there are {', '.join(COMMANDS)}"
         parser.error(f"no command {arguments.command!r}; {hint}")
     if unknown:
         parser.error(f"no option {unknown[0]}")

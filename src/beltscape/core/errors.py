@@ -12,6 +12,21 @@ BeltscapeError
 Every message is one line that names the file, the value and the fix. Only the CLI turns it into an exit code.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+_NEAR = 0.75
+"""Least similarity (difflib) of a name to the one that was probably meant: a letter of four, two of eight. Chosen."""
+
+
+def suggest_name(name: str, known: Iterable[str]) -> str:
+    """Return "did you mean …?" with the known name that is really near, or else an empty text."""
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, list(known), n=1, cutoff=_NEAR)
+    return f"did you mean {near[0]}?" if near else ""
+
 
 class BeltscapeError(Exception):
     """Root of everything Beltscape raises on purpose."""

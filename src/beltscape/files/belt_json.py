@@ -15,7 +15,7 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose, is_rotation
 from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.digest import add_digest, require_digest
-from beltscape.files.documents.json_text import read_json, to_json
+from beltscape.files.documents.json_text import parse_numbers, read_json, to_json
 from beltscape.files.folders.atomic import write_text
 from beltscape.files.folders.paths import AnyPath, as_path
 
@@ -105,7 +105,7 @@ def _belt(document: Mapping[str, Any]) -> Belt:
     if document.get("units") != "mm":
         raise ValueError(f'units = {document.get("units")!r}: only "mm" is known')
     frames = document.get("frames")
-    if not isinstance(frames, int) or frames < 1:
+    if not isinstance(frames, int) or isinstance(frames, bool) or frames < 1:
         raise ValueError(f"frames = {frames!r}: must be a whole number of at least 1")
     section, quality = _entry(document, "section"), _entry(document, "quality")
     x = _require_ascending("section", section, "x_mm")
@@ -195,11 +195,8 @@ def _number(place: str, entry: Mapping[str, Any], key: str) -> float:
 
 
 def _array(place: str, entry: Mapping[str, Any], key: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    try:
-        values = np.array(entry.get(key), dtype=np.float64)
-    except (TypeError, ValueError):
-        values = np.full(shape, np.nan)
-    if values.shape != shape or not np.isfinite(values).all():
+    values = parse_numbers(entry.get(key), *shape)
+    if values is None:
         size = "×".join(map(str, shape)) + " numbers" if shape else "a number"
         raise ValueError(f"{place}.{key} must be {size}".replace(" .", " ").removeprefix("."))
     return values

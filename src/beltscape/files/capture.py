@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+import os
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from beltscape.core.errors import InputError
 from beltscape.files.folders.manifest import require_finished
 from beltscape.files.folders.paths import AnyPath, as_path, summarise_names
-from beltscape.files.rasters.images import EXTENSIONS
+from beltscape.files.frame_names import match_frames, natural_key, sort_frames
+from beltscape.files.rasters.images import EXTENSIONS, KINDS
+
+_LAYOUT = "a capture is <capture>/<camera>/<frame>.png"
+TRUTH = "truth"
+"""Folder of a simulated capture beside those of its cameras, which holds no images of them."""
+_LEFT_BY_SYSTEMS = ("thumbs.db", "desktop.ini", "__macosx", "@eadir", "lost+found", "$recycle.bin")
+"""Names, in small letters, that Windows, macOS, ext4 and file servers leave in folders."""
+_TEMPORARY = ("~", ".tmp", ".part", ".partial", ".crdownload")
+"""Endings of files that a program is still writing, or kept as a copy."""
+_DOCUMENTS = (
+    ".csv", ".json", ".toml", ".txt", ".md", ".yaml", ".yml", ".xml", ".html", ".pdf", ".log", ".ini", ".rst"
+)  # fmt: skip
+"""Endings of tables and texts, which may lie beside the cameras' folders: they are no images."""
+_ENDINGS_SHOWN = 4
+"""Endings that a message lists by name at most; it stays one line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +35,8 @@ class Capture:
     folder: Path
     files: Mapping[str, Mapping[str, Path]]
     """camera → frame → file, both in natural order."""
+    omissions: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, tuple[str, ...]])
+    """Lines on what was left out or matched by numbers, by folder; "" for the capture itself."""
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -32,13 +50,20 @@ class Capture:
 
     def select_cameras(self, cameras: tuple[str, ...]) -> Capture:
         """Return the capture with only these cameras."""
-        return Capture(self.folder, {name: self.files[name] for name in cameras if name in self.files})
-
-    def describe_missing_frames(self) -> list[str]:
-        """Return one line for each camera that lacks frames of another camera."""
-        return describe_missing_frames(
-            {str(self.folder / camera): files for camera, files in self.files.items()}
+        omissions = {name: lines for name, lines in self.omissions.items() if name in ("", *cameras)}
+        return Capture(
+            self.folder, {name: self.files[name] for name in cameras if name in self.files}, omissions
         )
+
+    def explain(self, *folders: str) -> str:
+        """Return the first line on what was left out of these folders, in brackets behind a space; "" for nothing."""
+        return next((f" ({line})" for name in folders for line in self.omissions.get(name, ())), "")
+
+    def describe_omissions(self) -> list[str]:
+        """Return one line for each folder of which something is not read, and for each camera that lacks frames."""
+        left_out = [line for lines in self.omissions.values() for line in lines]
+        files = {str(self.folder / camera): files for camera, files in self.files.items()}
+        return [*left_out, *describe_missing_frames(files)]
 
 
 def describe_missing_frames(files: Mapping[str, Mapping[str, object]]) -> list[str]:
@@ -52,50 +77,129 @@ def describe_missing_frames(files: Mapping[str, Mapping[str, object]]) -> list[s
     return lines
 
 
-def sort_frames(files: Iterable[Iterable[str]]) -> tuple[str, ...]:
-    """Return the names of all frames that any of the cameras has, in natural order."""
-    return tuple(sorted({frame for own in files for frame in own}, key=natural_key))
+def read_capture(folder: AnyPath, cameras: Collection[str] | None = None) -> Capture:
+    """List the images of a capture folder under frame names that all ``cameras`` (None: all folders) share.
+
+    Raises
+    ------
+    InputError
+        When no camera folder has images, or it is unclear which images of the cameras are of one instant.
+    """
+    capture = list_capture(folder)
+    synchronous = {name: files for name, files in capture.files.items() if cameras is None or name in cameras}
+    matched, lines = match_frames(synchronous, str(capture.folder))
+    files = {name: matched.get(name, own) for name, own in capture.files.items()}
+    omissions = {
+        name: (*capture.omissions.get(name, ()), *((lines[name],) if name in lines else ()))
+        for name in {**capture.omissions, **lines}
+    }
+    return Capture(capture.folder, files, omissions)
 
 
-def natural_key(name: str) -> tuple[tuple[int, int | str], ...]:
-    """Return a sort key that puts cal2 before cal10."""
-    parts: list[tuple[int, int | str]] = []
-    digits = ""
-    for char in [*name, ""]:
-        if char.isdigit() and char.isascii():
-            digits += char
-            continue
-        if digits:
-            parts.append((0, int(digits)))
-            digits = ""
-        parts.append((1, char))
-    return (*parts, (2, name))
-
-
-def read_capture(folder: AnyPath) -> Capture:
-    """List the images of a capture folder; InputError if it has no camera folder with images."""
+def list_capture(folder: AnyPath) -> Capture:
+    """List the images of a capture folder by their own names; InputError if it has no camera folder with images."""
     folder = as_path(folder, "folder")
     if folder.is_file():
         raise InputError(f"{folder}: is a file; a capture is a folder <capture>/<camera>/<frame>.png")
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; a capture is <capture>/<camera>/<frame>.png")
+        raise InputError(f"{folder}: no such folder; {_LAYOUT}")
     require_finished(folder)
+    content = list_folder(folder)
     files: dict[str, dict[str, Path]] = {}
-    for camera in sorted((p for p in folder.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name)):
-        images = list_images(camera)
-        if images:
-            files[camera.name] = images
+    omissions: dict[str, tuple[str, ...]] = {}
+    for name in sorted(content.folders, key=natural_key):
+        if not is_system_entry(name):
+            images, line = list_camera(folder / name)
+            if images:
+                files[name] = images
+            if line and name != TRUTH:
+                omissions[name] = (line,)
+    loose = list_loose_files(content)
     if not files:
-        raise InputError(
-            f"{folder}: no camera folder with images in it; a capture is <capture>/<camera>/<frame>.png"
-        )
-    return Capture(folder, files)
+        raise InputError(_describe_emptiness(folder, omissions, loose))
+    if loose:
+        line = f"{folder}: {summarise_names(loose)} beside the cameras' folders: left out, {_LAYOUT}"
+        omissions[""] = (line,)
+    return Capture(folder, files, omissions)
+
+
+def _describe_emptiness(folder: Path, omissions: Mapping[str, tuple[str, ...]], loose: list[str]) -> str:
+    """Return why a folder without camera folders with images is no capture, by the first thing that it holds."""
+    first = next((lines[0] for lines in omissions.values()), "")
+    reason = f" (it holds {summarise_names(loose)})" if loose else f" ({first})" if first else ""
+    return f"{folder}: no camera folder with images in it{reason}; {_LAYOUT}"
+
+
+@dataclass(frozen=True, slots=True)
+class FolderContent:
+    """Names in a folder."""
+
+    files: tuple[str, ...]
+    folders: tuple[str, ...]
+    others: tuple[str, ...]
+    """Pipes, sockets, devices, and links to nothing: they are not opened."""
+
+
+def list_folder(folder: Path) -> FolderContent:
+    """Return the names in a folder by what they are; links are followed."""
+    found: dict[str, list[str]] = {"file": [], "folder": [], "other": []}
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            kind = "folder" if entry.is_dir() else "file" if entry.is_file() else "other"
+            found[kind].append(entry.name)
+    return FolderContent(
+        *(tuple(sorted(found[kind], key=natural_key)) for kind in ("file", "folder", "other"))
+    )
+
+
+def list_loose_files(content: FolderContent) -> list[str]:
+    """Return the files of a capture's own folder that are neither tables nor texts nor an operating system's."""
+    return [
+        name
+        for name in (*content.files, *content.others)
+        if not is_system_entry(name) and not name.lower().endswith(_DOCUMENTS)
+    ]
 
 
 def list_images(camera: Path) -> dict[str, Path]:
     """Return the images of a folder by frame, in natural order; InputError if a frame is there twice."""
-    images = index_images((path.name for path in camera.iterdir()), str(camera))
-    return {frame: camera / name for frame, name in images.items()}
+    return list_camera(camera)[0]
+
+
+def list_camera(camera: Path) -> tuple[dict[str, Path], str]:
+    """Return the images of a camera's folder by frame, and a line on what is left out there; "" for nothing."""
+    content = list_folder(camera)
+    images = index_images(content.files, str(camera))
+    return {frame: camera / name for frame, name in images.items()}, describe_left_out(str(camera), content)
+
+
+def describe_left_out(folder: str, content: FolderContent) -> str:
+    """Return one line on what is no readable image in a camera's folder, hidden files excepted; "" for nothing."""
+    files = [name for name in content.files if not is_system_entry(name)]
+    endings: dict[str, list[str]] = {}
+    for name in files:
+        if not name.lower().endswith(EXTENSIONS):
+            endings.setdefault(Path(name).suffix.lower(), []).append(name)
+    parts = [
+        f"{len(names)} file{'s' * (len(names) > 1)} {ending or 'without an ending'} ({summarise_names(names, 2)})"
+        for ending, names in list(endings.items())[:_ENDINGS_SHOWN]
+    ]
+    parts += ["files of other endings"] if len(endings) > _ENDINGS_SHOWN else []
+    if folders := [name for name in content.folders if not is_system_entry(name)]:
+        parts.append(f"folder{'s' * (len(folders) > 1)} {summarise_names(folders)}")
+    if others := [name for name in content.others if not is_system_entry(name)]:
+        parts.append(f"pipes, sockets, devices or links to nothing: {summarise_names(others)}")
+    has_images = sum(map(len, endings.values())) < len(files)
+    if not parts:
+        return "" if has_images else f"{folder}: is empty; going on without it"
+    lost = "" if has_images else ", and there is no other: going on without this folder"
+    return f"{folder}: {'; '.join(parts)} cannot be read{lost}; images are {KINDS}"
+
+
+def is_system_entry(name: str) -> bool:
+    """Return whether a file or folder is hidden, temporary or an operating system's own."""
+    small = name.lower()
+    return small.startswith((".", "~", "#")) or small.endswith(_TEMPORARY) or small in _LEFT_BY_SYSTEMS
 
 
 def index_images(names: Iterable[str], folder: str) -> dict[str, str]:
@@ -106,7 +210,7 @@ def index_images(names: Iterable[str], folder: str) -> dict[str, str]:
     InputError
         When a frame is there twice.
     """
-    parts = (name.rpartition(".") for name in names if not name.startswith("."))
+    parts = (name.rpartition(".") for name in names if not is_system_entry(name))
     found = [
         (stem, dot + extension) for stem, dot, extension in parts if (dot + extension).lower() in EXTENSIONS
     ]

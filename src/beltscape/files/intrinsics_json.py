@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.type_guards import is_dict
-from beltscape.files.documents.json_text import read_json, write_json
+from beltscape.files.documents.json_text import parse_numbers, read_json, write_json
 from beltscape.files.documents.plain_text import read_text
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rig_json import describe_lens, parse_camera
@@ -95,11 +95,8 @@ def _parse(document: dict[str, Any]) -> Intrinsics:
 
 
 def _parse_covariance(place: str, value: Any, width: int) -> Array:
-    try:
-        matrix = np.array(value, np.float64)
-    except (TypeError, ValueError):
-        matrix = np.empty(0)
-    if matrix.shape != (width, width) or not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T):
+    matrix = parse_numbers(value, width, width)
+    if matrix is None or not np.allclose(matrix, matrix.T):
         raise ValueError(f"{place} must be {width}×{width} numbers, symmetric")
     variance = np.diag(matrix)
     if (variance < 0).any() or not _is_positive_definite(matrix[np.ix_(variance > 0, variance > 0)]):

@@ -15,9 +15,9 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.type_guards import is_dict
+from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.documents.digest import add_digest, compute_file_digests, require_digest
-from beltscape.files.documents.json_text import read_json, write_json
+from beltscape.files.documents.json_text import parse_numbers, read_json, write_json
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.manifest import require_finished
 from beltscape.files.folders.paths import AnyPath, as_path, summarise_names
@@ -166,9 +166,15 @@ def _read_faults(folder: Path) -> tuple[float, tuple[str, ...]]:
     document = read_json(path)
     if not is_dict(document) or document.get("format") != FORMAT:
         raise InputError(f"{path}: format is not {FORMAT!r}; reconstruct the capture again")
-    for frame in document.get("frames") or ():
-        if frame.get("frame") == folder.name:
-            return float(frame.get("systematic_mm") or 0.0), tuple(frame.get("doubts") or ())
+    frames = document.get("frames") or []
+    for frame in frames if is_list(frames) else ():
+        if is_dict(frame) and frame.get("frame") == folder.name:
+            systematic, faults = frame.get("systematic_mm") or 0.0, frame.get("doubts") or []
+            if parse_numbers(systematic) is None or not is_list(faults):
+                raise InputError(
+                    f"{path}: frame {folder.name}: systematic_mm must be a number, doubts a list"
+                )
+            return float(systematic), tuple(map(str, faults))
     return 0.0, ()
 
 

@@ -14,7 +14,7 @@ from beltscape.core.geometry.lens import BROWN, MODELS
 from beltscape.core.geometry.pose import Pose, is_rotation
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.type_guards import is_dict, is_list
-from beltscape.files.documents.json_text import read_json, write_json
+from beltscape.files.documents.json_text import parse_numbers, read_json, write_json
 from beltscape.files.folders.manifest import require_finished
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.rig_limits import find_refusal
@@ -101,13 +101,33 @@ def _rig(document: Mapping[str, Any]) -> Rig:
         core=core,
         cameras=cameras,
         cam_from_core=poses,
-        quality=document.get("quality") or {},
-        covariance=document.get("covariance") or {},
+        quality=_table(document, "quality"),
+        covariance=_covariance(_table(document, "covariance")),
     )
     refusal = find_refusal(rig)
     if refusal is not None:
         raise ValueError(refusal)
     return rig
+
+
+def _table(document: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Return a table that may be absent."""
+    table = document.get(key) or {}
+    if not is_dict(table):
+        raise ValueError(f"{key} must be a table")
+    return table
+
+
+def _covariance(table: dict[str, Any]) -> dict[str, Any]:
+    """Return the covariance; ValueError unless its matrix has a row and a column for each of its parameters."""
+    names = table.get("parameters", [])
+    if not is_list(names) or not all(isinstance(name, str) for name in names):
+        raise ValueError("covariance.parameters must be a list of names")
+    if table and parse_numbers(table.get("matrix", []), *(len(names),) * (2 if names else 1)) is None:
+        raise ValueError(
+            f"covariance.matrix must be {len(names)}×{len(names)} numbers, as its parameters are"
+        )
+    return table
 
 
 def parse_camera(name: str, place: str, entry: Any) -> Camera:
@@ -155,12 +175,8 @@ def _pose(place: str, entry: Any) -> Pose:
 
 
 def _numbers(place: str, entry: Any, key: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    value = _value(entry, key, place)
-    try:
-        numbers = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        numbers = np.full(shape, np.nan)
-    if numbers.shape != shape or not np.isfinite(numbers).all():
+    numbers = parse_numbers(_value(entry, key, place), *shape)
+    if numbers is None:
         raise ValueError(
             f"{place}.{key} must be {'×'.join(map(str, shape)) + ' numbers' if shape else 'a number'}"
         )

@@ -5,7 +5,17 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from beltscape.core.plausibility import (
+    BASELINE,
+    BELT_SPEED,
+    BELT_WIDTH,
+    EXPOSURE,
+    LOAD_HEIGHT,
+    RIG_HEIGHT,
+    TOP_WIDTH,
+)
 
 TABLE_1_ANGLE_DEG = 57.0
 """Horizontal angle of view that the paper states for its camera and lens."""
@@ -13,8 +23,11 @@ TABLE_1_ANGLE_DEG = 57.0
 REFERENCE_PATCH_PX = 21
 """Edge of the patch for which the matching σ is given; the usual window of pairwise matching."""
 
-Length = Annotated[float, Field(gt=0, le=20_000, allow_inf_nan=False)]
-"""A length in mm; the limit of 20 m is far above any belt's width or rig's height."""
+Width = Annotated[float, BELT_WIDTH]
+Height = Annotated[float, RIG_HEIGHT]
+Baseline = Annotated[float, BASELINE]
+LoadHeight = Annotated[float, LOAD_HEIGHT]
+Exposure = Annotated[float, EXPOSURE]
 Share = Annotated[float, Field(gt=0, le=1)]
 """A share, above 0."""
 Side = Annotated[int, Field(ge=16, le=20_000)]
@@ -30,17 +43,17 @@ class _Part(BaseModel):
 class BeltSettings(_Part):
     """The belt's cross-section and its load."""
 
-    width_mm: Length = 800.0
+    width_mm: Width = 800.0
     """Width of the belt, measured along its surface."""
-    span_mm: Length = 780.0
+    span_mm: Width = 780.0
     """w: horizontal distance between the vertices of the two side idlers."""
     flat_mm: Annotated[float, Field(ge=0, le=20_000)] = 300.0
     """Width of the level middle."""
-    material_mm: tuple[Annotated[float, Field(ge=0, le=20_000)], Length] = (0.0, 150.0)
+    material_mm: tuple[Annotated[float, Field(ge=0, le=20_000)], LoadHeight] = (0.0, 150.0)
     """Lowest and highest surface to measure, above the level middle."""
-    top_width_mm: Length | None = None
+    top_width_mm: Annotated[float, TOP_WIDTH] | None = None
     """Maximum width of the load at its top; None: the span, so that no load is missed."""
-    speed_m_s: Annotated[float, Field(ge=0, le=50)] = 2.0
+    speed_m_s: Annotated[float, BELT_SPEED] = 2.0
     """Speed of the belt."""
     lump_cover: Annotated[float, Field(ge=0, lt=1)] = 0.4
     """Share of the load's area covered by protruding lumps, which occlude the view of cameras."""
@@ -134,13 +147,13 @@ class RigSettings(_Part):
     """Number of auxiliary cameras."""
     first_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
     """Direction of the first auxiliary, from across the belt (+x) towards along it (+y)."""
-    height_mm: Length | None = None
+    height_mm: Height | None = None
     """Height of the core camera above the level middle of the belt; None: recommended."""
-    baseline_mm: Length | None = None
+    baseline_mm: Baseline | None = None
     """Distance from the core to each auxiliary; None: chosen."""
-    max_height_mm: Length = 3000.0
+    max_height_mm: Height = 3000.0
     """Available height above the belt."""
-    max_baseline_mm: Length | None = None
+    max_baseline_mm: Baseline | None = None
     """Available distance beside the core; None: half the span."""
     max_angle_deg: Annotated[float, Field(gt=1, le=80)] = 25.0
     """Angle between core and auxiliary, seen from the load; beyond it images of a patch differ too much."""
@@ -183,7 +196,7 @@ class LightSettings(_Part):
 
     projector_lm: Annotated[float, Field(ge=0, le=1e7)] = 3000.0
     """Luminous flux of the projector, lumens; 0: no projector."""
-    lit_area_mm: tuple[Length, Length] | None = None
+    lit_area_mm: tuple[Width, Width] | None = None
     """Area of the projector's picture on the belt; None: the core camera's view of it."""
     ambient_lux: Annotated[float, Field(ge=0, le=2e5)] = 300.0
     """Illuminance by other light: 300 is a lit hall, 100,000 full sunlight."""
@@ -193,7 +206,7 @@ class LightSettings(_Part):
     """Luminous efficacy of radiation; about 300 for white LEDs."""
     wavelength_nm: Annotated[float, Field(ge=300, le=1100)] = 560.0
     """Mean wavelength of the light; the limits are those of silicon."""
-    exposure_us: Annotated[float, Field(ge=1, le=1e6)] | None = None
+    exposure_us: Exposure | None = None
     """Exposure; None: the longest within `max_blur_px` of motion blur and the frame time."""
     max_blur_px: Annotated[float, Field(gt=0, le=100)] = 0.5
     """Tolerated travel of the belt during an exposure, px of the nearest material."""
@@ -211,10 +224,3 @@ class PlanSettings(_Part):
     light: LightSettings = LightSettings()
     frames_per_point: Annotated[int, Field(ge=1, le=100)] = 3
     """Number of frames that show each piece of belt, for their fusion."""
-
-    @field_validator("frames_per_point", mode="before")
-    @classmethod
-    def _check_whole_number(cls, value: object) -> object:
-        if isinstance(value, bool):
-            raise ValueError("must be a whole number")
-        return value

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from beltscape.core.plausibility import DENSITY, DENSITY_SIGMA, MOISTURE, SCALE_SIGMA, require_host
 from beltscape.production.calendar import open_zone, parse_clock
 
 Name = Annotated[str, Field(min_length=1, max_length=60, pattern=r"^\S(.*\S)?$")]
@@ -37,11 +38,11 @@ class ProductSettings(_Table):
     """A bulk material that the belt carries: a table [[products]]."""
 
     name: Name
-    density_kg_m3: Annotated[float, Field(gt=0, le=30_000, allow_inf_nan=False)]
+    density_kg_m3: Annotated[float, DENSITY]
     """Bulk density as it lies on the belt, with its usual moisture."""
-    sigma_kg_m3: Annotated[float, Field(ge=0, le=10_000, allow_inf_nan=False)] = 0.0
+    sigma_kg_m3: Annotated[float, DENSITY_SIGMA] = 0.0
     """One standard deviation of it."""
-    moisture_percent: Annotated[float, Field(ge=0, lt=100, allow_inf_nan=False)] | None = None
+    moisture_percent: Annotated[float, MOISTURE] | None = None
     """Share of water in the mass at that density."""
     colour: Annotated[str, Field(pattern=r"^#[0-9a-fA-F]{6}$")] = "#6b7280"
     """Colour on the page and in reports."""
@@ -88,7 +89,7 @@ class ProductionSettings(_Table):
 class MailSettings(_Table):
     """Reports by mail: the table [reports.mail]."""
 
-    host: Annotated[str, Field(min_length=1, max_length=253)]
+    host: Annotated[str, Field(max_length=253), AfterValidator(require_host)]
     """SMTP server."""
     port: Annotated[int, Field(ge=1, le=65_535)] | None = None
     """Without it 587 for "starttls", 465 for "tls", 25 for "none"."""
@@ -151,7 +152,7 @@ class ReportSettings(_Table):
 class ScaleModbusSettings(_Table):
     """The counter of a belt scale as registers of its controller: the table [scale.modbus]."""
 
-    host: Annotated[str, Field(min_length=1, max_length=253)]
+    host: Annotated[str, Field(max_length=253), AfterValidator(require_host)]
     port: Annotated[int, Field(ge=1, le=65_535)] = 502
     unit: Annotated[int, Field(ge=0, le=255)] = 1
     address: Annotated[int, Field(ge=0, le=65_535)]
@@ -166,7 +167,7 @@ class ScaleModbusSettings(_Table):
 class ScaleSettings(_Table):
     """A belt scale beside the measurement: the table [scale]."""
 
-    sigma_percent: Annotated[float, Field(gt=0, le=50, allow_inf_nan=False)] = 0.5
+    sigma_percent: Annotated[float, SCALE_SIGMA] = 0.5
     """One standard deviation of a weighed mass, percent; a class 1 scale (OIML R 50) keeps ±1 % in service."""
     resolution_kg: Annotated[float, Field(ge=0, le=1e6, allow_inf_nan=False)] = 1.0
     """Step of the counter."""

@@ -1,13 +1,25 @@
-"""A server of a protocol: a supervised thread with an event loop of its own that listens on a port."""
+"""A server of a protocol: a supervised thread with an event loop of its own that listens on a port.
+
+Also the addresses by which this machine may be reached.
+"""
 
 from __future__ import annotations
 
 import asyncio
+import socket
+import sys
 import threading
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
+from ipaddress import ip_address
 
 from beltscape.core.errors import InputError
 from beltscape.core.runtime.supervision import make_supervised_thread
+
+EVERYWHERE = ("0.0.0.0", "::")
+"""Addresses to listen on that are no address to connect to."""
+_INTERFACE_ADDRESS = 0x8915
+"""SIOCGIFADDR of Linux (netdevice(7)): the IPv4 address of an interface, at the bytes 20 to 23 of its record."""
 
 
 class ListeningThread:
@@ -66,3 +78,44 @@ class ListeningThread:
 
     def _on_failure(self, failure: str) -> None:
         self._on_message(f"{self._table}: {failure}; it starts again")
+
+
+def find_routed_addresses() -> set[str]:
+    """Return the addresses by which this machine reaches others; nothing is sent. Empty without a network."""
+    found = set[str]()
+    for family, other in (
+        (socket.AF_INET, "192.0.2.1"),
+        (socket.AF_INET6, "2001:db8::1"),
+    ):  # for documentation
+        with suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect((other, 9))
+            found.add(probe.getsockname()[0])
+    return found
+
+
+def list_own_addresses() -> set[str]:
+    """Return the addresses of this machine: routed ones, loopback, and the IPv4 ones of all its interfaces."""
+    found = find_routed_addresses() | {"127.0.0.1", "::1"}
+    if sys.platform != "linux":
+        return found
+    from fcntl import ioctl
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        for _, name in socket.if_nameindex():
+            with suppress(OSError):
+                answer = ioctl(one.fileno(), _INTERFACE_ADDRESS, name.encode().ljust(40, b"\0"))
+                found.add(socket.inet_ntoa(answer[20:24]))
+    return found
+
+
+def is_address(host: str) -> bool:
+    """Return whether a host is an IP address, not a name."""
+    with suppress(ValueError):
+        ip_address(host)
+        return True
+    return False
+
+
+def normalise_host(host: str) -> str:
+    """Return a name in lower case, an address in its shortest form."""
+    return str(ip_address(host)) if is_address(host) else host.lower()

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.domain.coverage import CameraCoverage, Coverage
-from beltscape.report.calibration_plots import draw_lines, frame_axes, make_image_panels
+from beltscape.report.calibration_plots import frame_axes, make_image_panels
 from beltscape.report.drawing.charts import Chart, Entry, Key
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import WIDE, Form, to_png
+from beltscape.report.drawing.plots import WIDE, Form, draw_dots, to_png
 from beltscape.report.page import Section
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ KEY = Key(
 STATES = ("band", "degraded", "missing")
 """Colours of needed pixels: certain or reached, uncertain, unusable."""
 _DOT_PT, _CORNER_PT = 5.0, 1.5
-"""Sizes of needed pixels, which touch each other, and of corners."""
+"""Sizes of needed pixels and of corners: between the former, the latter are seen."""
 _MOST_CORNERS = 250
 """Largest number of drawn corners of a camera; more would only make the page larger."""
 
@@ -69,10 +69,8 @@ def draw_coverage(coverage: Coverage, form: Form) -> Figure:
         shown = np.where(own.is_reached & ~own.is_beyond, 0, state)
         for k, role in enumerate(STATES):
             pixels = own.pixels[(shown == k) & np.isfinite(own.pixels[:, 0])]
-            draw_lines(
-                axis, _to_dots(np.unique(pixels.round(), axis=0)), color=light(role), linewidth=_DOT_PT
-            )
-        draw_lines(axis, _to_dots(_thin(own.corners_px)), color=light("quiet"), linewidth=_CORNER_PT)
+            draw_dots(axis, np.unique(pixels.round(), axis=0), _DOT_PT, light(role))
+        draw_dots(axis, _thin(own.corners_px), _CORNER_PT, light("quiet"))
         _draw_domain(axis, own)
         frame_axes(axis, own.camera, _make_title(name, coverage, own))
     return figure
@@ -90,11 +88,6 @@ def _make_title(name: str, coverage: Coverage, own: CameraCoverage) -> str:
     needed = np.isfinite(own.pixels[:, 0])
     gap = needed & coverage.is_uncertain & (own.is_beyond | ~own.is_reached)
     return f"{name}: {gap.sum() / max(int(needed.sum()), 1):.0%} uncertain"
-
-
-def _to_dots(pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return lines (n, 2, 2) without length, which one path draws as dots."""
-    return np.stack([pixels, pixels], axis=1)
 
 
 def _thin(corners_px: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,7 +17,15 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.report.drawing.charts import Chart
 from beltscape.report.drawing.legend import DARK_IS_CERTAIN, UNCERTAINTY, Scale
 from beltscape.report.drawing.palette import light
-from beltscape.report.drawing.plots import Form, compute_map_height, fade_unmeasured, make_panels, show_map
+from beltscape.report.drawing.plots import (
+    Form,
+    compute_map_height,
+    draw_dots,
+    draw_lines,
+    fade_unmeasured,
+    make_panels,
+    show_map,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +76,7 @@ def _coverage(rig: Rig, rig_errors: RigErrors, scale: Scale, form: Form) -> Figu
         step = np.clip(size / scale.high * _COLORS, 0, _COLORS - 1).astype(int)
         for k in np.unique(step):
             color = tuple(scale.to_rgb(np.array((k + 0.5) / _COLORS * scale.high)) / 255.0)
-            draw_lines(axis, np.stack([pixels[step == k]] * 2, axis=1), color=color, linewidth=2.4)
+            draw_dots(axis, pixels[step == k], 2.4, color)
         frame_axes(axis, camera, f"{name}: {len(pixels)} corners")
     return figure
 
@@ -98,12 +106,6 @@ def _residual_arrows(rig: Rig, rig_errors: RigErrors, magnify: float, every: int
         rms = float(np.sqrt((errors**2).sum(axis=1).mean())) if len(errors) else float("nan")
         frame_axes(axis, camera, f"{name}: RMS {rms:.3f} px")
     return figure
-
-
-def draw_lines(axis: Axes, lines: NDArray[np.float64], **style: Any) -> None:
-    """Draw polylines (n, k, 2) as one path, which keeps the page small; one without length is a dot."""
-    parted = np.concatenate([lines, np.full((len(lines), 1, 2), np.nan)], axis=1).reshape(-1, 2)
-    axis.plot(*parted.T, solid_capstyle="round", solid_joinstyle="round", **style)
 
 
 def _residuals(rig_errors: RigErrors, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import groupby
 
@@ -18,11 +19,11 @@ from beltscape.pipeline.live.measurement.ledger import LedgerState
 from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.measuring_parts import build_context
 from beltscape.pipeline.live.project import Project, RunSettings
-from beltscape.pipeline.measuring.flow.capture import scale_rig_to_images
 from beltscape.reprocessing.parcel import Parcel, unpack_project
 from beltscape.reprocessing.pieces import Piece, PlacedFrame
 from beltscape.reprocessing.recordings.reading import FrameReader
 from beltscape.reprocessing.results import PieceResult, PieceTimes
+from beltscape.sources.folder import choose_image_size, scale_rig_to_images
 
 _BEFORE, _AFTER = "before:", "after:"
 """Prefixes of the names of frames that are not a piece's own: two recordings may use the same names, and no file's
@@ -59,16 +60,22 @@ def measure_piece(parcel: Parcel, piece: Piece) -> PieceResult:
 def _scale_rig(project: Project[RunSettings], piece: Piece, reporter: Reporter) -> Rig:
     """Return the rig at the size of the piece's images, as `replay` scales it to its capture."""
     rig = read_rig(project.resolve(project.settings.rig))
+    found = {
+        name: choose_image_size(_read_sizes(piece, name), camera.size_px)
+        for name, camera in rig.cameras.items()
+    }
+    sizes_px = {name: size for name, size in found.items() if size is not None}
+    return scale_rig_to_images(rig, sizes_px, piece.recording, reporter)
+
+
+def _read_sizes(piece: Piece, camera: str) -> Iterator[tuple[int, int]]:
+    """Yield the (width, height) of a camera's images that can be read."""
     for placed in piece.own:
-        path = placed.frame.files.get(rig.core)
-        if path is None:
-            continue
-        try:
-            height, width = decode_image(placed.place.read(path), placed.place.describe(path)).shape[:2]
-        except InputError:
-            continue
-        return scale_rig_to_images(rig, (width, height), piece.recording, reporter)
-    return rig
+        path = placed.frame.files.get(camera)
+        if path is not None:
+            with suppress(InputError):
+                image = decode_image(placed.place.read(path), placed.place.describe(path))
+                yield image.shape[1], image.shape[0]
 
 
 def _begin_ledger(piece: Piece, context: MeasurementContext, direction: int) -> LedgerState:

@@ -16,9 +16,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from beltscape.files.tables.encoder_csv import LONGEST_ROLL_BACK_MM
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.pipeline.live.measurement.ledger import ROLL_BACK_MM
 from beltscape.reprocessing.recordings.place import Place
 from beltscape.reprocessing.recordings.recording import RecordedFrame, Recording
 
@@ -131,7 +131,7 @@ def _continues(before: Recording, after: Recording) -> bool:
 def _find_previous_mm(before: Recording, after: Recording) -> float | None:
     """Return the encoder's last reading before a recording; None if it was reset since, or gave none."""
     last, first = before.frames[-1].position_mm, after.frames[0].position_mm
-    if last is None or first is None or last - first > ROLL_BACK_MM:
+    if last is None or first is None or last - first > LONGEST_ROLL_BACK_MM:
         return None
     return last
 

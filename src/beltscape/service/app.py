@@ -47,6 +47,7 @@ def create_app(
         openapi_url="/api/openapi.json",
         docs_url=None,  # its page would load scripts from other servers
         redoc_url=None,
+        redirect_slashes=False,  # its address would lack a proxy's path
     )
     live_state.restore_totals(history.totals)
     live_state.set_settings(settings)

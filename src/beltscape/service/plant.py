@@ -20,8 +20,9 @@ from beltscape.service.app import create_app
 from beltscape.service.changes.parts import RunningPlant
 from beltscape.service.changes.reloader import SettingsReloader
 from beltscape.service.changes.requests import answer_requests, discard_requests
+from beltscape.service.check import check_start
 from beltscape.service.hosting.lifecycle import log_address
-from beltscape.service.hosting.server import RunningServer, check_listening, serve
+from beltscape.service.hosting.server import RunningServer, serve
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
 from beltscape.service.production.serving import ReportStatus, ServedProduction, serve_production
@@ -49,8 +50,7 @@ def run_plant(
     InputError, SettingsError, MeasureError, OutputError
         With one line that names the fault and the fix.
     """
-    if page:
-        check_listening(project.settings.web)  # before the history is opened
+    check_start(project, page=page)  # before the history is opened
     plant = _make_plant(project, options, page=page)
     assembled = plant.assembled
     totals_before, reloader = assembled.historian.totals, _make_reloader(plant, options.data)
@@ -59,7 +59,7 @@ def run_plant(
         closing(plant.access),
         serve_production(plant.production, project),
         serve_protocols(
-            protocols, plant.served, options.data, plant.live_state.on_message
+            protocols, plant.served, options.data, plant.assembled.components.observer.on_message
         ) as plant.protocols,
         _serve_page(plant, reloader) if page else nullcontext() as plant.server,
     ):
@@ -96,7 +96,11 @@ def _make_plant(project: Project[ProjectSettings], options: RunOptions, *, page:
         assembled.production,
     )
     production = ServedProduction(
-        assembled.production, assembled.historian, options.data, live_state.on_message, reports
+        assembled.production,
+        assembled.historian,
+        options.data,
+        assembled.components.observer.on_message,
+        reports,
     )
     return RunningPlant(project, assembled, assembled.parts, live_state, access, expiry, served, production)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
+from beltscape.core.plausibility import require_host
 from beltscape.service.access.settings import AccessSettings, LimitSettings
 from beltscape.service.languages import DEFAULT, LanguageCode
 
@@ -16,7 +17,7 @@ class PageSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    host: Annotated[str, Field(min_length=1, max_length=253)] = "127.0.0.1"
+    host: Annotated[str, Field(max_length=253), AfterValidator(require_host)] = "127.0.0.1"
     """Address to listen on. The default is reached from this machine only; "0.0.0.0" or "::" from everywhere."""
     port: Annotated[int, Field(ge=0, le=65_535)] = 8460
     """TCP port; 0: any free one."""

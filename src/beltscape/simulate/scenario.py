@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.geometry.lens import MODELS
+from beltscape.core.plausibility import BASELINE, BELT_WIDTH, DISTANCE, FRAME_RATE, RIG_HEIGHT
 from beltscape.simulate.faults.settings import Faults
 from beltscape.simulate.rendering.optics import Optics
 from beltscape.simulate.rendering.render import RenderSettings
@@ -16,7 +17,6 @@ from beltscape.simulate.solids.belt import BeltSettings
 from beltscape.simulate.solids.heap import HeapSettings
 from beltscape.simulate.time_of_flight.settings import TofSettings
 
-Length = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
 Place = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
 Angle = Annotated[float, Field(ge=-360, le=360)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
@@ -42,10 +42,10 @@ class RigSpec(_Part):
     """Seed of the deviations of lenses and mounting: another seed gives another plant."""
     file: Path | None = None
     """rig.json of the true rig, planned or calibrated; None: built from the other keys."""
-    height_mm: Length = 744.0
+    height_mm: Annotated[float, RIG_HEIGHT] = 744.0
     """Height of the core above the belt's level middle."""
     auxiliaries: Annotated[int, Field(ge=1, le=16)] = 4
-    baseline_mm: Length = 300.0
+    baseline_mm: Annotated[float, BASELINE] = 300.0
     """Horizontal distance from the core to each auxiliary."""
     first_deg: Angle = 0.0
     """Direction of the first auxiliary, from across the belt towards along it."""
@@ -95,7 +95,7 @@ class ProjectorSpec(_Part):
 
     position_mm: tuple[Place, Place, Place] = (50.0, -50.0, 757.0)
     """In the world: x across, y along, z above the belt's level middle."""
-    covers_mm: Length = 960.0
+    covers_mm: Annotated[float, BELT_WIDTH] = 960.0
     """Width of its picture on the level middle; the projector is aimed at the origin."""
     size_px: tuple[Annotated[int, Field(ge=64, le=8192)], Annotated[int, Field(ge=64, le=8192)]] = (
         1920,
@@ -135,7 +135,7 @@ class BoardSpec(_Part):
 
     file: Path | None = None
     """board.toml; None: ChArUco 11 × 8, squares of 34 mm."""
-    depth_mm: tuple[Length, Length] = (560.0, 760.0)
+    depth_mm: tuple[Annotated[float, DISTANCE], Annotated[float, DISTANCE]] = (560.0, 760.0)
     """Range of the depth of its centre in the core camera."""
     tilt_deg: Annotated[float, Field(ge=0, le=75)] = 32.0
     """Maximum tilt."""
@@ -151,7 +151,7 @@ class MotionSpec(_Part):
 
     speed_mm_s: Annotated[float, Field(ge=-1e5, le=1e5)] = 1000.0
     """Towards +y; a negative speed is towards −y."""
-    frames_per_s: Annotated[float, Field(gt=0, le=1e5)] = 5.0
+    frames_per_s: Annotated[float, FRAME_RATE] = 5.0
     exposure_us: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     """Exposure time that blurs the moving load; 0: none, as with a flash."""
     start_mm: Place | None = None
@@ -163,7 +163,7 @@ class MotionSpec(_Part):
 class TofSpec(_Part):
     """A time-of-flight camera vertically above the belt."""
 
-    height_mm: Length = 744.0
+    height_mm: Annotated[float, RIG_HEIGHT] = 744.0
     camera: TofSettings = TofSettings()
 
 

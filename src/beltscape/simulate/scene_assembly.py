@@ -209,7 +209,8 @@ class SimulatedScene:
         solids = (*self._belt_at(frame), *self._layers_at(frame), *self._load_at(frame))
         for fault in self.scenario.faults.moved_belt:
             solids = move_solids(solids, fault.pose_at(frame)) if fault.is_active(frame) else solids
-        return solids
+        objects = (fault.make_solid(frame) for fault in self.scenario.faults.foreign_object)
+        return (*solids, *(one for one in objects if one is not None))
 
     def _belt_at(self, frame: float) -> tuple[Solid, Solid]:
         """Return belt and floor in a frame."""

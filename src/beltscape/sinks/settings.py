@@ -6,9 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from beltscape.core.plausibility import DISK_SPACE
+
 DayCount = Annotated[int, Field(ge=1, le=36500)]
 """A number of days, up to a century."""
-Gib = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+Gib = Annotated[float, Field(gt=0), DISK_SPACE]
 """A size in GiB, up to a petabyte."""
 GIB = 1 << 30
 """Bytes of a GiB."""

@@ -68,6 +68,7 @@ def create_site_app(state: SiteState, access: Access) -> FastAPI:
         openapi_url="/api/openapi.json",
         docs_url=None,  # its page would load scripts from other servers
         redoc_url=None,
+        redirect_slashes=False,  # its address would lack a proxy's path
     )
     app.mount("/page", make_static_files(), name="page")
     app.mount("/site", RevalidatedFiles(directory=FOLDER), name="site")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from threading import Event
 from typing import Any
 
-from beltscape.core.errors import OutputError
+from beltscape.core.errors import InputError, OutputError
 from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.files.systemd import notify
 from beltscape.service.access import Access
@@ -109,9 +109,18 @@ def run_site(site: Site, stop: Event) -> dict[str, Any]:
     return {"site": site.path, "data": site.data, "belts": [belt.name for belt in site.settings.belts]}
 
 
-def check_site(site: Site) -> dict[str, str]:
-    """Return one line for each belt and for the page; a belt that cannot be read says why."""
+def check_site(site: Site, warn: Callable[[str], None] = lambda _: None) -> dict[str, str]:
+    """Return one line for each belt and for the page; ``warn`` receives those of belts that cannot be read.
+
+    Raises
+    ------
+    InputError
+        If no belt can be read.
+    SettingsError
+        If the page cannot be served.
+    """
     lines: dict[str, str] = {}
+    faults: list[str] = []
     for belt in site.settings.belts:
         client = BeltClient(belt)
         try:
@@ -119,8 +128,13 @@ def check_site(site: Site) -> dict[str, str]:
             lines[belt.name] = f"{belt.url}, version {page.version}, {state.totals.records} records"
         except BeltFaultError as error:
             lines[belt.name] = error.fault.text
+            faults.append(f"{belt.name}: {error.fault.text}")
         finally:
             client.close()
+    if len(faults) == len(site.settings.belts):
+        raise InputError(f"{site.path}: no belt can be read; {'; '.join(faults)}")
+    for fault in faults:
+        warn(fault)
     check_listening(site.settings.web)
     lines["page"] = f"{site.settings.web.host} port {site.settings.web.port}"
     return lines

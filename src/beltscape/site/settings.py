@@ -42,13 +42,10 @@ class BeltSettings(_Table):
     @classmethod
     def _check_url(cls, url: str) -> str:
         parts = urlsplit(url)
-        if (
-            parts.scheme not in ("http", "https")
-            or not parts.hostname
-            or parts.path.strip("/")
-            or parts.query
-        ):
-            raise ValueError("must be http:// or https://, a host and a port, such as https://belt-a:8460")
+        if parts.scheme not in ("http", "https") or not parts.hostname or parts.query or parts.fragment:
+            raise ValueError(
+                "must be http:// or https://, a host and a port, such as https://belt-a:8460, and no query"
+            )
         return url.rstrip("/")
 
 

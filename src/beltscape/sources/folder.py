@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image
+from beltscape.core.geometry.camera import Camera
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.geometry.scaling import fit_camera, replace_scaled_cameras, scale_camera
 from beltscape.core.progress import Reporter
-from beltscape.files.capture import Capture
+from beltscape.files.capture import Capture, read_capture
+from beltscape.files.folders.paths import summarise_names
 from beltscape.files.rasters.images import read_image
 from beltscape.files.tables.exposures_csv import FILE as EXPOSURES
 from beltscape.files.tables.exposures_csv import read_exposures
 
 _KEPT_BYTES = 256 << 20
 """Bytes of images that are kept between two passes: five frames of five cameras of 3 MP in colour."""
+_SIZED_IMAGES = 5
+"""Images of a camera that are read to find their size where the first one has not that of the rig."""
 
 
 class FolderSource:
@@ -29,8 +38,8 @@ class FolderSource:
         self._kept: dict[str, dict[str, Image]] = {}
         for name in sizes_px:
             if name not in capture.files:
-                reporter.warn(describe_lost_camera(str(capture.folder), name))
-        for line in capture.select_cameras(tuple(sizes_px)).describe_missing_frames():
+                reporter.warn(describe_lost_camera(str(capture.folder), name, capture.cameras, sizes_px))
+        for line in capture.select_cameras(tuple(sizes_px)).describe_omissions():
             reporter.warn(line)
 
     @property
@@ -105,6 +114,94 @@ class FolderSource:
         return image
 
 
+def scale_rig_to_capture(rig: Rig, folder: Path, reporter: Reporter) -> Rig:
+    """Return the rig with its cameras scaled to the images of a capture, as `scale_rig_to_images` does."""
+    capture = read_capture(folder, rig.cameras)
+    found = {
+        name: choose_image_size(_read_sizes(capture.files[name].values()), camera.size_px)
+        for name, camera in rig.cameras.items()
+        if name in capture.files
+    }
+    return scale_rig_to_images(
+        rig, {name: size for name, size in found.items() if size}, str(folder), reporter
+    )
+
+
+def _read_sizes(files: Iterable[Path]) -> Iterator[tuple[int, int]]:
+    """Yield the (width, height) of the images that can be read."""
+    for path in files:
+        with suppress(InputError):
+            height, width = read_image(path).shape[:2]
+            yield width, height
+
+
+def choose_image_size(
+    sizes_px: Iterable[tuple[int, int]], expected_px: tuple[int, int]
+) -> tuple[int, int] | None:
+    """Return the expected size if one of the first few images has it, else that of most of them; None without any.
+
+    No more images are read than needed.
+    """
+    counts: Counter[tuple[int, int]] = Counter()
+    for size in islice(sizes_px, _SIZED_IMAGES):
+        if size == expected_px:
+            return size
+        counts[size] += 1
+    return counts.most_common(1)[0][0] if counts else None
+
+
+def scale_rig_to_images(
+    rig: Rig, sizes_px: Mapping[str, tuple[int, int]], place: str, reporter: Reporter
+) -> Rig:
+    """Return the rig with its cameras scaled to images of the sizes (width, height); a warning says so.
+
+    Cameras without a size take that of the core's factor, so that all others can still be compared.
+
+    Raises
+    ------
+    InputError
+        When a camera's images have another aspect ratio than the rig's camera: they are cropped or turned.
+    """
+    changed = {name: size for name, size in sizes_px.items() if size != rig.cameras[name].size_px}
+    if not changed:
+        return rig
+    scaled: dict[str, Camera] = {}
+    texts: dict[str, list[str]] = {}
+    for name, size in changed.items():
+        camera = rig.cameras[name]
+        fitted = fit_camera(camera, size)
+        if fitted is None:
+            raise InputError(f"{place}/{name}: {_describe_crop(name, size, camera.size_px)}")
+        scaled[name] = fitted
+        texts.setdefault(
+            f"images of {_format(size)} px, the rig's are {_format(camera.size_px)}; the rig is scaled by "
+            f"{fitted.focal_px[0] / camera.focal_px[0]:.6g}",
+            [],
+        ).append(name)
+    if rig.core in scaled:
+        factor = scaled[rig.core].focal_px[0] / rig.core_camera.focal_px[0]
+        others = {name: rig.cameras[name] for name in rig.cameras if name not in sizes_px}
+        scaled |= {name: scale_camera(camera, factor) for name, camera in others.items()}
+    for text, names in texts.items():
+        is_whole = set(names) == set(sizes_px)
+        reporter.warn(f"{place}: {text}" if is_whole else f"{place}: {', '.join(names)}: {text}")
+    return replace_scaled_cameras(rig, scaled)
+
+
+def _describe_crop(name: str, size_px: tuple[int, int], own_px: tuple[int, int]) -> str:
+    sizes = f"images are {_format(size_px)} px, the rig's {name} has {_format(own_px)}"
+    if size_px == own_px[::-1]:
+        return f"{sizes}: they are turned by a quarter; switch the rotation off in the camera, or calibrate again"
+    return (
+        f"{sizes}: they are cropped, or of another camera; images of the whole sensor, or binned in both directions "
+        "alike, fit the rig; for these, calibrate with images of the same region"
+    )
+
+
+def _format(size_px: tuple[int, int]) -> str:
+    return f"{size_px[0]}×{size_px[1]}"
+
+
 def require_size(image: Image, name: str, camera: str, size_px: tuple[int, int]) -> None:
     """Raise InputError unless an image has the (width, height) of the rig's camera."""
     size, (width, height) = image.shape[1::-1], size_px
@@ -117,6 +214,10 @@ def describe_lost_image(error: InputError) -> str:
     return f"{error}; going on without this image"
 
 
-def describe_lost_camera(folder: str, camera: str) -> str:
-    """Return the warning of a camera without images in a capture."""
-    return f"{folder}/{camera}: no images of camera {camera}; going on without it"
+def describe_lost_camera(
+    folder: str, camera: str, folders: Iterable[str] = (), cameras: Collection[str] = ()
+) -> str:
+    """Return the warning of a camera without images in a capture, which names ``folders`` that are no camera's."""
+    others = [name for name in folders if name not in cameras]
+    note = f" ({summarise_names(others)} in the capture is no camera of the rig)" if others else ""
+    return f"{folder}/{camera}: no images of camera {camera}{note}; going on without it"

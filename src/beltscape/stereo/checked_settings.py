@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from difflib import get_close_matches
 from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
 
-from beltscape.core.errors import SettingsError
+from beltscape.core.errors import SettingsError, suggest_name
 from beltscape.files.documents.toml_text import describe_first_error
 
 
@@ -36,6 +35,5 @@ def require_preset(name: Any, presets: Iterable[str]) -> str:
     names = list(presets)
     if name in names:
         return str(name)
-    near = get_close_matches(str(name), names, n=1)
-    fix = f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}"
+    fix = suggest_name(str(name), names) or f"there are {', '.join(names)}"
     raise SettingsError(f"preset = {name!r} is not known; {fix}")

@@ -6,10 +6,13 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from beltscape.core.plausibility import MODULE_SIDE, PLATE, SOLID
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.folders.paths import AnyPath, as_path
 
-Millimetres = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Size = Annotated[float, SOLID]
+Side = Annotated[float, MODULE_SIDE]
+Thickness = Annotated[float, PLATE]
 Position = tuple[
     Annotated[float, Field(allow_inf_nan=False)],
     Annotated[float, Field(allow_inf_nan=False)],
@@ -22,7 +25,7 @@ class Base(BaseModel):
     """The plate that carries the solids."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    size_mm: tuple[Millimetres, Millimetres, Millimetres]
+    size_mm: tuple[Side, Side, Thickness]
     """Length (x), width (y), thickness (z); its upper face is z = 0."""
 
 
@@ -31,7 +34,7 @@ class Cube(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     name: Name
-    edge_mm: Millimetres
+    edge_mm: Size
     center_mm: Position
     """Centre of its footprint."""
 
@@ -41,7 +44,7 @@ class Sphere(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     name: Name
-    diameter_mm: Millimetres
+    diameter_mm: Size
     center_mm: Position
 
 
@@ -50,8 +53,8 @@ class Cylinder(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     name: Name
-    diameter_mm: Millimetres
-    height_mm: Millimetres
+    diameter_mm: Size
+    height_mm: Size
     center_mm: Position
 
 

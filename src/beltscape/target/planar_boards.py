@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, Field, model_validator
 
+from beltscape.core.plausibility import SQUARE
+
 MIN_CORNERS = 8
 """Minimum number of corners of a view: fewer constrain the camera less than their noise disturbs it."""
 
 Count = Annotated[int, Field(ge=2, le=200)]
-Length = Annotated[float, Field(ge=0.01, le=10_000, allow_inf_nan=False)]
+Length = Annotated[float, SQUARE]
 Thickness = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 MarkerId = Annotated[int, Field(ge=0, le=100_000)]
 

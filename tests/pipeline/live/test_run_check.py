@@ -78,7 +78,15 @@ def listening() -> int:
     return _TAKEN[-1].getsockname()[1]
 
 
+def free_port() -> int:
+    """A port of this machine that nothing listens at."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        _FREE.append(server.getsockname()[1])
+    return _FREE[-1]
+
+
 _TAKEN: list[socket.socket] = []
+_FREE: list[int] = []
 
 
 @pytest.fixture(autouse=True)
@@ -131,6 +139,46 @@ FAULTS = {
     ),
     "no such host": (lambda: edited("port = 0", 'port = 0\nhost = "203.0.113.9"'), "host = '203.0.113.9'"),
     "port in use": (lambda: edited("port = 0", f"port = {listening()}"), "another program listens there"),
+    "two servers at one port": (
+        lambda: edited("port = 0", f"port = {free_port()}\n[modbus]\nport = {_FREE[-1]}"),
+        "[modbus] port = ",
+    ),
+    "two protocols at one port": (
+        lambda: edited("port = 0", f"port = 0\n[modbus]\nport = {free_port()}\n[opcua]\nport = {_FREE[-1]}"),
+        "is that of [modbus], too; give each server its own",
+    ),
+    "no IPv4 address": (
+        lambda: edited("port = 0", 'port = 0\n[modbus]\nhost = "300.1.2.3"'),
+        "modbus.host = '300.1.2.3': is no address; IPv4 has four numbers from 0 to 255",
+    ),
+    "a port in the host": (
+        lambda: edited("port = 0", 'port = 0\n[mqtt]\nhost = "broker:1883"'),
+        "mqtt.host = 'broker:1883': is no address; give the port in its own key",
+    ),
+    "protocol's host": (
+        lambda: edited("port = 0", 'port = 0\n[modbus]\nhost = "203.0.113.9"'),
+        "[modbus]: host = '203.0.113.9'",
+    ),
+    "protocol's port in use": (
+        lambda: edited("port = 0", f"port = 0\n[opcua]\nport = {listening()}"),
+        "another program listens there",
+    ),
+    "pulses of two kinds": (
+        lambda: edited("port = 0", "port = 0\n[modbus]\nport = 0\npulse_kg = 1\npulse_l = 2"),
+        "pulse_kg = 1 and pulse_l = 2: there is one of the two, remove the other",
+    ),
+    "width above the images'": (
+        lambda: edited("[web]", "[matching]\nwidth_px = 5000\n[web]"),
+        "matching.width_px = 5000: the images are ",
+    ),
+    "density in t/m³": (
+        lambda: edited("[web]", "[density]\nkg_m3 = 1.6\n[web]"),
+        "density.kg_m3 = 1.6: cannot be a bulk density in kg/m³ (5 to 30000); in t/m³? write 1600",
+    ),
+    "a number in quotation marks": (
+        lambda: edited("[web]", '[matching]\nload_mm = "300"\n[web]'),
+        "matching.load_mm = '300': must be a number, without quotation marks",
+    ),
     "data a file": (lambda: edited("[capture]", 'data = "rig.json/data"\n[capture]'), "rig.json is a file"),
     "data read-only": (
         lambda: edited("[capture]", 'data = "/proc/data"\n[capture]'),
@@ -185,3 +233,49 @@ def test_certificates_are_looked_for_beside_the_project(run, plant, monkeypatch,
     code, _, err = run("run", "--check", project)
     assert code == 2
     assert f"{project.parent}/c.pem: holds no PEM certificate" in err[-1]
+
+
+def test_machines_that_do_not_answer_are_warned_of_as_a_run_goes_on_without_them(run, plant):
+    ports = [free_port() for _ in range(4)]
+    edited(
+        "[web]",
+        f"""[syslog]
+host = "127.0.0.1"
+transport = "tcp"
+port = {ports[0]}
+[outputs]
+host = "127.0.0.1"
+port = {ports[1]}
+pulse = {{l = 5, kind = "counter", address = 0}}
+[scale.modbus]
+host = "no-such-host.invalid"
+port = {ports[2]}
+address = 0
+[reports.mail]
+host = "127.0.0.1"
+port = {ports[3]}
+security = "none"
+sender = "belt@plant.example"
+to = ["shift@plant.example"]
+[web]""",
+    )
+    code, out, _ = run("run", "--check", "project.toml", "--json")
+    assert code == 0
+    answer = parse_json(out)
+    for part, place in (
+        ("syslog", f"127.0.0.1 port {ports[0]}: "), ("outputs", f"127.0.0.1 port {ports[1]}: "),
+        ("scale", "no-such-host.invalid port "), ("reports", f"127.0.0.1 port {ports[3]}: "),
+    ):  # fmt: skip
+        assert f"; not reached: {place}" in answer["parts"][part]
+        assert any(line.startswith(f"{part}: not reached now: {place}") for line in answer["warnings"])
+
+
+def test_unusual_settings_are_warned_of(run, plant):
+    edited("[web]", "[matching]\nload_mm = 10\n[web]")
+    code, out, _ = run("run", "--check", "project.toml", "--json")
+    assert code == 0
+    (warning,) = parse_json(out)["warnings"]
+    assert (
+        "load_mm = 10: is unusual for the height of a load in mm (20 to 1500); in centimetres? write 100"
+        in warning
+    )

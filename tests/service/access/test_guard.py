@@ -16,7 +16,7 @@ def test_every_path_requires_login(app):
         assert browser("GET", path).status_code == 401, path
     assert browser("POST", "/alarms/a/acknowledge").status_code == 401
     reply = browser("GET", "/look", headers={"accept": "text/html,*/*"}, follow_redirects=False)
-    assert (reply.status_code, reply.headers["location"]) == (303, "/login?next=/look")
+    assert (reply.status_code, reply.headers["location"]) == (303, "login?next=look")
 
 
 @pytest.mark.parametrize(("role", "status"), [("viewer", 403), ("operator", 200), ("engineer", 200)])

@@ -21,7 +21,7 @@ def test_setup_creates_the_first_engineer(make):
         "token": None,
     }
     page = browser("GET", "/", headers={"accept": "text/html"}, follow_redirects=False)
-    assert page.headers["location"] == "/setup"
+    assert page.headers["location"] == "setup"
     reply = set_up(browser, access.setup_token)
     assert reply.status_code == 201
     assert reply.json()["user"] == {"name": "anna", "role": "engineer"}

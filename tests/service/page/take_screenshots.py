@@ -38,6 +38,9 @@ SURFACE_MS = 8000
 DESKTOP: dict[str, Any] = {"wide": 1440, "high": 1010}
 WALL: dict[str, Any] = {"wide": 1920, "high": 1080}
 PHONE: dict[str, Any] = {"wide": 360, "high": 740}
+MOVING: dict[str, Any] = {"wide": 1280, "high": 900}
+MOVING_SIZE, MOVING_FRAMES, MOVING_STEP_MS = (960, 675), 20, 300
+"""Size of the animation for README, px, its number of frames, and the time between two."""
 VIEWS = ("live", "production", "alarms-view", "history", "health", "health?settings")
 """Views by the part of the address behind #; the last one with the dialog of the changed settings."""
 
@@ -132,6 +135,20 @@ def take_phone(site: Site, file: Path) -> None:
     joined.save(file, optimize=True)
 
 
+def take_moving(site: Site, file: Path) -> None:
+    """Write an animation of the page while the belt passes."""
+    page = open_view(site, "/", webgl=True, **MOVING)
+    frames: list[Image.Image] = []
+    for _ in range(MOVING_FRAMES):
+        picture = Image.open(io.BytesIO(page.screenshot())).convert("RGB")
+        frames.append(picture.resize(MOVING_SIZE, Image.Resampling.LANCZOS))
+        page.wait_for_timeout(MOVING_STEP_MS)
+    page.context.close()
+    frames[0].save(
+        file, save_all=True, append_images=frames[1:], duration=MOVING_STEP_MS, loop=0, quality=55, method=6
+    )
+
+
 def take_all(site: Site, folder: Path) -> None:
     """Write every view in every form."""
     for view, theme, language in product(VIEWS, ("light", "dark"), ("en", "de")):
@@ -151,6 +168,7 @@ def main() -> None:
         with run_plant(Path(data), browser) as site:
             take(site, options.folder / "operator_light.png", "/", webgl=True, **DESKTOP)
             take(site, options.folder / "operator_wall.png", "/?wall&theme=dark", webgl=True, **WALL)
+            take_moving(site, options.folder / "passing.webp")
             take_phone(site, options.folder / "operator_phone.png")
             if options.all:
                 take_all(site, options.folder)

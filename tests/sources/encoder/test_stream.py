@@ -48,6 +48,38 @@ def test_other_text_is_refused(line):
         parse_reading(line)
 
 
+@pytest.mark.parametrize(
+    "lines", [["149,0"], ["149,0", "149,5", "150,25"], ["-3,5"], ["f1,149,0"], ["149,0", "149.5"]]
+)
+def test_a_decimal_comma_is_no_timestamp(lines):
+    stream, now = ReadingStream(SETTINGS), monotonic_ns()
+    for line in lines:
+        stream.add_line(line, now)
+    assert "a decimal comma? send " in stream.trouble
+    assert stream.position_at(now, "") == (149.5 if "149.5" in lines else None)
+
+
+def test_whole_timestamps_are_read_after_one_with_a_decimal_point():
+    stream, now = ReadingStream(SETTINGS), monotonic_ns()
+    for line in ("0,0", "11.98,3360", "12,3400", "f9,12,3440"):  # as C's %g writes them
+        stream.add_line(line, now)
+    assert stream.trouble == ""
+    assert stream.position_at(None, "f9") == 3440
+
+
+@pytest.mark.parametrize("times", ["device", "steady"])
+@pytest.mark.parametrize(
+    ("factor", "unit"), [(1, ""), (1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")]
+)
+def test_timestamps_in_another_unit_are_told(times, factor, unit):
+    stream, now = ReadingStream(EncoderSettings(kind="udp", wait_s=0, times=times)), monotonic_ns()
+    for k in range(30):
+        delay_ms = 900 if k == 20 else 0  # a burst after a delay is no other unit
+        stream.add_line(f"{5.25 + 0.1 * k * factor:.3f},{200 * k}", now + (100 * k + delay_ms) * MS)
+    assert stream.trouble.count("as fast as this machine's clock; in") == (unit != "")
+    assert unit in stream.trouble
+
+
 @given(st.text(max_size=400))
 def test_any_text_is_parsed_or_refused(line):
     stream = ReadingStream(SETTINGS)

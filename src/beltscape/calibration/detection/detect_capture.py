@@ -48,7 +48,7 @@ def detect_board(
     InputError
         When no image shows the board; the message says what the images show instead.
     """
-    for line in capture.describe_missing_frames():
+    for line in capture.describe_omissions():
         reporter.warn(line)
     if variant is None:
         variant = _find_variant(capture, board)

@@ -26,11 +26,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare every frame with its truth."""
-    from beltscape.cli.arguments import require_positive
+    from beltscape.cli.arguments import require_plausible
+    from beltscape.core.plausibility import STRETCH
     from beltscape.evaluate.scores.reconstruction import score_reconstruction
     from beltscape.evaluate.truth.simulated import WITHIN_MM, read_truth
 
-    within = require_positive("--within", arguments.within) or WITHIN_MM
+    within = require_plausible("--within", arguments.within, STRETCH) or WITHIN_MM
     truth = read_truth(arguments.truth, arguments.scene)
     frames = score_reconstruction(arguments.folder, truth, reporter, within_mm=within)
     return {

@@ -30,11 +30,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare one frame's lumps with the visible rocks."""
-    from beltscape.cli.arguments import require_positive
+    from beltscape.cli.arguments import require_plausible
+    from beltscape.core.plausibility import LUMP
     from beltscape.evaluate.scores.lumps_of_frame import read_heap, score_lumps_of_frame
     from beltscape.measure.lumps.settings import LumpSettings
 
-    over = require_positive("--over", arguments.over) or OVER_MM
+    over = require_plausible("--over", arguments.over, LUMP) or OVER_MM
     heap = read_heap(arguments.truth)
     score = score_lumps_of_frame(heap, arguments.frame, LumpSettings(), over)
     reporter.step("comparing lumps", 1, 1)

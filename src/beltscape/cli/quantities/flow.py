@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beltscape.cli.arguments import add_empty_belt, add_output_folder, make_settings
+from beltscape.cli.arguments import add_empty_belt, add_output_folder, make_settings, require_plausible
 from beltscape.core.errors import SettingsError
+from beltscape.core.plausibility import DENSITY, FRAME_RATE, LOAD_HEIGHT
 from beltscape.core.progress import Reporter
 
 if TYPE_CHECKING:
@@ -59,10 +60,8 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
     if arguments.direction == _MISSING_DIRECTION:
         raise SettingsError("--direction: give +y or -y, along or against the belt frame's y axis")
-    if arguments.frames_per_s is not None and not 0 < arguments.frames_per_s <= 1e6:
-        raise SettingsError(f"--frames-per-s {arguments.frames_per_s:g}: must be above 0")
-    if arguments.load is not None and not 0 < arguments.load <= 1e5:
-        raise SettingsError(f"--load {arguments.load:g}: must be above 0 mm")
+    require_plausible("--frames-per-s", arguments.frames_per_s, FRAME_RATE)
+    require_plausible("--load", arguments.load, LOAD_HEIGHT)
     chosen = make_settings(FlowSettings, direction=arguments.direction, cell_mm=arguments.cell)
     density = _density(arguments)
     ensure_output_folder(arguments.out)
@@ -83,7 +82,6 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
 def _density(arguments: argparse.Namespace) -> Density:
     """Return the bulk density, which is given in one of three ways."""
-    from beltscape.files.tables.density import DENSITY_LIMITS
     from beltscape.measure.flow.records.density import Density, make_unknown_density
     from beltscape.pipeline.measuring.flow.density import read_density_over_time, read_product_density
 
@@ -100,11 +98,7 @@ def _density(arguments: argparse.Namespace) -> Density:
     if given in (["product"], ["products"]):
         raise SettingsError("--product NAME goes with --products FILE: give both")
     if arguments.density is not None:
-        low, high = DENSITY_LIMITS
-        if not low < arguments.density <= high:
-            raise SettingsError(
-                f"--density {arguments.density:g}: must be above {low:g}, up to {high:g} kg/m³"
-            )
+        require_plausible("--density", arguments.density, DENSITY)
         return Density.constant(arguments.density)
     if arguments.density_table is not None:
         return read_density_over_time(arguments.density_table)

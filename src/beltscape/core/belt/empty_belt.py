@@ -13,6 +13,11 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 
 
+End = Literal["seen", "inferred", "told", "covered", "unmeasured", "out of view"]
+"""What is known of an end of the belt across: a step beside it was measured; it follows from the other end and the
+width given; it was given; something stands above the belt there; nothing was measured beyond; the image ends."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class BeltDeviation:
     """Deviation of the belt's surface from one constant cross-section, such as the sag between idlers."""
@@ -107,6 +112,12 @@ class Belt(Displayed):
     """Number of frames that the model was learned from."""
     camera: Camera | None = None
     """Core camera of the depth maps that it was learned from; None: not known."""
+    ends: tuple[End, End] | None = None
+    """What is known of the ends ``across_mm``; None: not known, as in files of earlier versions."""
+    clear_mm: tuple[float, float] = (-np.inf, np.inf)
+    """Range of x beyond which something beside the belt stands as high as it, such as a frame."""
+    width_mm: float | None = None
+    """Width of the belt along its surface, as given; None: not given."""
 
     def __repr__(self) -> str:
         width = self.across_mm[1] - self.across_mm[0]

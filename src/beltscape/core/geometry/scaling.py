@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
+
+CROPPED = 0.05
+"""Relative difference of sizes up to which images are taken for a crop, not for scaled ones (chosen): nobody scales
+by 0.98, but regions of interest cut off a few rows or columns."""
+KEPT_QUALITY = ("board", "board_corners_mm")
+"""Entries of a rig's quality that do not depend on the size of the images."""
 
 
 def scale_camera(camera: Camera, factor: float) -> Camera:
@@ -29,6 +37,52 @@ def scale_rig(rig: Rig, factor: float) -> Rig:
     """Return the rig with all cameras scaled and without its quality, whose figures are in pixels."""
     cameras = {name: scale_camera(camera, factor) for name, camera in rig.cameras.items()}
     return Rig(rig.core, cameras, rig.cam_from_core)
+
+
+def fit_camera(camera: Camera, size_px: tuple[int, int]) -> Camera | None:
+    """Return the camera for its images binned, reduced or enlarged to a size; None if that has another aspect ratio.
+
+    Binning cuts off the rows and columns that fill no whole bin; the pixels of all others have the exact factor.
+    """
+    own, size = np.array(camera.size_px), np.array(size_px)
+    if (own == size).all():
+        return camera
+    binning = max(1, round(own[0] / size[0]))
+    factors = np.full(2, 1 / binning) if (own // binning == size).all() else size / own
+    is_alike = abs(own[1] * size[0] / own[0] - size[1]) <= 1
+    if not (is_alike or factors[0] == factors[1]) or abs(size[0] / own[0] - 1) < CROPPED:
+        return None
+    radius = camera.valid_radius_px
+    return replace(
+        camera,
+        size_px=size_px,
+        focal_px=camera.focal_px * factors,
+        center_px=(camera.center_px + 0.5) * factors - 0.5,
+        valid_radius_px=None if radius is None else radius * float(factors.mean()),
+    )
+
+
+def replace_scaled_cameras(rig: Rig, scaled: Mapping[str, Camera]) -> Rig:
+    """Return the rig with scaled cameras and its covariance in their pixels; quality in pixels is left out."""
+    cameras = {name: scaled.get(name, camera) for name, camera in rig.cameras.items()}
+    quality = {key: rig.quality[key] for key in KEPT_QUALITY if key in rig.quality}
+    return Rig(rig.core, cameras, rig.cam_from_core, quality, _scale_covariance(rig, cameras))
+
+
+def _scale_covariance(rig: Rig, cameras: Mapping[str, Camera]) -> dict[str, Any]:
+    """Return the rig's covariance with the pixels of scaled cameras; empty without a valid one."""
+    parameters = [str(name) for name in rig.covariance.get("parameters") or ()]
+    matrix = np.asarray(rig.covariance.get("matrix") or (), np.float64)
+    if matrix.shape != (len(parameters), len(parameters)) or not parameters:
+        return {}
+    factors = np.ones(len(parameters))
+    for i, parameter in enumerate(parameters):
+        name, _, quantity = parameter.rpartition(".")
+        if name in cameras and quantity in ("fx", "fy", "cx", "cy"):
+            axis = int(quantity.endswith("y"))
+            factors[i] = cameras[name].focal_px[axis] / rig.cameras[name].focal_px[axis]
+    scaled = matrix * np.outer(factors, factors)
+    return {**rig.covariance, "parameters": parameters, "matrix": scaled.tolist()}
 
 
 def pinhole_scale(camera: Camera, other: Camera) -> float | None:

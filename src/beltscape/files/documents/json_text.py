@@ -8,11 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError
 from beltscape.core.type_guards import is_list_or_tuple, is_mapping
 from beltscape.files.documents.plain_text import read_text
 from beltscape.files.folders.atomic import write_text
+
+_LARGEST = float(np.finfo(np.float64).max)
+"""Largest number of a double; a JSON document may hold longer ones, and comparison with it excludes NaN, too."""
 
 
 def to_plain(value: Any) -> Any:
@@ -30,6 +34,22 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
     return value
+
+
+def parse_numbers(value: Any, *shape: int) -> NDArray[np.float64] | None:
+    """Return the finite numbers of a JSON value as an array of that shape; None if it holds anything else.
+
+    Texts and truth values are none, which NumPy would convert.
+    """
+    try:
+        items = np.array(value, dtype=object)
+    except ValueError:  # lists of unequal depth
+        return None
+    is_whole = items.shape == shape and all(
+        isinstance(item, int | float) and not isinstance(item, bool) and abs(item) <= _LARGEST
+        for item in items.ravel()
+    )
+    return items.astype(np.float64) if is_whole else None
 
 
 def to_json(value: Any) -> str:

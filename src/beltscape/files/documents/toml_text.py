@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import operator
+import re
 import tomllib
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, suggest_name
+from beltscape.core.plausibility import find_unit, suggest_unit
+from beltscape.core.type_guards import is_list_or_tuple, is_mapping
 from beltscape.files.documents.plain_text import read_text
 
 if TYPE_CHECKING:
@@ -24,20 +29,52 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def validate(path: Path, model: type[Model], values: dict[str, Any]) -> Model:
-    """Return ``values`` as ``model``; InputError with the first invalid key."""
+    """Return ``values`` as ``model``; InputError with the first invalid key. Unusual values are reported."""
     from pydantic import ValidationError
 
+    def describe_oddity(key: str, value: float, oddity: str) -> str:
+        return f"{path}: {key} = {value:g}: {oddity}"
+
     try:
-        return model.model_validate(values)
+        checked = model.model_validate(values, context=describe_oddity)
     except ValidationError as error:
         raise InputError(f"{path}: {describe_first_error(model, error)}") from error
+    if problem := find_converted(values, checked):
+        raise InputError(f"{path}: {problem}")
+    return checked
+
+
+def find_converted(value: Any, checked: Any, key: str = "") -> str:
+    """Return which text or truth value stands for a number, or which number for a truth value; empty if none does.
+
+    Pydantic converts them; strictly it would refuse TOML's lists and paths.
+    """
+    from pydantic import BaseModel
+
+    parts: Iterable[tuple[str, Any, Any]] = ()
+    if is_mapping(value):
+        inside = checked.__dict__ if isinstance(checked, BaseModel) else checked
+        if is_mapping(inside):
+            parts = ((f"{key}.{name}" if key else name, value[name], inside.get(name)) for name in value)
+    elif is_list_or_tuple(value):
+        if is_list_or_tuple(checked) and len(checked) == len(value):
+            parts = ((f"{key}[{i}]", *pair) for i, pair in enumerate(zip(value, checked, strict=True)))
+    elif isinstance(checked, bool) != isinstance(value, bool) and isinstance(checked, bool | int | float):
+        return (
+            f"{key} = {_show(value)}: must be {'true or false' if isinstance(checked, bool) else 'a number'}"
+        )
+    elif isinstance(checked, int | float) and isinstance(value, str):
+        return f"{key} = {_show(value)}: must be a number, without quotation marks"
+    return next((problem for name, *pair in parts if (problem := find_converted(*pair, name))), "")
 
 
 def describe_first_error(model: type[BaseModel], error: ValidationError) -> str:
     """Return a readable description of the first error."""
     # a misspelt key is also a missing one: the misspelling comes first
     first = min(error.errors(), key=lambda e: e["type"] != "extra_forbidden")
-    return _describe_error(first, _known_keys(model, first["loc"]))
+    if first["type"] == "extra_forbidden":
+        return _describe_unknown_key(model, first["loc"])
+    return _describe_error(first)
 
 
 def _known_keys(model: type[BaseModel], place: tuple[int | str, ...]) -> list[str]:
@@ -61,25 +98,75 @@ def _models(annotation: Any, base: type) -> list[Any]:
     return [model for argument in get_args(annotation) for model in _models(argument, base)]
 
 
-def _describe_error(error: Any, known: list[str]) -> str:
-    """Return a readable description of one of pydantic's errors."""
-    from difflib import get_close_matches
+def _describe_unknown_key(model: type[BaseModel], place: tuple[int | str, ...]) -> str:
+    """Return the unknown key with the similar one of its table, the other table that has it, or the known keys."""
+    name, known = str(place[-1]), _known_keys(model, place)
+    fix = suggest_name(name, known)
+    if not fix and len(place) > 1:
+        others = [table for table in model.model_fields if name in _known_keys(model, (table, name))]
+        fix = f"it is a key of [{'] and ['.join(others)}]" if others else ""
+    return f"unknown key {_join(place)}; " + (fix or f"known: {', '.join(known)}")
 
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error["loc"])[1:]
-    if error["type"] == "extra_forbidden":
-        near = get_close_matches(str(error["loc"][-1]), known, n=1)
-        return f"unknown key {key}; " + (f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}")
-    if error["type"] == "missing":
+
+_WORDS: Mapping[str, str] = {
+    **dict.fromkeys(("float_type", "float_parsing"), "must be a number"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "must be a whole number"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "must be true or false"),
+    **dict.fromkeys(("string_type", "path_type"), "must be a text, in quotation marks"),
+    **dict.fromkeys(("model_type", "model_attributes_type", "dict_type", "mapping_type"), "must be a table"),
+    **dict.fromkeys(("tuple_type", "list_type"), "must be a list"),
+    "date_type": "must be a date",
+}
+"""By pydantic's type of error: what a value must be."""
+_BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
+    "greater_than": operator.gt, "greater_than_equal": operator.ge, "less_than": operator.lt,
+    "less_than_equal": operator.le,
+}  # fmt: skip
+"""By pydantic's type of error: the comparison that a number must fulfil."""
+
+
+def _describe_error(error: Any) -> str:
+    """Return a readable description of an error of pydantic, with the unit that a number was probably given in."""
+    key, kind, value = _join(error["loc"]), error["type"], error["input"]
+    if kind == "missing":
         return f"{key} is missing"
-    if error["type"] == "value_error":
+    if kind == "value_error":
         text = str(error["ctx"]["error"])
-        return f"{key} = {error['input']!r}: {text}" if key else text
-    if error["type"] == "tuple_type":
-        text = "must be a list"
-    elif error["type"] == "too_short":
+        return f"{key} = {_show(value)}: {text}" if key else text
+    if kind == "too_short":
         text = f"must have at least {error['ctx']['min_length']} values"
-    elif error["type"] == "too_long":
+    elif kind == "too_long":
         text = f"must have {error['ctx']['max_length']} values, not {error['ctx']['actual_length']}"
+    elif kind in _WORDS:
+        text = _WORDS[kind]
     else:
-        text = error["msg"].replace("Input should", "must", 1)
-    return f"{key} = {error['input']!r}: {text}"
+        text = re.sub(r"^(Input|String|List|Tuple|Dictionary) should", "must", error["msg"])
+    if kind in _BOUNDS and isinstance(value, int | float):
+        text += suggest_unit(value, _find_unit_of(error["loc"]), _make_fit(error))
+    return f"{key} = {_show(value)}: {text}"
+
+
+def _make_fit(error: Any) -> Callable[[float], bool]:
+    """Return what tells whether a number fulfils the bound that an error is about."""
+    compare, (bound,) = _BOUNDS[error["type"]], error["ctx"].values()
+    return lambda converted: compare(converted, bound)
+
+
+def _find_unit_of(place: tuple[int | str, ...]) -> str:
+    """Return the unit in the name of the last key of a place."""
+    return next((find_unit(part) for part in reversed(place) if isinstance(part, str)), "")
+
+
+def _join(place: tuple[int | str, ...]) -> str:
+    return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in place).removeprefix(".")
+
+
+def _show(value: Any) -> str:
+    """Return a value as TOML and JSON write it."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if is_list_or_tuple(value):
+        return f"[{', '.join(map(_show, value))}]"
+    if isinstance(value, float):
+        return f"{value:.10g}"
+    return "null" if value is None else repr(value)

@@ -1,7 +1,8 @@
-"""Reading and writing of images: PNG, TIFF, JPEG, BMP; 8 or 16 bit, grey or RGB."""
+"""Reading of images (PNG, TIFF, JPEG, BMP, PGM/PPM, WebP, JPEG 2000) and writing of the first four; 8 or 16 bit."""
 
 from __future__ import annotations
 
+from io import BytesIO
 from typing import cast
 from zlib import crc32
 
@@ -14,10 +15,21 @@ from beltscape.core.frames import Image
 from beltscape.files.folders.atomic import write_bytes
 from beltscape.files.folders.paths import AnyPath, as_path
 
-EXTENSIONS = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
+WRITTEN = (".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp")
+"""File name extensions of the images that are written."""
+EXTENSIONS = (*WRITTEN, ".pgm", ".ppm", ".pnm", ".webp", ".jp2")
+"""File name extensions of the images that are read."""
+KINDS = "PNG, TIFF, JPEG, BMP, PGM, PPM, WebP and JPEG 2000"
+"""Names of the formats that are read, for messages."""
 
 _PNG, _PNG_KIND, _INDEXED = b"\x89PNG\r\n\x1a\n", 25, 3
 """A PNG's first bytes; offset of its colour type; the type with a palette (PNG specification, 11.2.1)."""
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+"""First bytes of TIFF (TIFF 6.0, section 2) and BigTIFF."""
+_NO_PAGE = 1 | 4
+"""Bits of a TIFF's NewSubfileType: a reduced image, a mask (TIFF 6.0, section 8)."""
+_HEAD = 4096
+"""Bytes at a file's beginning in which a mark of animation is searched; it stands before the first image's data."""
 _CHUNK = 12
 """Bytes of a PNG's chunk beside its data: length, type and checksum of four each (PNG specification, 5.3)."""
 
@@ -28,6 +40,8 @@ cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 def read_image(path: AnyPath) -> Image:
     """Read an image (H, W) or (H, W, 3) RGB, uint8 or uint16; InputError with the file's name if it is unusable."""
     path = as_path(path)
+    if path.exists() and not path.is_file() and not path.is_dir():
+        raise InputError(f"{path}: is a pipe, socket or device, which is not opened; give an image file")
     try:
         data = np.fromfile(path, dtype=np.uint8)
     except OSError as error:
@@ -47,7 +61,13 @@ def _decode(data: NDArray[np.uint8], name: str) -> Image:
         raise InputError(f"{name}: the file is damaged or cut short; copy the image again")
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None:
-        raise InputError(f"{name}: not a readable image; PNG, TIFF, JPEG and BMP are known")
+        raise InputError(f"{name}: not a readable image; {KINDS} are known")
+    pages = _count_pages(data)
+    if pages > 1:
+        raise InputError(
+            f"{name}: holds {pages} pages, and an image file is one frame; save each page as an image of its own "
+            "(ImageJ: File, Save As, Image Sequence)"
+        )
     if image.dtype not in (np.dtype(np.uint8), np.dtype(np.uint16)):
         raise InputError(f"{name}: pixels are {image.dtype}; 8 or 16 bit images are needed")
     if image.ndim == 3:
@@ -64,6 +84,29 @@ def is_grey_throughout(image: Image) -> bool:
 def _has_palette(data: NDArray[np.uint8]) -> bool:
     """Return whether the bytes are a PNG with a palette, as some tools save images of few levels."""
     return data[: len(_PNG)].tobytes() == _PNG and len(data) > _PNG_KIND and data[_PNG_KIND] == _INDEXED
+
+
+def _count_pages(data: NDArray[np.uint8]) -> int:
+    """Return the number of images in the file's bytes, without thumbnails and masks; 1 if it cannot be counted."""
+    head = data[:_HEAD].tobytes()
+    if head[:4] in _TIFF:
+        import tifffile
+
+        try:
+            with tifffile.TiffFile(BytesIO(data.tobytes())) as file:
+                pages = [page for page in file.pages if isinstance(page, tifffile.TiffPage)]
+                return sum(not page.subfiletype & _NO_PAGE for page in pages)
+        except (ValueError, LookupError, tifffile.TiffFileError):
+            return 1  # OpenCV has read its first page
+    is_animated = {
+        b"GIF8": True,
+        b"RIFF": b"ANIM" in head,  # of WebP
+        _PNG[:4]: b"acTL" in head.partition(b"IDAT")[0],
+    }
+    if is_animated.get(head[:4], False):
+        read, animation = cv2.imdecodeanimation(data)
+        return len(animation.frames) if read else 1
+    return 1
 
 
 def _is_damaged_png(data: NDArray[np.uint8]) -> bool:
@@ -83,9 +126,7 @@ def _is_damaged_png(data: NDArray[np.uint8]) -> bool:
 
 def encode_image(image: Image, extension: str = ".png") -> bytes:
     """Return the encoded bytes of a grey or RGB image; InputError if the format cannot hold it."""
-    extensions = (
-        EXTENSIONS if image.dtype == np.uint8 else EXTENSIONS[:3]
-    )  # JPEG and BMP would drop the lower bits
+    extensions = WRITTEN if image.dtype == np.uint8 else WRITTEN[:3]  # JPEG and BMP would drop the lower bits
     if extension.lower() not in extensions:
         raise InputError(
             f"{image.dtype} images cannot be stored as {extension!r}; use {', '.join(extensions)}"

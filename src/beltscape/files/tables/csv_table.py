@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf, isfinite
 from pathlib import Path
-
-import numpy as np
 
 from beltscape.core.errors import InputError
 from beltscape.files.documents.plain_text import read_text
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+"""A number as tables of other programs write it; Python's float also takes 1_000 and words."""
+_POINTS = "write numbers with a decimal point"
+_SEPARATORS = f": separate the columns by commas and {_POINTS}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,17 +32,25 @@ class Line:
     def parse_number(self, column: int, name: str) -> float:
         """Return a finite number; InputError with file, line and value otherwise."""
         text = self.values[column]
-        try:
-            value = float(text)
-        except ValueError:
-            value = float("nan")
-        if not np.isfinite(value):
-            raise InputError(f"{self.name}: line {self.number}: {name} {text!r} is not a number")
+        value = parse_number(text)
+        if value is None:
+            fix = (
+                f"; write {text.replace(',', '.')}"
+                if parse_number(text.replace(",", ".")) is not None
+                else ""
+            )
+            raise InputError(f"{self.name}: line {self.number}: {name} {text!r} is not a number{fix}")
         return value
 
     def error(self, what: str) -> InputError:
         """Return an InputError with file and line."""
         return InputError(f"{self.name}: line {self.number}: {what}")
+
+
+def parse_number(text: str) -> float | None:
+    """Return the finite number that a text holds, with a decimal point; None if it holds none."""
+    value = float(text) if _NUMBER.fullmatch(text.strip()) else inf
+    return value if isfinite(value) else None
 
 
 def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) -> list[Line]:
@@ -61,13 +74,18 @@ def parse_csv(text: str, file: str, header: Sequence[str], optional: Sequence[st
     present = tuple(cell.strip() for cell in rows[0]) if rows else ()
     columns = (*header, *optional)
     if present not in {columns[:k] for k in range(len(header), len(columns) + 1)}:
-        raise InputError(f"{file}: the header is {','.join(present)!r}; it must be {wanted}")
+        fix = "" if len(present) > 1 or not set(";\t") & set("".join(present)) else _SEPARATORS
+        raise InputError(f"{file}: the header is {','.join(present)!r}; it must be {wanted}{fix}")
     lines: list[Line] = []
     for number, row in enumerate(rows[1:], start=2):
         if not any(cell.strip() for cell in row):
             continue
         if len(row) != len(present):
-            raise InputError(f"{file}: line {number}: {len(row)} values, but the header has {len(present)}")
+            fix = f"; decimal commas? {_POINTS}" if len(row) > len(present) else ""
+            fix = _SEPARATORS if len(row) < len(present) and ";" in "".join(row) else fix
+            raise InputError(
+                f"{file}: line {number}: {len(row)} values, but the header has {len(present)}{fix}"
+            )
         lines.append(Line(file, number, tuple(cell.strip() for cell in row)))
     if not lines:
         raise InputError(f"{file}: no row below the header {wanted}")

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, suggest_name
+from beltscape.core.plausibility import DENSITY, DENSITY_SIGMA
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.tables.csv_table import read_csv
 
-DENSITY_LIMITS = (0.0, 30_000.0)
-"""kg/m³, the first excluded; the second is above the density of any solid on a belt (tungsten: 19,300)."""
-DensityValue = Annotated[float, Field(gt=DENSITY_LIMITS[0], le=DENSITY_LIMITS[1], allow_inf_nan=False)]
+DensityValue = Annotated[float, DENSITY]
 """A bulk density, kg/m³."""
+DensitySigma = Annotated[float, DENSITY_SIGMA]
+"""One standard deviation of a bulk density, kg/m³."""
+HEADER = ("timestamp_s", "density_kg_m3", "sigma_kg_m3")
+"""Columns of a table; the last one is optional."""
 
 
 class Product(BaseModel):
@@ -25,7 +27,7 @@ class Product(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     density_kg_m3: DensityValue
     """Bulk density as it lies on the belt."""
-    sigma_kg_m3: Annotated[float, Field(ge=0, le=10_000)] = 0.0
+    sigma_kg_m3: DensitySigma = 0.0
     """One standard deviation of it."""
 
 
@@ -46,8 +48,7 @@ def find_product(path: Path, name: str) -> Product:
     """Return a product of the file; InputError with the available names otherwise."""
     products = read_products(path)
     if name not in products:
-        near = get_close_matches(name, products, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(products)}"
+        hint = suggest_name(name, products) or f"there are {', '.join(products)}"
         raise InputError(f"{path}: no product {name}; {hint}")
     return products[name]
 
@@ -61,14 +62,17 @@ def read_density_table(path: Path) -> list[tuple[int, float, float]]:
         When a value is not a number or not a density, or times do not increase.
     """
     table: list[tuple[int, float, float]] = []
-    for line in read_csv(path, ("timestamp_s", "density_kg_m3"), ("sigma_kg_m3",)):
+    for line in read_csv(path, HEADER[:2], HEADER[2:]):
         time_ns, density = (
             round(line.parse_number(0, "timestamp_s") * 1e9),
             line.parse_number(1, "density_kg_m3"),
         )
         sigma = line.parse_number(2, "sigma_kg_m3") if line.values[2:] else 0.0
-        if not DENSITY_LIMITS[0] < density <= DENSITY_LIMITS[1] or sigma < 0:
-            raise line.error(f"a density of {density:g} ± {sigma:g} kg/m³; give one above 0, up to 30000")
+        for name, value, quantity in zip(HEADER[1:], (density, sigma), (DENSITY, DENSITY_SIGMA), strict=True):
+            if refusal := quantity.find_refusal(value):
+                raise line.error(f"{name} {value:g} {refusal}")
+        if sigma >= density:
+            raise line.error(f"sigma_kg_m3 {sigma:g} is not below density_kg_m3 {density:g}; decimal commas?")
         if table and time_ns <= table[-1][0]:
             raise line.error(
                 f"timestamp_s {line.values[0]} is not after the row before; sort the rows by time"

@@ -6,7 +6,9 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-_Millimetres = Annotated[float, Field(gt=0, le=1000)]
+from beltscape.core.plausibility import BELT_LENGTH, CARRY_BACK, ZERO_SHIFT
+
+_Millimetres = Annotated[float, ZERO_SHIFT]
 
 
 class BeltLimits(BaseModel):
@@ -27,9 +29,9 @@ class BeltLimits(BaseModel):
     """Largest shift that is searched; a smooth surface further from the learned belt counts as material."""
     set_limit_mm: _Millimetres = 2.0
     """Largest shift that setting the zero accepts."""
-    belt_length_m: Annotated[float, Field(ge=1, le=50_000)] | None = None
+    belt_length_m: Annotated[float, BELT_LENGTH] | None = None
     """Length of the endless belt: what returns with it is stuck to the belt or part of it."""
     empty_m: Annotated[float, Field(gt=0, le=1000)] = 3.0
     """Length without a load after which material on the belt is carry-back; gaps of a thin load are shorter."""
-    carry_back_mm2: Annotated[float, Field(gt=0, le=1e6)] = 300.0
+    carry_back_mm2: Annotated[float, CARRY_BACK] = 300.0
     """Mean cross-section of material on otherwise empty belt from which carry-back is reported."""

@@ -26,6 +26,16 @@ class BlockPlanes:
     """(M, 3) points of the planes at the blocks' centres."""
     rms_mm: NDArray[np.float64]
     """(M,) robust scatter of the pixels about their plane, along the ray."""
+    row: NDArray[np.intp]
+    """(M,) number of the block's row of blocks."""
+    column: NDArray[np.intp]
+    """(M,) number of the block's column of blocks."""
+
+    def select(self, keep: NDArray[np.bool_]) -> BlockPlanes:
+        """Return the blocks where ``keep`` (M,) is set."""
+        return BlockPlanes(
+            self.normals[keep], self.centers_mm[keep], self.rms_mm[keep], self.row[keep], self.column[keep]
+        )
 
 
 def fit_block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlanes:
@@ -43,8 +53,9 @@ def fit_block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlan
     )
     enough = np.isfinite(inverse).mean(axis=1) >= _MIN_SHARE
     inverse, design = inverse[enough], design[enough]
+    row, column = np.divmod(np.flatnonzero(enough), width // side_px)
     if not len(inverse):
-        return BlockPlanes(np.empty((0, 3)), np.empty((0, 3)), np.empty(0))
+        return BlockPlanes(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), row, column)
     middle = design.mean(axis=1)
     local = design.copy()
     local[..., :2] -= middle[:, None, :2]
@@ -66,7 +77,7 @@ def fit_block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlan
     normal[:, 2] -= np.sum(plane[:, :2] * middle[:, :2], axis=1)
     normal *= -1.0 / np.linalg.norm(normal, axis=1, keepdims=True)
     z = 1.0 / plane[:, 2]
-    return BlockPlanes(normal, middle * z[:, None], scale * z**2)
+    return BlockPlanes(normal, middle * z[:, None], scale * z**2, row, column)
 
 
 def _split_blocks(plane: NDArray[np.float64], side: int) -> NDArray[np.float64]:

@@ -33,7 +33,10 @@ def find_belt_edges(depth: DepthMap, camera: Camera, belt: Belt) -> BeltEdges:
     """
     intersections = _intersect_belt(depth, camera, belt)
     step = 1.2 * pixel_size_mm(depth, camera)
-    found = [_find_edge(intersections, side, step) for side in (-1, 1)]
+    found = [
+        _find_edge(intersections, side, step, side * clear)
+        for side, clear in zip((-1, 1), belt.clear_mm, strict=True)
+    ]
     (left, left_sigma), (right, right_sigma) = found
     offset, sigma, against = np.nan, np.nan, "trough"
     if belt.edges is None:
@@ -89,10 +92,14 @@ def _find_edge(
     intersections: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int8]],
     side: int,
     step_mm: float,
+    clear_mm: float,
 ) -> tuple[float, float]:
-    """Return x of the belt's edge at y = 0 and its σ, NaN where it is not visible; ``side`` -1 left, 1 right."""
+    """Return x of the belt's edge at y = 0 and its σ, NaN where it is not visible; ``side`` -1 left, 1 right.
+
+    Beyond ``clear_mm``, outwards, something else stands as high as the belt.
+    """
     x, y, flag = intersections
-    own = (side * x > 0) & (flag != 0)
+    own = (side * x > 0) & (side * x < clear_mm) & (flag != 0)
     x, y, flag = side * x[own], y[own], flag[own]
     if not (flag < 0).any():
         return np.nan, np.nan

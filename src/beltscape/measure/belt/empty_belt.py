@@ -10,20 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arguments import require_depth_of
-from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.belt.empty_belt import Belt, End
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.belt.average import average_depth_maps
+from beltscape.measure.belt.blocks import fit_block_planes
+from beltscape.measure.belt.component import find_component, keep_pixels, mask_region, select_pixels
 from beltscape.measure.belt.cross_section import CrossSection, fit_cross_section
 from beltscape.measure.belt.deviation import fit_deviation
 from beltscape.measure.belt.edges import find_belt_edges
 from beltscape.measure.belt.error_correlation import estimate_correlation
+from beltscape.measure.belt.extent import STEP_MM, Extent, find_extent, on_belt_mask, prolong
+from beltscape.measure.belt.given import apply_given
 from beltscape.measure.belt.initial_frame import InitialFrame, build_frame, find_initial_frame
 from beltscape.measure.belt.middle import Middle, find_continuous_nodes, find_middle
 from beltscape.measure.belt.plane import Plane, fit_plane
+from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 
 _SAMPLE_COUNT = 60_000
 """Approximate number of pixels to which the depth map is thinned; it bounds the time."""
@@ -31,36 +36,47 @@ _MIN_COVERAGE = 0.05
 """Least measured share of the image."""
 _MAX_ROUGHNESS = 0.004
 """Largest scatter of a belt about an even surface, as a share of its distance; heaped material has more."""
+_MIN_EVEN_SHARE = 0.6
+"""Least share of a belt's points that lie on it: a beam across the view and 2 % of gross errors leave 0.8; a heap of
+balls has 0.2."""
+_MIN_CLEAR_SHARE = 0.25
+"""A strip narrower than this share of the view, with something higher on both sides, lies between lumps; chosen."""
 
 
-def learn_belt(frames: Sequence[DepthMap], camera: Camera) -> Belt:
+def learn_belt(frames: Sequence[DepthMap], camera: Camera, given: GivenBelt = NOTHING_GIVEN) -> Belt:
     """Return the empty belt from any number of its depth maps.
 
     The depth maps are averaged robustly, pixel by pixel. The result holds all that `find_belt` finds, and the
     belt's edges. Errors that all frames share, such as those of the rig or of a static pattern, do not average
-    out; the scatter about the belt, from which every σ is derived, contains them.
+    out; the scatter about the belt, from which every σ is derived, contains them. ``given`` is what is known of its
+    width, its ends or its place in the image.
 
     Raises
     ------
     InputError
         if there is no frame, or one is not the camera's size.
     MeasureError
-        if there is no belt-like surface under the optical axis.
+        if there is no belt-like surface under the optical axis, or what is given contradicts it.
     """
     if not frames:
         raise InputError("empty belt: no frame given; give at least one frame of the empty belt")
     for depth in frames:
         require_depth_of(camera, depth, "empty belt")
     mean = average_depth_maps(frames)
-    belt = replace(find_belt(mean, camera), frames=len(frames))
-    return replace(belt, edges=find_belt_edges(mean, camera, belt), camera=camera)
+    belt = replace(find_belt(mean, camera, given.region_px), frames=len(frames))
+    belt = replace(belt, edges=find_belt_edges(mean, camera, belt), camera=camera)
+    return apply_given(belt, given)
 
 
-def find_belt(depth: DepthMap, camera: Camera) -> Belt:
+def find_belt(
+    depth: DepthMap, camera: Camera, region_px: Sequence[tuple[float, float]] | None = None
+) -> Belt:
     """Return the belt found in an empty belt's depth map.
 
-    The belt is modelled as a surface that is constant along its direction of travel. The normals of small blocks
-    give a first direction; direction and cross-section are then fitted together to the points, robustly. The z
+    The belt is modelled as a surface that is constant along its direction of travel. The blocks of pixels that form
+    one surface under the optical axis (or the largest one in the polygon ``region_px``) give a first direction;
+    direction and cross-section are then fitted together to the points, robustly. Its ends are found along the core
+    camera's rays; what lies below, above or beyond them is no belt, and is not used. The z
     axis is the normal of the cross-section's flat middle, or the line of symmetry of a trough without one. A flat
     belt gives no direction: it is taken from the belt's edges where they are visible, else x is the core image's
     u axis.
@@ -78,9 +94,11 @@ def find_belt(depth: DepthMap, camera: Camera) -> Belt:
             f"empty belt: only {depth.coverage:.1%} of the pixels are measured; "
             "project speckle or give a better frame"
         )
+    depth = depth if region_px is None else mask_region(depth, region_px)
+    start, part, extent = _find_section(depth, camera, largest=region_px is not None)
     points = _sample_points(depth, camera)
-    start = find_initial_frame(depth, camera, points)
-    section = fit_cross_section(points, start.rotation, turn_yaw=start.troughed)
+    points = points[on_belt_mask(points, part, extent.across_mm)]
+    section = fit_cross_section(points, part.rotation, turn_yaw=start.troughed)
     middle = _find_checked_middle(section, float(np.median(points[:, 2])), camera)
     plane = _fit_flat_plane(points @ section.rotation.T, middle)
     up = (
@@ -95,7 +113,53 @@ def find_belt(depth: DepthMap, camera: Camera) -> Belt:
     if middle.flat_mm is not None:
         ends = np.array([[x, 0.0, section.height_mm(np.array([x]))[0]] for x in middle.flat_mm])
         flat = pose.apply(ends @ section.rotation)[:, 0]
-    return _assemble_belt(depth, camera, upright, pose, start, plane, flat)
+    belt = _assemble_belt(depth, camera, upright, pose, start, plane, flat)
+    ends = extent.ends if region_px is None else _tell_ends(extent.ends)
+    return replace(belt, ends=ends, clear_mm=_convert_clear(extent, part, belt.belt_from_core))
+
+
+def _convert_clear(extent: Extent, section: CrossSection, pose: Pose) -> tuple[float, float]:
+    """Return the range that is clear of things beside the belt, in the belt frame."""
+    x = np.array(extent.clear_mm)
+    known = np.where(np.isfinite(x), x, 0.0)
+    points = np.column_stack([known, np.zeros(2), prolong(section, known)]) @ section.rotation
+    low, high = np.where(np.isfinite(x), pose.apply(points)[:, 0], x)
+    return float(low), float(high)
+
+
+def _find_section(
+    depth: DepthMap, camera: Camera, *, largest: bool
+) -> tuple[InitialFrame, CrossSection, Extent]:
+    """Return the frame and the section of the surface's blocks, and the extent of the belt that continues it."""
+    side = max(8, camera.size_px[0] // 38)
+    blocks = fit_block_planes(depth, camera, side)
+    own = find_component(blocks, camera, side, largest=largest)
+    surface = depth
+    if not own.all():
+        surface = keep_pixels(depth, select_pixels(depth, camera, blocks.select(own), side))
+    points = _sample_points(surface, camera)
+    start = find_initial_frame(depth, camera, blocks.select(own), points)
+    section = fit_cross_section(points, start.rotation, turn_yaw=start.troughed)
+    stride = max(1, round(np.sqrt(depth.depth_mm.size / _SAMPLE_COUNT)))
+    extent = find_extent(depth, camera, section, stride)
+    if extent.even_share < _MIN_EVEN_SHARE:
+        raise MeasureError(
+            f"empty belt: only {extent.even_share:.0%} of what was measured between its ends lies on one even surface; "
+            "give the frame of an empty belt"
+        )
+    width_mm, view_mm = np.ptp(extent.across_mm), np.nanmedian(depth.depth_mm) * np.ptp(camera.rays()[0, :, 0])
+    if extent.ends == ("covered", "covered") and width_mm < _MIN_CLEAR_SHARE * view_mm:
+        raise MeasureError(
+            f"empty belt: something higher stands on both sides of a strip {width_mm:.0f} mm wide; "
+            "give the frame of an empty belt, or draw the belt's region (measure belt --region)"
+        )
+    return start, section, extent
+
+
+def _tell_ends(ends: tuple[End, End]) -> tuple[End, End]:
+    """Return the ends of a belt in a region that was given: its border is an end that was told."""
+    left, right = ("told" if end == "out of view" or end == "unmeasured" else end for end in ends)
+    return left, right
 
 
 def _sample_points(depth: DepthMap, camera: Camera) -> NDArray[np.float64]:
@@ -126,8 +190,8 @@ def _find_belt_nodes(section: CrossSection) -> slice:
     )
     if own is None:
         raise MeasureError(
-            "empty belt: nothing measured where the core camera's optical axis meets the belt; "
-            "aim the core camera at the belt"
+            "empty belt: no belt was measured where the core camera's optical axis meets it; "
+            "give the frame of an empty belt, and aim the core camera at the belt"
         )
     return own
 
@@ -157,6 +221,8 @@ def _refine_section(
     x, z = points_mm[..., 0].ravel(), points_mm[..., 2].ravel()
     inside = (x > x_mm[0]) & (x < x_mm[-1])  # NaN is not
     x, off = x[inside], z[inside] - np.interp(x[inside], x_mm, z_mm)
+    on = np.abs(off) <= STEP_MM  # what lies below or above, beyond the belt's far end, is no belt
+    x, off = x[on], off[on]
     nodes = np.linspace(float(x_mm[0]), float(x_mm[-1]), max(len(x_mm), int(np.ptp(x_mm) / (2 * pixel_mm))))
     own = np.rint((x - nodes[0]) / (nodes[1] - nodes[0])).astype(np.intp)
     order = np.lexsort((off, own))
@@ -203,7 +269,7 @@ def _assemble_belt(
     factor = float(np.sqrt(max(1.0, correlation.area_px * len(section.residual_mm) / depth.measured.sum())))
     yaw_sigma = section.sigma_rad[1] * factor if start.troughed else None
     yaw_sigma = start.edges.sigma_rad if start.edges is not None else yaw_sigma
-    inside = np.isfinite(residual)
+    inside = np.abs(residual) <= max(6 * noise, STEP_MM)  # NaN is not
     low, high = np.quantile(points[..., 1][inside], [0.001, 0.999])
     return Belt(
         belt_from_core=pose,

@@ -12,7 +12,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.measure.belt.blocks import BlockPlanes, fit_block_planes
+from beltscape.measure.belt.blocks import BlockPlanes
 from beltscape.measure.belt.flat_edges import EdgeYaw, fit_edge_yaw
 
 _WING_ANGLE_RAD = np.deg2rad(4.0)
@@ -33,9 +33,11 @@ class InitialFrame:
     """Direction of a flat belt's edges; None for a troughed belt, or where no edge is visible."""
 
 
-def find_initial_frame(depth: DepthMap, camera: Camera, points_mm: NDArray[np.float64]) -> InitialFrame:
-    """Estimate the frame from blocks of the depth map; ``points_mm`` (N, 3) sample it in the camera's frame."""
-    planes = _select_planar_blocks(fit_block_planes(depth, camera, max(8, camera.size_px[0] // 38)))
+def find_initial_frame(
+    depth: DepthMap, camera: Camera, blocks: BlockPlanes, points_mm: NDArray[np.float64]
+) -> InitialFrame:
+    """Estimate the frame from the belt's blocks of the depth map; ``points_mm`` (N, 3) sample these in its frame."""
+    planes = _select_planar_blocks(blocks)
     along = _fit_belt_direction(planes.normals)
     rotation = build_frame(along, np.array([0.0, 0.0, -1.0]))
     angle = np.arctan2(planes.normals @ rotation[0], planes.normals @ rotation[2])
@@ -63,7 +65,7 @@ def _select_planar_blocks(planes: BlockPlanes) -> BlockPlanes:
         raise MeasureError("empty belt: too few measured patches; project speckle or give a better frame")
     # exact data have no scatter: then the resolution of a float32 depth decides
     good = planes.rms_mm <= 3 * np.median(planes.rms_mm) + 1e-5 * np.median(planes.centers_mm[:, 2])
-    return BlockPlanes(planes.normals[good], planes.centers_mm[good], planes.rms_mm[good])
+    return planes.select(good)
 
 
 def _fit_belt_direction(normals: NDArray[np.float64]) -> NDArray[np.float64]:

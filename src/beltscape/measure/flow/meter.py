@@ -35,6 +35,8 @@ _COARSE_CELLS = 2
 """Cells of the registration of the material are coarser by this factor."""
 _PATIENCE = 8
 """Number of frames held back until the first motion is detected."""
+_PATIENCE_BACK = 24
+"""The same while the encoder runs back, until it shows whether the belt rolls back; memory bounds it. Chosen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,8 +202,7 @@ class FlowMeter:
         """Return the remaining records after the last frame."""
         out: list[FlowRecord] = []
         if self._waiting:
-            self._tracker.is_assumed = not self._tracker.direction
-            self._tracker.direction = self._tracker.direction or 1
+            self._tracker.assume_direction(self._waiting)
             out = [record for one in self._waiting for record in self._process(one)]
             self._waiting = []
         for rows in self._buffer.close():
@@ -210,15 +211,14 @@ class FlowMeter:
 
     def _process_oldest(self) -> list[FlowRecord]:
         """Process the oldest waiting frame without a first motion once too many frames wait."""
-        if len(self._waiting) <= _PATIENCE:
+        patience = _PATIENCE_BACK if self._tracker.may_roll_back(self._waiting) else _PATIENCE
+        if len(self._waiting) <= patience:
             return []
         oldest = self._waiting.pop(0)
         if oldest.encoder_mm is None:
             self._strips.add(self._cutter.make_unplaced_strip(oldest))
             return self._pop_finished()
-        if not self._tracker.direction:
-            # an empty or standing belt: both directions are equivalent until the material determines one
-            self._tracker.direction, self._tracker.is_assumed = 1, True
+        self._tracker.assume_direction([oldest, *self._waiting])
         out = self._process(oldest)
         for one in self._waiting:
             out += self._process(one)

@@ -28,12 +28,11 @@ from beltscape.measure.flow.motion.plausibility import (
     is_certain_apart,
 )
 from beltscape.measure.flow.motion.pushed_frame import PushedFrame
-from beltscape.measure.flow.motion.readings import ReadingCheck
+from beltscape.measure.flow.motion.readings import ReadingCheck, RollBack
 from beltscape.measure.flow.motion.recount import LocatedFrame, ProvenMotion, UnconfirmedTravel
 from beltscape.measure.flow.motion.registration.high_pass import compute_free_mm
 from beltscape.measure.flow.motion.registration.shift import Shift
 from beltscape.measure.flow.settings import FlowSettings
-
 
 class MotionTracker:
     """Locates frames one after the other."""
@@ -58,6 +57,7 @@ class MotionTracker:
         self._first = FirstMotion(settings.least_overlap)
         self._travel = UnconfirmedTravel()
         self._readings = ReadingCheck()
+        self._rolled_back = RollBack()
 
     @property
     def prediction(self) -> MotionPrediction | None:
@@ -98,10 +98,26 @@ class MotionTracker:
             self.motion.speed = self.direction * along / (newest.clock - before.clock)
         return True
 
+    def may_roll_back(self, waiting: Sequence[PushedFrame]) -> bool:
+        """Return whether the encoder's readings of waiting frames fall by no more than a belt rolls back."""
+        rolled_back = RollBack()
+        for one in waiting:
+            rolled_back.add(one.encoder_mm)
+        return rolled_back.is_running_back and not rolled_back.is_too_far
+
+    def assume_direction(self, waiting: Sequence[PushedFrame]) -> None:
+        """Assume a direction until the material shows one; both are equivalent for a belt that is empty or stands."""
+        if self.direction:
+            return
+        self.direction, self.is_assumed = 1, True
+        for one in waiting:
+            self._rolled_back.add(one.encoder_mm)
+
     def locate(self, frame: PushedFrame) -> Location:
         """Return the frame's position from the best observation, and compare the encoder with the material."""
         was_assumed, direction = self.is_assumed, self.direction
         self._open = None
+        self._rolled_back.add(frame.encoder_mm)
         found = self._readings.find_contradiction(frame, self.motion, self._travel.confirmed)
         by_reading = found if self.check.is_trusted else None
         observed = self._observe(frame, trusted=self.check.is_trusted and by_reading is None)
@@ -230,7 +246,7 @@ class MotionTracker:
         by_encoder = trusted and shift is not None and not shift.clear
         if shift is None and trusted and not self.is_assumed and differ(by_speed, expected):
             shift, by_encoder = key.register(frame.high_pass, self.direction * (by_speed or 0.0)), False
-        self._turn(shift, apart=apart)
+        self._turn(frame, shift, apart=apart)
         if shift is not None:
             self.evidence.add(shift, self.direction, self._encoder_step_mm(frame), apart=is_beyond)
             if not self._is_credible(frame, shift, expected, by_speed, apart=apart):
@@ -272,12 +288,20 @@ class MotionTracker:
         by_speeds = (by_speed_mm, self._travel.predict_motion_mm(elapsed))
         return is_certain(shift, along, by_speeds, speed_before, elapsed)
 
-    def _turn(self, shift: Shift | None, *, apart: bool) -> None:
-        """Replace an assumed direction by that of the material's motion."""
+    def _turn(self, frame: PushedFrame, shift: Shift | None, *, apart: bool) -> None:
+        """Replace an assumed direction by that of the material's motion.
+
+        While encoder and material run back together, the direction is that of a belt that rolls back, until this
+        takes longer than a belt does: then the encoder counts in reverse.
+        """
         if shift is None or not self.is_assumed or apart or abs(shift.along_mm) <= LEAST_MM:
             return
-        self.is_assumed = False
-        self.direction = 1 if shift.along_mm > 0 else -1
+        along, step = (1 if shift.along_mm > 0 else -1), self._encoder_step_mm(frame)
+        if step is None or step >= -LEAST_MM:
+            self.is_assumed, self.direction = False, along
+            return
+        self.is_assumed = not self._rolled_back.is_too_far
+        self.direction = -along if self.is_assumed else along
 
     def _encoder_step_mm(self, frame: PushedFrame) -> float | None:
         """Return the raw encoder's step since the key frame; None without an encoder."""

@@ -6,8 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from beltscape.core.plausibility import CELL, STRETCH
+
 Direction = Literal["+y", "-y"]
-Length = Annotated[float, Field(gt=0, le=100_000)]
+Length = Annotated[float, STRETCH]
 
 
 class FlowSettings(BaseModel):
@@ -16,7 +18,7 @@ class FlowSettings(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
     direction: Direction | None = None
     """Direction of travel in the belt frame; None: determined from the material."""
-    cell_mm: Annotated[float, Field(gt=0, le=100)] | None = None
+    cell_mm: Annotated[float, CELL] | None = None
     """Edge of a cell of the fused surface; None: one pixel on the belt."""
     layers: Annotated[int, Field(ge=2, le=64)] = 12
     """Number of frames fused at one position of the belt; intermediate frames of a slow belt are skipped."""

@@ -7,7 +7,9 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-Sieve = Annotated[float, Field(gt=0, le=10_000)]
+from beltscape.core.plausibility import LUMP, SIEVE
+
+Sieve = Annotated[float, SIEVE]
 R10_MM = (8.0, 10.0, 12.5, 16.0, 20.0, 25.0, 31.5, 40.0, 50.0, 63.0, 80.0, 100.0, 125.0)
 """Apertures of the R10 series (ISO 565)."""
 
@@ -16,7 +18,7 @@ class LumpSettings(BaseModel):
     """Settings of ``measure lumps``; the defaults suit any rig."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    oversize_mm: Sieve | None = None
+    oversize_mm: Annotated[float, LUMP] | None = None
     """A lump larger than this raises the alarm; None = no alarm."""
     sieves_mm: tuple[Sieve, ...] = R10_MM
     """Apertures of the sieve table, ascending."""

@@ -6,6 +6,8 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from beltscape.core.plausibility import CELL, PROFILE
+
 Surcharge = Annotated[float, Field(ge=0, le=45)]
 """Surcharge angle in degrees, at which the load of a full moving belt rises from its sides; some 15° below the angle
 of repose."""
@@ -17,10 +19,10 @@ class VolumeSettings(BaseModel):
     """Settings of ``measure volume``; the defaults suit any rig."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    cell_mm: Annotated[float, Field(gt=0, le=100)] | None = None
+    cell_mm: Annotated[float, CELL] | None = None
     """Edge of a cell of the resulting height map, rounded to whole pixels; None = three pixels on the belt. The
     volume itself is summed over cells of one pixel."""
-    profile_every_mm: Annotated[float, Field(ge=0.1, le=10_000)] = 50.0
+    profile_every_mm: Annotated[float, PROFILE] = 50.0
     """Longest stretch of belt that one cross-section averages over."""
     surcharge_deg: Surcharge = SURCHARGE_DEG
     """Surcharge angle of the full belt that the fill level refers to."""

@@ -45,7 +45,7 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
-from beltscape.pipeline.calibrating.plausibility import require_baselines, warn_of_distance, warn_of_split
+from beltscape.pipeline.calibrating.plausibility import check_scale, require_baselines, warn_of_split
 from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
 from beltscape.target.board import Board, BoardSet, list_triples
 
@@ -139,6 +139,7 @@ def calibrate(
     )
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_domains(adjustment.rig, adjustment, known.cameras)
+    check_scale(board, adjustment, limited, reporter)
     coverage = _assess_coverage(adjustment, limited, covariance, volume, reporter)
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
     rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit)
@@ -227,8 +228,8 @@ def _read_capture(folder: Path, core: str | None) -> Capture:
     capture = read_capture(folder)
     if len(capture.cameras) < 2:
         raise InputError(
-            f"{folder}: only camera {', '.join(capture.cameras)} has images; a rig needs two: "
-            "give the folder above the camera folders"
+            f"{folder}: only camera {', '.join(capture.cameras)} has images{capture.explain(*capture.omissions)}; "
+            "a rig needs two: give the folder above the camera folders"
         )
     if core is not None and core not in capture.cameras:
         raise InputError(
@@ -255,7 +256,6 @@ def _score_rig(
         lens_models={name: camera.model for name, camera in hierarchy.rig.cameras.items()},
     )  # fmt: skip
     reporter.step("scoring on held-out views", 1, 1)
-    warn_of_distance(board, adjustment, reporter)
     warn_of_split(halves, reporter)
     return rig_errors, halves
 

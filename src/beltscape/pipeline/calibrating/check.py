@@ -33,6 +33,7 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_sets import resolve_checked_set
 from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
+from beltscape.sources.folder import describe_lost_camera, scale_rig_to_capture
 from beltscape.target.board import Board, corner_points_mm, list_triples, parse_board
 
 MAX_REMAINING_RMS = 0.5
@@ -61,6 +62,7 @@ def check(folder: AnyPath, rig: Rig, board: Board, reporter: Reporter) -> RigChe
         With one line that names the fault and the fix.
     """
     folder = as_path(folder, "folder")
+    rig = scale_rig_to_capture(rig, folder, reporter)
     for line in _describe_board_differences(rig, board):
         reporter.warn(line)
     detections = _detect_board(folder, rig, board, reporter)
@@ -93,15 +95,15 @@ def check(folder: AnyPath, rig: Rig, board: Board, reporter: Reporter) -> RigChe
 
 def _detect_board(folder: Path, rig: Rig, board: Board, reporter: Reporter) -> BoardDetections:
     """Return the corners that the rig's cameras see; raise InputError if these are too few or have other sizes."""
-    capture = read_capture(folder)
+    capture = read_capture(folder, rig.cameras)
     for name in rig.cameras:
         if name not in capture.cameras:
-            reporter.warn(f"{folder / name}: no images of camera {name}; going on without it")
+            reporter.warn(describe_lost_camera(str(folder), name, capture.cameras, rig.cameras))
     common = capture.select_cameras(tuple(rig.cameras))
     if len(common.cameras) < 2:
         raise InputError(
-            f"{folder}: has the cameras {', '.join(capture.cameras)}, the rig {', '.join(rig.cameras)}; "
-            "at least two of them must be the same"
+            f"{folder}: has the cameras {', '.join(capture.cameras)}, the rig {', '.join(rig.cameras)}"
+            f"{capture.explain(*rig.cameras)}; at least two of them must be the same"
         )
     detections, _ = detect_rig_board(common, board, reporter, known=rig.cameras)
     for name, size in detections.sizes_px.items():

@@ -40,6 +40,7 @@ from beltscape.files.rig_json import write_rig
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.joined_covariance import join_covariances
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.plausibility import check_scale
 from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
 from beltscape.target.board import Board, corner_points_mm, list_triples
 
@@ -101,6 +102,7 @@ def extend_rig(
     )
     limited = limit_domains(adjustment.rig, adjustment, (*fixed, *known.cameras))
     extended = _join(rig, replace(adjustment, rig=limited), new, reference)
+    check_scale(board, adjustment, extended, reporter)
     kernels, board_mm = load(), adjustment.geometry.points_mm
     rig_errors = compute_rig_errors(extended, detections, board, kernels, corners_mm=board_mm)
     training = summarise_errors(rig_errors)

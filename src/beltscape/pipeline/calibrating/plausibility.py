@@ -11,14 +11,17 @@ from beltscape.calibration.assessment.validation.cross_validation import CrossVa
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.core.errors import CalibrationError
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.plausibility import guess_unit_of_board
 from beltscape.core.progress import Reporter
+from beltscape.files.rig_limits import find_refusal
 from beltscape.target.board import Board
 
 MAX_SPLIT_RATIO = 2.0
 """Ratio of the halves' depth differences to their standard deviation above which the stated σ are too small."""
 MIN_BASELINE = 1e-3
 """Least baseline over the board's distance for which depth can be measured; planned rigs have 0.1 and more."""
-MIN_DISTANCE_MM, MAX_DISTANCE_MM = 90.0, 30_000.0
+MIN_DISTANCE_MM, MAX_DISTANCE_MM = 150.0, 30_000.0
 """Plausible distances of a board; outside them its size was probably given in another unit."""
 
 
@@ -48,12 +51,29 @@ def warn_of_split(halves: CrossValidation | None, reporter: Reporter) -> None:
         )
 
 
-def warn_of_distance(board: Board, adjustment: BundleAdjustmentResult, reporter: Reporter) -> None:
-    """Warn if the board's size is implausible."""
+def check_scale(board: Board, adjustment: BundleAdjustmentResult, rig: Rig, reporter: Reporter) -> None:
+    """Warn if the board's size makes an unusual rig, with the unit that it was probably given in.
+
+    Raises
+    ------
+    CalibrationError
+        If the rig could not be read again, because its size or a lens is impossible.
+    """
     distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
+    baseline = max(
+        (float(np.linalg.norm(pose.center_mm)) for pose in rig.cam_from_core.values()), default=0.0
+    )
+    units = guess_unit_of_board(board.square_mm, distance, baseline)
+    guess = " or ".join(f"{unit} ({_round(board.square_mm * factor)} mm)" for unit, factor in units)
+    text = (
+        f"with square_mm = {board.square_mm:g} the board was {distance:.3g} mm away and the cameras up to "
+        f"{baseline:.3g} mm apart"
+    ) + (f"; was it given in {guess}?" if guess else "; is the size right?")
+    if refusal := find_refusal(rig):
+        raise CalibrationError(text if units else f"the rig found is impossible: {refusal}")
     if not MIN_DISTANCE_MM < distance < MAX_DISTANCE_MM:
-        factor, unit = (10, "centimetres") if distance < MIN_DISTANCE_MM else (0.001, "micrometres")
-        reporter.warn(
-            f"with square_mm = {board.square_mm:g} the board was {distance:.3g} mm away; was it given in {unit} "
-            f"({board.square_mm * factor:g} mm)?"
-        )
+        reporter.warn(text)
+
+
+def _round(value: float) -> str:
+    return f"{value:.4g}"

@@ -54,7 +54,8 @@ def check_socket_buffers(limit: Path) -> InstallationCheck:
     try:
         size = int(limit.read_text())
     except (OSError, ValueError):
-        return InstallationCheck("socket buffers", "not known on this system")
+        fix = f"for GigE cameras: see that a socket may have {RECEIVE_BUFFER} bytes"
+        return InstallationCheck("socket buffers", "not known on this system", fix)
     found = f"up to {size / 2**20:.1f} MiB"
     if size >= RECEIVE_BUFFER:
         return InstallationCheck("socket buffers", found)
@@ -103,7 +104,8 @@ def check_clock() -> InstallationCheck:
     """Return whether the system's clock is synchronised; records carry its time."""
     answer = _run("timedatectl", "show", "--property=NTPSynchronized", "--value")
     if answer is None:
-        return InstallationCheck("clock", "not known whether it is synchronised")
+        fix = "timedatectl does not answer; records carry this clock's time: see that NTP or PTP sets it"
+        return InstallationCheck("clock", "not known whether it is synchronised", fix)
     if answer == "yes":
         return InstallationCheck("clock", "synchronised")
     return InstallationCheck(

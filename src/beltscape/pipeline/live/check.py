@@ -18,6 +18,7 @@ from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.sinks.historian.storage.schema import open_reader, require_known
 from beltscape.sinks.historian.writing.recovery import DATABASE
 from beltscape.sinks.settings import RecordingSettings
+from beltscape.sources.genicam.access.aravis import load_aravis
 
 Check = tuple[str, Callable[[], str]]
 """Name of the part, and the function that checks it: it returns a line, or raises a BeltscapeError."""
@@ -113,7 +114,9 @@ def _describe_source(project: Project[RunSettings], reporter: Reporter) -> str:
                 f"{project.path}: cameras.devices: the rig's camera {missing[0]} has no device; "
                 f"there are {', '.join(settings.cameras.devices)}"
             )
-        return f"{len(settings.cameras.devices)} cameras, not opened: see beltscape cameras --check {project.path}"
+        if not is_running(project.resolve(settings.data)):
+            load_aravis()
+        return f"{len(settings.cameras.devices)} cameras"
     source = open_source(project, rig, reporter, paced=False)
     return f"capture of {', '.join(source.cameras)}"
 

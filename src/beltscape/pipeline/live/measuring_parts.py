@@ -23,11 +23,11 @@ from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
 from beltscape.pipeline.live.operation import zero
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.measuring.belt import hash_empty_belt
-from beltscape.pipeline.measuring.flow.capture import scale_rig_to_capture
 from beltscape.pipeline.measuring.flow.chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.camera_checks.rig_proposal import make_rig_writer
 from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
 from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
+from beltscape.sources.folder import scale_rig_to_capture
 
 TABLES = ("matching", "flow", "density", "watch", "health")
 """Tables of project.toml on which the parts depend, beside rig and empty belt."""
@@ -116,6 +116,11 @@ def build_context(
     settings, matching = project.settings, project.settings.matching
     propose_rig = None if data is None else make_rig_writer(data, rig, reporter)
     width = rig.core_camera.size_px[0]
+    if matching.width_px is not None and matching.width_px > width:
+        raise InputError(
+            f"{project.path}: matching.width_px = {matching.width_px}: the images are {width} px wide; give less, or "
+            "leave it out for their full size"
+        )
     if matching.width_px is not None and matching.width_px < width:
         rig = scale_rig(rig, matching.width_px / width)
     empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)

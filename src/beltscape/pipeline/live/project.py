@@ -13,8 +13,9 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.errors import InputError
+from beltscape.core.plausibility import FRAME_RATE, LOAD_HEIGHT
 from beltscape.files.documents.toml_text import read_toml, validate
-from beltscape.files.tables.density import DENSITY_LIMITS
+from beltscape.files.tables.density import DensitySigma, DensityValue
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.settings import FlowSettings
@@ -46,7 +47,7 @@ class MatchingSettings(_Table):
     """As in ``reconstruct --preset``."""
     width_px: Annotated[int, Field(ge=128, le=8192)] | None = None
     """Approximate width to which images are reduced before they are matched; None: full size."""
-    load_mm: Annotated[float, Field(gt=0, le=10_000)] = 400.0
+    load_mm: Annotated[float, LOAD_HEIGHT] = 400.0
     """Largest height of a load over the empty belt."""
     threads: Annotated[int, Field(ge=0, le=256)] = 0
     """0: one per core."""
@@ -60,7 +61,7 @@ class CaptureSettings(_Table):
     """A recorded capture instead of cameras: the table [capture]."""
 
     folder: Path
-    frames_per_s: Annotated[float, Field(gt=0, le=1000)] | None = None
+    frames_per_s: Annotated[float, FRAME_RATE] | None = None
     """For a capture without encoder.csv."""
     loop: bool = False
     """Restart the capture at its end; the belt position continues."""
@@ -69,8 +70,8 @@ class CaptureSettings(_Table):
 class DensitySettings(_Table):
     """Bulk density, given in one form: the table [density]."""
 
-    kg_m3: Annotated[float, Field(gt=DENSITY_LIMITS[0], le=DENSITY_LIMITS[1])] | None = None
-    sigma_kg_m3: Annotated[float, Field(ge=0, le=DENSITY_LIMITS[1])] = 0.0
+    kg_m3: DensityValue | None = None
+    sigma_kg_m3: DensitySigma = 0.0
     """One standard deviation of ``kg_m3``."""
     table: Path | None = None
     """CSV timestamp_s,density_kg_m3[,sigma_kg_m3]; times on the frames' clock."""

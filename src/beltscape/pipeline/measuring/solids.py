@@ -77,6 +77,5 @@ def read_solid_outlines(path: Path) -> list[tuple[str, Lines]]:
         ]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{path}: its pose or solids do not fit ({type(error).__name__}: {error}); "
-            "run beltscape measure features again"
+            f"{path}: its pose or a solid lacks a key or has another form; run beltscape measure features again"
         ) from error

@@ -33,7 +33,7 @@ from beltscape.pipeline.reconstructing.sequence.match_ahead import (
     open_threads,
 )
 from beltscape.pipeline.reconstructing.sequence.match_on_workers import open_workers
-from beltscape.sources.folder import FolderSource
+from beltscape.sources.folder import FolderSource, scale_rig_to_capture
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 from beltscape.stereo.pairwise.reconstructor import find_horizontal_auxiliary
 from beltscape.stereo.pairwise.settings import PairwiseSettings
@@ -83,6 +83,7 @@ def reconstruct_capture(
     wanted = select_auxiliaries(method, rig, pair)
     if preset not in PRESETS:
         raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
+    rig = scale_rig_to_capture(rig, capture, reporter)
     source = open_capture(capture, rig, reporter)
     auxiliaries = tuple(name for name in wanted if name in source.cameras)
     if not auxiliaries:
@@ -125,16 +126,16 @@ def open_capture(folder: Path, rig: Rig, reporter: Reporter) -> FolderSource:
     """
     for line in find_oddities(rig):
         reporter.warn(line)
-    capture = read_capture(folder)
+    capture = read_capture(folder, rig.cameras)
     if rig.core not in capture.cameras:
         raise InputError(
-            f"{folder / rig.core}: no images of the core camera {rig.core}; the capture has "
-            f"{', '.join(capture.cameras)}"
+            f"{folder / rig.core}: no images of the core camera {rig.core}{capture.explain(rig.core)}; the capture "
+            f"has {', '.join(capture.cameras)}"
         )
     if not set(capture.cameras) & set(rig.auxiliaries):
         raise InputError(
-            f"{folder}: no images of an auxiliary camera of the rig ({', '.join(rig.auxiliaries)}); "
-            "depth needs a second view"
+            f"{folder}: no images of an auxiliary camera of the rig ({', '.join(rig.auxiliaries)})"
+            f"{capture.explain(*rig.auxiliaries)}; depth needs a second view"
         )
     return FolderSource(capture, {name: camera.size_px for name, camera in rig.cameras.items()}, reporter)
 

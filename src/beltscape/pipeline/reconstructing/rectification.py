@@ -18,7 +18,7 @@ from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.reconstructing.reconstruction import check_images, open_capture
 from beltscape.pipeline.reconstructing.search_range import check_depth_range, find_capture_depth_range
 from beltscape.report.rectification import draw_rectification
-from beltscape.sources.folder import FolderSource
+from beltscape.sources.folder import FolderSource, scale_rig_to_capture
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import check_consistency
 from beltscape.stereo.consistency.diagnosis.diagnosis import diagnose_cameras
@@ -47,6 +47,7 @@ def rectify_capture(
         With one line that names the fault and the fix.
     """
     capture, out = as_path(capture, "capture"), as_path(out, "out")
+    rig = scale_rig_to_capture(rig, capture, reporter)
     source = open_capture(capture, rig, reporter)
     ensure_output_folder(out)
     check_depth_range(depth_range_mm, source, rig, reporter)

@@ -10,6 +10,7 @@ import numpy as np
 from beltscape.core.errors import ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.plausibility import UNITS
 from beltscape.core.progress import Reporter, Silent
 from beltscape.core.runtime.system_calls import count_usable_cores
 from beltscape.files.rig_limits import LEAST_DEPTH_MM
@@ -21,8 +22,6 @@ from beltscape.stereo.multiview.initialisation.depth_range import compute_search
 
 RANGE_FRAMES = 5
 """Number of frames of a sequence in which the depth range is searched."""
-_UNITS = {1000.0: "metres", 10.0: "centimetres", 0.001: "micrometres"}
-"""Millimetres per unit → name of a unit that may have been used by mistake."""
 _BEYOND = 10.0
 """Factor by which a range may be nearer than the nearest surface that the rig's poses suggest; beyond it, more
 than 4096 planes would have to be searched and no two cameras share a view."""
@@ -36,7 +35,7 @@ def require_depth_range(given_mm: tuple[float, float], rig: Rig, auxiliaries: tu
     given = f"depth range {near:g} to {far:g} mm"
     where = f"the cameras of this rig meet between {low:.0f} and {high:.0f} mm"
     if _is_disjoint(given_mm, (low, high)):
-        for factor, unit in _UNITS.items():
+        for unit, factor in UNITS["mm"]:
             if near * factor < high and far * factor > low:
                 raise SettingsError(
                     f"{given}: {where}; depths are in millimetres: were these {unit}? "

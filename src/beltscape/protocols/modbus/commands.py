@@ -114,6 +114,11 @@ class Commands:
         """Return the newest request that was taken."""
         return self._kept.number or 0
 
+    @property
+    def words(self) -> Sequence[int]:
+        """Return the registers as they were written last."""
+        return tuple(self._words)
+
     def covers(self, address: int, count: int) -> bool:
         """Return whether all registers of a write are commands."""
         first = self._settings.first

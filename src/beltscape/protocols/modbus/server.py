@@ -1,22 +1,20 @@
 """The server: answers reads of holding and input registers (functions 3 and 4) from one reading of the state.
 
 Every request is answered from one reading, so that the words of a value, and values that are read together, belong
-together. Writes are refused unless the settings have a table of commands.
+together. A connection's requests are answered in their order, each with its own transaction number, however the
+network has cut or joined them. Writes are refused unless the settings have a table of commands.
 """
 
 from __future__ import annotations
 
 import asyncio
-import logging
+import struct
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic
 
-from pymodbus.constants import ExcCodes
-from pymodbus.server import ModbusTcpServer
-from pymodbus.simulator import DataType, SimData, SimDevice
-
 from beltscape.core.errors import OutputError
+from beltscape.core.runtime.supervision import describe_failure
 from beltscape.protocols.listening import ListeningThread
 from beltscape.protocols.modbus.commands import Commands, place_commands
 from beltscape.protocols.modbus.pulses import PulseCount
@@ -24,12 +22,26 @@ from beltscape.protocols.modbus.registers import Reading, place_registers
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.plant import Plant, PlantCommands, PlantUsers
 
-_READS, _WRITES = (3, 4), (6, 16)
+_READS, _WRITE_ONE, _WRITE_SEVERAL = (3, 4), 6, 16
 """Functions that are answered: reads of holding and input registers, writes of one and of several registers."""
+_HEADER = struct.Struct(">HHHB")
+"""Transaction, protocol (0), bytes that follow, unit (Modbus Messaging on TCP/IP V1.0b, section 3.1.3)."""
+_MOST_BYTES = 254
+"""Most bytes after the length: the unit, and 253 of function and data (Modbus Application Protocol V1.1b3, 4.1)."""
+_MOST_READ, _MOST_WRITTEN = 125, 123
+"""Most registers of a request (the same, 6.3 and 6.12)."""
+_ILLEGAL_FUNCTION, _ILLEGAL_ADDRESS, _ILLEGAL_VALUE, _DEVICE_FAILURE, _NO_SUCH_UNIT = 1, 2, 3, 4, 11
+"""Exception codes (the same, section 7)."""
+_MOST_CLIENTS = 64
+"""Connections at once; a further one closes the one that was silent longest, as Modbus Messaging on TCP/IP asks."""
 _START_S = 10.0
 """Time for the server to listen."""
 _POLL_S = 0.5
 """Interval at which the pulse count is kept, and the end is looked for."""
+
+
+class _RefusedError(Exception):
+    """A request is answered with an exception code, its only argument."""
 
 
 class ModbusServer:
@@ -62,6 +74,8 @@ class ModbusServer:
         if settings.commands is not None and control is not None:
             self._commands = Commands(settings, plant, control, users, data, on_message)
         self._started_s = monotonic()
+        self._clients: dict[asyncio.StreamWriter, float] = {}
+        self._failure = ""
         self._listening = ListeningThread("modbus", self._serve, on_message, _START_S)
         self.port = settings.port
         """TCP port that is listened on, once it is."""
@@ -74,8 +88,6 @@ class ModbusServer:
         InputError
             If the address is in use or not allowed.
         """
-        # the library logs every malformed frame with its bytes, which would let anybody fill the log
-        logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
         fix = "choose another port, or give the service the right to it"
         self._listening.start(self._settings.host, self._settings.port, fix)
 
@@ -99,62 +111,104 @@ class ModbusServer:
         return Reading(state, int(monotonic() - self._started_s), count, done, result)
 
     async def _serve(self) -> None:
-        address = (self._settings.host, self._settings.port)
-        server = ModbusTcpServer(self._make_device(), address=address)
         try:
-            await server.serve_forever(background=True)
-        except (RuntimeError, OSError) as error:
+            server = await asyncio.start_server(self._serve_client, self._settings.host, self._settings.port)
+        except OSError as error:
             self._listening.fail(error)
             return
-        sockets = getattr(server.transport, "sockets", ())
-        self.port = sockets[0].getsockname()[1] if sockets else self._settings.port
+        self.port = server.sockets[0].getsockname()[1]
         self._listening.confirm()
         while not self._listening.is_stopped:
             if self._pulses is not None:
                 self.read()
             await asyncio.sleep(_POLL_S)
-        await server.shutdown()
+        server.close()
 
-    def _make_device(self) -> SimDevice:
-        blocks = [
-            SimData(register.address, count=register.words, datatype=DataType.REGISTERS, readonly=True)
-            for register in self._registers
-        ]
-        if self._written:
-            count = sum(register.words for register in self._written)
-            blocks.append(SimData(self._written[0].address, count=count, datatype=DataType.REGISTERS))
-            blocks.sort(key=lambda block: block.address)
+    async def _serve_client(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answer the requests of a connection until it ends, or until it is none of Modbus."""
+        self._clients[writer] = monotonic()
+        while len(self._clients) > _MOST_CLIENTS:
+            silent = min(self._clients, key=self._clients.__getitem__)
+            del self._clients[silent]
+            silent.close()
+        try:
+            while True:
+                header = await reader.readexactly(_HEADER.size)
+                transaction, protocol, size, unit = _HEADER.unpack(header)
+                if protocol or not 1 < size <= _MOST_BYTES:
+                    return  # where the next request would begin is not known
+                answer = await self._answer(unit, await reader.readexactly(size - 1))
+                self._clients[writer] = monotonic()
+                writer.write(_HEADER.pack(transaction, 0, len(answer) + 1, unit) + answer)
+                await writer.drain()
+        except (asyncio.IncompleteReadError, OSError):
+            return
+        finally:
+            self._clients.pop(writer, None)
+            writer.close()
 
-        async def fill(
-            function: int,
-            start: int,
-            address: int,
-            _count: int,
-            words: list[int],
-            values: list[int] | list[bool] | None,
-        ) -> ExcCodes | None:
-            if values is not None:
-                return await self._write(function, address, values)
-            if function not in (*_READS, *_WRITES):  # pymodbus reads what function 6 has written
-                return ExcCodes.ILLEGAL_FUNCTION
-            reading = self.read()
-            for register in self._registers:
-                at = register.address - start
-                words[at : at + register.words] = register.pack(reading, self._settings)
-            return None
+    async def _answer(self, unit: int, request: bytes) -> bytes:
+        """Return the answer to a request, function and data, or its exception."""
+        function = request[0]
+        try:
+            if unit != self._settings.unit and self._settings.unit:
+                raise _RefusedError(_NO_SUCH_UNIT)
+            if function in _READS:
+                return self._answer_read(request)
+            if function in (_WRITE_ONE, _WRITE_SEVERAL) and self._commands is not None:
+                return await self._answer_write(self._commands, request)
+            raise _RefusedError(_ILLEGAL_FUNCTION)
+        except _RefusedError as error:
+            code = error.args[0]
+        except Exception as error:
+            code, failure = _DEVICE_FAILURE, f"modbus: {describe_failure(error)}; a request was not answered"
+            if failure != self._failure:
+                self._on_message(failure)
+            self._failure = failure
+        return bytes((function | 0x80, code))
 
-        return SimDevice(self._settings.unit, blocks, action=fill)
+    def _answer_read(self, request: bytes) -> bytes:
+        if len(request) != 5:
+            raise _RefusedError(_ILLEGAL_VALUE)
+        function, address, count = struct.unpack(">BHH", request)
+        if not 1 <= count <= _MOST_READ:
+            raise _RefusedError(_ILLEGAL_VALUE)
+        words = self._read_words()
+        try:
+            wanted = [words[address + i] for i in range(count)]
+        except KeyError as error:
+            raise _RefusedError(_ILLEGAL_ADDRESS) from error
+        return struct.pack(f">BB{count}H", function, 2 * count, *wanted)
 
-    async def _write(self, function: int, address: int, values: Sequence[int]) -> ExcCodes | None:
+    def _read_words(self) -> dict[int, int]:
+        """Return the words by their addresses, all of one reading."""
+        reading, words = self.read(), dict[int, int]()
+        for register in self._registers:
+            words.update(enumerate(register.pack(reading, self._settings), register.address))
+        if self._commands is not None:
+            words.update(enumerate(self._commands.words, self._written[0].address))
+        return words
+
+    async def _answer_write(self, commands: Commands, request: bytes) -> bytes:
         """Take a write of commands, in a thread: what it changes is on the disk before the answer."""
-        commands = self._commands
-        if commands is None or function not in _WRITES:
-            return ExcCodes.ILLEGAL_FUNCTION
+        address, values = _parse_write(request)
         if not commands.covers(address, len(values)):
-            return ExcCodes.ILLEGAL_ADDRESS
+            raise _RefusedError(_ILLEGAL_ADDRESS)
         try:
             await asyncio.to_thread(commands.write, address, values)
         except OutputError as error:
             self._on_message(f"modbus: {error}; the command was not taken")
-            return ExcCodes.DEVICE_FAILURE
-        return None
+            raise _RefusedError(_DEVICE_FAILURE) from error
+        return request[:5]
+
+
+def _parse_write(request: bytes) -> tuple[int, Sequence[int]]:
+    """Return the first address and the values of a write of one or of several registers."""
+    if request[0] == _WRITE_ONE and len(request) == 5:
+        _, address, value = struct.unpack(">BHH", request)
+        return address, (value,)
+    if request[0] == _WRITE_SEVERAL and len(request) > 6:
+        _, address, count, size = struct.unpack(">BHHB", request[:6])
+        if 1 <= count <= _MOST_WRITTEN and size == 2 * count and len(request) == 6 + size:
+            return address, struct.unpack(f">{count}H", request[6:])
+    raise _RefusedError(_ILLEGAL_VALUE)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from beltscape.core.plausibility import require_host
 
 Limit = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 
@@ -28,7 +30,7 @@ class ModbusSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    host: Annotated[str, Field(min_length=1, max_length=253)] = "127.0.0.1"
+    host: Annotated[str, Field(max_length=253), AfterValidator(require_host)] = "127.0.0.1"
     """Address to listen on; "0.0.0.0" is reached from everywhere. Modbus has neither sign-in nor encryption."""
     port: Annotated[int, Field(ge=0, le=65_535)] = 502
     """TCP port; below 1024 the service needs the right to open it. 0: any free one."""
@@ -43,10 +45,20 @@ class ModbusSettings(BaseModel):
     pulse_kg: Limit | None = None
     """Mass of one pulse of the pulse count; it needs a density."""
     pulse_l: Limit | None = None
-    """Volume of one pulse, where ``pulse_kg`` is not given."""
+    """Volume of one pulse, in place of ``pulse_kg``."""
     full_t_h: Limit | None = None
     """Mass flow at the end of the analogue scale, 20 mA."""
     full_m3_h: Limit | None = None
-    """Volume flow at the end of the analogue scale, where ``full_t_h`` is not given."""
+    """Volume flow at the end of the analogue scale, in place of ``full_t_h``."""
     commands: CommandSettings | None = None
     """Commands; without the table nothing can be written."""
+
+    @model_validator(mode="after")
+    def _check_one_of_two(self) -> ModbusSettings:
+        for first, second in (("pulse_kg", "pulse_l"), ("full_t_h", "full_m3_h")):
+            values = getattr(self, first), getattr(self, second)
+            if None not in values:
+                raise ValueError(
+                    f"{first} = {values[0]:g} and {second} = {values[1]:g}: there is one of the two, remove the other"
+                )
+        return self

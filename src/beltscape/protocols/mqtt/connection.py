@@ -26,6 +26,12 @@ _POLL_S = 0.1
 """Interval at which a lost connection is noticed while acknowledgements are awaited. Chosen."""
 _KEEP_ALIVE_S = 15
 """One and a half times this silence is a broken connection to the broker. Chosen."""
+_OLD_BROKER = (
+    "the broker does not speak MQTT 5; update it (Mosquitto since 1.6, RabbitMQ since 3.13) or use another"
+)
+_NO_ANSWER = "check that host and port are those of a broker that speaks MQTT 5, and whether it wants TLS"
+_OLD_PROTOCOL = 132
+"""Reason "unsupported protocol version" (MQTT 5, 3.2.2.2); paho makes it of the 1 that brokers of 3.1.1 answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +90,7 @@ class Connection:
             return f"not connected ({error})"
         self._client.loop_start()
         if not self._answered.wait(_CONNECT_S):
-            return self.reason or "not connected (no answer)"
+            return self.reason or f"not connected (no answer; {_NO_ANSWER})"
         return "" if self.is_up else self.reason
 
     def subscribe(self, topics: Sequence[str], *, retained: bool = True) -> bool:
@@ -133,9 +139,9 @@ class Connection:
         self.reason = self.reason or reason
         self._lost.set()
 
-    def close(self, goodbye: Message) -> None:
-        """Publish ``goodbye`` where the connection still stands, and end the library's thread."""
-        if self._client.is_connected():
+    def close(self, goodbye: Message | None) -> None:
+        """Publish ``goodbye``, if there is one, where the connection still stands, and end the library's thread."""
+        if goodbye is not None and self._client.is_connected():
             sent = self._client.publish(goodbye.topic, goodbye.payload, goodbye.qos, goodbye.retain)
             with suppress(RuntimeError, ValueError):
                 sent.wait_for_publish(1.0)
@@ -165,7 +171,7 @@ class Connection:
         _properties: Any,
     ) -> None:
         if reason.is_failure:
-            self.lose(f"refused ({reason})")
+            self.lose(f"refused ({_OLD_BROKER if reason == _OLD_PROTOCOL else reason})")
         self._answered.set()
 
     def _on_disconnect(
@@ -176,10 +182,25 @@ class Connection:
         reason: ReasonCode,
         _properties: Any,
     ) -> None:
-        self.lose(f"connection lost ({reason})")
+        lost = f"connection lost ({reason})"
+        self.lose(
+            lost if self._answered.is_set() else f"not connected (it ends without an answer; {_NO_ANSWER})"
+        )
         self._answered.set()
 
 
 def list_tls_files(settings: MqttSettings) -> tuple[Path | None, Path | None, Path | None]:
     """Return the files of the authority, the client's certificate and its key."""
     return settings.tls_ca, settings.tls_certificate, settings.tls_key
+
+
+def find_refusal(settings: MqttSettings, password: str | None) -> str:
+    """Return why the broker does not accept a connection, in one line; empty if it does. Nothing is published."""
+    own = settings.model_copy(
+        update={"client": f"{settings.client_id[:50]}-check"}
+    )  # disconnects no running client
+    connection = Connection(own, password, Message(f"{settings.place}/check", "", qos=0))
+    try:
+        return connection.open()
+    finally:
+        connection.close(None)

@@ -92,7 +92,7 @@ class Publisher:
         check_library(settings)
         self._settings, self._plant, self._on_message = settings, plant, on_message
         self._data = data
-        self._password = _read_password(settings.password_file)
+        self._password = read_password(settings.password_file)
         self._cursor = read_cursor(
             data / "mqtt.json", f"{settings.host}:{settings.broker_port}/{settings.place}", on_message
         )
@@ -201,7 +201,8 @@ class Publisher:
         self.trouble = trouble
 
 
-def _read_password(path: Path | None) -> str | None:
+def read_password(path: Path | None) -> str | None:
+    """Return the first line of the password's file; None without one. InputError if it cannot be read."""
     if path is None:
         return None
     try:
@@ -219,7 +220,7 @@ def check_library(settings: MqttSettings) -> None:
 def check_settings(settings: MqttSettings) -> None:
     """Raise InputError where a file of the settings cannot be read, ImportError where a library is missing."""
     check_library(settings)
-    _read_password(settings.password_file)
+    read_password(settings.password_file)
     for path in list_tls_files(settings):
         if path is not None and not path.is_file():
             raise InputError(f"{path}: there is no such file; [mqtt] names it")

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from beltscape.core.plausibility import require_host
 
 _Id = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^+#/\x00]+$")]
 
@@ -30,7 +32,7 @@ class MqttSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    host: Annotated[str, Field(min_length=1, max_length=253)]
+    host: Annotated[str, Field(max_length=253), AfterValidator(require_host)]
     """Name or address of the broker."""
     port: Annotated[int, Field(ge=1, le=65_535)] | None = None
     """TCP port; None: 8883 with TLS, else 1883."""

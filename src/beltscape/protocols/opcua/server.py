@@ -109,6 +109,12 @@ class OpcUaServer:
         self._listening.start(self._settings.host, self._settings.port, "choose another port or address")
         if self.own.ends_soon:
             self._on_message(f"opcua: {self.own.describe()}: make a new one, and have the clients trust it")
+        if missing := self.own.list_missing_hosts(self._settings):
+            self._on_message(
+                f"opcua: the certificate does not name {', '.join(missing)}, which some clients demand: make a new "
+                "one (where the service made it, remove opcua/certificate.der from the data folder), and have the "
+                "clients trust it"
+            )
         self._on_message(f"opcua: opc.tcp://{self._settings.host}:{self.port}/, {self.own.describe()}")
 
     @property

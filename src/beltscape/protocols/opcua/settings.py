@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from beltscape.core.plausibility import require_host
 
 Limit = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 Text = Annotated[str, Field(max_length=200)]
@@ -16,7 +18,7 @@ class OpcUaSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    host: Annotated[str, Field(min_length=1, max_length=253)] = "127.0.0.1"
+    host: Annotated[str, Field(max_length=253), AfterValidator(require_host)] = "127.0.0.1"
     """Address to listen on; "0.0.0.0" is reached from everywhere."""
     port: Annotated[int, Field(ge=0, le=65_535)] = 4840
     """TCP port. 0: any free one."""
@@ -32,6 +34,8 @@ class OpcUaSettings(BaseModel):
     """The server's own certificate, PEM or DER, together with ``key``; None: the service makes one."""
     key: Path | None = None
     """Its private key, PEM or DER."""
+    hosts: tuple[Annotated[str, Field(pattern=r"^[A-Za-z0-9.:_-]{1,253}$")], ...] = ()
+    """Further names and addresses by which clients connect, for the certificate that the service makes."""
     update_every_s: Annotated[float, Field(ge=0.1, le=60)] = 1.0
     """Period of the present values."""
     full_t_h: Limit | None = None

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from beltscape.core.plausibility import require_host
 
 Address = Annotated[int, Field(ge=0, le=65_535)]
 Amount = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
@@ -79,7 +81,7 @@ class AnalogueSettings(_Table):
 class OutputSettings(_Table):
     """The I/O module, its pulse output and its analogue outputs."""
 
-    host: Annotated[str, Field(min_length=1, max_length=253)]
+    host: Annotated[str, Field(max_length=253), AfterValidator(require_host)]
     """Name or address of the module."""
     port: Annotated[int, Field(ge=1, le=65_535)] = 502
     """TCP port."""

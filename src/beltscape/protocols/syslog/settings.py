@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.live.alarms import Priority
+from beltscape.core.plausibility import require_host
 
 Transport = Literal["udp", "tcp", "tls"]
 PORTS: dict[Transport, int] = {"udp": 514, "tcp": 514, "tls": 6514}
@@ -21,7 +22,7 @@ class SyslogSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    host: Annotated[str, Field(min_length=1, max_length=253)]
+    host: Annotated[str, Field(max_length=253), AfterValidator(require_host)]
     """Name or address of the server."""
     transport: Transport = "udp"
     """"udp", "tcp" or "tls". By UDP messages are lost without notice while the server is away."""

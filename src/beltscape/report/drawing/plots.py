@@ -45,6 +45,9 @@ _TALLEST = 420.0
 _FADED_ALPHA = 90
 """Opacity (of 255) of cells that were not measured; their colours stay recognisable."""
 
+_DOT_LENGTH = 1e-6
+"""Length of a dot over the points' extent: far below a pixel, far above the 1e-14 below which Agg draws nothing."""
+
 STYLE: Mapping[str, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": FONT_PT,
@@ -113,6 +116,18 @@ def compute_map_height(
     """Return the height in points of a panel that shows ``width`` × ``height`` to scale, with its labels."""
     across = form.width / (1 if form.narrow else columns) - 62
     return min(max(across * height / max(width, 1e-9), least), _TALLEST) + 58
+
+
+def draw_lines(axis: Axes, lines: NDArray[np.float64], **style: Any) -> None:
+    """Draw polylines (n, k, 2) as one path, which keeps the page small."""
+    parted = np.concatenate([lines, np.full((len(lines), 1, 2), np.nan)], axis=1).reshape(-1, 2)
+    axis.plot(*parted.T, solid_capstyle="round", solid_joinstyle="round", **style)
+
+
+def draw_dots(axis: Axes, points: NDArray[np.float64], size_pt: float, color: Any) -> None:
+    """Draw dots at points (n, 2) as one path of very short lines; a PNG leaves out those without length."""
+    length = _DOT_LENGTH * max(float(np.ptp(points, axis=0).max()), 1.0) if len(points) else 0.0
+    draw_lines(axis, np.stack([points, points + length], axis=1), color=color, linewidth=size_pt, snap=False)
 
 
 def to_png(figure: Figure) -> bytes:

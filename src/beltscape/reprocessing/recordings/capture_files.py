@@ -11,8 +11,9 @@ from time import strptime
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
-from beltscape.files.capture import describe_missing_frames, index_images, sort_frames
+from beltscape.files.capture import FolderContent, describe_left_out, describe_missing_frames, index_images
 from beltscape.files.documents.plain_text import decode_text
+from beltscape.files.frame_names import match_frames, sort_frames
 from beltscape.files.tables.encoder_csv import parse_encoder
 from beltscape.files.tables.exposures_csv import FILE as EXPOSURES
 from beltscape.files.tables.exposures_csv import parse_exposures
@@ -87,12 +88,15 @@ def find_wall_clock(name: str) -> int | None:
 
 def _index_cameras(
     listing: CaptureListing, options: CaptureOptions, place: Place, reporter: Reporter
-) -> dict[str, dict[str, FileEntry]]:
+) -> dict[str, Mapping[str, FileEntry]]:
     """Return camera → frame → file, of those cameras of the rig that have images."""
     images: dict[str, dict[str, FileEntry]] = {}
     for camera in options.cameras:
-        files = listing.cameras.get(camera, Folder()).files
-        names = index_images(files, place.describe_folder(camera))
+        listed, own = listing.cameras.get(camera), place.describe_folder(camera)
+        files = listed.files if listed else {}
+        names = index_images(files, own)
+        if listed and (line := _describe_left_out(own, listed)):
+            reporter.warn(line)
         if names:
             images[camera] = {frame: files[name] for frame, name in names.items()}
         else:
@@ -103,11 +107,16 @@ def _index_cameras(
             f"{place.address}: no images of an auxiliary camera of the rig ({', '.join(others)}); "
             "depth needs a second view"
         )
-    for line in describe_missing_frames(
-        {place.describe_folder(camera): files for camera, files in images.items()}
-    ):
+    matched, lines = match_frames(images, place.address)
+    missing = describe_missing_frames({place.describe_folder(name): own for name, own in matched.items()})
+    for line in (*lines.values(), *missing):
         reporter.warn(line)
-    return images
+    return matched
+
+
+def _describe_left_out(name: str, folder: Folder) -> str:
+    files, folders, others = (tuple(sorted(names)) for names in (folder.files, folder.folders, folder.others))
+    return describe_left_out(name, FolderContent(files, folders, others))
 
 
 def _list_instants(

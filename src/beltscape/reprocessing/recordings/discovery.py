@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
-from beltscape.files.capture import natural_key
 from beltscape.files.folders.manifest import MANIFEST, STAGING, describe_unfinished, parse_manifest
 from beltscape.files.folders.paths import summarise_names
+from beltscape.files.frame_names import natural_key
 from beltscape.files.rasters.images import EXTENSIONS
 from beltscape.reprocessing.recordings.capture_files import CaptureListing, CaptureOptions, make_recording
 from beltscape.reprocessing.recordings.duplicates import separate_duplicates

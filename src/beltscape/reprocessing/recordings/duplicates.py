@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from hashlib import sha256
 
-from beltscape.files.capture import natural_key
+from beltscape.files.frame_names import natural_key
 from beltscape.reprocessing.recordings.recording import Recording, Unreadable
 from beltscape.reprocessing.recordings.tree import find_archive_kind
 

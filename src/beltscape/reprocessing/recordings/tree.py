@@ -38,6 +38,8 @@ class Folder:
 
     folders: set[str] = field(default_factory=set[str])
     files: dict[str, FileEntry] = field(default_factory=dict[str, FileEntry])
+    others: set[str] = field(default_factory=set[str])
+    """Pipes, sockets, devices, and links to nothing."""
 
 
 class Tree(Protocol):
@@ -87,6 +89,8 @@ class StorageTree:
                 folder.folders.add(name)
             elif followed["type"] == "file":
                 folder.files[name] = FileEntry(name, int(followed.get("size") or 0), choose_stamp(followed))
+            else:
+                folder.others.add(name)
         return folder
 
     def list_folders(self, paths: Sequence[str]) -> list[Folder]:

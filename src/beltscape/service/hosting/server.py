@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import threading
 import time
@@ -10,13 +11,16 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
 from ssl import SSLContext
-from typing import Protocol
+from typing import Any, Protocol
 
-from starlette.types import ASGIApp
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn import Config, Server
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from beltscape.core.errors import OutputError, SettingsError
 from beltscape.core.runtime.supervision import make_supervised_thread
+from beltscape.service.access.identity.cookie import PATH_PREFIX
 from beltscape.service.access.limits.connections import make_protocols
 from beltscape.service.access.settings import LimitSettings
 from beltscape.service.access.tls import create_tls_context, describe_expiry
@@ -25,6 +29,8 @@ STOP_S = 2.0
 """Time limit for stopping, far below systemd's 90 s. Three quarters are for running requests."""
 _BACKLOG = 128
 """Connections that may wait to be accepted: few enough for a process's limit of open files."""
+_PREFIX = re.compile(r"(/[A-Za-z0-9._~-]{1,64}){1,8}")
+"""A path below which a proxy serves the page, without the slash at its end."""
 
 
 class ListenSettings(Protocol):
@@ -93,7 +99,7 @@ def check_listening(settings: ListenSettings) -> None:
     _check_encryption(settings.host, settings.limits, encrypted=settings.tls_certificate is not None)
     if settings.tls_certificate and settings.tls_key:
         create_tls_context(settings.tls_certificate, settings.tls_key)
-    _bind_socket(settings.host, settings.port).close()
+    bind_socket(settings.host, settings.port).close()
 
 
 def serve(app: ASGIApp, settings: ListenSettings) -> RunningServer:
@@ -104,12 +110,14 @@ def serve(app: ASGIApp, settings: ListenSettings) -> RunningServer:
         tls = create_tls_context(settings.tls_certificate, settings.tls_key)
         expiry = describe_expiry(settings.tls_certificate, settings.tls_key)
         warnings += (expiry,) if expiry else ()
-    listener = _bind_socket(settings.host, settings.port)
+    listener = bind_socket(settings.host, settings.port)
     http, websocket = make_protocols(limits, tls)
+    if limits.trusted_proxies:
+        app = _TrustedProxies(app, limits.trusted_proxies)
     config = Config(
         app, loop="asyncio", http=http, ws=websocket, lifespan="auto",
         log_config=None, log_level="error", access_log=False, server_header=False, backlog=_BACKLOG,
-        proxy_headers=bool(limits.trusted_proxies), forwarded_allow_ips=list(limits.trusted_proxies),
+        proxy_headers=False,
         h11_max_incomplete_event_size=limits.header_max_bytes, timeout_keep_alive=limits.keep_alive_s,
         ws_max_size=limits.socket_max_bytes, ws_max_queue=8, ws_per_message_deflate=False,
         timeout_graceful_shutdown=1,
@@ -131,6 +139,21 @@ def serve(app: ASGIApp, settings: ListenSettings) -> RunningServer:
     return RunningServer(f"{'https' if tls else 'http'}://{host_part}:{port}", warnings, server, thread, tls)
 
 
+class _TrustedProxies:
+    """Takes client, scheme and path prefix of a request from the headers of a trusted proxy."""
+
+    def __init__(self, app: ASGIApp, addresses: tuple[str, ...]) -> None:
+        self._app: Any = ProxyHeadersMiddleware(app, list(addresses))  # pyright: ignore[reportArgumentType]
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        client = scope.get("client")
+        if client and client[0] in self._app.trusted_hosts:
+            prefix = Headers(scope=scope).get("x-forwarded-prefix", "").rstrip("/")
+            if _PREFIX.fullmatch(prefix):
+                scope[PATH_PREFIX] = prefix
+        await self._app(scope, receive, send)
+
+
 def _run(server: Server, listener: socket.socket) -> None:
     # uvicorn exits if the application does not start; here that only ends the thread, which `serve` notices
     with suppress(SystemExit):
@@ -142,7 +165,7 @@ def _wait_to_stop(server: Server, seconds: float) -> bool:
     return server.should_exit
 
 
-def _bind_socket(host: str, port: int) -> socket.socket:
+def bind_socket(host: str, port: int) -> socket.socket:
     """Return a socket that listens on host and port."""
     address_text = f"host = {host!r}, port = {port}"
     try:
@@ -150,8 +173,9 @@ def _bind_socket(host: str, port: int) -> socket.socket:
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
         )[0]
     except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or error
         raise SettingsError(
-            f"{address_text}: no such address ({error}); give one of this machine's, or 127.0.0.1"
+            f"{address_text}: no such address ({reason}); give one of this machine's, or 127.0.0.1"
         ) from error
     listener = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -162,7 +186,7 @@ def _bind_socket(host: str, port: int) -> socket.socket:
         listener.close()
         fix = "another program listens there; stop it, or choose another port (0: any free one)"
         if not _is_address_in_use(error):
-            fix = "choose an address of this machine, and a port from 1024 on"
+            fix = "choose an address of this machine, and a port from 1024 on or that the service may have"
         raise SettingsError(f"{address_text}: cannot listen ({error.strerror}): {fix}") from error
     return listener
 

@@ -95,8 +95,9 @@ def send_mail(settings: MailSettings, mail: EmailMessage) -> Sequence[str]:
                 server.login(settings.user, read_password(settings))
             return list(server.send_message(mail))
     except (smtplib.SMTPException, OSError) as error:
-        reason = " ".join(str(getattr(error, "strerror", None) or error).split())[:200]
-        raise MailError(f"{where}: {reason}; it is offered again every {settings.retry_s:g} s") from error
+        raise MailError(
+            f"{where}: {_describe(error)}; it is offered again every {settings.retry_s:g} s"
+        ) from error
 
 
 def _connect(settings: MailSettings) -> smtplib.SMTP:
@@ -111,6 +112,22 @@ def _connect(settings: MailSettings) -> smtplib.SMTP:
             server.close()
             raise
     return server
+
+
+def find_mail_fault(settings: MailSettings) -> str:
+    """Return why the server cannot be reached or does not know us, in one line; empty if it would take a mail."""
+    try:
+        with _connect(settings) as server:
+            if settings.user:
+                server.login(settings.user, read_password(settings))
+    except (smtplib.SMTPException, OSError) as error:
+        return f"{settings.host} port {settings.server_port}: {_describe(error)}"
+    return ""
+
+
+def _describe(error: Exception) -> str:
+    """Return an error of the connection in one line of limited length."""
+    return " ".join(str(getattr(error, "strerror", None) or error).split())[:200]
 
 
 def send_waiting(settings: MailSettings, outbox: Outbox, read_report: Callable[[str], Report]) -> list[str]:

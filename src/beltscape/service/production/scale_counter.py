@@ -11,6 +11,7 @@ from typing import Protocol
 
 from beltscape.core.errors import BeltscapeError, InputError
 from beltscape.core.runtime.extras import describe_missing_library
+from beltscape.files.tables.csv_table import parse_number
 from beltscape.production.scale import ScaleReading
 from beltscape.production.settings import ScaleModbusSettings, ScaleSettings
 
@@ -57,7 +58,9 @@ class TableCounter:
         """Return the readings of whole new rows; a row that is none is left out, and told by the next call."""
         if self._wrong_row:
             wrong, self._wrong_row = self._wrong_row, ""
-            raise ScaleError(f"[scale] csv: {self._path}: {wrong!r} is no row timestamp_s,kg; it is left out")
+            raise ScaleError(
+                f"[scale] csv: {self._path}: {wrong!r} is no row timestamp_s,kg with decimal points; it is left out"
+            )
         try:
             with self._path.open("rb") as file:
                 if file.seek(0, 2) < self._offset:
@@ -78,11 +81,9 @@ class TableCounter:
         return new
 
     def _parse(self, row: str) -> ScaleReading | None:
-        try:
-            seconds, kg = map(float, row.split(","))
-        except ValueError:
-            seconds = kg = math.nan
-        if math.isfinite(kg) and 0 <= seconds < _LAST_S and abs(kg) < _MOST_KG:
+        cells = [parse_number(cell) for cell in row.split(",")]
+        seconds, kg = cells if len(cells) == 2 else (None, None)
+        if seconds is not None and kg is not None and 0 <= seconds < _LAST_S and abs(kg) < _MOST_KG:
             return ScaleReading(round(seconds * 1e9), kg, "csv")
         self._wrong_row = row[:60]
         return None

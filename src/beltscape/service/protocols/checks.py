@@ -39,8 +39,6 @@ def check_modbus(modbus: ModbusSettings) -> str:
     from beltscape.protocols.modbus.commands import place_commands
     from beltscape.protocols.modbus.registers import place_registers
 
-    with name_library("modbus"):
-        import_module("pymodbus")
     registers = place_registers(modbus)
     place_commands(modbus, registers)
     last = registers[-1].address + registers[-1].words - 1
@@ -71,6 +69,26 @@ def check_outputs(outputs: OutputSettings) -> str:
     return f"{outputs.host} port {outputs.port}, {pulse}, {len(outputs.analogue)} currents"
 
 
+def find_mqtt_fault(mqtt: MqttSettings) -> str:
+    """Return why the broker does not accept a connection now; empty if it does."""
+    from beltscape.protocols.mqtt.connection import find_refusal
+    from beltscape.protocols.mqtt.publisher import read_password
+
+    trouble = find_refusal(mqtt, read_password(mqtt.password_file))
+    return f"{mqtt.host} port {mqtt.broker_port}: {trouble}" if trouble else ""
+
+
+def find_syslog_fault(syslog: SyslogSettings) -> str:
+    """Return why the server cannot be connected now; empty if it can. By UDP only its address is looked up."""
+    from beltscape.protocols.syslog.transport import SyslogConnection
+
+    try:
+        SyslogConnection(syslog).close()
+    except OSError as error:
+        return f"{syslog.host} port {syslog.server_port}: {error.strerror or error}"
+    return ""
+
+
 CHECKS: Mapping[str, Callable[[Any], str]] = {
     "mqtt": check_mqtt,
     "modbus": check_modbus,
@@ -79,3 +97,5 @@ CHECKS: Mapping[str, Callable[[Any], str]] = {
     "outputs": check_outputs,
 }
 """By the name of its table: returns one line about a protocol; InputError where it cannot be served."""
+REACHES: Mapping[str, Callable[[Any], str]] = {"mqtt": find_mqtt_fault, "syslog": find_syslog_fault}
+"""By the name of its table: returns why the other machine cannot be reached now, in one line; empty if it can."""

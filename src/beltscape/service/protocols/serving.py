@@ -204,9 +204,8 @@ def _start_modbus(
 ) -> Served:
     from beltscape.protocols.modbus.commands import place_commands
     from beltscape.protocols.modbus.registers import place_registers, write_csv
+    from beltscape.protocols.modbus.server import ModbusServer
 
-    with name_library("modbus"):
-        from beltscape.protocols.modbus.server import ModbusServer
     server = ModbusServer(settings, plant, data, tell, plant, plant.users)
     placed = place_registers(settings)
     try:

@@ -1,4 +1,4 @@
-"""Faults of the belt: risen, tilted, running off, with material stuck to it, with a splice, with a torn edge."""
+"""Faults of the belt: risen, tilted, running off, with material stuck to it, a splice, a torn edge, an object over it."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from beltscape.core.geometry.pose import Pose
-from beltscape.simulate.faults.base import Degrees, GrowingFault, Millimetres, Seed, Share
+from beltscape.simulate.faults.base import Degrees, Fault, GrowingFault, Millimetres, Seed, Share
+from beltscape.simulate.geometry.shapes import make_box
 from beltscape.simulate.geometry.world import Label, Solid
 from beltscape.simulate.solids.belt import BeltSettings, EdgeNotches
 from beltscape.simulate.solids.fines import HeightField, make_fines_mesh
 from beltscape.simulate.solids.material import ReflectanceModel, make_fines_solid
 
+Edge = Annotated[float, Field(gt=0, le=5000)]
 _CELL_MM = 4.0
 """Spacing of the height field of what sticks to the belt."""
 _RAGGED_MM = 15.0
@@ -132,6 +134,38 @@ class TornEdge(GrowingFault):
         depth = np.cos(np.pi * knots / self.length_mm) ** 0.5 * ragged
         depth[[0, -1]] = 0.0
         return knots, self.depth_mm * depth / depth.max()
+
+
+class ForeignObject(Fault):
+    """A box over the belt that does not travel with it: a jammed lump, a plate, an arm, a chain, a cable."""
+
+    size_mm: tuple[Edge, Edge, Edge] = (90.0, 320.0, 6.0)
+    """Across the belt, along it, and upwards."""
+    above_mm: Annotated[float, Field(ge=0, le=2000)] = 160.0
+    """Height of its lower side over the middle of the belt."""
+    place_mm: tuple[Millimetres, Millimetres] = (0.0, 0.0)
+    """Its middle, across the belt and along it."""
+    sway_mm: tuple[Millimetres, Millimetres] = (0.0, 0.0)
+    """By how much it swings to both sides of its middle, across and along."""
+    period: Annotated[int, Field(ge=1, le=100_000)] = 10
+    """Number of frames of a swing to and fro."""
+    last: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    """The last frame with the object; None: it remains."""
+    reflectance: Share = 0.4
+
+    def is_active(self, frame: float) -> bool:
+        """Return whether the object is there in a frame."""
+        return frame >= self.first and (self.last is None or frame <= self.last)
+
+    def make_solid(self, frame: float = 0) -> Solid | None:
+        """Return the object as it is in a frame; None while it is not there."""
+        if not self.is_active(frame):
+            return None
+        phase = np.sin(2 * np.pi * (frame - self.first) / self.period)
+        x, y = (middle + sway * phase for middle, sway in zip(self.place_mm, self.sway_mm, strict=True))
+        mesh = make_box(self.size_mm).transform(Pose(np.eye(3), np.array([x, y, self.above_mm])))
+        grey = (self.reflectance, self.reflectance, self.reflectance)
+        return Solid("foreign_object", Label.NOTHING, mesh.vertices_mm, mesh.faces, grey)
 
 
 def join_notches(notches: Sequence[EdgeNotches]) -> EdgeNotches:

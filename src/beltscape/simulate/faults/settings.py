@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pydantic import BaseModel, ConfigDict
 
 from beltscape.simulate.faults.base import Fault
-from beltscape.simulate.faults.belt import CarryBack, MovedBelt, RunningOff, Splice, TornEdge
+from beltscape.simulate.faults.belt import CarryBack, ForeignObject, MovedBelt, RunningOff, Splice, TornEdge
 from beltscape.simulate.faults.cameras import MovedCamera, MovedRig, Vibration
 from beltscape.simulate.faults.delivery import (
     ExchangedCameras,
@@ -50,6 +50,7 @@ class Faults(BaseModel):
     carry_back: tuple[CarryBack, ...] = ()
     splice: tuple[Splice, ...] = ()
     torn_edge: tuple[TornEdge, ...] = ()
+    foreign_object: tuple[ForeignObject, ...] = ()
     encoder: tuple[EncoderFault, ...] = ()
 
     def list_faults(self) -> Iterator[tuple[str, Fault]]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from beltscape.core.plausibility import BELT_WIDTH
 from beltscape.simulate.geometry.shapes import extrude, triangulate_height_field
 from beltscape.simulate.geometry.world import Label, Solid
 
@@ -28,12 +29,12 @@ class BeltSettings(BaseModel):
     """Distance between the fold lines, measured as if the folds were sharp."""
     wing_deg: Annotated[float, Field(ge=0, le=75)] = 25.0
     """Angle of the wings to the horizontal."""
-    width_mm: Millimetres = 800.0
+    width_mm: Annotated[float, BELT_WIDTH] = 800.0
     """Width of the belt, measured along its surface."""
     fold_radius_mm: Annotated[float, Field(ge=0, le=1000)] = 40.0
     """Radius of the bend between the middle roll and the wings; reduced where there is no room for it."""
     thickness_mm: Millimetres = 12.0
-    length_mm: Millimetres = 1600.0
+    length_mm: Annotated[float, BELT_WIDTH] = 1600.0
     """Length of the modelled piece of belt; half of it lies on each side of the rig."""
     misaligned_mm: Annotated[float, Field(ge=-500, le=500)] = 0.0
     """Lateral misalignment of the belt towards +x on its idlers: one edge climbs, the trough stays."""

@@ -58,7 +58,7 @@ def compute_true_load(
 ) -> TrueLoad:
     """Measure the load by vertical rays to the world and to its belt alone, one for every cell of about ``step_mm``.
 
-    Everything but belt and floor counts as load where it lies above the belt.
+    Everything but belt, floor and what has no label counts as load where it lies above the belt.
     """
     x, y = (_cell_centres(*ends, step_mm) for ends in (across_mm, along_mm))
     return TrueLoad(x, y, _load_heights(world, x, y), across_mm, along_mm)
@@ -75,9 +75,10 @@ def compute_true_area_mm2(
 def _load_heights(world: World, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (Ny, Nx) heights of the load above the belt."""
     x, y = np.meshgrid(x_mm, y_mm)
-    high = max(float(solid.vertices_mm[:, 2].max()) for solid in world.solids) + _ABOVE_MM
+    solids = [solid for solid in world.solids if solid.label != Label.NOTHING]
+    high = max(float(solid.vertices_mm[:, 2].max()) for solid in solids) + _ABOVE_MM
     eyes = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, high)])
-    scene = RayScene(world.solids)
+    scene = RayScene(solids)
     loaded = scene.cast(eyes, np.broadcast_to(_DOWN, eyes.shape))
     is_covered = loaded.face >= 0
     is_covered[is_covered] = scene.label_of_face[loaded.face[is_covered]] != Label.BELT

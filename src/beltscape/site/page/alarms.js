@@ -1,7 +1,7 @@
 // Alarms of the site and of its belts in one list, severe ones first; they are acknowledged on the belt's own page.
-import { explain, format_title } from "/page/script/alarm_texts.js";
-import { $, create_element, create_icon, set_text, sync_children } from "/page/script/dom.js";
-import { format_moment, format_number, t } from "/page/script/texts.js";
+import { explain, format_title } from "../page/script/alarm_texts.js";
+import { $, create_element, create_icon, set_text, sync_children } from "../page/script/dom.js";
+import { format_moment, format_number, t } from "../page/script/texts.js";
 import { explain_fault } from "./belts.js";
 
 const SILENT = ["unreachable", "timeout"]; // faults of a machine that may go on measuring

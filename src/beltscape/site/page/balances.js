@@ -1,6 +1,6 @@
 // Transfer points: what comes in against what goes out, with the limit and the newest windows.
-import { $, create_element, create_icon, create_svg, set_text, sync_children } from "/page/script/dom.js";
-import { format_duration, format_measured, format_number, format_time, format_unit, t } from "/page/script/texts.js";
+import { $, create_element, create_icon, create_svg, set_text, sync_children } from "../page/script/dom.js";
+import { format_duration, format_measured, format_number, format_time, format_unit, t } from "../page/script/texts.js";
 
 const ICONS = { balanced: "ok", imbalance: "critical", incomplete: "warning", none: "waiting" };
 

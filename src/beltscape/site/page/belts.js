@@ -1,6 +1,6 @@
 // One card for each belt: its flow, load and health, or since when it is away.
-import { $, create_element, create_icon, set_text, sync_children } from "/page/script/dom.js";
-import { format_duration, format_measured, format_moment, format_number, format_percent, format_significant, format_uncertainty, format_unit, t } from "/page/script/texts.js";
+import { $, create_element, create_icon, set_text, sync_children } from "../page/script/dom.js";
+import { format_duration, format_measured, format_moment, format_number, format_percent, format_significant, format_uncertainty, format_unit, t } from "../page/script/texts.js";
 
 const FACTS = ["speed", "area", "coverage", "cameras", "total"];
 const LABELS = { speed: "flow.speed", area: "flow.area", coverage: "flow.coverage", cameras: "cameras.title", total: "totals.title" };

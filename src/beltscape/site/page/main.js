@@ -1,9 +1,9 @@
 // The page of a site: reads /api/site every second and shows belts, transfer points, alarms and totals.
-import { get, post } from "/page/script/api.js";
-import { $, create_element, create_icon, set_text } from "/page/script/dom.js";
-import { store } from "/page/script/store.js";
-import { apply_texts, format_moment, format_time, get_language, list_languages, load_texts, set_language, t } from "/page/script/texts.js";
-import { theme } from "/page/script/theme.js";
+import { get, post } from "../page/script/api.js";
+import { $, create_element, create_icon, set_text } from "../page/script/dom.js";
+import { store } from "../page/script/store.js";
+import { apply_texts, format_moment, format_time, get_language, list_languages, load_texts, set_language, t } from "../page/script/texts.js";
+import { theme } from "../page/script/theme.js";
 import { show_alarms } from "./alarms.js";
 import { show_balances } from "./balances.js";
 import { show_belts } from "./belts.js";
@@ -14,7 +14,7 @@ let received_ms = 0; // performance.now() at the newest state; 0: never
 
 async function load_page_settings() {
   try {
-    store.page = await get("/api/page");
+    store.page = await get("api/page");
   } catch (error) {
     if (error.status === 401) go_to_login();
   }
@@ -22,11 +22,11 @@ async function load_page_settings() {
 }
 
 function go_to_login() {
-  location.href = "/login?next=/";
+  location.href = "login";
 }
 
 async function sign_out() {
-  await post("/api/access/logout").catch(() => {});
+  await post("api/access/logout").catch(() => {});
   go_to_login();
 }
 
@@ -37,8 +37,8 @@ function show_page() {
   document.title = page.plant || t("site.title");
   const is_signed_in = page.user && page.user !== "anonymous";
   $("who").replaceChildren(...(is_signed_in
-    ? [create_element("a", { href: "/account" }, t("tools.signed_in", { user: page.user, role: t(`role.${page.role}`) })), create_element("button", { type: "button", on: { click: sign_out } }, t("tools.sign_out"))]
-    : [create_element("a", { href: "/login?next=/" }, t("tools.sign_in"))]));
+    ? [create_element("a", { href: "account" }, t("tools.signed_in", { user: page.user, role: t(`role.${page.role}`) })), create_element("button", { type: "button", on: { click: sign_out } }, t("tools.sign_out"))]
+    : [create_element("a", { href: "login" }, t("tools.sign_in"))]));
 }
 
 function show_theme() {
@@ -66,7 +66,7 @@ function render() {
 
 async function read_state() {
   try {
-    store.state = await get("/api/site");
+    store.state = await get("api/site");
     received_ms = performance.now();
     store.clock_ms = store.state.wall_ms - Date.now();
     if (!store.page) await load_page_settings();

@@ -1,7 +1,7 @@
 // Totals by hours, shifts or days: a row for each period, a column for each belt and one for the site.
-import { get } from "/page/script/api.js";
-import { $, create_element } from "/page/script/dom.js";
-import { format_number, format_short_day, format_time, t } from "/page/script/texts.js";
+import { get } from "../page/script/api.js";
+import { $, create_element } from "../page/script/dom.js";
+import { format_number, format_short_day, format_time, t } from "../page/script/texts.js";
 
 const KINDS = { hour: 24, shift: 12, day: 31 };
 const PERIOD_MS = 15_000;
@@ -10,7 +10,7 @@ let shown = null;
 
 async function read_totals() {
   try {
-    shown = await get("/api/site/totals", { kind, count: KINDS[kind] });
+    shown = await get("api/site/totals", { kind, count: KINDS[kind] });
     show_totals();
   } catch { /* the link's lamp shows it; the next reading comes */ }
 }

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+from beltscape.core.plausibility import BELT_SPEED_MM, ENCODER_STEP, FASTEST_SPEED, require_host
 
 EncoderKind = Literal["capture", "file", "udp", "constant", "camera", "none"]
 """capture: a recorded capture's encoder.csv, by frame; file: a CSV file that grows; udp: datagrams; constant: a given
@@ -18,25 +20,25 @@ class EncoderSettings(BaseModel):
     kind: EncoderKind = "none"
     path: str = ""
     """The file that grows, or a recorded table in place of the capture's own; beside project.toml unless absolute."""
-    host: str = "127.0.0.1"
+    host: Annotated[str, AfterValidator(require_host)] = "127.0.0.1"
     """Address that receives datagrams; if other machines can reach it, ``sender`` should be set."""
     port: Annotated[int, Field(ge=1, le=65_535)] = 8461
     """UDP port that receives datagrams."""
     sender: str = ""
     """Address of the only machine whose datagrams are accepted; empty: any."""
-    speed_mm_s: Annotated[float, Field(ge=0, le=20_000)] | None = None
+    speed_mm_s: Annotated[float, BELT_SPEED_MM] | None = None
     """Speed of a belt without an encoder that always runs at one speed."""
     times: Literal["device", "arrival", "steady"] = "device"
     """device: timestamps of any clock, converted to this machine's by the readings with the least delay; arrival:
     timestamps are ignored; steady: timestamps of this machine's CLOCK_MONOTONIC. A reading without one is stamped
     on arrival."""
-    mm_per_count: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    mm_per_count: Annotated[float, ENCODER_STEP] = 1.0
     """1 where positions come in mm."""
     counter_bits: Literal[16, 32] | None = None
     """Width of a counter that wraps; None: it does not."""
     reverse: bool = False
     """Whether its count falls as the belt travels."""
-    fastest_mm_s: Annotated[float, Field(gt=0, le=50_000)] = 12_000.0
+    fastest_mm_s: Annotated[float, FASTEST_SPEED] = 12_000.0
     """A step that is longer than this within ``silent_s`` is no travel but a reset or a fault."""
     silent_s: Annotated[float, Field(gt=0, le=60)] = 1.0
     """Longest gap between readings that is interpolated; the encoder must send this often, also on a stopped belt."""

@@ -6,11 +6,13 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from statistics import median
+from typing import Annotated
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.frames import Image
+from beltscape.core.plausibility import EXPOSURE
 
 _BRIGHT = 0.98
 """Quantile of the pixels that is brought to the wanted level: few glints, few bright stones."""
@@ -31,9 +33,9 @@ class AdaptiveExposureSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    shortest_us: float = Field(gt=0, le=1e7)
+    shortest_us: Annotated[float, EXPOSURE]
     """Shortest exposure time of any camera."""
-    longest_us: float = Field(gt=0, le=1e7)
+    longest_us: Annotated[float, EXPOSURE]
     """Longest exposure time of any camera."""
     level: float = Field(default=150.0, ge=20, le=240)
     """Wanted level of the brightest pixels (98 %) in the median camera, of 255."""

@@ -6,8 +6,10 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
+from beltscape.core.plausibility import EXPOSURE, FRAME_RATE
 from beltscape.sources.genicam.adaptive_exposure import AdaptiveExposureSettings
 
+Exposure = Annotated[float, EXPOSURE]
 Name = Annotated[str, StringConstraints(min_length=1, strip_whitespace=True)]
 PixelFormat = Literal[
     "Mono8", "Mono10", "Mono10Packed", "Mono10p", "Mono12", "Mono12Packed", "Mono12p", "Mono14", "Mono16", "RGB8",
@@ -28,7 +30,7 @@ class CameraOverrides(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    exposure_us: float | None = Field(default=None, gt=0, le=1e7)
+    exposure_us: Exposure | None = None
     """Exposure time."""
     gain_db: float | None = Field(default=None, ge=-24, le=60)
     """Gain."""
@@ -75,7 +77,7 @@ class CamerasSettings(BaseModel):
     common lens. Not given: the model that the camera states."""
     lens_models: dict[Name, Literal["brown", "rational", "thin_prism", "tilted", "fisheye"]] = {}
     """Name of the camera in the rig → its lens model, such as tilted for a Scheimpflug adapter; not given: found."""
-    exposure_us: float | None = Field(default=None, gt=0, le=1e7)
+    exposure_us: Exposure | None = None
     """Exposure time; not given: the camera's present one."""
     gain_db: float | None = Field(default=None, ge=-24, le=60)
     """Gain; not given: the camera's present one."""
@@ -83,7 +85,7 @@ class CamerasSettings(BaseModel):
     """Pixel format that the cameras send."""
     trigger: Literal["software", "line", "free"] = "software"
     """software: this program triggers each camera; line: a pulse on a wire to all; free: each by its own clock."""
-    frames_per_s: float = Field(default=10.0, gt=0, le=1000)
+    frames_per_s: Annotated[float, FRAME_RATE] = 10.0
     """software, free: frames per second; line: the highest rate of the pulses."""
     trigger_line: Name = "Line1"
     """Input of the trigger pulse."""

@@ -26,7 +26,7 @@ from beltscape.calibration.network.symmetry.quarter_turns import (
 from beltscape.calibration.network.synchronisation import CLEAR_IMPROVEMENT, MIN_FRAMES, SHIFTS
 from beltscape.calibration.solver.perspective import fit_view_pose
 from beltscape.core.geometry.pose import Pose
-from beltscape.files.capture import natural_key
+from beltscape.files.frame_names import natural_key
 from beltscape.target.board import Board, corner_points_mm, outer_corners
 
 Array = NDArray[np.float64]

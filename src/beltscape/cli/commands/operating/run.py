@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--check",
         action="store_true",
-        help="open everything that a run would open except the cameras, report the result, and stop",
+        help="open everything that a run would open, report the result, and stop",
     )
 
 

@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
 
     site = read_site(arguments.site)
     if arguments.check:
-        return {"site": site.path, "checked": True, "parts": check_site(site)}
+        return {"site": site.path, "checked": True, "parts": check_site(site, reporter.warn)}
     log_to_stderr()
     with restrict_rights(site.data):
         return run_site(site, make_stop_event())

@@ -41,15 +41,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Run the sub-command."""
+    from beltscape.files.folders.atomic import ensure_output_folder
     from beltscape.service.access import Access
+    from beltscape.service.hosting.data_rights import restrict_rights
 
     folder = _data_folder(arguments.place)
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; create it, or let the first `beltscape run` create it")
-    with closing(Access(folder)) as access:
-        key = _COMMANDS[arguments.what](access, arguments)
-        users = [{"name": u.name, "role": u.role, "sessions": u.sessions} for u in access.accounts.list()]
-        keys = [one.name for one in access.keys.list()]
+    if not folder.is_dir() and arguments.what not in ("add", "key"):
+        raise InputError(
+            f"{folder}: no such folder; the first `beltscape users add` or `beltscape run` creates it"
+        )
+    with restrict_rights(folder):
+        if not folder.is_dir():
+            ensure_output_folder(folder)
+        with closing(Access(folder)) as access:
+            key = _COMMANDS[arguments.what](access, arguments)
+            users = [{"name": u.name, "role": u.role, "sessions": u.sessions} for u in access.accounts.list()]
+            keys = [one.name for one in access.keys.list()]
     return {"users": users, "keys": keys, "data": folder} | ({"key": key} if key else {})
 
 
@@ -122,7 +129,12 @@ def _audit(access: Access, action: str, detail: Mapping[str, str]) -> None:
 
 def _password(arguments: argparse.Namespace) -> str:
     if arguments.password_stdin:
-        return sys.stdin.readline().rstrip("\r\n")
+        try:
+            return sys.stdin.readline().rstrip("\r\n")
+        except UnicodeDecodeError as error:
+            raise InputError(
+                f"password: standard input is not {error.encoding}; send it in this encoding"
+            ) from error
     from getpass import getpass
 
     if not sys.stdin.isatty():

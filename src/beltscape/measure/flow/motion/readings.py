@@ -10,6 +10,8 @@ from beltscape.measure.flow.motion.plausibility import is_jump
 from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 
 _NAN = float("nan")
+_ROLL_BACK_MM = 500.0
+"""A loaded belt that stops may roll back this far, as in `sources.encoder.readings.count`."""
 _LEAST_MISSING = 2
 """Frames without a reading from which the encoder is silent; one reading may be lost on its way."""
 _WITHOUT_MATERIAL: tuple[Kind, ...] = ("jump", "unmatched", "silent", "resumed")
@@ -26,6 +28,27 @@ class Resumption:
     """Position in that frame."""
     speed: float
     """mm per unit of the clock."""
+
+
+class RollBack:
+    """Follows how far the readings are behind the farthest one."""
+
+    def __init__(self) -> None:
+        self._farthest_mm = self._last_mm = float("-inf")
+        self.is_too_far = False
+        """Whether they ever were farther behind than a belt rolls back."""
+
+    def add(self, reading_mm: float | None) -> None:
+        """Account for a reading; None: there is none."""
+        if reading_mm is None:
+            return
+        self._farthest_mm, self._last_mm = max(self._farthest_mm, reading_mm), reading_mm
+        self.is_too_far |= self._farthest_mm - reading_mm > _ROLL_BACK_MM
+
+    @property
+    def is_running_back(self) -> bool:
+        """Return whether the last reading is behind the farthest one."""
+        return self._farthest_mm - self._last_mm > LEAST_MM
 
 
 class ReadingCheck:

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
-from beltscape.files.capture import Capture, list_images, read_capture
+from beltscape.files.capture import Capture, list_camera, list_capture, list_images
 from beltscape.target.board import Board, BoardSet
 
 
 def read_board_views(folder: Path) -> Capture:
     """Read a capture, or a folder of one camera's images, which is named as the folder."""
-    images = list_images(folder) if folder.is_dir() else {}
+    images, line = list_camera(folder) if folder.is_dir() else ({}, "")
     if images and not any(list_images(below) for below in folder.iterdir() if below.is_dir()):
-        return Capture(folder, {folder.resolve().name: images})
-    return read_capture(folder)
+        return Capture(folder, {folder.resolve().name: images}, {"": (line,)} if line else {})
+    return list_capture(folder)
 
 
 def has_board_views(folder: Path) -> bool:

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from beltscape.core.errors import InputError
 from beltscape.core.frames import to_grey
 from beltscape.core.progress import Reporter
-from beltscape.files.capture import Capture, natural_key, read_capture
+from beltscape.files.capture import Capture, list_capture, list_folder, list_loose_files
+from beltscape.files.folders.paths import summarise_names
+from beltscape.files.frame_names import natural_key
 from beltscape.files.rasters.images import write_image
 from beltscape.files.rasters.videos import EXTENSIONS, read_video
 from beltscape.pipeline.calibrating.views.board_views import has_board_views
@@ -68,6 +70,10 @@ def extract_frames(folder: Path, out: Path, reporter: Reporter, *, synchronous: 
         When a video cannot be decoded, or synchronous ones have different numbers of frames.
     """
     videos = find_videos(folder)
+    others = [name for name in list_loose_files(list_folder(folder)) if Path(name).stem not in videos]
+    if others:
+        kinds = ", ".join(EXTENSIONS)
+        reporter.warn(f"{folder}: {summarise_names(others)} left out: videos are {kinds}")
     summaries: dict[str, tuple[Array, Array]] = {}
     for done, (name, path) in enumerate(videos.items(), start=1):
         summaries[name] = _summarise(path)
@@ -81,7 +87,7 @@ def extract_frames(folder: Path, out: Path, reporter: Reporter, *, synchronous: 
     for done, (name, path) in enumerate(videos.items(), start=1):
         _write_frames(path, chosen[name], out / name)
         reporter.step("writing frames", done, len(videos))
-    return read_capture(out)
+    return list_capture(out)
 
 
 def _summarise(path: Path) -> tuple[Array, Array]:

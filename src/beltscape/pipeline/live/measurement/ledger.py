@@ -10,12 +10,11 @@ from dataclasses import dataclass, replace
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, RecordTag, standing_from_quality
 from beltscape.core.belt.sigma_parts import SigmaParts
+from beltscape.files.tables.encoder_csv import LONGEST_ROLL_BACK_MM
 
 _NO_TAG = RecordTag()
 _ROUNDING_MM = 1e-6
 """Belt positions, up to 10⁹ mm in double precision, are the same within it."""
-ROLL_BACK_MM = 3000.0
-"""Longest distance by which a stopped belt rolls back; an encoder that is further back has been reset."""
 
 
 @dataclass(slots=True)
@@ -90,7 +89,7 @@ class Ledger:
             self._continues = True
             return None
         counted = end - self.state.offset_mm
-        self._continues = encoder_mm is not None and counted - encoder_mm <= ROLL_BACK_MM
+        self._continues = encoder_mm is not None and counted - encoder_mm <= LONGEST_ROLL_BACK_MM
         return counted if self._continues else None
 
     def continue_by_motion(self, position_mm: float) -> float | None:

@@ -11,10 +11,7 @@ from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.errors import ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import scale_rig
 from beltscape.core.progress import Reporter
-from beltscape.files.capture import read_capture
-from beltscape.files.rasters.images import read_image
 from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
@@ -34,7 +31,7 @@ from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matc
 from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.pipeline.reconstructing.search_range import find_capture_depth_range
-from beltscape.sources.folder import FolderSource
+from beltscape.sources.folder import FolderSource, scale_rig_to_capture
 from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 
 
@@ -74,7 +71,7 @@ def measure_flow_of_capture(
 
     Without ``encoder`` the belt's motion is measured from the material, and the times come from the capture's own
     encoder.csv or from ``frames_per_s``. Depth is searched up to ``load_mm`` over the empty belt, by default in the
-    range that a few frames show. If the images differ in size from the rig's by one factor, the rig is scaled.
+    range that a few frames show. The rig is scaled to images that are binned or reduced.
 
     Raises
     ------
@@ -114,27 +111,6 @@ def measure_flow_of_capture(
     warn_of_motion_conflicts(meter, encoder, reporter)
     _warn_of_gaps(records, reporter)
     return Flow(records, steps, meter, picture, spent, encoder is not None, direction)
-
-
-def scale_rig_to_capture(rig: Rig, capture: Path, reporter: Reporter) -> Rig:
-    """Return the rig scaled to the capture's image size; unchanged if the aspect ratio differs (refused later)."""
-    files = read_capture(capture).files.get(rig.core)
-    if not files:
-        return rig
-    height, width = read_image(next(iter(files.values()))).shape[:2]
-    return scale_rig_to_images(rig, (width, height), str(capture), reporter)
-
-
-def scale_rig_to_images(rig: Rig, size_px: tuple[int, int], capture: str, reporter: Reporter) -> Rig:
-    """Return the rig scaled to its core camera's image size; unchanged if the aspect ratio differs."""
-    (width, height), own = size_px, rig.core_camera.size_px
-    factor = width / own[0]
-    if (width, height) == own or abs(own[1] * factor - height) > 1:
-        return rig
-    reporter.warn(
-        f"{capture}: images of {width}×{height} px, the rig's are {own[0]}×{own[1]}; the rig is scaled by {factor:g}"
-    )
-    return scale_rig(rig, factor)
 
 
 def _frame_set(source: FolderSource, instant: Instant) -> FrameSet:

@@ -13,6 +13,7 @@ import socket
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from ipaddress import ip_address
 from pathlib import Path
 
 from asyncua import ua
@@ -25,6 +26,13 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from beltscape.core.errors import InputError, OutputError
+from beltscape.protocols.listening import (
+    EVERYWHERE,
+    find_routed_addresses,
+    is_address,
+    list_own_addresses,
+    normalise_host,
+)
 from beltscape.protocols.opcua.settings import OpcUaSettings
 
 _DAYS = 3650
@@ -53,6 +61,16 @@ class OwnCertificate:
         """Return its end and its thumbprint, by which people recognise it."""
         ends = self.certificate.not_valid_after_utc
         return f"certificate valid until {ends:%Y-%m-%d}, thumbprint {_compute_thumbprint(self.certificate)}"
+
+    def list_missing_hosts(self, settings: OpcUaSettings) -> list[str]:
+        """Return the names and addresses by which clients surely connect, and which the certificate lacks."""
+        own = _list_alternative_names(self.certificate)
+        named = {one.lower() for one in own.get_values_for_type(x509.DNSName)}
+        named |= {str(one) for one in own.get_values_for_type(x509.IPAddress)}
+        sure = {settings.host}
+        if settings.host in EVERYWHERE:
+            sure = find_routed_addresses() if settings.certificate is None else set[str]()
+        return sorted(host for host in sure.union(settings.hosts) if normalise_host(host) not in named)
 
 
 def read_certificate(settings: OpcUaSettings) -> OwnCertificate | None:
@@ -116,7 +134,7 @@ def _make_own(settings: OpcUaSettings, certificate_path: Path, key_path: Path) -
         key,
         f"Beltscape {settings.name}"[:64],
         {"organizationName": "Beltscape"},
-        [x509.UniformResourceIdentifier(application), x509.DNSName(host)],
+        [x509.UniformResourceIdentifier(application), *_name_hosts(settings)],
         [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH],
         _DAYS,
     )
@@ -131,6 +149,18 @@ def _make_own(settings: OpcUaSettings, certificate_path: Path, key_path: Path) -
             f"{certificate_path.parent}: cannot be written ({error}); check the folder"
         ) from error
     return OwnCertificate(certificate, key, application)
+
+
+def _name_hosts(settings: OpcUaSettings) -> list[x509.GeneralName]:
+    """Return the names and addresses by which clients may connect: those of the settings and all of this machine."""
+    hosts = {*settings.hosts, settings.host, "localhost", socket.gethostname(), socket.getfqdn()}
+    hosts |= list_own_addresses()
+    names = sorted({normalise_host(host) for host in hosts - set(EVERYWHERE)})
+    addresses = [one for one in names if is_address(one)]
+    return [
+        *(x509.DNSName(one) for one in names if one not in addresses),
+        *(x509.IPAddress(ip_address(one)) for one in addresses),
+    ]
 
 
 class ClientCertificates:
@@ -222,11 +252,14 @@ def _load_certificate(path: Path) -> x509.Certificate:
 
 
 def _list_uris(certificate: x509.Certificate) -> list[str]:
+    return _list_alternative_names(certificate).get_values_for_type(x509.UniformResourceIdentifier)
+
+
+def _list_alternative_names(certificate: x509.Certificate) -> x509.SubjectAlternativeName:
     try:
-        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        return certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
-        return []
-    return names.get_values_for_type(x509.UniformResourceIdentifier)
+        return x509.SubjectAlternativeName(())
 
 
 def _compute_thumbprint(certificate: x509.Certificate) -> str:

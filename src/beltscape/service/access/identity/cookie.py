@@ -5,6 +5,8 @@ from __future__ import annotations
 from starlette.requests import HTTPConnection
 from starlette.responses import Response
 
+PATH_PREFIX = "beltscape.path_prefix"
+"""Key of the ASGI scope under which the server stores the path, such as "/belt4", of a trusted proxy's page."""
 TOKEN_HEADER = "x-beltscape-token"
 """Header in which the page sends its token with every request that changes something."""
 _LONGEST = 100
@@ -24,7 +26,7 @@ def set_session_cookie(response: Response, connection: HTTPConnection, token: st
         _cookie_name(connection),
         token,
         max_age=int(life_s),
-        path="/",
+        path=_cookie_path(connection),
         secure=https,
         httponly=True,
         samesite="strict",
@@ -34,9 +36,24 @@ def set_session_cookie(response: Response, connection: HTTPConnection, token: st
 def delete_session_cookie(response: Response, connection: HTTPConnection) -> None:
     """Delete the cookie."""
     https = connection.scope["scheme"] == "https"
-    response.delete_cookie(_cookie_name(connection), path="/", secure=https, httponly=True, samesite="strict")
+    response.delete_cookie(
+        _cookie_name(connection),
+        path=_cookie_path(connection),
+        secure=https,
+        httponly=True,
+        samesite="strict",
+    )
+
+
+def _cookie_path(connection: HTTPConnection) -> str:
+    return f"{connection.scope.get(PATH_PREFIX, '')}/"
 
 
 def _cookie_name(connection: HTTPConnection) -> str:
-    # the prefix binds the cookie to this host and to TLS
-    return "__Host-beltscape" if connection.scope["scheme"] in ("https", "wss") else "beltscape"
+    """Return a name of this belt's own: below a proxy's paths several belts share a host's cookies."""
+    prefix = connection.scope.get(PATH_PREFIX, "")
+    name = "beltscape" + prefix.replace("/", "-")
+    if connection.scope["scheme"] not in ("https", "wss"):
+        return name
+    # the first part binds the cookie to TLS, and where it may to this host
+    return f"__Secure-{name}" if prefix else f"__Host-{name}"

@@ -1,7 +1,7 @@
 // The account page: own password; for engineers also users and audit log.
-import { $, create_element } from "/page/script/dom.js";
-import { format_date_time, has_text, t } from "/page/script/texts.js";
-import { bind_form, check_password, hide_messages, leave, request, set_up_page } from "/access/common.js";
+import { $, create_element } from "../page/script/dom.js";
+import { format_date_time, has_text, t } from "../page/script/texts.js";
+import { bind_form, check_password, hide_messages, leave, request, set_up_page } from "./common.js";
 
 const ROLES = ["viewer", "operator", "engineer"];
 let own_user = null;
@@ -12,8 +12,8 @@ function fill_roles(select, selected_role) {
 }
 
 async function show() {
-  const state = await request("GET", "/api/access/state");
-  if (!state.named) { location.replace("/login?next=/account"); return; }
+  const state = await request("GET", "api/access/state");
+  if (!state.named) { location.replace("login?next=account"); return; }
   own_user = state.user;
   $("you").replaceChildren(own_user.name, create_element("small", {}, t(`role.${own_user.role}`)));
   $("own").elements.name.value = own_user.name;
@@ -21,7 +21,7 @@ async function show() {
   $("users-panel").hidden = $("log-panel").hidden = !engineer;
   if (!engineer) return;
   fill_roles($("add").elements.role, $("add").elements.role.value || "viewer");
-  const [users, log] = await Promise.all([request("GET", "/api/access/users"), request("GET", "/api/access/audit?most=100")]);
+  const [users, log] = await Promise.all([request("GET", "api/access/users"), request("GET", "api/access/audit?most=100")]);
   $("users").replaceChildren(...users.map(user_row));
   $("log").replaceChildren(...log.map(log_row));
 }
@@ -40,7 +40,7 @@ function user_row(user) {
       button("access.remove", () => open_dialog(t("access.remove_sure", { user: user.name }), t("access.remove"), user, false))));
 }
 
-const user_path = (user) => `/api/access/users/${encodeURIComponent(user.name)}`;
+const user_path = (user) => `api/access/users/${encodeURIComponent(user.name)}`;
 
 function log_row(entry) {
   const { at, what, who, from, ...more } = entry;
@@ -86,7 +86,7 @@ await show();
 bind_form($("own"), async (values) => {
   const problem = check_password(values.new, values.again, own_user.name);
   if (problem) throw new Error(problem);
-  await request("POST", "/api/access/password", { old: values.old, new: values.new });
+  await request("POST", "api/access/password", { old: values.old, new: values.new });
   for (const name of ["old", "new", "again"]) $("own").elements[name].value = "";
   await show();
   return t("access.changed");
@@ -95,7 +95,7 @@ bind_form($("own"), async (values) => {
 bind_form($("add"), async ({ name, role, password }) => {
   const problem = check_password(password, password, name);
   if (problem) throw new Error(problem);
-  await request("POST", "/api/access/users", { name, role, password });
+  await request("POST", "api/access/users", { name, role, password });
   $("add").reset();
   await show();
 });
@@ -113,4 +113,4 @@ bind_form($("ask").querySelector("form"), async ({ password }) => {
 });
 
 $("ask-no").addEventListener("click", () => $("ask").close());
-$("leave").addEventListener("click", () => leave("/login", () => request("POST", "/api/access/logout")));
+$("leave").addEventListener("click", () => leave("login", () => request("POST", "api/access/logout")));

@@ -1,7 +1,7 @@
 // Shared code of the access pages: texts, theme, requests, forms.
-import { $, create_element, create_icon } from "/page/script/dom.js";
-import { apply_texts, get_language, list_languages, load_texts, set_language, t } from "/page/script/texts.js";
-import { theme } from "/page/script/theme.js";
+import { $, create_element, create_icon } from "../page/script/dom.js";
+import { apply_texts, get_language, list_languages, load_texts, set_language, t } from "../page/script/texts.js";
+import { theme } from "../page/script/theme.js";
 
 export const MIN_LENGTH = 10;
 
@@ -39,7 +39,7 @@ export async function request(method, path, body) {
   try {
     const headers = { accept: "application/json" };
     if (method !== "GET") {
-      const { token } = await request("GET", "/api/access/state");
+      const { token } = await request("GET", "api/access/state");
       if (token) headers["x-beltscape-token"] = token;
       if (body !== undefined) headers["content-type"] = "application/json";
     }
@@ -50,7 +50,7 @@ export async function request(method, path, body) {
   const content = await answer.json().catch(() => ({}));
   if (answer.ok) return content;
   if (answer.status === 401 && !/\/(login|password)$/.test(path)) {
-    if (!is_leaving) location.replace(`/login?next=${location.pathname}`);
+    if (!is_leaving) location.replace(`login?next=${location.pathname.split("/").pop()}`);
     return new Promise(() => {}); // the page is being left
   }
   const error = new Error(describe_error(answer, content.detail));
@@ -102,9 +102,10 @@ export function bind_form(element, send) {
   });
 }
 
-/** Return the page to open after login; it is always on this server. */
+/** Return the page to open after login; it is always one of this service, also below a proxy's path. */
 export function get_next_page() {
-  const requested = new URLSearchParams(location.search).get("next") ?? "/";
-  const url = new URL(requested, location.origin);
-  return url.origin === location.origin && !url.pathname.startsWith("/login") ? url.pathname + url.search + url.hash : "/";
+  const root = new URL("./", document.baseURI).href;
+  const requested = (new URLSearchParams(location.search).get("next") ?? "").replace(/^\//, "");
+  const url = new URL(requested, root).href;
+  return !/^[/\\]/.test(requested) && url.startsWith(root) && !url.startsWith(`${root}login`) ? url : root;
 }

@@ -162,7 +162,10 @@ class Guard:
     def _make_login_refusal(self, scope: Scope) -> RequestRefused:
         wants_page = "text/html" in Headers(scope=scope).get("accept", "")
         if scope["type"] == "http" and scope["method"] == "GET" and wants_page:
-            location = "/setup" if self._access.setup_token else f"/login?next={quote(scope['path'])}"
+            path = scope["path"][1:]
+            query = f"?next={quote(path)}" if path else ""
+            page = "setup" if self._access.setup_token else f"login{query}"
+            location = "../" * path.count("/") + page  # holds below a proxy's path, too
             return RequestRefused(303, "log in first", {"location": location})
         return RequestRefused(401, "log in first")
 

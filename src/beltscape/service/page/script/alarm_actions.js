@@ -8,7 +8,7 @@ import { format_duration, t } from "./texts.js";
 const MINUTES = [5, 15, 30, 60, 120, 240, 480, 1440, 10080];
 export const may_operate = () => store.page !== null && store.page.role !== "viewer";
 export const may_engineer = () => store.page?.role === "engineer";
-const get_path = (name, action) => `/api/alarms/${encodeURIComponent(name)}/${action}`;
+const get_path = (name, action) => `api/alarms/${encodeURIComponent(name)}/${action}`;
 
 /** Do something to an alarm; the reason of a refusal is shown. */
 export async function act(name, action, body) {

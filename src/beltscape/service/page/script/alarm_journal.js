@@ -41,10 +41,10 @@ async function load() {
   const until_ms = Math.round(Date.now() + store.clock_ms) + 1000;
   const times = { since_ms: until_ms - PERIODS[period] * 1000, until_ms };
   try {
-    const [figures, events, alarms] = await Promise.all([get("/api/alarms/statistics", times), get("/api/alarms/journal", { ...times, limit: ROWS, newest: true }), get("/api/alarms")]);
+    const [figures, events, alarms] = await Promise.all([get("api/alarms/statistics", times), get("api/alarms/journal", { ...times, limit: ROWS, newest: true }), get("api/alarms")]);
     results = { figures, events, alarms };
     failed = false;
-    $("journal-csv").href = `/api/alarms/journal.csv?${new URLSearchParams(times)}`;
+    $("journal-csv").href = `api/alarms/journal.csv?${new URLSearchParams(times)}`;
   } catch {
     failed = true;
   }

@@ -13,7 +13,7 @@ export async function get(path, query = {}) {
 }
 
 export async function post(path, body) {
-  const { token } = await get("/api/access/state");
+  const { token } = await get("api/access/state");
   const headers = { "content-type": "application/json", ...(token ? { "x-beltscape-token": token } : {}) };
   const answer = await fetch(path, { method: "POST", headers, body: body === undefined ? undefined : JSON.stringify(body) });
   if (!answer.ok) throw new RequestError(answer.status, await answer.text());

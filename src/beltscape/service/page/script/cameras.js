@@ -35,7 +35,7 @@ function update_item(item, camera) {
   if (camera.picture !== null && picture.dataset.frame !== camera.picture && now - Number(picture.dataset.loaded ?? -RELOAD_MS) >= RELOAD_MS) {
     picture.dataset.loaded = now;
     picture.dataset.frame = camera.picture;
-    picture.src = `/api/cameras/${encodeURIComponent(camera.name)}/picture?frame=${encodeURIComponent(camera.picture)}`;
+    picture.src = `api/cameras/${encodeURIComponent(camera.name)}/picture?frame=${encodeURIComponent(camera.picture)}`;
   }
 }
 

@@ -52,7 +52,7 @@ async function load_history() {
   loaded_ms = performance.now();
   const [requested, until_ms] = [range, Math.round(Date.now() + store.clock_ms)];
   try {
-    const series = await get("/api/series", { since_ms: until_ms - RANGES[requested] * 1000, until_ms, points: 480 });
+    const series = await get("api/series", { since_ms: until_ms - RANGES[requested] * 1000, until_ms, points: 480 });
     if (requested === range) older = read_series(series);
   } catch {
     if (requested === range) older = null;
@@ -65,7 +65,7 @@ async function load_history() {
 async function backfill() {
   const until_ms = Math.round(Date.now() + store.clock_ms);
   try {
-    const before = read_series(await get("/api/series", { since_ms: until_ms - RANGES.m15 * 1000, until_ms, points: 180 }));
+    const before = read_series(await get("api/series", { since_ms: until_ms - RANGES.m15 * 1000, until_ms, points: 180 }));
     const first = live[0][0] ?? until_ms / 1000;
     const end = before[0].findIndex((s) => s >= first);
     live = live.map((column, i) => [...(end < 0 ? before[i] : before[i].slice(0, end)), ...column]);

@@ -12,7 +12,9 @@ let has_connected = false;
 export function connect() {
   clearTimeout(timer);
   close();
-  const opened = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
+  const address = new URL("api/live", document.baseURI);
+  address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
+  const opened = new WebSocket(address);
   socket = opened;
   opened.binaryType = "arraybuffer";
   opened.onopen = () => { last_message_ms = performance.now(); store.emit("opened"); };
@@ -41,7 +43,7 @@ async function schedule_reconnect(code) {
 /** Return whether the server answers and requires a login. */
 async function is_signed_out() {
   try {
-    return (await fetch("/api/page", { signal: AbortSignal.timeout(3000) })).status === 401;
+    return (await fetch("api/page", { signal: AbortSignal.timeout(3000) })).status === 401;
   } catch {
     return false;
   }

@@ -60,7 +60,7 @@ async function load_checks() {
   is_loading = true;
   loaded_ms = performance.now();
   try {
-    checks = await get("/api/checks");
+    checks = await get("api/checks");
     failed = null;
   } catch (error) {
     failed = error.status === 403 ? "health.role" : "health.failed";
@@ -132,7 +132,7 @@ async function load_trends() {
 /** Return the keys of the checks that have a series. */
 async function list_stored() {
   try {
-    return new Set((await get("/api/checks/stored")).map(get_key));
+    return new Set((await get("api/checks/stored")).map(get_key));
   } catch {
     return new Set();
   }
@@ -142,7 +142,7 @@ async function list_stored() {
 async function load_series({ check, subject }, name) {
   const until_ms = Math.round(Date.now() + store.clock_ms);
   try {
-    return await get("/api/checks/series", { check, subject, since_ms: until_ms - PERIODS[name] * 1000, until_ms, points: POINTS });
+    return await get("api/checks/series", { check, subject, since_ms: until_ms - PERIODS[name] * 1000, until_ms, points: POINTS });
   } catch {
     return null;
   }
@@ -205,7 +205,7 @@ function update_picture(item, camera) {
   if (camera.picture !== null && image.dataset.frame !== camera.picture && performance.now() - Number(image.dataset.loaded ?? -RELOAD_MS) >= RELOAD_MS) {
     image.dataset.frame = camera.picture;
     image.dataset.loaded = performance.now();
-    image.src = `/api/cameras/${encodeURIComponent(camera.name)}/picture?frame=${encodeURIComponent(camera.picture)}`;
+    image.src = `api/cameras/${encodeURIComponent(camera.name)}/picture?frame=${encodeURIComponent(camera.picture)}`;
   }
   overlay.replaceChildren(...faults.filter((one) => one.place).map(({ place: [left, top, right, bottom] }) => create_svg("rect", { x: left, y: top, width: right - left, height: bottom - top, "vector-effect": "non-scaling-stroke" })));
   item.dataset.state = faults.length ? "fault" : "ok";

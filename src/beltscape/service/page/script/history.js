@@ -61,10 +61,10 @@ async function load_period(since_ms, until_ms) {
   show_problem(null);
   period = { since_ms, until_ms };
   [$("history-from").value, $("history-to").value] = [format_local(since_ms), format_local(until_ms)];
-  for (const format of ["csv", "parquet"]) $(`export-${format}`).href = `/api/export?${new URLSearchParams({ since_ms, until_ms, format })}`;
+  for (const format of ["csv", "parquet"]) $(`export-${format}`).href = `api/export?${new URLSearchParams({ since_ms, until_ms, format })}`;
   const requested = period;
   try {
-    const [series, events, days] = await Promise.all([get("/api/series", { since_ms, until_ms, points: 800 }), get("/api/events", { since_ms, until_ms, limit: 300 }), get("/api/days", { since_ms: Math.max(since_ms - 86400000, 0), until_ms })]);
+    const [series, events, days] = await Promise.all([get("api/series", { since_ms, until_ms, points: 800 }), get("api/events", { since_ms, until_ms, limit: 300 }), get("api/days", { since_ms: Math.max(since_ms - 86400000, 0), until_ms })]);
     if (requested !== period) return;
     results = { series, events, days };
   } catch {
@@ -133,8 +133,8 @@ function show_days(days) {
 async function show_section(seconds) {
   const since_ms = Math.round(seconds * 1000 - results.series.width_ms / 2);
   try {
-    const [record] = await get("/api/records", { since_ms, until_ms: period.until_ms, limit: 1 });
-    const section = await get("/api/section", { number: record.number });
+    const [record] = await get("api/records", { since_ms, until_ms: period.until_ms, limit: 1 });
+    const section = await get("api/section", { number: record.number });
     $("history-section-none").hidden = true;
     section_plot.show(section);
     set_text($("history-view").querySelector(".side h2"), t("history.section", { time: format_date_time(record.wall_ms, true) }));

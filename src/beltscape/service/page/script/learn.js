@@ -25,7 +25,7 @@ async function learn({ about, problem, close, next }) {
   next.disabled = true;
   problem.hidden = true;
   try {
-    await post("/api/images/learn");
+    await post("api/images/learn");
     set_text(about, t("learn.done"));
     next.hidden = true;
     set_text(close, t("keys.close"));

@@ -45,13 +45,13 @@ function show_page() {
   set_text($("plant"), page.plant);
   const is_signed_in = page.user && page.user !== "anonymous";
   $("who").replaceChildren(...(is_signed_in
-    ? [create_element("a", { href: "/account" }, t("tools.signed_in", { user: page.user, role: t(`role.${page.role}`) })), create_element("button", { type: "button", on: { click: sign_out } }, t("tools.sign_out"))]
-    : [create_element("a", { href: "/login?next=/" }, t("tools.sign_in"))]));
+    ? [create_element("a", { href: "account" }, t("tools.signed_in", { user: page.user, role: t(`role.${page.role}`) })), create_element("button", { type: "button", on: { click: sign_out } }, t("tools.sign_out"))]
+    : [create_element("a", { href: "login" }, t("tools.sign_in"))]));
 }
 
 async function sign_out() {
-  await post("/api/access/logout").catch(() => {});
-  location.href = "/login";
+  await post("api/access/logout").catch(() => {});
+  location.href = "login";
 }
 
 function show_theme() {
@@ -101,7 +101,7 @@ function start_tools() {
 
 async function load_page_settings() {
   try {
-    store.page = await get("/api/page");
+    store.page = await get("api/page");
   } catch (error) {
     if (error.status === 401) go_to_login();
   }
@@ -109,7 +109,7 @@ async function load_page_settings() {
 }
 
 function go_to_login() {
-  location.href = `/login?next=${encodeURIComponent(location.pathname)}`;
+  location.href = "login";
 }
 
 await load_page_settings();

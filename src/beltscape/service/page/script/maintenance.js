@@ -19,7 +19,7 @@ export function open() {
   form.addEventListener("submit", async (event) => {
     event.preventDefault();
     try {
-      await post("/api/maintenance/begin", { reason: reason.value.trim(), minutes: Number(minutes.value) });
+      await post("api/maintenance/begin", { reason: reason.value.trim(), minutes: Number(minutes.value) });
       dialog.close();
     } catch {
       problem.hidden = false;
@@ -32,7 +32,7 @@ export function open() {
 
 async function end() {
   try {
-    await post("/api/maintenance/end");
+    await post("api/maintenance/end");
   } catch (error) {
     if (error.status !== 409) set_text($("maintenance-text"), t("maintenance.failed"));
   }

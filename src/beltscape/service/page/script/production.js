@@ -19,11 +19,11 @@ function build() {
   const name = create_element("input", { id: "batch-name", maxlength: 60, required: true, autocomplete: "off" });
   const form = create_element("form", { id: "batch-form", hidden: true }, create_element("label", { for: "batch-name", "data-text": "production.batch_name" }), name,
     create_element("button", { class: "plain main", "data-text": "production.start" }));
-  form.addEventListener("submit", (event) => { event.preventDefault(); change("/api/production/batch/start", { name: name.value.trim() }).then((done) => { if (done) name.value = ""; }); });
+  form.addEventListener("submit", (event) => { event.preventDefault(); change("api/production/batch/start", { name: name.value.trim() }).then((done) => { if (done) name.value = ""; }); });
   $("production-view").append(
     panel("product", "production.product", create_element("div", { class: "products", id: "products", role: "group", "data-label": "production.product" }), create_element("p", { class: "soft", id: "no-products", "data-text": "production.no_products", hidden: true })),
     panel("batch", "production.batch", create_element("div", { id: "batch-now" }), form,
-      create_element("button", { class: "plain main", type: "button", id: "batch-stop", "data-text": "production.stop", hidden: true, on: { click: () => change("/api/production/batch/stop") } })),
+      create_element("button", { class: "plain main", type: "button", id: "batch-stop", "data-text": "production.stop", hidden: true, on: { click: () => change("api/production/batch/stop") } })),
     create_element("p", { class: "problem", id: "production-problem", role: "alert", hidden: true }),
     ...tables.build(panel));
   apply_texts($("production-view"));
@@ -55,7 +55,7 @@ function read_reason(error) {
 
 async function load() {
   try {
-    present = await get("/api/production");
+    present = await get("api/production");
   } catch {
     return; // the banner tells that the connection is lost
   }
@@ -98,7 +98,7 @@ function update_product(button, product) {
 
 function confirm_product(product) {
   if (product.name === present.product) return;
-  tables.ask(t("production.change_title"), t("production.change_help", { name: product.name, before: present.product }), t("production.change"), () => change("/api/production/product", { name: product.name }));
+  tables.ask(t("production.change_title"), t("production.change_help", { name: product.name, before: present.product }), t("production.change"), () => change("api/production/product", { name: product.name }));
 }
 
 function show_batch(batch) {

@@ -23,14 +23,14 @@ export function build(panel) {
 
 export async function load() {
   const until_ms = now_ms();
-  $("batches-csv").href = `/api/production/batches.csv?${new URLSearchParams({ since_ms: until_ms - 12 * BATCHES_MS, until_ms })}`;
+  $("batches-csv").href = `api/production/batches.csv?${new URLSearchParams({ since_ms: until_ms - 12 * BATCHES_MS, until_ms })}`;
   for (const button of $("period-kinds").children) button.setAttribute("aria-pressed", String(button.dataset.kind === kind));
   try {
-    const { has_reports } = await get("/api/production");
+    const { has_reports } = await get("api/production");
     const [batches, periods, trends, reports] = await Promise.all([
-      get("/api/production/batches", { since_ms: until_ms - BATCHES_MS, until_ms, limit: 200 }),
-      get("/api/production/periods", { since_ms: until_ms - PERIODS_MS, until_ms, kind }),
-      get("/api/production/trends"), has_reports ? get("/api/reports") : []]);
+      get("api/production/batches", { since_ms: until_ms - BATCHES_MS, until_ms, limit: 200 }),
+      get("api/production/periods", { since_ms: until_ms - PERIODS_MS, until_ms, kind }),
+      get("api/production/trends"), has_reports ? get("api/reports") : []]);
     results = { batches, periods: periods.filter((one) => one.totals.records > 0).reverse(), trends, reports, has_reports };
   } catch {
     return; // the banner tells that the connection is lost
@@ -106,7 +106,7 @@ function show_trends() {
 
 function show_reports() {
   $("production-reports-title").closest("section").hidden = !results.has_reports;
-  const link = (key, format) => create_element("a", { class: "plain small", href: `/api/reports/${key}?format=${format}`, target: "_blank", rel: "noopener" }, format.toUpperCase());
+  const link = (key, format) => create_element("a", { class: "plain small", href: `api/reports/${key}?format=${format}`, target: "_blank", rel: "noopener" }, format.toUpperCase());
   const rows = results.reports.map((one) => [create_element("b", {}, one.title), format_date_time(one.since_ms), create_element("span", { class: "links" }, link(one.key, "html"), one.has_pdf ? link(one.key, "pdf") : ""), [one.is_mailed && t("production.mailed"), one.is_printed && t("production.printed")].filter(Boolean).join(", ")]);
   fill("reports", ["production.report", "production.from", "", ""], rows, "production.no_reports");
 }
@@ -140,8 +140,8 @@ function ask_counter(batch) {
   const field = (id, key) => [create_element("label", { for: id }, t(key)), create_element("input", { id, type: "number", min: 0, step: "any", required: true, inputmode: "decimal" })];
   const fields = [...field("counter-begin", "production.counter_begin"), ...field("counter-end", "production.counter_end")];
   show_dialog(t("production.counter_title", { name: batch.name }), t("production.counter_help"), fields, t("production.keep"), async () => {
-    await post("/api/production/scale", { kg: Number($("counter-begin").value), at_ms: batch.started_ms });
-    await post("/api/production/scale", { kg: Number($("counter-end").value), at_ms: batch.ended_ms });
+    await post("api/production/scale", { kg: Number($("counter-begin").value), at_ms: batch.started_ms });
+    await post("api/production/scale", { kg: Number($("counter-end").value), at_ms: batch.ended_ms });
     await load();
   });
 }

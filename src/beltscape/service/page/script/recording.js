@@ -27,7 +27,7 @@ export function open() {
 /** Keep the recording; return the text key of what failed, or null. */
 async function keep_recording(reason) {
   try {
-    await post("/api/recording/keep", { reason });
+    await post("api/recording/keep", { reason });
   } catch (error) {
     return error.status === 409 ? "keep.nothing" : "keep.failed";
   }

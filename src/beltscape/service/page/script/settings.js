@@ -24,7 +24,7 @@ function open() {
 
 async function find({ found, problem, next }) {
   try {
-    const changes = await get("/api/settings/changes");
+    const changes = await get("api/settings/changes");
     show(found, changes, "settings.now");
     next.hidden = !changes.at_once.length;
   } catch (error) {
@@ -36,7 +36,7 @@ async function apply({ found, problem, next }) {
   next.disabled = true;
   problem.hidden = true;
   try {
-    show(found, await post("/api/settings/reload"), "settings.done");
+    show(found, await post("api/settings/reload"), "settings.done");
     next.hidden = true;
   } catch (error) {
     show_problem(problem, error);

@@ -10,8 +10,8 @@ const fetch_json = async (path) => (await fetch(path)).json();
 
 /** Load every language, so that one can be chosen without a connection as well. */
 export async function load_texts(fallback) {
-  const found = await fetch_json("/page/languages.json");
-  const tables = await Promise.all(found.map(({ code }) => fetch_json(`/page/languages/${code}.json`)));
+  const found = await fetch_json("page/languages.json");
+  const tables = await Promise.all(found.map(({ code }) => fetch_json(`page/languages/${code}.json`)));
   languages = new Map(found.map((one, i) => [one.code, { ...one, table: tables[i] }]));
   const wanted = [new URLSearchParams(location.search).get("lang"), localStorage.getItem("language"), fallback];
   set_language(wanted.find((code) => languages.has(code)) ?? "en", false);

@@ -36,7 +36,7 @@ async function measure(parts) {
   problem.hidden = true;
   set_text(about, t("zero.measuring"));
   try {
-    const found = await post("/api/zero/measure");
+    const found = await post("api/zero/measure");
     const [offset, sigma, tilt] = [found.offset_mm, found.sigma_mm, found.tilt_mm].map((value) => format_number(value, 2));
     set_text(about, t("zero.result", { offset, sigma, tilt, frames: found.frames, limit: format_number(found.limit_mm, 1) }));
     set_text(next, t("zero.set"));
@@ -51,7 +51,7 @@ async function set_zero(parts, number) {
   const { about, next, close } = parts;
   next.disabled = true;
   try {
-    await post("/api/zero/set", { number });
+    await post("api/zero/set", { number });
     set_text(about, t("zero.done"));
     next.hidden = true;
     set_text(close, t("keys.close"));

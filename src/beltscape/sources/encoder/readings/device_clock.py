@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 _WINDOW_NS = 10_000_000_000
 """Half of the time in which the fastest message counts; at 100 ppm the clocks drift by 2 ms in 20 s."""
+_STEP_NS = 1_000_000_000
+"""Time over which the timestamps' speed is measured."""
 _SET_BACK_NS = 1_000_000_000
 """Timestamps that go back by less belong to messages out of order; clocks are set back by more."""
 
@@ -22,6 +24,18 @@ class DeviceClock:
     _since_ns: int = 0
     _least_ns: int | None = None
     _least_before_ns: int | None = None
+    _step: tuple[int, int] | None = None
+    """Timestamp and arrival at the beginning of the present step."""
+
+    def find_speed(self, stamp_ns: int, arrival_ns: int) -> float:
+        """Return the speed of the timestamps over that of this machine's clock, in seconds' steps; 0 between them."""
+        if self._step is None:
+            self._step = (stamp_ns, arrival_ns)
+        stamp, arrival = self._step
+        if arrival_ns - arrival < _STEP_NS:
+            return 0.0
+        self._step = (stamp_ns, arrival_ns)
+        return (stamp_ns - stamp) / (arrival_ns - arrival)
 
     def steady_ns(self, stamp_ns: int, arrival_ns: int) -> int | None:
         """Return the monotonic time of a timestamp, never after its arrival; None for one out of order."""

@@ -17,6 +17,13 @@ _FRAMES = 10_000
 """Number of readings with a frame's name that are kept, which bounds the memory."""
 _RECENT_NS = 60_000_000_000
 """Time for which a notice is reported, and within which a reading with a frame's name belongs to that frame."""
+_FAST_CLOCK = 50.0
+"""Speed of timestamps over that of this machine's clock beyond which their unit is not the second; readings that were
+delayed and arrive at once reach 10. Chosen."""
+_CLOCK_TEXT = (
+    "its timestamps run {fast:.0f} times as fast as this machine's clock; in {unit}? send seconds, or set "
+    'times = "arrival"'
+)
 _QUOTED = 40
 """Number of characters of a wrong line that its notice quotes."""
 
@@ -37,6 +44,8 @@ class ReadingStream:
         self._offset = offset
         self._count = CountUnwrapper(settings, 0.0 if offset is None else offset.read_mm(), resume_mm)
         self._frames: OrderedDict[str, tuple[int, float]] = OrderedDict()
+        self._is_stamped = False
+        """Whether a timestamp with a decimal point came."""
         self._lock = Lock()
         self._last_reading_ns = monotonic_ns()
         self._notices: dict[str, tuple[int, str]] = {}
@@ -46,7 +55,7 @@ class ReadingStream:
     def add_line(self, line: str, arrival_ns: int) -> None:
         """Add a line that arrived at a monotonic time; a line that is no reading is skipped with a notice."""
         try:
-            reading = parse_reading(line)
+            reading = parse_reading(line, is_stamped=self._is_stamped)
         except ValueError as error:
             self.add_notice(
                 "line",
@@ -55,6 +64,7 @@ class ReadingStream:
             )
             return
         if reading is not None:
+            self._is_stamped = self._is_stamped or (reading.stamp_ns is not None and "." in line)
             self._add_reading(reading, arrival_ns)
 
     def _add_reading(self, reading: Reading, arrival_ns: int) -> None:
@@ -77,6 +87,9 @@ class ReadingStream:
     def _time_ns(self, reading: Reading, arrival_ns: int) -> int | None:
         if reading.stamp_ns is None or self._settings.times == "arrival":
             return arrival_ns
+        if (fast := self._clock.find_speed(reading.stamp_ns, arrival_ns)) > _FAST_CLOCK:
+            unit = "milliseconds" if fast < 3e4 else "microseconds" if fast < 3e7 else "nanoseconds"
+            self.add_notice("clock", _CLOCK_TEXT.format(fast=fast, unit=unit), arrival_ns)
         if self._settings.times == "steady":
             return min(reading.stamp_ns, arrival_ns)
         return self._clock.steady_ns(reading.stamp_ns, arrival_ns)

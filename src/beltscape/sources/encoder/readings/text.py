@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.files.rasters.images import EXTENSIONS
+from beltscape.files.tables.csv_table import parse_number
 from beltscape.files.tables.encoder_csv import HEADER
 
 LONGEST = 256
@@ -27,8 +27,11 @@ class Reading:
     """Name of its frame; empty without one."""
 
 
-def parse_reading(line: str) -> Reading | None:
+def parse_reading(line: str, *, is_stamped: bool = False) -> Reading | None:
     """Parse ``position``, ``timestamp,position`` or ``frame,timestamp,position``; None for an empty line or a header.
+
+    A timestamp without a decimal point may be a position with a decimal comma: it is refused unless the stream
+    ``is_stamped``, by an earlier timestamp with a point.
 
     Raises
     ------
@@ -39,10 +42,20 @@ def parse_reading(line: str) -> Reading | None:
     if not any(cells) or cells[0].lower() in (HEADER[0], HEADER[1], HEADER[2], "position"):
         return None
     if len(line) > LONGEST or len(cells) > 3:
-        raise ValueError("not position, timestamp,position or frame,timestamp,position")
+        raise ValueError("not position, timestamp,position or frame,timestamp,position, with decimal points")
     *before, last = cells
     stamp_ns = round(_parse_number(before[-1]) * 1e9) if before else None
+    if not is_stamped and before and _may_be_decimal_comma(before[-1], last):
+        raise ValueError(
+            f"a decimal comma? send {before[-1]}.{last}; a timestamp has a decimal point, as {before[-1]}.0,{last}"
+        )
     return Reading(_parse_number(last), stamp_ns, _frame_name(before[0]) if len(before) == 2 else "")
+
+
+def _may_be_decimal_comma(stamp: str, position: str) -> bool:
+    """Return whether two texts may be one number with a decimal comma, other than 0."""
+    is_whole = stamp.lstrip("+-").isdecimal() and position.isdecimal()
+    return is_whole and bool(stamp.strip("+-0") or position.strip("0"))
 
 
 def _frame_name(text: str) -> str:
@@ -52,7 +65,7 @@ def _frame_name(text: str) -> str:
 
 
 def _parse_number(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value) or abs(value) > _LARGEST:
-        raise ValueError(f"{text!r} is no finite number")
+    value = parse_number(text)
+    if value is None or abs(value) > _LARGEST:
+        raise ValueError(f"{text!r} is no number")
     return value

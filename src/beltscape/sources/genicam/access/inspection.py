@@ -39,6 +39,12 @@ def inspect_camera(device: str) -> Inspection:
         return Inspection((0, 0), (), (), f"{error.message}; does another program have it open?")
 
 
+def find_unreachable(settings: CamerasSettings) -> str:
+    """Return which cameras cannot be opened with their settings now, and why; empty if all can."""
+    troubles = {name: check_settings(name, settings) for name in settings.devices}
+    return "; ".join(f"{name}: {trouble}" for name, trouble in troubles.items() if trouble)
+
+
 def check_settings(name: str, settings: CamerasSettings) -> str:
     """Open a camera with its settings; return the setting that it refuses, empty if it accepts all."""
     try:

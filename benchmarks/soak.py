@@ -1,4 +1,4 @@
-"""Endurance test of a simulated plant: cameras and program are killed and the disk is filled while a page is open.
+"""Endurance test of a simulated plant: cameras and program are killed, files damaged, disk and database taken.
 
     unshare --net --mount python benchmarks/soak.py CAPTURE RIG EMPTY OUT [--minutes 60]
         [--calm-minutes 30] [--frames-per-s 2]
@@ -6,7 +6,8 @@
 CAPTURE is a capture of the moving belt with encoder.csv, repeated by simulated GigE Vision cameras; RIG and EMPTY are
 as for `beltscape run`. No fault occurs in the calm minutes, in which the memory is observed. It needs root (addresses
 and a small file system), Aravis and Chromium. At the end it checks that every millimetre of the encoder is in the
-ledger once and that every record shown on the page reads back unchanged. Writes OUT/soak.json and OUT/page.png.
+ledger once and that every record shown on the page reads back unchanged; the pulses are the total's litres. Writes
+OUT/soak.json and OUT/page.png.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import json
 import math
 import random
 import signal
+import sqlite3
 import struct
 import subprocess
 import sys
@@ -41,7 +43,8 @@ PORT = 8470
 MM_PER_COUNT = 0.01
 DISK_MIB = 192
 SAMPLE_S = 5.0
-FAULTS = ("camera", "core", "disk", "kill")
+FAULTS = ("camera", "core", "disk", "kill", "lock", "state")
+STATE = ("pulses.json", "alarm_states.json", "alarms.json", "maintenance.json", "encoder.json", "totals.json")
 
 
 @dataclass
@@ -104,6 +107,9 @@ mm_per_count = {MM_PER_COUNT}
 kind = "camera"
 [history]
 reserve_mib = 8
+[modbus]
+port = {PORT + 1}
+pulse_l = 1
 [recording]
 ring_min = 0.2
 limit_gib = 0.1
@@ -162,9 +168,17 @@ def _cause_fault(
                 file.flush()
         time.sleep(chance.uniform(8, 15))
         filler.unlink()
+    elif kind == "lock":
+        other = sqlite3.connect(data / "history.db", isolation_level=None, timeout=60)
+        other.execute("BEGIN IMMEDIATE")
+        time.sleep(chance.uniform(20, 60))
+        other.close()
     else:
         program.kill()
         program.wait()
+        for name in STATE if kind == "state" else ():
+            with (data / name).open("ab") as file:
+                file.truncate(chance.randrange(file.tell() + 1))
         time.sleep(chance.uniform(1, 6))
         return _start(project)
     return program
@@ -215,10 +229,7 @@ class Encoder:
 def assess(data: Path, observed: Observations, counted_mm: float) -> dict[str, Any]:
     """Compare the ledger with the encoder and with the records served to the page."""
     historian = Historian(data, HistorySettings(reserve_mib=8))
-    records, after = [], 0
-    while page := historian.records(0, 1 << 62, 5000, after):
-        records += page
-        after = page[-1].number
+    records = historian.records(0, 1 << 62, 1 << 40)
     totals = historian.totals
     historian.close()
     kept = {record.number: record for record in records}
@@ -238,6 +249,7 @@ def assess(data: Path, observed: Observations, counted_mm: float) -> dict[str, A
         "view_ahead_of_encoder_mm": view,
         "volume_m3": totals.volume_mm3 * 1e-9,
         "sum_of_records_m3": sum(r.volume_mm3 for r in records) * 1e-9,
+        "pulses": json.loads((data / "pulses.json").read_text())["count"],
         "shown": len(observed.records),
         "shown_and_lost": sorted(set(observed.records) - set(kept)),
         "shown_and_changed": [

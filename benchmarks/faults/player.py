@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import tempfile
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -32,6 +33,10 @@ SOUND_ROUNDS = 2
 """Rounds before the fault: checks learn their reference values there."""
 _MONITOR_EVERY = int(FRAMES_PER_S // 2)
 """Frames between two evaluations of the alarms: half a second, as in the running system."""
+
+
+_PAUSE_S = 0.005
+"""Pause of a wait for the writers."""
 
 
 class Silence(Silent):
@@ -70,6 +75,8 @@ class Played:
     flow_m3_h: list[tuple[float, float]] = field(default_factory=list)
     """The shown flow; NaN: unknown."""
     totals: Totals = field(default_factory=Totals)
+    unstored: int = 0
+    """Records that were measured and are not in the history at the end."""
     messages: list[str] = field(default_factory=list)
     refusal: str = ""
     """Why the system did not start; empty: it did."""
@@ -87,22 +94,31 @@ class RecordingEngine(Engine):
         super().__init__(components)
         self._played, self._clock = played, clock
 
-    def play(self, feed: Feed, disturb: Callable[[], None]) -> None:
+    def play(self, feed: Feed, disturb: Callable[[], Callable[[], None]]) -> None:
         """Measure every frame of a feed and evaluate the alarms by its clock; ``disturb`` at the fault."""
-        board = self._components.board
+        board, end = self._components.board, _do_nothing
         for number, frames in enumerate(feed):
             if number == feed.onset:
-                disturb()
+                self._wait_for_writers()
+                end = disturb()
             self._clock.now_s = number / FRAMES_PER_S
             self._last_frame_s = self._clock.monotonic()
             self._measure(self._add_position(frames))
             self._flush()
             if number % _MONITOR_EVERY == 0:
+                self._wait_for_writers()
+                self._repair.check()
                 self._update_alarms()
                 for alarm in board.alarms:
                     if alarm.state != "clear":
                         self._played.alarms.setdefault(alarm.name, self._clock.now_s)
         self._publish(self._components.measurement.finish())
+        end()
+
+    def _wait_for_writers(self) -> None:
+        """Wait until every writer has stored what it has, or says why it cannot: the clock does not wait for it."""
+        while any(len(writer) and not writer.trouble for writer in self._components.writers):
+            time.sleep(_PAUSE_S)
 
     def _publish(self, outcome: Outcome) -> None:
         self._played.records += [(self._clock.now_s, entry) for entry in outcome.entries]
@@ -137,15 +153,19 @@ def play(capture: RoundCapture, case: Case, cache: Cache, *, sound_rounds: float
             for writer in components.writers:
                 writer.close()
             played.totals = components.historian.totals
+            played.unstored = len(played.records) - played.totals.records
         finally:
             run.close()
         played.messages = [*observer.messages, *observer.warnings]
     return played
 
 
-def _disturb(case: Case, data: Path) -> None:
-    if case.disturbed:
-        DISTURBANCES[case.disturbed](data)
+def _disturb(case: Case, data: Path) -> Callable[[], None]:
+    return DISTURBANCES[case.disturbed](data) if case.disturbed else _do_nothing
+
+
+def _do_nothing() -> None:
+    """Do nothing."""
 
 
 def _options(folder: Path) -> RunOptions:

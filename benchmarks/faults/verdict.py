@@ -60,6 +60,8 @@ def assess(capture: RoundCapture, played: Played) -> RowResult:
     failures = [] if is_in_time else ["not named in time"]
     failures += _check_records(played, comparison, since, late)
     failures += _check_trends(played)
+    if played.unstored:
+        failures.append(f"{played.unstored} records not stored")
     if not total.covers_truth():
         failures.append("total beyond 2.5 σ")
     return RowResult(

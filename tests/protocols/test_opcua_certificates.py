@@ -97,3 +97,19 @@ def test_the_made_certificate_names_every_address_by_which_clients_connect(
         "beltscape.protocols.opcua.security.certificates.find_routed_addresses", lambda: {"192.0.2.50"}
     )
     assert kept.list_missing_hosts(everywhere) == ["192.0.2.50"]
+
+
+@pytest.mark.parametrize("damaged", ["certificate.der", "key.pem"])
+def test_a_damaged_certificate_of_its_own_is_set_aside_and_made_anew(tmp_path: Path, damaged: str) -> None:
+    settings, messages = OpcUaSettings(), list[str]()
+    first = open_own_certificate(settings, tmp_path, messages.append)
+    assert (tmp_path / "opcua" / "key.pem").stat().st_mode & 0o777 == 0o600
+    (tmp_path / "opcua" / damaged).write_bytes(b"")
+    second = open_own_certificate(settings, tmp_path, messages.append)
+    assert second.certificate != first.certificate
+    (message,) = messages
+    assert "moved to" in message and message.endswith("another is made, which the clients must trust anew")
+    kept = {path.name for path in (tmp_path / "opcua" / "damaged").rglob("*") if path.is_file()}
+    assert kept == {"certificate.der", "key.pem"}
+    assert open_own_certificate(settings, tmp_path, messages.append).certificate == second.certificate
+    assert len(messages) == 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from math import inf, nan
 
 import cv2
@@ -179,3 +180,20 @@ def test_a_check_keeps_its_newest_finding_that_was_made():
     assert listed[2].finding == sound
     live_state.on_findings([Finding(f"check{k}", 1.0, 0.1, 2.0, "") for k in range(2000)])
     assert len(live_state.list_checks()) == 1000
+
+
+def test_the_flow_is_known_while_no_record_can_be_stored():
+    live_state, plant, clock = feed_live_state(20)
+    last = live_state.list_records()[-1]
+    before, records = live_state.take_snapshot(), len(live_state.list_records())
+    for number in range(last.number + 1, last.number + 41):  # 8 s
+        clock.now_s += 0.2
+        live_state.on_measured([replace(last, number=number)])
+    now = live_state.take_snapshot()
+    assert now.flow.volume_m3_h > 0 and now.flow.age_s == 0
+    assert (now.totals, now.record, len(live_state.list_records())) == (before.totals, before.record, records)
+    stored = [replace(last, number=number) for number in range(last.number + 1, last.number + 41)]
+    live_state.on_records(stored, plant.ledger.totals)  # the lock is gone: each counts once
+    again = live_state.take_snapshot()
+    assert again.flow.volume_m3_h == now.flow.volume_m3_h
+    assert again.record == last.number + 40

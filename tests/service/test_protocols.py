@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import math
+import socket
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, OutputError
 from beltscape.core.live.alarms import Alarm
 from beltscape.protocols.modbus.settings import ModbusSettings
 from beltscape.protocols.mqtt.settings import MqttSettings
+from beltscape.protocols.opcua.settings import OpcUaSettings
 from beltscape.protocols.outputs.settings import OutputSettings
 from beltscape.service.live_state import LiveState
 from beltscape.service.protocols.checks import check_modbus, check_mqtt, check_outputs
-from beltscape.service.protocols.serving import ProtocolSettings, ServedPlant, serve_protocols
+from beltscape.service.protocols.serving import STARTERS, ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.protocols.broker import find_port, wait_until
@@ -75,6 +78,29 @@ def test_modbus_is_served_during_the_context_only(historian: Historian, tmp_path
         client.close()
     assert not client.connect()
     assert (tmp_path / "modbus.csv").read_text("utf-8").startswith("address,name,form")
+
+
+def test_what_the_disk_refuses_stops_no_start(
+    historian: Historian, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "modbus.csv").mkdir()  # a folder in its place: it cannot be written
+    settings, messages = ModbusSettings(port=find_port(), pulse_l=0.1), list[str]()
+    (tmp_path / "pulses.json").write_bytes(b"")
+    served = ServedPlant(LiveState(), historian, acknowledge)
+
+    def refuse(*_: object) -> None:
+        raise OutputError("certificate.der: the disk is full; free some space")
+
+    monkeypatch.setitem(STARTERS, "opcua", refuse)  # pyright: ignore[reportArgumentType]
+    with serve_protocols(
+        ProtocolSettings(modbus=settings, opcua=OpcUaSettings()), served, tmp_path, messages.append
+    ):
+        wait_until((tmp_path / "pulses.json").exists)
+        assert json.loads((tmp_path / "pulses.json").read_text())["count"] == 10
+        with socket.create_connection(("127.0.0.1", settings.port)):
+            pass
+    assert sorted(one.partition(":")[0] for one in messages)[-2:] == ["modbus", "opcua"]
+    assert any("pulses.json: is empty and was moved to" in one for one in messages)
 
 
 def test_an_absent_module_is_named_and_stops_nothing(historian: Historian, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ TEXTS = {
     "camera_lost": "{subject} gives no image: check its power, cable and address",
     "camera_skew": "{value}, limit {limit}: check the trigger line and the cameras' clocks",
     "frames_dropped": "{value}, limit {limit}: lower the frame rate or choose a faster preset",
-    "disk_full": "the history is not written: free space on its disk",
+    "disk_full": "the history is not written: free space on its disk, correct its rights, or close what holds it",
     "history_repaired": "the history was damaged or changed from outside and was repaired: find out by what",
     "users_unreadable": "the users' database cannot be read, nobody can sign in: restore users.db from a backup",
     "reports_failing": "reports are not written, mailed or printed: check printer, mail server and disk",

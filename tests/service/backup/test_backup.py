@@ -16,7 +16,7 @@ import pytest
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.progress import Silent
 from beltscape.service.access import Access
-from beltscape.service.backup.archive import FORMS, Form
+from beltscape.service.backup.archive import FORMS, Form, read_archive
 from beltscape.service.backup.making import make_backup
 from beltscape.service.backup.manifest import FILE
 from beltscape.service.backup.restoring import check_backup, restore_backup
@@ -239,3 +239,16 @@ def test_the_copied_database_opens_alone(plant: Plant, tmp_path: Path) -> None:
     connection = sqlite3.connect(f"file:{backup / 'data' / 'history.db'}?mode=ro&immutable=1", uri=True)
     assert connection.execute("SELECT count(*) FROM records").fetchone() == (70,)
     connection.close()
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_copied_database_keeps_its_rights(plant: Plant, tmp_path: Path, form: Form) -> None:
+    (plant.data / "history.db").chmod(0o640)
+    assert (plant.data / "users.db").stat().st_mode & 0o777 == 0o600
+    backup = back_up(plant, tmp_path / "backups", form)
+    if form == "folder":
+        modes = {name: (backup / name).stat().st_mode for name in ("data/users.db", "data/history.db")}
+    else:
+        with read_archive(backup, form) as members:
+            modes = {name: mode for name, _, mode in members}
+    assert [modes[f"data/{name}.db"] & 0o777 for name in ("users", "history")] == [0o600, 0o640]

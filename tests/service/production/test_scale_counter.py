@@ -182,6 +182,7 @@ def test_a_scale_that_disagrees_is_reported_once(tmp_path: Path, factor: float, 
         watch.read()
         for _ in range(3):
             watch.compare(START_NS + 60 * S_NS)
+        assert control.events.wait(20)
     assert len(messages) == reported
     assert [event.kind for event in history.events(0, 1 << 62)].count("scale") == reported
     history.close()

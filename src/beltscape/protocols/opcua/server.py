@@ -88,7 +88,7 @@ class OpcUaServer:
             If the certificate that the service makes cannot be written.
         """
         self._settings, self._plant, self._on_message = settings, plant, on_message
-        self.own = open_own_certificate(settings, data)
+        self.own = open_own_certificate(settings, data, on_message)
         """The server's certificate."""
         self._clients = ClientCertificates(data, any_valid=settings.clients == "any")
         self._listening = ListeningThread("opcua", self._serve, on_message, _START_S)

@@ -14,6 +14,7 @@ from beltscape.core.progress import Reporter
 from beltscape.core.runtime.system_calls import sync_files
 from beltscape.files.documents.digest import hash_file
 from beltscape.files.folders.atomic import output_error
+from beltscape.files.sqlite_failures import describe_failure, is_damage, is_full
 from beltscape.pipeline.live.project import Project, read_project
 from beltscape.service.backup.archive import FORMS, Form, write_archive
 from beltscape.service.backup.contents import Source, list_data, list_settings
@@ -101,13 +102,16 @@ def _copy(source: Source, target: Path) -> bool:
 
 
 def copy_database(source: Path, target: Path) -> None:
-    """Copy a consistent state of a database that may be written meanwhile, and check it.
+    """Copy a consistent state of a database that may be written meanwhile, with its rights, and check it.
 
     Raises
     ------
     InputError
         If it is damaged.
     """
+    mode = source.stat().st_mode & 0o777
+    target.touch(mode=0o600)
+    target.chmod(mode)  # before it holds anything: that of the users is for nobody else
     try:
         with (
             closing(sqlite3.connect(source, timeout=_PATIENCE_S)) as original,
@@ -117,9 +121,11 @@ def copy_database(source: Path, target: Path) -> None:
             copy.execute("PRAGMA journal_mode=DELETE")
             (answer,) = copy.execute("PRAGMA quick_check(1)").fetchone()
     except sqlite3.Error as error:
-        if "full" in str(error):
-            raise OutputError(f"{target}: the disk is full; free some space") from error
-        raise InputError(f"{source}: cannot be backed up ({error}); a run repairs its history") from error
+        if is_full(error):
+            raise OutputError(f"{target}: not written: {describe_failure(target, error)}") from error
+        fix = "; a run repairs its history" if is_damage(error) else ""
+        reason = describe_failure(source, error)
+        raise InputError(f"{source}: cannot be backed up: {reason}{fix}") from error
     if answer != "ok":
         raise InputError(f"{source}: is damaged ({' '.join(answer.split())}); a run repairs its history")
 

@@ -161,13 +161,18 @@ class ServedProtocols:
     def serve(self, settings: ProtocolSettings) -> None:
         """Serve the protocols of the settings; those that are served with other settings are exchanged.
 
+        One that the disk refuses what it needs is not served, with a message: measuring does not wait for it.
+
         Raises
         ------
         InputError
             If a library is missing, a file of the settings cannot be read, or an address cannot be listened on.
         """
         for name in STARTERS:
-            self.exchange(name, getattr(settings, name))
+            try:
+                self.exchange(name, getattr(settings, name))
+            except OutputError as error:
+                self._tell(f"{name}: is not served: {error}")
 
     def exchange(self, name: str, settings: object | None) -> None:
         """Stop a protocol if it is served, and serve it with these settings; None: it stays stopped.

@@ -14,7 +14,9 @@ from hypothesis import strategies as st
 from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.measurement.ledger import LedgerState
+from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
 from beltscape.pipeline.measuring.flow.chain import FlowChain
 from tests.synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, frames, make_context, run
 
@@ -220,3 +222,50 @@ def test_any_stops_kills_and_losses_leave_a_ledger_without_gap_or_overlap(cuts, 
         span = entries[-1].belt_mm[1] - entries[0].belt_mm[0]
         assert span == pytest.approx(sum(e.length_mm for e in entries), abs=1e-6)
         assert entries[-1].belt_mm[1] <= 60.0 * frame + 500.0
+
+
+@pytest.mark.parametrize("direction", ["+y", None])
+@pytest.mark.parametrize(
+    "state",
+    [LedgerState(1, 0, None), LedgerState(1, 0, 5000.0, 1000.0), LedgerState(1, 0, 9e6, 1000.0)],
+    ids=["new", "continued", "the encoder was reset"],
+)
+def test_belt_of_a_dark_start_is_missing_while_it_passes(state: LedgerState, direction: str | None) -> None:
+    context = replace(make_context(), flow=FlowSettings(direction=direction))  # pyright: ignore[reportArgumentType]
+    measurement = MeasurementRun(context, replace(state), CAMERAS, lambda: 17, Silent())
+    reach = max(map(abs, context.empty_belt.window_mm))
+    entries: list[BeltRecord] = []
+    for place in positions(0, 9000):
+        entries += measurement.push(frames(place, 4000 + place, cameras=())).entries
+        if place > 1500:  # what has left the view is in the ledger, and nothing else
+            passed = entries[-1].belt_mm[1] - entries[0].belt_mm[0]
+            assert place - passed < 2 * reach + 10 * STEP_MM
+            assert entries[-1].belt_mm[1] <= 4000 + place + entries[-1].offset_mm - reach + 0.01
+    check(entries)
+    assert {e.standing for e in entries} == {"missing"} and max(
+        e.length_mm for e in entries
+    ) <= STEP_MM + 0.01
+    stopped = measurement.finish().entries  # the program is stopped, and started in the light
+    check([*entries, *stopped])
+    again = MeasurementRun(context, reopened([*entries, *stopped], 2), CAMERAS, lambda: 17, Silent())
+    lit = [e for place in positions(9000, 10200) for e in again.push(frames(place, 4000 + place)).entries]
+    check(everything := [*entries, *stopped, *lit, *again.finish().entries])
+    travelled = (
+        12000 - STEP_MM + 2 * reach if state.end_mm is None else everything[-1].belt_mm[1] - state.end_mm
+    )
+    assert everything[-1].belt_mm[1] - everything[0].belt_mm[0] == pytest.approx(travelled, abs=10.0)
+    missing = sum(e.length_mm for e in everything if e.standing == "missing")
+    assert missing == pytest.approx(9000, abs=2 * reach)
+
+
+def test_a_start_in_the_dark_goes_on_in_the_light_without_a_gap_or_an_overlap() -> None:
+    track = [frames(p, 5000 + p, cameras=() if p < 3000 else CAMERAS) for p in positions(0, 6000)]
+    entries = measured(LedgerState(1, 0, None), track)
+    check(entries)
+    dark = [e for e in entries if e.standing == "missing"]
+    assert all(e.standing == "valid" for e in entries[len(dark) :])
+    assert entries[-1].belt_mm[1] - entries[len(dark)].belt_mm[0] == pytest.approx(
+        5940 - 3000 + entries[len(dark)].length_mm, abs=0.5
+    )
+    # before the first frame that shows it: the travel, less what that frame still shows
+    assert sum(e.length_mm for e in dark) == pytest.approx(3000, abs=10.0)

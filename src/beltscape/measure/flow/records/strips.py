@@ -101,9 +101,12 @@ class Strips:
         return self._waiting[0] if self._waiting else None
 
     def pop_finished(self, profile: Profile, until_mm: float) -> list[FlowRecord]:
-        """Remove the strips that end at or before ``until_mm`` and return their records."""
+        """Remove the strips that end at or before ``until_mm`` and return their records.
+
+        A strip without a place has no length to wait for.
+        """
         out: list[FlowRecord] = []
-        while self._waiting and self._waiting[0].end_mm <= until_mm:
+        while self._waiting and (self._waiting[0].end_mm <= until_mm or not self._waiting[0].placed):
             out.append(self._make_record(self._waiting.popleft(), profile))
         return out
 

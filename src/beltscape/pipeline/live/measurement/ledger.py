@@ -64,6 +64,8 @@ class Ledger:
         """Whether a strip of the present meter has been entered."""
         self._continues = False
         """Whether the present meter continues the encoder's count of the ledger."""
+        self._reach_mm = 0.0
+        """Distance behind the encoder's position at which belt has left the view, whichever way it runs."""
         self._slip_mm = 0.0
         """Encoder position less meter position, at the last frame that had both."""
         self._follows_encoder = True
@@ -73,13 +75,15 @@ class Ledger:
         """Count the next entries, and their σ, for another run."""
         self.state.run, self._parts = run, SigmaParts()
 
-    def begin_meter(self, encoder_mm: float | None) -> float | None:
+    def begin_meter(self, encoder_mm: float | None, reach_mm: float = 0.0) -> float | None:
         """Begin a new meter at an encoder reading; return the encoder position up to which the belt is counted.
 
+        ``reach_mm`` is the distance behind the encoder's position at which belt has left the view for certain.
         The result is None for a new ledger, without an encoder, and after a reset of the encoder, which is
         assumed if the reading is further back than a belt rolls: then the whole belt in view is new.
         """
         self._has_strip, self._slip_mm, self._follows_encoder = False, 0.0, True
+        self._reach_mm = reach_mm
         end = self.state.end_mm
         if end is None:
             self._continues = True
@@ -148,8 +152,7 @@ class Ledger:
         low, high = record.strip_mm
         ledger_end = self.state.end_mm
         if pending.meter_mm is None or not math.isfinite(high):
-            here = ledger_end if ledger_end is not None else (pending.encoder_mm or 0.0)
-            return here, here
+            return self._unseen_interval(pending.encoder_mm)
         if pending.encoder_mm is not None:
             self._update_slip(pending.encoder_mm - pending.meter_mm, trusted=pending.is_encoder_trusted)
         if not self._has_strip and not self._continues and ledger_end is not None:
@@ -159,6 +162,19 @@ class Ledger:
         first, self._has_strip = not self._has_strip, True
         start = low + shift if first or ledger_end is None else ledger_end
         return start, (high + shift if high > low else start)
+
+    def _unseen_interval(self, encoder_mm: float | None) -> tuple[float, float]:
+        """Return start and end of what has passed for certain at a frame that has no place in the meter.
+
+        Until the first strip the encoder alone says how much has: belt behind the view, which no later frame shows.
+        Belt that is still in view, or was before, counts with the next strip.
+        """
+        state, has_reading = self.state, encoder_mm is not None and not self._has_strip
+        passed_mm = (encoder_mm or 0.0) - self._reach_mm
+        if has_reading and not self._continues and state.end_mm is not None:
+            state.offset_mm, self._continues = state.end_mm - passed_mm, True
+        start = passed_mm if state.end_mm is None else state.end_mm
+        return start, max(start, passed_mm + state.offset_mm) if has_reading else start
 
     def _update_slip(self, slip_mm: float, *, trusted: bool) -> None:
         """Follow the encoder by the change of its slip; leave the change out while the encoder is not trusted."""

@@ -121,7 +121,7 @@ class MeasurementRun:
         """
         entries = self._change_context(frames)
         if self._chain is None:
-            self._chain = self._begin_meter(self._ledger.begin_meter(frames.position_mm))
+            self._chain = self._begin_meter(self._begin_ledger(frames.position_mm))
         elif frames.position_mm is not None and not self._has_encoder:
             self._reporter.warn("an encoder now gives the belt's position; counting continues with it")
             self._needs_new_meter = True
@@ -198,11 +198,15 @@ class MeasurementRun:
         last, motion = before.motion.last, before.prediction
         is_by_encoder = frames.position_mm is not None or self._has_encoder
         if is_by_encoder or last is None or motion is None or frames.time_ns is None:
-            return self._begin_meter(self._ledger.begin_meter(frames.position_mm))
+            return self._begin_meter(self._begin_ledger(frames.position_mm))
         travel_mm = (motion.speed or 0.0) * (frames.time_ns * 1e-9 - last.clock)
         chain = self._begin_meter(self._ledger.continue_by_motion(last.position_mm + travel_mm))
         chain.meter.continue_motion(motion)
         return chain
+
+    def _begin_ledger(self, encoder_mm: float | None) -> float | None:
+        """Begin a new meter in the ledger; return the encoder position up to which the belt is counted."""
+        return self._ledger.begin_meter(encoder_mm, max(map(abs, self.context.empty_belt.window_mm)))
 
     def _begin_meter(self, front_mm: float | None) -> FlowChain:
         """Return the chain with a meter; the belt up to ``front_mm`` is counted."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import re
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
@@ -26,6 +26,7 @@ from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from beltscape.core.errors import InputError, OutputError
+from beltscape.files.folders.durable import commit_file, describe_damage, set_aside, write_durably
 from beltscape.protocols.listening import (
     EVERYWHERE,
     find_routed_addresses,
@@ -80,13 +81,17 @@ def read_certificate(settings: OpcUaSettings) -> OwnCertificate | None:
     return _read_own(settings.certificate, settings.key)
 
 
-def open_own_certificate(settings: OpcUaSettings, data: Path) -> OwnCertificate:
+def open_own_certificate(
+    settings: OpcUaSettings, data: Path, on_message: Callable[[str], object] = lambda _: None
+) -> OwnCertificate:
     """Return the certificate of the settings, or the one in the data folder, which is made where there is none.
+
+    A damaged one in the data folder is set aside with a message, and another is made.
 
     Raises
     ------
     InputError
-        If a file cannot be read, or certificate and key do not belong together.
+        If a file of the settings cannot be read, or certificate and key do not belong together.
     OutputError
         If the made certificate cannot be written.
     """
@@ -95,9 +100,14 @@ def open_own_certificate(settings: OpcUaSettings, data: Path) -> OwnCertificate:
     folder = data / "opcua"
     certificate, key = folder / "certificate.der", folder / "key.pem"
     if certificate.is_file() and key.is_file():
-        own = _read_own(certificate, key)
-        if own.certificate.not_valid_after_utc > datetime.now(UTC):
-            return own
+        try:
+            own = _read_own(certificate, key)
+        except InputError as error:
+            moved = [set_aside(path, describe_damage(path, error)) for path in (certificate, key)]
+            on_message(f"opcua: {moved[0]}; another is made, which the clients must trust anew")
+        else:
+            if own.certificate.not_valid_after_utc > datetime.now(UTC):
+                return own
     return _make_own(settings, certificate, key)
 
 
@@ -141,9 +151,11 @@ def _make_own(settings: OpcUaSettings, certificate_path: Path, key_path: Path) -
     pem = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
     try:
         certificate_path.parent.mkdir(parents=True, exist_ok=True)
-        with open(key_path, "wb", opener=_open_private) as file:
+        temporary = key_path.with_name(f".{key_path.name}.part")
+        with open(temporary, "wb", opener=_open_private) as file:
             file.write(key.private_bytes(*pem))
-        certificate_path.write_bytes(certificate.public_bytes(serialization.Encoding.DER))
+        commit_file(temporary, key_path)
+        write_durably(certificate_path, certificate.public_bytes(serialization.Encoding.DER))
     except OSError as error:
         raise OutputError(
             f"{certificate_path.parent}: cannot be written ({error}); check the folder"

@@ -126,6 +126,10 @@ class Quantity:
         """Return why a value cannot be, what can be and the unit that was probably meant; empty if it can be."""
         if self._contains(self.possible, value):
             return ""
+        if not isfinite(value):
+            return "must be a finite number"
+        if value <= 0:
+            return "must not be negative" if self.is_zero_possible else "must be greater than 0"
         return f"cannot be {self._describe(value, self.possible)}"
 
     def find_oddity(self, value: float) -> str:
@@ -139,7 +143,7 @@ class Quantity:
         if refusal := self.find_refusal(value):
             raise ValueError(refusal)
         if (oddity := self.find_oddity(value)) and callable(info.context):
-            report_oddity(info.context(info.field_name, value, oddity))
+            report_oddity(str(info.context(info.field_name, value, oddity)))
         return value
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, describe_cause
 from beltscape.core.progress import Reporter
 
 Content = TypeVar("Content")
@@ -24,6 +24,6 @@ def read_optional_file(
     try:
         return read()
     except (InputError, KeyError, TypeError, ValueError) as error:
-        reason = str(error) if isinstance(error, InputError) else f"{path}: damaged ({error!r})"
+        reason = str(error) if isinstance(error, InputError) else f"{path}: damaged ({describe_cause(error)})"
         reporter.warn(reason if reason.endswith(fix) else f"{reason}; {fix}")
         return None

@@ -9,7 +9,8 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.errors import InputError
-from beltscape.core.plausibility import LOAD_HEIGHT, receive_oddities
+from beltscape.core.plausibility import receive_oddities
+from beltscape.core.quantities import LOAD_HEIGHT
 from beltscape.files.documents.toml_text import read_toml, validate
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.belt.height_map import BeltProfile
 from beltscape.core.errors import InputError, MeasureError
-from beltscape.core.plausibility import BOX_SIDE
+from beltscape.core.quantities import BOX_SIDE
 from beltscape.measure.surface import Grid
 
 Range = tuple[float, float]

@@ -14,7 +14,7 @@ from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.frames import Image, to_grey
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import pinhole_scale
-from beltscape.files.documents.toml_text import describe_first_error
+from beltscape.files.documents.toml_text import describe_first_error, validate_strictly
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.measure.belt import empty_belt
 from beltscape.measure.features.measure import measure_module
@@ -161,6 +161,6 @@ def require_belt_of(belt: Belt, rig: Rig) -> None:
 
 def _make_settings(kind: type[Settings], values: dict[str, Any]) -> Settings:
     try:
-        return kind.model_validate(values)
+        return validate_strictly(kind, values, lambda key, value, oddity: f"{key} = {value:g}: {oddity}")
     except ValidationError as error:
         raise SettingsError(describe_first_error(kind, error)) from error

@@ -14,7 +14,11 @@ Every message is one line that names the file, the value and the fix. Only the C
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _NEAR = 0.75
 """Least similarity (difflib) of a name to the one that was probably meant: a letter of four, two of eight. Chosen."""
@@ -26,6 +30,28 @@ def suggest_name(name: str, known: Iterable[str]) -> str:
 
     near = get_close_matches(name, list(known), n=1, cutoff=_NEAR)
     return f"did you mean {near[0]}?" if near else ""
+
+
+_PROGRAMMERS_WORDS = re.compile(
+    r"could not convert|invalid literal|values to unpack|object (is not|has no)|index out of|codec can|pickle|=b['\"]"
+)
+"""What Python and NumPy say of values of another form, in words for programmers."""
+
+
+def describe_cause(error: BaseException) -> str:
+    """Return in one line of limited length, without Python's words, why a file or an answer cannot be used."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    if isinstance(error, UnicodeError):
+        return "not UTF-8 text"
+    if isinstance(error, KeyError):
+        return f"{error.args[0] if error.args else 'a key'} is missing"
+    text = " ".join(str(error).split())
+    if isinstance(
+        error, TypeError | AttributeError | IndexError | StopIteration
+    ) or _PROGRAMMERS_WORDS.search(text):
+        return "a part of it has another form"
+    return text[:200] or "no reason is known"
 
 
 class BeltscapeError(Exception):

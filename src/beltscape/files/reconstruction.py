@@ -15,7 +15,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.type_guards import is_dict, is_list
+from beltscape.core.type_guards import is_dict, is_list, is_list_or_tuple
 from beltscape.files.documents.digest import add_digest, compute_file_digests, require_digest
 from beltscape.files.documents.json_text import parse_numbers, read_json, write_json
 from beltscape.files.folders.atomic import ensure_output_folder
@@ -166,11 +166,12 @@ def _read_faults(folder: Path) -> tuple[float, tuple[str, ...]]:
     document = read_json(path)
     if not is_dict(document) or document.get("format") != FORMAT:
         raise InputError(f"{path}: format is not {FORMAT!r}; reconstruct the capture again")
-    frames = document.get("frames") or []
+    frames: Any = document.get("frames")
     for frame in frames if is_list(frames) else ():
         if is_dict(frame) and frame.get("frame") == folder.name:
-            systematic, faults = frame.get("systematic_mm") or 0.0, frame.get("doubts") or []
-            if parse_numbers(systematic) is None or not is_list(faults):
+            systematic: Any = frame.get("systematic_mm") or 0.0
+            faults: Any = frame.get("doubts") or ()
+            if parse_numbers(systematic) is None or not is_list_or_tuple(faults):
                 raise InputError(
                     f"{path}: frame {folder.name}: systematic_mm must be a number, doubts a list"
                 )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, Field, model_validator
 
-from beltscape.core.plausibility import SQUARE
+from beltscape.core.quantities import SQUARE
 
 MIN_CORNERS = 8
 """Minimum number of corners of a view: fewer constrain the camera less than their noise disturbs it."""

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.errors import InputError
-from beltscape.core.plausibility import FRAME_RATE, LOAD_HEIGHT
+from beltscape.core.quantities import FRAME_RATE, LOAD_HEIGHT
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.tables.density import DensitySigma, DensityValue
 from beltscape.health.settings import HealthSettings

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.motion.belt_motion import (
     MAX_DISAGREEMENT,
@@ -30,15 +32,21 @@ from beltscape.measure.flow.motion.plausibility import (
 from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.motion.readings import ReadingCheck, RollBack
 from beltscape.measure.flow.motion.recount import LocatedFrame, ProvenMotion, UnconfirmedTravel
-from beltscape.measure.flow.motion.registration.high_pass import compute_free_mm
-from beltscape.measure.flow.motion.registration.shift import Shift
+from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights, compute_free_mm
+from beltscape.measure.flow.motion.registration.shift import Shift, register
 from beltscape.measure.flow.settings import FlowSettings
 
 class MotionTracker:
     """Locates frames one after the other."""
 
-    def __init__(self, reference: EmptyBeltReference, settings: FlowSettings, key_step_mm: float) -> None:
-        """The key frame is replaced once the belt has moved by ``key_step_mm``."""
+    def __init__(
+        self,
+        reference: EmptyBeltReference,
+        settings: FlowSettings,
+        key_step_mm: float,
+        foreign: ForeignObjectCheck,
+    ) -> None:
+        """The key frame is replaced once the belt has moved by ``key_step_mm``; ``foreign`` finds what is no load."""
         self.motion = BeltMotion()
         self.evidence = MotionEvidence()
         self.check = EncoderCheck(settings.encoder_tolerance)
@@ -57,7 +65,7 @@ class MotionTracker:
         self._first = FirstMotion(settings.least_overlap)
         self._travel = UnconfirmedTravel()
         self._readings = ReadingCheck()
-        self._rolled_back = RollBack()
+        self._rolled_back, self._foreign = RollBack(), foreign
 
     @property
     def prediction(self) -> MotionPrediction | None:
@@ -246,6 +254,9 @@ class MotionTracker:
         by_encoder = trusted and shift is not None and not shift.clear
         if shift is None and trusted and not self.is_assumed and differ(by_speed, expected):
             shift, by_encoder = key.register(frame.high_pass, self.direction * (by_speed or 0.0)), False
+        if near is not None and not apart and (shift is None or differ(self.direction * shift.along_mm, near)):
+            without = self._register_without_foreign(frame.high_pass, near)
+            shift, by_encoder = (shift, by_encoder) if without is None else (without, False)
         self._turn(frame, shift, apart=apart)
         if shift is not None:
             self.evidence.add(shift, self.direction, self._encoder_step_mm(frame), apart=is_beyond)
@@ -261,6 +272,31 @@ class MotionTracker:
             return Observation(is_uncertain=True)
         first = 1 + min(key.number, self.check.agreed)
         return Observation(None, Contradiction("unmatched", first, np.nan, np.nan), is_uncertain=True)
+
+    def _register_without_foreign(self, heights: HighPassHeights, near_mm: float) -> Shift | None:
+        """Return the registration without what would be foreign at the prediction, if it confirms that; else None."""
+        key = self.motion.key
+        if key is None or self._key.heights is None:
+            return None
+        noise_mm = self._reference.belt.noise_mm
+        here, earlier = self._foreign.preview(
+            key.position_mm + near_mm, self.direction, heights.surface_mm
+        )
+        gone = earlier.get(self._key.number, np.zeros_like(here))
+        if not (here.any() or gone.any()):
+            return None
+        shift = register(
+            self._key.heights.leave_out(gone, noise_mm),
+            heights.leave_out(here, noise_mm),
+            least_overlap=self._settings.least_overlap,
+            near_mm=self.direction * near_mm,
+        )
+        is_confirmed = shift is not None and not differ(self.direction * shift.along_mm, near_mm)
+        return shift if is_confirmed and shift.support >= LEAST_SUPPORT else None
+
+    def leave_out(self, number: int, cells: NDArray[np.bool_]) -> None:
+        """Register later frames without cells (Ny, Nx) of frame ``number`` that are no load."""
+        self._key.leave_out(number, cells, self._reference.belt.noise_mm)
 
     def _is_credible(
         self,

@@ -244,6 +244,9 @@ class FlowMeter:
             trusted = location.is_encoder_trusted
             self._watch_step(FramePlacement(frame.frame, place, location.shift, trusted))
         view_start = np.inf
+        if location.is_stalled and location.finding is not None:
+            frame.findings.append(location.finding)
+            self._tracker.update_key(frame, location)
         if frame.depth is not None and frame.is_measured:
             blur = place.sigma_mm if place.source == "speed" else 0.0
             layer = self.reference.layer(frame.depth, place.position_mm, self._tracker.direction, blur)
@@ -302,6 +305,8 @@ class FlowMeter:
         if location.finding is None:
             return
         self.findings = (*self.findings, location.finding)
+        if location.is_stalled:
+            return
         contradiction = location.contradiction
         first = frame.number if contradiction is None else min(contradiction.first, frame.number)
         self._faults.add_since(first, location.finding)

@@ -11,6 +11,7 @@ from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.live.findings import Finding, worst_effect
+from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.fusion.buffer import LayerBuffer
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.fuse import Scatter
@@ -84,8 +85,11 @@ class FlowMeter:
         self._strips = Strips(self._sums, density or make_unknown_density())
         self._profile = Profile(reference.cell_mm, self.settings.bridge_mm)
         self._buffer = LayerBuffer(reference, self.settings, RowFiller(reference, self.settings, watch_belt))
+        self._foreign = ForeignObjectCheck(
+            _COARSE_CELLS * reference.cell_mm, reference.seen_mm[1] - reference.seen_mm[0]
+        )
         self._faults = FaultAttribution(self._strips, self._buffer)
-        self._tracker = MotionTracker(reference, self.settings, self._buffer.step_mm)
+        self._tracker = MotionTracker(reference, self.settings, self._buffer.step_mm, self._foreign)
         self.findings: tuple[Finding, ...] = ()
         """The findings about the encoder of the frames that the last call of `push` placed."""
 
@@ -240,11 +244,15 @@ class FlowMeter:
             trusted = location.is_encoder_trusted
             self._watch_step(FramePlacement(frame.frame, place, location.shift, trusted))
         view_start = np.inf
+        if location.is_stalled and location.finding is not None:
+            frame.findings.append(location.finding)
+            self._tracker.update_key(frame, location)
         if frame.depth is not None and frame.is_measured:
             blur = place.sigma_mm if place.source == "speed" else 0.0
             layer = self.reference.layer(frame.depth, place.position_mm, self._tracker.direction, blur)
             self._buffer.add(replace(layer, frame=frame.number), place.position_mm)
             self._tracker.update_key(frame, location)
+            self._leave_out_foreign_objects(frame, location)
             view_start = layer.first * self.reference.cell_mm
         strip = self._cutter.cut(frame, place, before, self._convert_range(self.reference.window_mm))
         self._faults.attach(strip, frame, view_start)
@@ -254,6 +262,32 @@ class FlowMeter:
         for rows in self._buffer.fuse_until(seen_until):
             self._profile.add(rows)
         return self._pop_finished(seen_until)
+
+    def _leave_out_foreign_objects(self, frame: PushedFrame, location: Location) -> None:
+        """Leave what does not travel with the belt out of this frame's layer and of earlier ones."""
+        place, direction = location.place, self._tracker.direction
+        if place is None or frame.high_pass is None:
+            return
+        if location.has_turned or location.relocated:
+            self._foreign.clear()
+        is_known = place.source != "speed" and location.contradiction is None
+        found = (
+            self._foreign.check(
+                frame.number,
+                place.position_mm,
+                direction,
+                frame.high_pass.surface_mm,
+                is_proven=location.shift is not None,
+            )
+            if is_known
+            else self._foreign.skip()
+        )
+        for number, cells in found.masks.items():
+            self._buffer.leave_out(number, cells, direction)
+            self._tracker.leave_out(number, cells)
+        self.findings = (*self.findings, found.finding)
+        frame.findings.append(found.finding)
+        self._faults.add_findings(frame.number, (found.finding,))
 
     def _relocate(self, location: Location) -> None:
         """Give earlier frames, their layers and their strips the positions that a contradiction showed."""
@@ -271,6 +305,8 @@ class FlowMeter:
         if location.finding is None:
             return
         self.findings = (*self.findings, location.finding)
+        if location.is_stalled:
+            return
         contradiction = location.contradiction
         first = frame.number if contradiction is None else min(contradiction.first, frame.number)
         self._faults.add_since(first, location.finding)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
+from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.motion.belt_motion import (
     MAX_DISAGREEMENT,
@@ -14,7 +16,7 @@ from beltscape.measure.flow.motion.belt_motion import (
     MotionObservation,
 )
 from beltscape.measure.flow.motion.encoder_check import LEAST_MM, Contradiction, EncoderCheck, Interval
-from beltscape.measure.flow.motion.encoder_finding import make_encoder_finding
+from beltscape.measure.flow.motion.encoder_finding import make_encoder_finding, make_stall_finding
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
 from beltscape.measure.flow.motion.first_motion import FirstMotion
 from beltscape.measure.flow.motion.key_frame import KeyFrame
@@ -26,19 +28,31 @@ from beltscape.measure.flow.motion.plausibility import (
     is_belt_surface,
     is_certain,
     is_certain_apart,
+    is_repeated,
 )
 from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.motion.readings import ReadingCheck, RollBack
 from beltscape.measure.flow.motion.recount import LocatedFrame, ProvenMotion, UnconfirmedTravel
-from beltscape.measure.flow.motion.registration.high_pass import compute_free_mm
-from beltscape.measure.flow.motion.registration.shift import Shift
+from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights, compute_free_mm
+from beltscape.measure.flow.motion.registration.shift import Shift, register
 from beltscape.measure.flow.settings import FlowSettings
+_SIGMAS = 4.0
+"""A motion counts if it exceeds this many σ of its registration, as in `encoder_check`."""
+_STALL_STEPS = 4.0
+"""An encoder certainly counts on if its step is longer than this multiple of what counts as none. Chosen."""
+
 
 class MotionTracker:
     """Locates frames one after the other."""
 
-    def __init__(self, reference: EmptyBeltReference, settings: FlowSettings, key_step_mm: float) -> None:
-        """The key frame is replaced once the belt has moved by ``key_step_mm``."""
+    def __init__(
+        self,
+        reference: EmptyBeltReference,
+        settings: FlowSettings,
+        key_step_mm: float,
+        foreign: ForeignObjectCheck,
+    ) -> None:
+        """The key frame is replaced once the belt has moved by ``key_step_mm``; ``foreign`` finds what is no load."""
         self.motion = BeltMotion()
         self.evidence = MotionEvidence()
         self.check = EncoderCheck(settings.encoder_tolerance)
@@ -57,7 +71,9 @@ class MotionTracker:
         self._first = FirstMotion(settings.least_overlap)
         self._travel = UnconfirmedTravel()
         self._readings = ReadingCheck()
-        self._rolled_back = RollBack()
+        self._rolled_back, self._foreign = RollBack(), foreign
+        self._shown_mm: float | None = None
+        """Position of the belt that the images of the last registered frame showed."""
 
     @property
     def prediction(self) -> MotionPrediction | None:
@@ -138,11 +154,21 @@ class MotionTracker:
             is_confirmed = shift is not None and (agrees or not self.check.is_trusted)
             located = LocatedFrame(frame.number, frame.frame, place)
             self._travel.add(located, self.motion.speed, is_confirmed=is_confirmed)
-            if frame.encoder_mm is not None or not self.check.is_trusted:
+            if observed.is_stalled:
+                step = (place.encoder_mm or 0.0) - (0.0 if before is None else before.encoder_mm or 0.0)
+                finding = make_stall_finding(step, self.check.tolerance)
+            elif frame.encoder_mm is not None or not self.check.is_trusted:
                 finding = make_encoder_finding(self.check, before, place)
         has_turned = was_assumed and self.direction != direction
         return Location(
-            place, shift, self.check.is_trusted, contradiction, finding, has_turned, tuple(relocated)
+            place,
+            shift,
+            self.check.is_trusted,
+            contradiction,
+            finding,
+            has_turned,
+            observed.is_stalled,
+            tuple(relocated),
         )
 
     def _place(self, frame: PushedFrame, observed: Observation) -> BeltPosition | None:
@@ -216,11 +242,12 @@ class MotionTracker:
         moved = abs(place.position_mm - key.position_mm) if key is not None and place is not None else np.inf
         has_load = frame.high_pass is not None and frame.high_pass.has_load
         is_out_of_view = moved > self._reach_mm
-        is_unmatched = location.shift is None and has_load
-        is_due = moved >= self._key_step_mm and (has_load or not self._key.has_load)
+        is_unmatched = location.shift is None and has_load and not location.is_stalled
+        is_due = moved >= self._key_step_mm and not location.is_stalled and (has_load or not self._key.has_load)
         if self._key.heights is None or is_due or is_unmatched or is_out_of_view:
             self.motion.move_key()
             self._key.replace(frame)
+            self._shown_mm = None if place is None else place.position_mm
             self._close_interval()
 
     def _close_interval(self) -> None:
@@ -246,6 +273,12 @@ class MotionTracker:
         by_encoder = trusted and shift is not None and not shift.clear
         if shift is None and trusted and not self.is_assumed and differ(by_speed, expected):
             shift, by_encoder = key.register(frame.high_pass, self.direction * (by_speed or 0.0)), False
+        if trusted and shift is not None and self._is_stalled(frame, shift):
+            self.evidence.add(shift, self.direction, self._encoder_step_mm(frame), apart=is_beyond)
+            return Observation(is_stalled=True)
+        if near is not None and not apart and (shift is None or differ(self.direction * shift.along_mm, near)):
+            without = self._register_without_foreign(frame.high_pass, near)
+            shift, by_encoder = (shift, by_encoder) if without is None else (without, False)
         self._turn(frame, shift, apart=apart)
         if shift is not None:
             self.evidence.add(shift, self.direction, self._encoder_step_mm(frame), apart=is_beyond)
@@ -253,7 +286,11 @@ class MotionTracker:
                 shift = None
         if shift is not None:
             key.reset_unmatched()
-            return Observation(shift, None if by_encoder else self._compare(frame, shift))
+            contradiction = None if by_encoder else self._compare(frame, shift)
+            if trusted and contradiction is not None and contradiction.kind == "standing":
+                self._open = None
+                return Observation(is_stalled=True)
+            return Observation(shift, contradiction)
         # not where the encoder puts it; while it is not trusted: not where a standstill puts it
         if apart or near is None or not key.is_unmatched(frame, self.direction * near if trusted else 0.0):
             return Observation()
@@ -261,6 +298,44 @@ class MotionTracker:
             return Observation(is_uncertain=True)
         first = 1 + min(key.number, self.check.agreed)
         return Observation(None, Contradiction("unmatched", first, np.nan, np.nan), is_uncertain=True)
+
+    def _is_stalled(self, frame: PushedFrame, shift: Shift) -> bool:
+        """Return whether the material stands where the frame before showed it, although the encoder counts on."""
+        key, last, before = self.motion.key, self.motion.last, self._shown_mm
+        if key is None or last is None or self._key.heights is None or frame.high_pass is None:
+            return False
+        self._shown_mm = key.position_mm + self.direction * shift.along_mm
+        if before is None or frame.encoder_mm is None or last.encoder_mm is None or self.is_assumed:
+            return False
+        least = LEAST_MM + _SIGMAS * shift.sigma_mm
+        counts = frame.encoder_mm - last.encoder_mm > _STALL_STEPS * least
+        is_still = abs(self._shown_mm - before) <= least
+        return counts and is_still and is_repeated(self._key.heights, frame.high_pass, shift)
+
+    def _register_without_foreign(self, heights: HighPassHeights, near_mm: float) -> Shift | None:
+        """Return the registration without what would be foreign at the prediction, if it confirms that; else None."""
+        key = self.motion.key
+        if key is None or self._key.heights is None:
+            return None
+        noise_mm = self._reference.belt.noise_mm
+        here, earlier = self._foreign.preview(
+            key.position_mm + near_mm, self.direction, heights.surface_mm
+        )
+        gone = earlier.get(self._key.number, np.zeros_like(here))
+        if not (here.any() or gone.any()):
+            return None
+        shift = register(
+            self._key.heights.leave_out(gone, noise_mm),
+            heights.leave_out(here, noise_mm),
+            least_overlap=self._settings.least_overlap,
+            near_mm=self.direction * near_mm,
+        )
+        is_confirmed = shift is not None and not differ(self.direction * shift.along_mm, near_mm)
+        return shift if is_confirmed and shift.support >= LEAST_SUPPORT else None
+
+    def leave_out(self, number: int, cells: NDArray[np.bool_]) -> None:
+        """Register later frames without cells (Ny, Nx) of frame ``number`` that are no load."""
+        self._key.leave_out(number, cells, self._reference.belt.noise_mm)
 
     def _is_credible(
         self,

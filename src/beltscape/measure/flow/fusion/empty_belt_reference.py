@@ -98,6 +98,15 @@ class EmptyBeltReference:
         grid = Grid(self.grid.origin_mm, times * self.cell_mm, (shape[0], shape[1]))
         return compute_load(fewer, thinned, self.belt, grid).height_mm
 
+    def refine(self, cells: NDArray[np.bool_], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+        """Return cells (n, m) of the grid of `coarse` on a layer's rows and columns, y ascending."""
+        times = max(1, round(self.grid.shape[1] / cells.shape[1]))
+        rows, columns = (
+            np.minimum(np.arange(count) // times, side - 1)
+            for count, side in zip(shape, cells.shape, strict=True)
+        )
+        return cells[np.ix_(rows, columns)]
+
     def _top_in_view(self, load: Load) -> NDArray[np.bool_]:
         """Return the cells (Ny, Nx) over which a surface as high as the load around them is also in the image.
 

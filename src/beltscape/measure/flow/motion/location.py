@@ -29,6 +29,8 @@ class Location:
     """The finding about the encoder; None without an encoder."""
     has_turned: bool
     """Whether the direction of travel, which was only assumed before, turned out to be the other one."""
+    is_stalled: bool = False
+    """Whether the frame shows the material where the frame before showed it, while a trusted encoder counts."""
     relocated: tuple[LocatedFrame, ...] = ()
     """Earlier frames with new positions: the contradiction shows that the encoder located them wrongly."""
 
@@ -43,6 +45,8 @@ class Observation:
     """With the encoder."""
     is_uncertain: bool = False
     """Whether the material is not where the encoder puts it; while it is not trusted: whether it does not stand."""
+    is_stalled: bool = False
+    """Whether the material stands still since the frame before, while a trusted encoder counts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -93,6 +93,12 @@ def compute_relief_mm(*frames: HighPassHeights) -> float:
     return min(float(np.std(one.high_pass_mm[one.load])) if one.load.any() else 0.0 for one in frames)
 
 
+def is_repeated(key: HighPassHeights, after: HighPassHeights, shift: Shift) -> bool:
+    """Return whether a registration shows a whole load surely at its place, instead of a lump or the belt's errors."""
+    is_sure = shift.clear and shift.score >= _STRONG_SCORE and shift.support >= _LARGE_SUPPORT
+    return is_sure and compute_relief_mm(key, after) >= _LEAST_RELIEF_MM
+
+
 def is_belt_surface(
     key: HighPassHeights, after: HighPassHeights, along_mm: float, expected_mm: float | None
 ) -> bool:

@@ -113,8 +113,8 @@ def prolong(section: CrossSection, x_mm: NDArray[np.float64]) -> NDArray[np.floa
     z = np.interp(x_mm, nodes, heights)
     for inner, sign in ((nodes[_RIM_NODES], -1.0), (nodes[-1 - _RIM_NODES], 1.0)):
         own = (sign * (nodes - inner) <= 0) & (sign * (nodes - inner) >= -reach)
-        slope, at = np.polyfit(nodes[own] - inner, heights[own], 1) if own.sum() >= 2 else (0.0, 0.0)
-        z = np.where(sign * (x_mm - inner) > 0, at + slope * (x_mm - inner), z)
+        line = np.polyfit(nodes[own] - inner, heights[own], 1)
+        z = np.where(sign * (x_mm - inner) > 0, np.polyval(line, x_mm - inner), z)
     return z
 
 
@@ -150,7 +150,7 @@ def _count(
     width = max(float(known[-1] - known[0]) / _BINS, 2 * pixel_mm)
     low, high = float(x.min()), float(x.max())
     number = max(8, int((high - low) / width) + 1)
-    edges = low + width * np.arange(number + 1)
+    edges = low + width * np.arange(number + 1, dtype=np.float64)
     own = np.clip(((x - low) / width).astype(np.intp), 0, number - 1)
     tolerance = _NOISES * section.noise_mm + pixel_mm
 

@@ -145,7 +145,10 @@ class _HoleField:
         ray_slope: NDArray[np.float64],
     ) -> _HoleField:
         filtered = _filter_rims(value_mm, ~np.isfinite(value_mm))
-        gradients, roughness = fit_gradients(value_mm, cell_mm), estimate_structure_function(value_mm, cell_mm)
+        gradients, roughness = (
+            fit_gradients(value_mm, cell_mm),
+            estimate_structure_function(value_mm, cell_mm),
+        )
         return cls(value_mm, pinhole, cell_mm, ray_slope, filtered, gradients, roughness)
 
     def compute_inputs(self, cells: CellIndices) -> HoleInputs:

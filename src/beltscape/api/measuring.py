@@ -17,6 +17,7 @@ from beltscape.core.geometry.scaling import pinhole_scale
 from beltscape.files.documents.toml_text import describe_first_error, validate_strictly
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.measure.belt import empty_belt
+from beltscape.measure.belt.settings import GivenBelt
 from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.result import MeasuredModule
 from beltscape.measure.lumps import lumps as lumps_of_frame
@@ -32,20 +33,45 @@ Range = tuple[float, float]
 Settings = TypeVar("Settings", bound=BaseModel)
 
 
-def learn_belt(depths: Sequence[DepthMap], rig: Rig) -> Belt:
+def learn_belt(
+    depths: Sequence[DepthMap],
+    rig: Rig,
+    *,
+    width_mm: float | None = None,
+    across_mm: Range | None = None,
+    region_px: Sequence[Range] | None = None,
+) -> Belt:
     """Return the model of the empty belt from one or more of its depth maps.
+
+    Parameters
+    ----------
+    depths
+        Depth maps of the empty belt.
+    rig
+        The calibrated rig.
+    width_mm
+        Width of the belt along its surface, for ends that are not seen; None: not given.
+    across_mm
+        The belt's ends in x of the belt frame; None: found.
+    region_px
+        Corners u, v of a polygon in the depth map that contains the belt; None: the surface under the optical axis.
+
+    Returns
+    -------
+    The belt: ``across_mm``, what is known of its ``ends``, and more.
 
     Raises
     ------
-    InputError
-        if there is no depth map, or one does not fit the rig.
+    InputError, SettingsError
+        if there is no depth map, one does not fit the rig, or an argument is wrong.
     MeasureError
-        if there is no belt-like surface under the optical axis.
+        if there is no belt-like surface under the optical axis, or what is given contradicts it.
     """
     require_instance(rig, Rig, "rig", "bs.read_rig(path)")
     if isinstance(depths, DepthMap):
         raise InputError("depths is one DepthMap: give a list, [depth]")
-    return empty_belt.learn_belt(depths, rig.core_camera)
+    given = _make_settings(GivenBelt, {"width_mm": width_mm, "across_mm": across_mm, "region_px": region_px})
+    return empty_belt.learn_belt(depths, rig.core_camera, given)
 
 
 def measure_volume(

@@ -76,7 +76,12 @@ def summary(result: Mapping[str, Any]) -> str:
         text += f"\ncentre x {x:.1f}, y {y:.1f}, z {z:.1f} mm, σ {sx:.1f}, {sy:.1f}, {sz:.1f} mm; "
         text += f"{centre['off_middle_mm']:+.1f} mm off the belt's middle"
     part = "" if fill["whole_belt_seen"] else " (of the part of the belt that was seen)"
-    text += f"\nfill   {fill['level']:.1%} of {fill['capacity_mm2'] * 1e-2:.0f} cm²{part}"
+    if fill["level"] is None:
+        text += (
+            "\nfill   unknown: the empty belt's shape holds no load; learn it again (beltscape measure belt)"
+        )
+    else:
+        text += f"\nfill   {fill['level']:.1%} of {fill['capacity_mm2'] * 1e-2:.0f} cm²{part}"
     if highest:
         text += f"; highest {highest['height_mm']:.1f} mm"
     return text + (f"\nreport {result['report']}" if result["report"] else "")

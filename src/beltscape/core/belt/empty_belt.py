@@ -12,7 +12,6 @@ from beltscape.core.display import Displayed
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 
-
 End = Literal["seen", "inferred", "told", "covered", "unmeasured", "out of view"]
 """What is known of an end of the belt across: a step beside it was measured; it follows from the other end and the
 width given; it was given; something stands above the belt there; nothing was measured beyond; the image ends."""

@@ -22,7 +22,7 @@ _UNEVEN_SHARE = 0.1
 of 45° in its middle scatters by 0.07, a step of a third of the side by 0.16."""
 _STEP_SHARE, _NOISES = 0.12, 4.0
 """Two planes are one surface where they miss each other by less than this share of the blocks' distance and this
-multiple of the usual scatter: 5 mm for blocks 40 mm apart, as a block that holds a fold misses its neighbours by 3 mm."""
+multiple of the usual scatter: 5 mm for blocks 40 mm apart. A block with a fold misses its neighbours by 3 mm."""
 _CONCAVE, _CONVEX = float(np.cos(np.deg2rad(75.0))), float(np.cos(np.deg2rad(12.0)))
 """A trough folds upwards, at most by this angle from block to block (two rolls at 35°; a board stands at 90° on a
 flat belt); what bends down from the belt is something else (a wing beside a level rail: 20° and more)."""

@@ -1,4 +1,4 @@
-"""Verdict on rigs that are wrong in one quantity, and on images of other instants, under sparse dots that are alike."""
+"""Verdict on rigs that are wrong in one quantity, and on images of other instants, under sparse, alike dots."""
 
 from __future__ import annotations
 

@@ -20,6 +20,8 @@ _SAMPLES = 200
 without a false one."""
 _REFITS = 4
 """Fits to the points near the function before; the points that agree no longer change then."""
+_USED_SIGMAS = 3.0
+"""Points beyond this number of standard deviations agree, but are not fitted: chance matches among the right ones."""
 _PRIOR_PX = 40.0
 """Standard deviation of each term before it is measured; bounds what a plane surface leaves open."""
 
@@ -73,15 +75,16 @@ def fit_rows(
         return NO_FIT
     design = _make_design(pixels[good], inverse_depth[good], size_px)
     agrees = _find_consensus(design, values, near)
-    terms = np.zeros(TERMS)
+    terms, used, scatter = np.zeros(TERMS), agrees, near
     for _ in range(_REFITS):
-        normal = design[agrees].T @ design[agrees] + np.eye(TERMS) * (near / _PRIOR_PX) ** 2
-        terms = np.asarray(np.linalg.solve(normal, design[agrees].T @ values[agrees]), np.float64)
-        agrees = np.abs(values - design @ terms) < near
+        normal = design[used].T @ design[used] + np.eye(TERMS) * (near / _PRIOR_PX) ** 2
+        terms = np.asarray(np.linalg.solve(normal, design[used].T @ values[used]), np.float64)
+        left = np.abs(values - design @ terms)
+        agrees = left < near
         if agrees.sum() < LEAST_POINTS:
             return NO_FIT
-    left = values[agrees] - design[agrees] @ terms
-    scatter = MAD_TO_SIGMA * float(np.median(np.abs(left)))
+        scatter = MAD_TO_SIGMA * float(np.median(left[agrees]))
+        used = left <= min(near, _USED_SIGMAS * scatter)
     rms = float(np.sqrt(np.mean(np.square(design[agrees] @ terms))))
     sigma = scatter / float(np.sqrt(agrees.sum()))
     offset, slope_x, slope_y, depth = (float(term) for term in terms)

@@ -109,5 +109,5 @@ def test_unknown_kinds_of_ends_are_refused(tmp_path, ends):
     document = json.loads((tmp_path / "belt.json").read_text())
     document["ends"] = ends
     (tmp_path / "belt.json").write_text(json.dumps(document))
-    with pytest.raises(InputError, match="ends = .* must be two of seen, inferred, told"):
+    with pytest.raises(InputError, match=r"ends = .* must be two of seen, inferred, told"):
         read_belt(tmp_path / "belt.json")

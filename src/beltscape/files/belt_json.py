@@ -151,7 +151,7 @@ def _ends(value: object) -> tuple[End, End] | None:
 def _clear(document: Mapping[str, Any]) -> tuple[float, float]:
     """Return the range clear of things beside the belt; null, or a missing key, is a side without any."""
     value = document.get("clear_mm", [None, None])
-    pair = value if is_list(value) and len(value) == 2 else ["", ""]
+    pair: list[object] = value if is_list(value) and len(value) == 2 else ["", ""]
     filled = [limit if own is None else own for own, limit in zip(pair, (-1e9, 1e9), strict=True)]
     low, high = _array("", {"clear_mm": filled}, "clear_mm", (2,))
     return float(low) if low > -1e9 else -np.inf, float(high) if high < 1e9 else np.inf

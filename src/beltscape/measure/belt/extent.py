@@ -113,8 +113,9 @@ def prolong(section: CrossSection, x_mm: NDArray[np.float64]) -> NDArray[np.floa
     z = np.interp(x_mm, nodes, heights)
     for inner, sign in ((nodes[_RIM_NODES], -1.0), (nodes[-1 - _RIM_NODES], 1.0)):
         own = (sign * (nodes - inner) <= 0) & (sign * (nodes - inner) >= -reach)
-        line = np.polyfit(nodes[own] - inner, heights[own], 1)
-        z = np.where(sign * (x_mm - inner) > 0, np.polyval(line, x_mm - inner), z)
+        line = np.asarray(np.polyfit(nodes[own] - inner, heights[own], 1), np.float64)
+        slope, at = float(line[0]), float(line[1])
+        z = np.where(sign * (x_mm - inner) > 0, at + slope * (x_mm - inner), z)
     return z
 
 

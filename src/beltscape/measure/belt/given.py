@@ -87,20 +87,23 @@ def _apply_width(belt: Belt, width_mm: float) -> Belt:
     """Return the belt with its unknown ends placed by its width; a width that contradicts seen ends replaces them."""
     run, (left, right) = _run(belt), belt.ends or ("out of view", "out of view")
     known, excess = [end in ("seen", "told") for end in (left, right)], float(run[-1]) - width_mm
-    kinds: tuple[End, End] = (left, right)
+    kinds: tuple[End, End]
     if all(known) and abs(excess) <= _WIDTH_SHARE * width_mm + _WIDTH_MM:
         return belt
     if known[0] and not known[1]:
-        start, kinds = _edge_run(belt, run, 0), (left, "inferred")
+        start = _edge_run(belt, run, 0)
+        kinds = (left, "inferred")
     elif known[1] and not known[0]:
-        start, kinds = _edge_run(belt, run, 1) - width_mm, ("inferred", right)
+        start = _edge_run(belt, run, 1) - width_mm
+        kinds = ("inferred", right)
     elif excess < 0 and all(known):
         raise MeasureError(
             f"empty belt: both its ends were seen, {run[-1]:.0f} mm apart along its surface, but its width is given "
             f"as {width_mm:g} mm; give the width of this belt, or {_FIX}"
         )
     else:
-        start, kinds = _middle_run(belt, run, width_mm) - 0.5 * width_mm, ("told", "told")
+        start = _middle_run(belt, run, width_mm) - 0.5 * width_mm
+        kinds = ("told", "told")
     ends = tuple(_prolonged_x(belt, run, at) for at in (start, start + width_mm))
     return _limit(belt, (ends[0], ends[1]), kinds)
 

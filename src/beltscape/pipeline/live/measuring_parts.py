@@ -43,8 +43,8 @@ def describe_provenance(project: Project[RunSettings]) -> dict[str, str]:
         If one of the files cannot be read.
     """
     settings, density = project.settings, project.settings.density
-    unused = {"belt"} if settings.belt == NOTHING_GIVEN else set[str]()
-    tables = settings.model_dump(mode="json", include=set(TABLES) - unused)
+    used = {name for name in TABLES if name != "belt" or settings.belt != NOTHING_GIVEN}
+    tables = settings.model_dump(mode="json", include=set[str](used))
     files = [project.resolve(path) for path in (density.table, density.products) if path is not None]
     try:
         texts = [json.dumps(tables, sort_keys=True), *(hash_file(path) for path in files)]

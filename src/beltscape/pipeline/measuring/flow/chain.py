@@ -205,9 +205,9 @@ def read_reference(
     learned, own = camera.size_px[0], rig.core_camera.size_px[0]
     if learned != own:
         reporter.warn(
-            f"{empty}: learned from images {learned} px wide, measured in images {own} px wide: the zero is uncertain by "
-            f"{reference.other_size_mm:.2f} mm; measure at width_px = {learned}, or learn the belt from images "
-            f"{own} px wide"
+            f"{empty}: learned from images {learned} px wide, measured in images {own} px wide: the zero is "
+            f"uncertain by {reference.other_size_mm:.2f} mm; measure at width_px = {learned}, or learn the belt from "
+            f"images {own} px wide"
         )
     require_same_rig(empty, rig, sum(reference.depths_mm()) / 2, reporter)
     return reference

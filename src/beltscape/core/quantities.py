@@ -20,6 +20,8 @@ BOX_SIDE = Quantity("the side of a box on the belt", "mm", (5, 100_000), (5, 100
 """Narrower boxes hold a few points only; in metres boxes on belts are below 5."""
 SQUARE = Quantity("the edge of a board's square", "mm", (0.6, 1000), (3, 300))
 """Boards of rigs have squares of 5 to 100 mm; in metres those are below 0.3, in inches below 12."""
+MARKER = Quantity("the edge of a board's marker", "mm", (0.4, 1000), (2, 300))
+"""Markers take two thirds of their squares; in metres they are below 0.3."""
 SOLID = Quantity("the size of a module's solid", "mm", (2, 2000), (5, 1000))
 """Solids that a rig measures are 20 to 200 mm large; in metres they are below 2."""
 MODULE_SIDE = Quantity("the side of a module's base", "mm", (5, 5000), (60, 3000))

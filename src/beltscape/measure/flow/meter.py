@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,13 +16,12 @@ from beltscape.measure.flow.fusion.buffer import LayerBuffer
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.fuse import Scatter
 from beltscape.measure.flow.fusion.rows import PieceCallback, RowFiller
-from beltscape.measure.flow.motion.belt_motion import BeltMotion, BeltPosition
+from beltscape.measure.flow.motion.belt_motion import BeltMotion
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
-from beltscape.measure.flow.motion.location import Location, MotionPrediction
+from beltscape.measure.flow.motion.location import FramePlacement, Location, MotionPrediction
 from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights, compute_high_pass
-from beltscape.measure.flow.motion.registration.shift import Shift
 from beltscape.measure.flow.motion_tracker import MotionTracker
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.records.fault_attribution import FaultAttribution
@@ -38,18 +37,6 @@ _PATIENCE = 8
 """Number of frames held back until the first motion is detected."""
 _PATIENCE_BACK = 24
 """The same while the encoder runs back, until it shows whether the belt rolls back; memory bounds it. Chosen."""
-
-
-@dataclass(frozen=True, slots=True)
-class FramePlacement:
-    """The position assigned to one frame."""
-
-    frame: str
-    place: BeltPosition
-    shift: Shift | None
-    """Motion of the material since the key frame."""
-    is_encoder_trusted: bool = True
-    """Whether encoder and material agree as far as both are known."""
 
 
 class FlowMeter:
@@ -79,7 +66,7 @@ class FlowMeter:
         self._watch_step = watch_step
         self._waiting: list[PushedFrame] = []
         self._count = 0
-        self._cutter = StripCutter(front_mm)
+        self._cutter = StripCutter(front_mm, reference.seen_mm, self.settings.least_overlap)
         self._width_mm = reference.belt.across_mm[1] - reference.belt.across_mm[0]
         self._sums = Sums(reference.belt.drift_mm, self._width_mm)
         self._strips = Strips(self._sums, density or make_unknown_density())
@@ -107,13 +94,8 @@ class FlowMeter:
         last, motion = self.motion.last, self.prediction
         if last is None or motion is None:
             return np.inf
-        if encoder_mm is not None and last.encoder_mm is not None and motion.uses_encoder:
-            step = (encoder_mm - last.encoder_mm) / motion.ratio
-        elif motion.speed is not None:
-            step = motion.speed * (clock - last.clock)
-        else:
-            return np.inf
-        return last.position_mm + 2 * max(step, 0.0) + self._convert_range(window_mm)[0]
+        step = motion.predict_step_mm(last, clock, encoder_mm)
+        return last.position_mm + 2 * step + self._convert_range(window_mm)[0]
 
     @property
     def direction(self) -> int:
@@ -255,6 +237,10 @@ class FlowMeter:
             self._leave_out_foreign_objects(frame, location)
             view_start = layer.first * self.reference.cell_mm
         strip = self._cutter.cut(frame, place, before, self._convert_range(self.reference.window_mm))
+        strip.reliable &= not location.is_sudden
+        if (finding := self._cutter.find_thin_overlap()) is not None:
+            self.findings = (*self.findings, finding)
+            frame.findings.append(finding)
         self._faults.attach(strip, frame, view_start)
         self._strips.add(strip)
         self._add_encoder_finding(frame, location)
@@ -265,23 +251,10 @@ class FlowMeter:
 
     def _leave_out_foreign_objects(self, frame: PushedFrame, location: Location) -> None:
         """Leave what does not travel with the belt out of this frame's layer and of earlier ones."""
-        place, direction = location.place, self._tracker.direction
-        if place is None or frame.high_pass is None:
+        if frame.high_pass is None:
             return
-        if location.has_turned or location.relocated:
-            self._foreign.clear()
-        is_known = place.source != "speed" and location.contradiction is None
-        found = (
-            self._foreign.check(
-                frame.number,
-                place.position_mm,
-                direction,
-                frame.high_pass.surface_mm,
-                is_proven=location.shift is not None,
-            )
-            if is_known
-            else self._foreign.skip()
-        )
+        direction = self._tracker.direction
+        found = self._foreign.follow(frame.number, frame.high_pass.surface_mm, location, direction)
         for number, cells in found.masks.items():
             self._buffer.leave_out(number, cells, direction)
             self._tracker.leave_out(number, cells)

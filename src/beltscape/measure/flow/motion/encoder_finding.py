@@ -63,8 +63,8 @@ def make_stall_finding(encoder_mm: float, tolerance: float) -> Finding:
     """
     metres = round(encoder_mm / 1000, 2)
     text = Message(
-        f"the encoder counts {metres:.2f} m while the material stands still (0.00 m); which of the two is right is not "
-        "known: restart cameras that repeat their images, or check the encoder's wheel",
+        f"the encoder counts {metres:.2f} m while the material stands still (0.00 m), and it is not known which is "
+        "right: restart cameras that repeat their images, or check the encoder's wheel",
         "encoder_stalled",
         metres=metres,
     )

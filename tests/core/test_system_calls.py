@@ -181,6 +181,7 @@ def test_no_other_module_calls_what_windows_lacks():
             "os.getuid",
             "os.posix_fallocate",
             "os.sched_getaffinity",
+            "os.statvfs",
             "os.sync",
         },
         "sources/genicam/fake/instants.py": {"fcntl"},  # Aravis, which simulates cameras, is Linux's

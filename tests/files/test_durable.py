@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import stat
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,7 @@ def test_content_and_name_are_on_the_disk_before_it_returns(
     sync, replace = os.fsync, Path.replace
 
     def note_sync(file: int) -> None:
-        calls.append("sync folder" if Path(f"/proc/self/fd/{file}").resolve().is_dir() else "sync file")
+        calls.append("sync folder" if stat.S_ISDIR(os.fstat(file).st_mode) else "sync file")
         sync(file)
 
     def note_replace(self: Path, target: Path) -> Path:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import sqlite3
 from pathlib import Path
+
+from beltscape.core.runtime.system_calls import is_read_only
 
 _RIGHTS = "correct the rights of file and folder"
 
@@ -16,7 +17,7 @@ def describe_failure(path: Path, error: sqlite3.Error) -> str:
         return f"another program holds {path.name}; close it there"
     if code == sqlite3.SQLITE_FULL:
         return "the disk is full; free some space"
-    if code == sqlite3.SQLITE_READONLY and _is_read_only(path.parent):
+    if code == sqlite3.SQLITE_READONLY and is_read_only(path.parent):
         return "the file system is read-only; mount it writable"
     if code in (sqlite3.SQLITE_READONLY, sqlite3.SQLITE_PERM, sqlite3.SQLITE_AUTH):
         return f"it may not be written; {_RIGHTS}"
@@ -50,11 +51,6 @@ def is_temporary(error: sqlite3.Error) -> bool:
         sqlite3.SQLITE_NOMEM,
         sqlite3.SQLITE_CANTOPEN,
     )
-
-
-def _is_read_only(folder: Path) -> bool:
-    """Return whether the file system of a folder is mounted read-only; Windows knows no such state."""
-    return hasattr(os, "statvfs") and bool(os.statvfs(folder).f_flag & os.ST_RDONLY)
 
 
 def _code(error: sqlite3.Error) -> int:

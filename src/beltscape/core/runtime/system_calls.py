@@ -127,6 +127,11 @@ def sync_files() -> None:
         os.sync()
 
 
+def is_read_only(folder: Path) -> bool:
+    """Return whether the file system of a folder is mounted read-only; False on Windows, which has no such call."""
+    return hasattr(os, "statvfs") and bool(os.statvfs(folder).f_flag & os.ST_RDONLY)
+
+
 def reserve_space(file: IO[bytes], size_bytes: int) -> None:
     """Allocate the space of an empty file; OSError if the disk has too little."""
     if hasattr(os, "posix_fallocate"):

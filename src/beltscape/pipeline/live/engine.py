@@ -245,12 +245,12 @@ class Engine(OperatorControls):
             self._monitored_s = monotonic()
 
     def _keep_house(self) -> None:
-        """Do what may wait for the history: timetable, findings, its check, and once a minute its old records."""
+        """Do what may wait for the history: its check, findings, timetable, and once a minute its old records."""
         components, last = self._components, monotonic()
         while not self._stopping.wait(_MONITOR_S):
-            components.follow_timetable()
             self._repair.check()
             components.finding_log.store(components.historian)
+            components.follow_timetable()  # an error of a history that cannot be written ends the round
             if monotonic() - last > _HOUSEKEEPING_S:
                 last = monotonic()
                 components.historian.maintain(time_ns())

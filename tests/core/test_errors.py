@@ -8,14 +8,15 @@ from beltscape.core import errors
 
 TREE = {
     "InputError", "OutputError", "CalibrationError", "ReconstructionError", "MeasureError", "SettingsError",
-    "KernelError",
+    "KernelError", "ArgumentError",
 }  # fmt: skip
 
 
 def test_exceptions_match_the_tree_in_the_docstring():
     classes = {name for name, kind in vars(errors).items() if inspect.isclass(kind)} - {"BeltscapeError"}
     assert classes == TREE
-    drawn = {line.split()[1] for line in (errors.__doc__ or "").splitlines() if line[:1] in "├└" and line}
+    lines = [line.replace("│   ", "") for line in (errors.__doc__ or "").splitlines()]
+    drawn = {line.split()[1] for line in lines if line and line[:1] in "├└"}
     assert drawn == TREE
 
 

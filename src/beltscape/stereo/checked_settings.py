@@ -8,6 +8,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
 
+from beltscape.core.checks import show_value
 from beltscape.core.errors import SettingsError
 from beltscape.files.documents.toml_text import describe_first_error
 
@@ -34,8 +35,8 @@ class CheckedSettings(BaseModel):
 def require_preset(name: Any, presets: Iterable[str]) -> str:
     """Return the name of a preset; raise a SettingsError that lists the presets for any other."""
     names = list(presets)
-    if name in names:
-        return str(name)
+    if isinstance(name, str) and name in names:
+        return name
     near = get_close_matches(str(name), names, n=1)
     fix = f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}"
-    raise SettingsError(f"preset = {name!r} is not known; {fix}")
+    raise SettingsError(f"preset = {show_value(name)} is not known; {fix}")

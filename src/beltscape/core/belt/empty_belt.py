@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import require_array, require_instance, require_like, require_pair
 from beltscape.core.display import Displayed
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
@@ -107,6 +108,17 @@ class Belt(Displayed):
     """Number of frames that the model was learned from."""
     camera: Camera | None = None
     """Core camera of the depth maps that it was learned from; None: not known."""
+
+    def __post_init__(self) -> None:
+        """Raise ArgumentError unless pose, nodes and camera are what they are called."""
+        require_instance(self.belt_from_core, Pose, "belt_from_core", "bs.Pose.of(rotation, translation_mm)")
+        require_array(self.x_mm, "x_mm", (None,))
+        for name in ("z_mm", "z_sigma_mm"):
+            require_like(getattr(self, name), name, self.x_mm, "x_mm")
+        for name in ("across_mm", "along_mm"):
+            require_pair(getattr(self, name), name)
+        if self.camera is not None:
+            require_instance(self.camera, Camera, "camera", "rig.core_camera")
 
     def __repr__(self) -> str:
         width = self.across_mm[1] - self.across_mm[0]

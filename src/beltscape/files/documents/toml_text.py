@@ -6,6 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from beltscape.core.checks import show_value
 from beltscape.core.errors import InputError
 from beltscape.files.documents.plain_text import read_text
 
@@ -73,7 +74,7 @@ def _describe_error(error: Any, known: list[str]) -> str:
         return f"{key} is missing"
     if error["type"] == "value_error":
         text = str(error["ctx"]["error"])
-        return f"{key} = {error['input']!r}: {text}" if key else text
+        return f"{key} = {show_value(error['input'])}: {text}" if key else text
     if error["type"] == "tuple_type":
         text = "must be a list"
     elif error["type"] == "too_short":
@@ -82,4 +83,4 @@ def _describe_error(error: Any, known: list[str]) -> str:
         text = f"must have {error['ctx']['max_length']} values, not {error['ctx']['actual_length']}"
     else:
         text = error["msg"].replace("Input should", "must", 1)
-    return f"{key} = {error['input']!r}: {text}"
+    return f"{key} = {show_value(error['input'])}: {text}"

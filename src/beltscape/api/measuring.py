@@ -7,13 +7,15 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from beltscape.core.arguments import require_instance
+from beltscape.core.arguments import require_image
 from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.checks import describe_kind, require_instance, require_pair
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.frames import Image, to_grey
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import pinhole_scale
+from beltscape.core.type_guards import is_list_or_tuple
 from beltscape.files.documents.toml_text import describe_first_error, validate_strictly
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.measure.belt import empty_belt
@@ -70,6 +72,8 @@ def learn_belt(
     require_instance(rig, Rig, "rig", "bs.read_rig(path)")
     if isinstance(depths, DepthMap):
         raise InputError("depths is one DepthMap: give a list, [depth]")
+    if not is_list_or_tuple(depths):
+        raise InputError(f"depths is {describe_kind(depths)}: must be a list of DepthMap")
     given = _make_settings(GivenBelt, {"width_mm": width_mm, "across_mm": across_mm, "region_px": region_px})
     return empty_belt.learn_belt(depths, rig.core_camera, given)
 
@@ -109,6 +113,9 @@ def measure_volume(
         if nothing was measured in the box.
     """
     require_belt_of(belt, rig)
+    for value, name in ((across_mm, "across_mm"), (along_mm, "along_mm")):
+        if value is not None:
+            require_pair(value, name)
     return volume_of_frame.measure_volume(
         depth,
         belt,
@@ -167,6 +174,9 @@ def measure_features(
         if the module is not found.
     """
     require_instance(rig, Rig, "rig", "bs.read_rig(path)")
+    for picture, name in ((image, "image"), (plain, "plain")):
+        if picture is not None:
+            require_image(picture, name)
     nominal = module if isinstance(module, Module) else read_module(as_path(module, "module"))
     pattern, unlit = (
         None if one is None else to_grey(undistort_image(one, rig.core_camera)) for one in (image, plain)
@@ -178,6 +188,8 @@ def require_belt_of(belt: Belt, rig: Rig) -> None:
     """Raise InputError unless the empty belt was learned with the rig's core camera."""
     require_instance(rig, Rig, "rig", "bs.read_rig(path)")
     require_instance(belt, Belt, "belt", "bs.learn_belt(depths, rig)")
+    if not belt.belt_from_core.center_mm[2] > 0:  # origin of the belt frame, in the core's
+        raise InputError("belt does not lie before the core camera: learn it with bs.learn_belt(depths, rig)")
     own = belt.camera  # images of the belt may have had another size
     if own is not None and (own.name != rig.core or pinhole_scale(own, rig.core_camera) is None):
         raise InputError(

@@ -2,6 +2,7 @@
 
 BeltscapeError
 ├── InputError         a file, folder or value given by the user does not fit
+│   └── ArgumentError  a type cannot hold a value that was given to it; also a ValueError
 ├── OutputError        a result cannot be written to the requested place
 ├── CalibrationError   the images do not determine a rig
 ├── ReconstructionError  the frame does not yield a surface
@@ -60,6 +61,10 @@ class BeltscapeError(Exception):
 
 class InputError(BeltscapeError):
     """A file, folder or value given by the user does not fit."""
+
+
+class ArgumentError(InputError, ValueError):
+    """A value that was given to a type or function does not fit; the message names the argument."""
 
 
 class OutputError(BeltscapeError):

@@ -62,6 +62,41 @@ def write_frame(
         write_image(folder / "image.png", image)
 
 
+def write_depth_map(folder: Path, depth: DepthMap | NDArray[np.floating]) -> None:
+    """Write a depth map into a frame folder: of an array of depths depth.tiff alone, of a DepthMap all it holds."""
+    ensure_output_folder(folder)
+    if not isinstance(depth, DepthMap):
+        write_float_tiff(folder / "depth.tiff", depth.astype(np.float32))
+        return
+    for name in ("depth", "sigma", "confidence"):
+        values = depth.confidence if name == "confidence" else getattr(depth, f"{name}_mm")
+        write_float_tiff(folder / f"{name}.tiff", values)
+    write_image(folder / "views.png", depth.views.astype(np.uint8))
+
+
+def read_depth_map(path: Path) -> DepthMap:
+    """Read the depth map of a frame folder, or a depth.tiff alone; σ is NaN where there is no sigma.tiff beside it.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, unreadable, or of another size.
+    """
+    folder, file = (path, path / "depth.tiff") if path.is_dir() else (path.parent, path)
+    depth = read_float_tiff(file)
+    sigma = np.full_like(depth, np.nan)
+    if (folder / "sigma.tiff").is_file() and file.name == "depth.tiff":
+        sigma = read_float_tiff(folder / "sigma.tiff")
+    confidence = _confidence(folder / "confidence.tiff", depth)
+    for name, values in (("sigma.tiff", sigma), ("confidence.tiff", confidence)):
+        if values.shape != depth.shape:
+            raise InputError(
+                f"{folder / name}: {values.shape[1]}×{values.shape[0]} px, but {file.name} beside it has "
+                f"{depth.shape[1]}×{depth.shape[0]}; write both again"
+            )
+    return DepthMap(depth, sigma, _views(folder / "views.png", depth), confidence)
+
+
 def write_reconstruction(folder: Path, how: Mapping[str, Any], frames: Sequence[Mapping[str, Any]]) -> None:
     """Write reconstruction.json: how frames were matched, each frame's coverage and faults, and files' digests."""
     frames = [{key: value for key, value in frame.items() if key != "folder"} for frame in frames]

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from beltscape.core.checks import show_value
 from beltscape.core.errors import InputError, suggest_name
 from beltscape.core.plausibility import find_unit, suggest_unit
 from beltscape.core.type_guards import is_list_or_tuple
@@ -170,4 +171,4 @@ def _show(value: Any) -> str:
         return f"[{', '.join(map(_show, value))}]"
     if isinstance(value, float):
         return f"{value:.10g}"
-    return "null" if value is None else repr(value)
+    return "null" if value is None else show_value(value)

@@ -1,7 +1,7 @@
 """Writing of point clouds as binary little-endian PLY, which CloudCompare and MeshLab open.
 
-σ stands in it twice: as ``sigma``, and as ``scalar_sigma``, because CloudCompare takes a property as a scalar field by
-itself only if "scal" is part of its name.
+σ stands in it twice: as ``sigma``, and as ``scalar_sigma``, because CloudCompare takes a property as a scalar field
+by itself only if "scal" is part of its name.
 """
 
 from __future__ import annotations

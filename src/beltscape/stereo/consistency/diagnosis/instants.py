@@ -36,24 +36,23 @@ class OtherInstant:
 
     def describe(self) -> str:
         """Return the line that names the camera and the fix."""
-        values = {"camera": self.camera, "points": self.points, "own": self.own_points}
+        camera, points, own = self.camera, self.points, self.own_points
         if not self.frames:
             text = (
-                f"the other cameras agree with each other in {self.points} % of the points, but with {self.camera} "
-                f"in {self.own_points} % only: its image is of another instant (synchronisation), or another "
-                "scene's; check its trigger cable, frame numbers and clock"
+                f"the other cameras agree with each other in {points} % of the points, but with {camera} in {own} % "
+                "only: its image is of another instant (synchronisation), or another scene's; check its trigger "
+                "cable, frame numbers and clock"
             )
-            return Message(text, "camera_sync_other", **values)
-        side, key = (
-            ("older", "camera_sync_frame_late") if self.frames > 0 else ("newer", "camera_sync_frame_early")
-        )
-        other = "before" if self.frames > 0 else "after"
+            return Message(text, "camera_sync_other", camera=camera, points=points, own=own)
+        age, other = ("older", "before") if self.frames > 0 else ("newer", "after")
         text = (
-            f"{self.camera}: its images are one frame {side} than the other cameras': {self.points} points agree "
-            f"with the others' frame {other}, {self.own_points} with their own; check its trigger cable, frame "
-            "numbers and clock"
+            f"{camera}: its images are one frame {age} than the other cameras': {points} points agree with the "
+            f"others' frame {other}, {own} with their own; check its trigger cable, frame numbers and clock"
         )
-        return Message(text, key, **values)
+        late = self.frames > 0
+        return Message(
+            text, "camera_sync_frame_late" if late else "camera_sync_frame_early", points=points, own=own
+        )
 
 
 def find_other_instant(

@@ -50,7 +50,7 @@ def test_sound_rigs_are_sound(auxiliaries):
 
 
 @pytest.mark.parametrize(
-    ("error", "size", "told"),
+    ("error", "size", "named"),
     [
         ("focal_y", -0.012, "focal_px[1] is 1.01"),
         ("focal_y", 0.03, "focal_px[1] is 0.97"),
@@ -63,7 +63,7 @@ def test_sound_rigs_are_sound(auxiliaries):
     ],
 )
 @pytest.mark.parametrize("auxiliaries", [1, 2])
-def test_error_across_the_rows_is_named_with_its_size(auxiliaries, error, size, told):
+def test_error_across_the_rows_is_named_with_its_size(auxiliaries, error, size, named):
     rig, frame = see(auxiliaries)
     off = falsify(rig, error, size)
     consistency = check_consistency(frame, off, None)
@@ -71,7 +71,7 @@ def test_error_across_the_rows_is_named_with_its_size(auxiliaries, error, size, 
     (fault,) = diagnose_cameras(frame, off, consistency)
     assert fault.cameras == (("right",) if auxiliaries > 1 else ())
     assert "right is " in fault.text
-    assert told in fault.text
+    assert named in fault.text
 
 
 @pytest.mark.parametrize(

@@ -210,13 +210,12 @@ class CheckedMatcher:
         if not faults:
             lines = describe_undecided(consistency, self.rig)
         if depth.coverage < LEAST_COVERAGE:
-            depth, cause = self._diagnose_coverage(frame_set, depth, consistency)
-            lines = [cause, *describe_undecided(consistency, self.rig)]
+            depth, lines = self._diagnose_coverage(frame_set, depth, consistency)
         return CheckedDepth(depth, consistency, names, tuple(lines))
 
     def _diagnose_coverage(
         self, frame_set: FrameSet, depth: DepthMap, consistency: RigConsistency
-    ) -> tuple[DepthMap, str]:
+    ) -> tuple[DepthMap, list[str]]:
         """Return the cause of low coverage, and the depth with raised σ if no image fits the rig."""
         cause, is_unreliable = diagnose_low_coverage(
             frame_set, self.rig, consistency, self._near_far, depth.coverage
@@ -225,7 +224,7 @@ class CheckedMatcher:
             self._findings.set_unreliable(cause)
             self._schedule.request()
             depth = add_systematic_error(depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12)))
-        return depth, cause
+        return depth, [cause] if is_unreliable else [cause, *describe_undecided(consistency, self.rig)]
 
     def _refuse(
         self, frame_set: FrameSet, consistency: RigConsistency, faults: Sequence[CameraFault]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live.translatable_message import Message
@@ -11,9 +13,10 @@ from beltscape.stereo.consistency.diagnosis.fitting_points import FittingPoints
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 
 _GAIN = 1.3
-"""Least ratio of the points that fit at another instant to those that fit at the frame's own."""
-_LEAST_GAIN = 12
-"""Least number of points that fit in addition; fewer agree by chance."""
+"""Least ratio of the points that agree at one instant to those that do at the other, beside `_SIGMAS`: a small change
+of occlusions is no evidence."""
+_SIGMAS = 3.0
+"""Least difference of both numbers of points, in its standard deviations by counting."""
 _AMONG_GAIN = 1.6
 """Least ratio of the share of points in which auxiliaries agree with each other to that in which they do with the
 core: 1.6 is chosen; on sound rendered rooms it is below 1, since two auxiliaries stand farther apart, and 2.2 to 2.5
@@ -65,17 +68,13 @@ def find_other_instant(
     agrees although they agree with each other.
     """
     doubted = consistency.find_auxiliaries("contradicting", "unmatched", "undecided")
-    core = fitting.rig.core
-    all_doubted = len(doubted) == len(consistency.cameras)
+    is_core_doubted = not consistency.find_auxiliaries("sound")
     if previous is not None:
-        suspects = ((core,) if all_doubted else ()) + (
-            doubted if not all_doubted or len(doubted) == 1 else ()
-        )
-        for camera in suspects:
+        for camera in (fitting.rig.core,) if is_core_doubted else doubted:
             found = _compare_frames(fitting, camera, previous)
             if found is not None:
                 return found
-    return _compare_among_auxiliaries(fitting) if all_doubted and len(doubted) > 1 else None
+    return _compare_among_auxiliaries(fitting) if is_core_doubted and len(consistency.cameras) > 1 else None
 
 
 def is_of_own_instant(fitting: FittingPoints, before: OtherInstant, previous: FrameSet) -> bool:
@@ -84,21 +83,25 @@ def is_of_own_instant(fitting: FittingPoints, before: OtherInstant, previous: Fr
     Where nothing moves, it shows neither.
     """
     own, other = _count_pair(fitting, before.camera, previous, before.frames)
-    return own >= _GAIN * other + _LEAST_GAIN
+    return _exceeds(own, other)
+
+
+def _exceeds(points: int, others: int) -> bool:
+    """Return whether significantly more points agree at one instant than at the other."""
+    return points >= _GAIN * others and points - others >= _SIGMAS * float(np.sqrt(points + others)) > 0
 
 
 def _compare_frames(fitting: FittingPoints, camera: str, previous: FrameSet) -> OtherInstant | None:
     """Return by how many frames a camera is late or early; None if its image fits its own frame as well."""
-    best: OtherInstant | None = None
     for frames in (1, -1):
         own, other = _count_pair(fitting, camera, previous, frames)
-        if other >= max(_GAIN * own, own + _LEAST_GAIN) and (best is None or other > best.points):
-            best = OtherInstant(camera, frames, other, own)
-    return best
+        if _exceeds(other, own):
+            return OtherInstant(camera, frames, other, own)
+    return None
 
 
 def _count_pair(fitting: FittingPoints, camera: str, previous: FrameSet, frames: int) -> tuple[int, int]:
-    """Return the points of a camera that fit the others' images of its own frame, and with it late by ``frames``."""
+    """Return how many points of a camera agree with the others at its frame, and if it is late by ``frames``."""
     rig, images = fitting.rig, fitting.frame_set.images
     names = fitting.auxiliaries if camera == rig.core else (camera,)
     names = tuple(name for name in names if name in previous.images)
@@ -109,19 +112,27 @@ def _count_pair(fitting: FittingPoints, camera: str, previous: FrameSet, frames:
     mixed = {name: (previous if is_old[name] else fitting.frame_set).images[name] for name in cameras}
     if any(mixed[name].shape != images[name].shape for name in cameras):
         return 0, 0
-    other = fitting.count(replace(fitting.frame_set, images=mixed), names)
-    return sum(fitting.unchanged[name] for name in names), sum(other.values())
+    return (
+        sum(fitting.count_agreeing(fitting.frame_set, names)),
+        sum(fitting.count_agreeing(replace(fitting.frame_set, images=mixed), names)),
+    )
 
 
 def _compare_among_auxiliaries(fitting: FittingPoints) -> OtherInstant | None:
     """Return the core if the auxiliaries agree with each other in many more points than with it."""
     rig, names = fitting.rig, fitting.auxiliaries
-    with_core = fitting.measure_agreement(fitting.frame_set, names)
+    with_core = _measure_share(fitting, names)
     others = FittingPoints(fitting.frame_set, _leave_core_out(rig, names))
-    among = others.measure_agreement(fitting.frame_set, names[1:])
+    among = _measure_share(others, names[1:])
     if among < _AMONG_GAIN * with_core or among < _LEAST_AMONG:
         return None
     return OtherInstant(rig.core, 0, round(100 * among), round(100 * with_core))
+
+
+def _measure_share(fitting: FittingPoints, names: tuple[str, ...]) -> float:
+    """Return the share of the searched points in which auxiliaries agree with the core, as a mean over them."""
+    counts = fitting.count_agreeing(fitting.frame_set, names)
+    return float(np.mean(np.array(counts) / np.maximum(fitting.count_searched(fitting.frame_set, names), 1)))
 
 
 def _leave_core_out(rig: Rig, names: tuple[str, ...]) -> Rig:

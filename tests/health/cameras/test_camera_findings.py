@@ -17,7 +17,7 @@ from beltscape.health.cameras.poses import (
 from beltscape.health.cameras.redundancy import make_redundancy_finding
 from beltscape.stereo.consistency.accumulation import POOLED_FRAMES, REFERENCE_FRAMES, ResidualAccumulator
 from beltscape.stereo.consistency.check import assess_tie_points
-from beltscape.stereo.consistency.diagnosis.fault_texts import list_faults
+from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault, list_faults
 from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
 from beltscape.stereo.consistency.tie_points.tie_points import TiePoints
 from beltscape.stereo.consistency.tolerance import compute_tolerance
@@ -152,3 +152,20 @@ def test_small_movement_becomes_significant_over_frames():
 def test_sound_rig_with_lens_errors_is_never_accused():
     number, _ = accumulate([RIG] * 40, bias_px=0.05)
     assert number is None
+
+
+def test_camera_of_another_instant_is_a_fault_of_synchronisation_not_of_its_pose():
+    consistency = assess(make_tie_points(RIG))
+    fault = CameraFault((RIG.core,), "one frame older", concerns_core=True, is_of_instant=True)
+    findings = make_pose_findings(consistency, RIG, [PoseFault(fault, "missing", 0.0)])
+    assert [(one.check, one.subject, one.effect) for one in findings if one.is_fault] == [
+        ("camera_sync", RIG.core, "missing")
+    ]
+
+
+def test_undecided_camera_neither_passes_nor_fails():
+    consistency = assess(make_tie_points(RIG))
+    cameras = tuple(replace(each, state="undecided") for each in consistency.cameras)
+    findings = make_pose_findings(replace(consistency, cameras=cameras), RIG, [])
+    assert not any(one.is_fault for one in findings)
+    assert all(np.isnan(one.value) for one in findings)

@@ -11,6 +11,7 @@ import pytest
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
 from beltscape.evaluate.real_pairs.read_pairs import read_dice_auto, read_motorcycle
+from beltscape.pipeline.reconstructing.camera_checks.check import CameraCheck
 from beltscape.stereo.consistency.check import check_consistency
 from beltscape.stereo.consistency.diagnosis.diagnosis import add_instant, diagnose_cameras, find_causes
 from beltscape.stereo.consistency.diagnosis.fault_texts import describe_undecided, list_faults
@@ -49,7 +50,7 @@ def test_sound_rigs_are_sound(auxiliaries):
 
 
 @pytest.mark.parametrize(
-    ("error", "size", "told"),
+    ("error", "size", "named"),
     [
         ("focal_y", -0.012, "focal_px[1] is 1.01"),
         ("focal_y", 0.03, "focal_px[1] is 0.97"),
@@ -62,7 +63,7 @@ def test_sound_rigs_are_sound(auxiliaries):
     ],
 )
 @pytest.mark.parametrize("auxiliaries", [1, 2])
-def test_error_across_the_rows_is_named_with_its_size(auxiliaries, error, size, told):
+def test_error_across_the_rows_is_named_with_its_size(auxiliaries, error, size, named):
     rig, frame = see(auxiliaries)
     off = falsify(rig, error, size)
     consistency = check_consistency(frame, off, None)
@@ -70,7 +71,7 @@ def test_error_across_the_rows_is_named_with_its_size(auxiliaries, error, size, 
     (fault,) = diagnose_cameras(frame, off, consistency)
     assert fault.cameras == (("right",) if auxiliaries > 1 else ())
     assert "right is " in fault.text
-    assert told in fault.text
+    assert named in fault.text
 
 
 @pytest.mark.parametrize(
@@ -142,10 +143,13 @@ def test_half_a_pixel_contradicts_only_a_rig_that_claims_to_be_better_known():
 
 def test_points_that_fail_outnumbering_those_that_agree_are_undecided():
     rig, frame = see(1)
-    depth = make_true_depth(rig)
-    width = depth.depth_mm.shape[1]
-    depth.depth_mm[:, : 2 * width // 3] = np.nan
-    consistency = check_consistency(frame, rig, depth)
+    depth, other = make_true_depth(rig), render_room(rig, seed=5).images["right"]
+    edge = 11 * WIDTH_PX // 20
+    depth.depth_mm[:, :edge] = np.nan  # nothing was measured
+    sound = check_consistency(frame, rig, depth)
+    assert sound.find_auxiliaries("sound") == ("right",), "the points there are found without a depth"
+    images = {**frame.images, "right": np.where(np.arange(WIDTH_PX) < edge, other, frame.images["right"])}
+    consistency = check_consistency(replace(frame, images=images), rig, depth)
     assert consistency.find_auxiliaries("undecided") == ("right",)
     assert consistency.cameras[0].failing > 60
     assert not consistency.inconsistent
@@ -174,6 +178,27 @@ def test_frame_before_shows_which_camera_is_late(auxiliaries, camera):
         assert (causes.instant.camera, causes.instant.frames) == (camera, 1)
     (fault,) = list_faults(consistency, rig, causes)
     assert "one frame" in fault.text
+
+
+def test_late_core_is_held_until_moving_load_shows_its_own_instant():
+    rig, late, before = see_with_late(2, "left")
+    _, now = see(2)
+    check = CameraCheck(rig, RANGE_MM)
+
+    def diagnose(frame_set):
+        check.note_frame(frame_set)
+        return check.diagnose(frame_set, check.check(frame_set, None, rig.auxiliaries))
+
+    assert not diagnose(before)
+    (fault,) = diagnose(late)
+    assert fault.cameras == ("left",)
+    assert fault.is_of_instant
+    assert fault.concerns_core
+    check.note_frame(now)
+    (held,) = diagnose(now)  # nothing moved since: any instant looks the same
+    assert held.is_of_instant
+    assert not held.concerns_core
+    assert not diagnose(before)
 
 
 def test_auxiliary_of_another_instant_is_named_with_synchronisation_first():

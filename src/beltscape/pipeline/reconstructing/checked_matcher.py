@@ -224,7 +224,7 @@ class CheckedMatcher:
             self._findings.set_unreliable(cause)
             self._schedule.request()
             depth = add_systematic_error(depth, (self._near_far[1] - self._near_far[0]) / float(np.sqrt(12)))
-        return depth, [cause]
+        return depth, [cause] if is_unreliable else [cause, *describe_undecided(consistency, self.rig)]
 
     def _refuse(
         self, frame_set: FrameSet, consistency: RigConsistency, faults: Sequence[CameraFault]

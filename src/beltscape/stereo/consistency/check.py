@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
@@ -26,14 +24,13 @@ from beltscape.stereo.consistency.tie_points.guided_matching import match_guided
 from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints, detect_textured_points
 from beltscape.stereo.consistency.tie_points.unguided_matching import UnguidedMatcher
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
+from beltscape.stereo.consistency.undecided import AGREES_PX, find_undecided
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
 
 LEAST_COVERAGE = 0.3
 """A depth map with less coverage is not used for guided matching: its few pixels are chance matches."""
 LEAST_TIE_POINTS = 30
 """With fewer tie points in the depth map, unguided matching is used."""
-_AGREES_PX = 1.0
-"""A point agrees with the rig within this distance from its epipolar line."""
 _BETTER = 1.2
 """The wide search replaces guided matching where it explains this many times its points: on sound rigs it explains
 half to 0.8 of them, with focal lengths off by 1 % under sparse dots 1.6 to 2.6 times as many, since a wrong depth map
@@ -77,14 +74,15 @@ def check_consistency(
     guided, found = _match_guided(frame_set, rig, names, depth, points), None
     if guided is not None:
         found = assess_tie_points(guided, rig, names, tolerance or _make_tolerance(guided, rig, names))
-        found = replace(_find_undecided(found, rig, depth, points), textured_points=len(points))
+        found = replace(found, textured_points=len(points))
         if _is_still_confirmed(found, confirmed):
-            return found
+            return find_undecided(found, rig, depth, points)
     wide_points = UnguidedMatcher(rig, compute_search_range(rig, names)).match(frame_set, names, points)
     tolerance = tolerance or _make_tolerance(wide_points, rig, names)
     wide = assess_tie_points(wide_points, rig, names, tolerance.widen(wide_points.pixel_scale))
     wide = replace(wide, textured_points=len(points), guided=False, is_searched=True)
-    return wide if found is None else _choose(found, wide)
+    chosen = wide if found is None else _choose(found, wide)
+    return find_undecided(chosen, rig, depth, points, wide_points)
 
 
 def _make_tolerance(tie_points: TiePoints, rig: Rig, names: tuple[str, ...]) -> Tolerance:
@@ -113,40 +111,6 @@ def _choose(guided: RigConsistency, wide: RigConsistency) -> RigConsistency:
     ):
         return wide
     return replace(guided, is_searched=True)
-
-
-def _find_undecided(
-    consistency: RigConsistency, rig: Rig, depth: DepthMap | None, points: Array
-) -> RigConsistency:
-    """Return the consistency with "undecided" for sound auxiliaries in which more points fail than agree.
-
-    Textured points fail where the depth map has no depth, and where they are found off their epipolar lines; others
-    that are hidden or lie on edges say nothing.
-    """
-    if depth is None:
-        return consistency
-    unmeasured = points[~_is_measured(depth, points)]
-    rays = np.column_stack(
-        [(unmeasured - rig.core_camera.center_px) / rig.core_camera.focal_px, np.ones(len(unmeasured))]
-    )
-    middle = rays * float(np.nanmedian(depth.depth_mm))
-    cameras: list[CameraConsistency] = []
-    for each in consistency.cameras:
-        camera = rig.cameras[each.camera]
-        seen = camera.project(rig.cam_from_core[each.camera].apply(middle))
-        lost = int(((seen >= 0) & (seen <= np.array(camera.size_px) - 1)).all(axis=1).sum())
-        agreeing = round(np.nan_to_num(each.agreement) * each.searched)
-        failing = lost + each.points - agreeing
-        is_open = each.state == "sound" and failing > agreeing
-        cameras.append(replace(each, failing=failing, state="undecided" if is_open else each.state))
-    return replace(consistency, cameras=tuple(cameras))
-
-
-def _is_measured(depth: DepthMap, points: Array) -> NDArray[np.bool_]:
-    """Return (N,) whether there is a depth at or beside each point (N, 2)."""
-    measured = cv2.dilate(depth.measured.astype(np.uint8), np.ones((5, 5), np.uint8))
-    column, row = np.rint(points).astype(np.int64).T
-    return np.asarray(measured[row, column] > 0, np.bool_)
 
 
 def assess_tie_points(
@@ -209,7 +173,7 @@ def _assess_camera(
     epipolar = residuals.epipolar[name]
     searched = int(tie_points.searched[name].sum())
     pair_residuals = compute_pair_residuals(tie_points, rig, name)
-    agreeing = int((np.abs(pair_residuals.epipolar_px) < _AGREES_PX * tie_points.pixel_scale).sum())
+    agreeing = int((np.abs(pair_residuals.epipolar_px) < AGREES_PX * tie_points.pixel_scale).sum())
     partners = [n for n in isolation.sound if n != name] or [n for n in residuals.epipolar if n != name]
     disparity = [
         residual.rms_px

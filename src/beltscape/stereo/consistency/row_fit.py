@@ -110,16 +110,12 @@ def _find_consensus(design: Array, values: Array, near_px: float) -> NDArray[np.
     The rig as it is, and a mere offset, are among the functions that are tried first.
     """
     rng = np.random.default_rng(0)
-    trials = [np.zeros(TERMS), np.array([float(np.median(values)), 0.0, 0.0, 0.0])]
-    best, most = np.zeros(len(values), np.bool_), -1
-    for i in range(_SAMPLES + len(trials)):
-        if i < len(trials):
-            terms = trials[i]
-        else:
-            drawn = rng.choice(len(values), TERMS, replace=False)
-            normal = design[drawn].T @ design[drawn] + np.eye(TERMS) * (near_px / _PRIOR_PX) ** 2
-            terms = np.linalg.solve(normal, design[drawn].T @ values[drawn])
-        agrees = np.abs(values - design @ terms) < near_px
-        if agrees.sum() > most:
-            best, most = agrees, int(agrees.sum())
-    return best
+    drawn = rng.random((_SAMPLES, len(values))).argsort(axis=1)[:, :TERMS]
+    samples, prior = design[drawn], np.eye(TERMS) * (near_px / _PRIOR_PX) ** 2
+    normal = np.einsum("sni,snj->sij", samples, samples) + prior
+    right = np.einsum("sni,sn->si", samples, values[drawn])
+    terms = np.asarray(np.linalg.solve(normal, right[..., None]), np.float64)[..., 0]
+    offset = np.array([[float(np.median(values)), 0.0, 0.0, 0.0]])
+    trials = np.concatenate([np.zeros((1, TERMS)), offset, terms])
+    agrees = np.abs(values - trials @ design.T) < near_px
+    return np.asarray(agrees[int(agrees.sum(axis=1).argmax())], np.bool_)

@@ -86,15 +86,18 @@ def list_faults(
 
 
 def describe_undecided(consistency: RigConsistency, rig: Rig) -> list[str]:
-    """Return a line for each auxiliary whose points leave open whether it agrees with the rig; no fault by itself."""
-    sound = consistency.find_auxiliaries("sound")
-    whose = f"the rig or the images of {rig.core} or " if not sound else "the rig or its image: "
+    """Return a line about auxiliaries whose points leave open whether they agree with the rig; no fault by itself."""
+    undecided = [each for each in consistency.cameras if each.state == "undecided"]
+    if not undecided:
+        return []
+    core = "" if consistency.find_auxiliaries("sound") else f" or {rig.core}'s"
+    counts = ", ".join(
+        f"{each.camera} ({round(each.agreement * each.searched)} against {each.failing})"
+        for each in undecided
+    )
     return [
-        f"{each.camera}: only {round(each.agreement * each.searched)} textured points agree with the rig, "
-        f"{each.failing} do not or have no depth; check {whose}{'' if sound else each.camera + ': '}"
-        "whether it is of another instant (synchronisation), hidden in part, or the rig is not these cameras'"
-        for each in consistency.cameras
-        if each.state == "undecided"
+        f"fewer textured points agree with the rig than have no depth or lie elsewhere: {counts}; its image{core} "
+        "may be of another instant (synchronisation) or hidden in part, or the rig is not these cameras'"
     ]
 
 

@@ -12,7 +12,11 @@ from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.faults.isolation import compute_frame_residuals
 from beltscape.stereo.consistency.residuals import compute_pair_residuals
-from beltscape.stereo.consistency.tie_points.tie_points import TiePoints, detect_textured_points
+from beltscape.stereo.consistency.tie_points.tie_points import (
+    MAX_POINTS,
+    TiePoints,
+    detect_textured_points,
+)
 from beltscape.stereo.consistency.tie_points.unguided_matching import UnguidedMatcher
 from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
 
@@ -31,6 +35,8 @@ class FittingPoints:
         self.frame_set, self.rig = frame_set, rig
         self.auxiliaries = tuple(name for name in rig.auxiliaries if name in frame_set.images)
         """The auxiliaries that have an image in the frame."""
+        self._matched: dict[tuple[tuple[int, ...], tuple[str, ...], int], tuple[FrameSet, TiePoints]] = {}
+        """By images, auxiliaries and number of points; the images are kept, so that none takes another's identity."""
 
     @cached_property
     def unchanged(self) -> dict[str, int]:
@@ -45,7 +51,7 @@ class FittingPoints:
 
     def count(self, frame_set: FrameSet, names: tuple[str, ...]) -> dict[str, int]:
         """Return by auxiliary the number of points on their epipolar lines; 0 for one that does not fit."""
-        tie_points = self._match(frame_set, names)
+        tie_points = self._match(frame_set, names, _POINTS)
         epipolar = compute_frame_residuals(tie_points, self.rig, names).epipolar
         return {
             name: residual.points
@@ -56,20 +62,24 @@ class FittingPoints:
             for name, residual in epipolar.items()
         }
 
-    def measure_agreement(self, frame_set: FrameSet, names: tuple[str, ...]) -> float:
-        """Return the share of the searched points that lie on their epipolar lines, as a mean over auxiliaries."""
-        tie_points, shares = self._match(frame_set, names), list[float]()
-        for name in names:
-            epipolar = compute_pair_residuals(tie_points, self.rig, name).epipolar_px
-            agreeing = (np.abs(epipolar) < _FITS_PX * tie_points.pixel_scale).sum()
-            shares.append(float(agreeing) / max(int(tie_points.searched[name].sum()), 1))
-        return float(np.mean(shares))
+    def count_agreeing(self, frame_set: FrameSet, names: tuple[str, ...]) -> list[int]:
+        """Return by auxiliary the number of points within a pixel of their lines, whether or not it fits."""
+        tie_points = self._match(frame_set, names, MAX_POINTS)
+        residuals = (compute_pair_residuals(tie_points, self.rig, name).epipolar_px for name in names)
+        return [int((np.abs(px) < _FITS_PX * tie_points.pixel_scale).sum()) for px in residuals]
 
-    def _match(self, frame_set: FrameSet, names: tuple[str, ...]) -> TiePoints:
-        image, camera = frame_set.images[self.rig.core], self.rig.core_camera
-        return self._matcher.match(
-            frame_set, names, detect_textured_points(image, camera, max_points=_POINTS)
-        )
+    def count_searched(self, frame_set: FrameSet, names: tuple[str, ...]) -> list[int]:
+        """Return by auxiliary the number of points that were searched in its image."""
+        tie_points = self._match(frame_set, names, MAX_POINTS)
+        return [int(tie_points.searched[name].sum()) for name in names]
+
+    def _match(self, frame_set: FrameSet, names: tuple[str, ...], max_points: int) -> TiePoints:
+        key = tuple(id(frame_set.images[name]) for name in (self.rig.core, *names)), names, max_points
+        if key not in self._matched:
+            core, camera = frame_set.images[self.rig.core], self.rig.core_camera
+            points_px = detect_textured_points(core, camera, max_points=max_points)
+            self._matched[key] = frame_set, self._matcher.match(frame_set, names, points_px)
+        return self._matched[key][1]
 
     @cached_property
     def _matcher(self) -> UnguidedMatcher:

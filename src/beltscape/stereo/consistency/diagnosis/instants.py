@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live.translatable_message import Message
@@ -11,9 +13,10 @@ from beltscape.stereo.consistency.diagnosis.fitting_points import FittingPoints
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 
 _GAIN = 1.3
-"""Least ratio of the points that fit at another instant to those that fit at the frame's own."""
-_LEAST_GAIN = 12
-"""Least number of points that fit in addition; fewer agree by chance."""
+"""Least ratio of the points that agree at one instant to those that do at the other, beside `_SIGMAS`: a small change
+of occlusions is no evidence."""
+_SIGMAS = 3.0
+"""Least difference of both numbers of points, in its standard deviations by counting."""
 _AMONG_GAIN = 1.6
 """Least ratio of the share of points in which auxiliaries agree with each other to that in which they do with the
 core: 1.6 is chosen; on sound rendered rooms it is below 1, since two auxiliaries stand farther apart, and 2.2 to 2.5
@@ -36,24 +39,23 @@ class OtherInstant:
 
     def describe(self) -> str:
         """Return the line that names the camera and the fix."""
-        values = {"camera": self.camera, "points": self.points, "own": self.own_points}
+        camera, points, own = self.camera, self.points, self.own_points
         if not self.frames:
             text = (
-                f"the other cameras agree with each other in {self.points} % of the points, but with {self.camera} "
-                f"in {self.own_points} % only: its image is of another instant (synchronisation), or another "
-                "scene's; check its trigger cable, frame numbers and clock"
+                f"the other cameras agree with each other in {points} % of the points, but with {camera} in {own} % "
+                "only: its image is of another instant (synchronisation), or another scene's; check its trigger "
+                "cable, frame numbers and clock"
             )
-            return Message(text, "camera_sync_other", **values)
-        side, key = (
-            ("older", "camera_sync_frame_late") if self.frames > 0 else ("newer", "camera_sync_frame_early")
-        )
-        other = "before" if self.frames > 0 else "after"
+            return Message(text, "camera_sync_other", camera=camera, points=points, own=own)
+        age, other = ("older", "before") if self.frames > 0 else ("newer", "after")
         text = (
-            f"{self.camera}: its images are one frame {side} than the other cameras': {self.points} points agree "
-            f"with the others' frame {other}, {self.own_points} with their own; check its trigger cable, frame "
-            "numbers and clock"
+            f"{camera}: its images are one frame {age} than the other cameras': {points} points agree with the "
+            f"others' frame {other}, {own} with their own; check its trigger cable, frame numbers and clock"
         )
-        return Message(text, key, **values)
+        late = self.frames > 0
+        return Message(
+            text, "camera_sync_frame_late" if late else "camera_sync_frame_early", points=points, own=own
+        )
 
 
 def find_other_instant(
@@ -66,17 +68,13 @@ def find_other_instant(
     agrees although they agree with each other.
     """
     doubted = consistency.find_auxiliaries("contradicting", "unmatched", "undecided")
-    core = fitting.rig.core
-    all_doubted = len(doubted) == len(consistency.cameras)
+    is_core_doubted = not consistency.find_auxiliaries("sound")
     if previous is not None:
-        suspects = ((core,) if all_doubted else ()) + (
-            doubted if not all_doubted or len(doubted) == 1 else ()
-        )
-        for camera in suspects:
+        for camera in (fitting.rig.core,) if is_core_doubted else doubted:
             found = _compare_frames(fitting, camera, previous)
             if found is not None:
                 return found
-    return _compare_among_auxiliaries(fitting) if all_doubted and len(doubted) > 1 else None
+    return _compare_among_auxiliaries(fitting) if is_core_doubted and len(consistency.cameras) > 1 else None
 
 
 def is_of_own_instant(fitting: FittingPoints, before: OtherInstant, previous: FrameSet) -> bool:
@@ -85,21 +83,25 @@ def is_of_own_instant(fitting: FittingPoints, before: OtherInstant, previous: Fr
     Where nothing moves, it shows neither.
     """
     own, other = _count_pair(fitting, before.camera, previous, before.frames)
-    return own >= _GAIN * other + _LEAST_GAIN
+    return _exceeds(own, other)
+
+
+def _exceeds(points: int, others: int) -> bool:
+    """Return whether significantly more points agree at one instant than at the other."""
+    return points >= _GAIN * others and points - others >= _SIGMAS * float(np.sqrt(points + others)) > 0
 
 
 def _compare_frames(fitting: FittingPoints, camera: str, previous: FrameSet) -> OtherInstant | None:
     """Return by how many frames a camera is late or early; None if its image fits its own frame as well."""
-    best: OtherInstant | None = None
     for frames in (1, -1):
         own, other = _count_pair(fitting, camera, previous, frames)
-        if other >= max(_GAIN * own, own + _LEAST_GAIN) and (best is None or other > best.points):
-            best = OtherInstant(camera, frames, other, own)
-    return best
+        if _exceeds(other, own):
+            return OtherInstant(camera, frames, other, own)
+    return None
 
 
 def _count_pair(fitting: FittingPoints, camera: str, previous: FrameSet, frames: int) -> tuple[int, int]:
-    """Return the points of a camera that fit the others' images of its own frame, and with it late by ``frames``."""
+    """Return how many points of a camera agree with the others at its frame, and if it is late by ``frames``."""
     rig, images = fitting.rig, fitting.frame_set.images
     names = fitting.auxiliaries if camera == rig.core else (camera,)
     names = tuple(name for name in names if name in previous.images)
@@ -110,19 +112,27 @@ def _count_pair(fitting: FittingPoints, camera: str, previous: FrameSet, frames:
     mixed = {name: (previous if is_old[name] else fitting.frame_set).images[name] for name in cameras}
     if any(mixed[name].shape != images[name].shape for name in cameras):
         return 0, 0
-    other = fitting.count(replace(fitting.frame_set, images=mixed), names)
-    return sum(fitting.unchanged[name] for name in names), sum(other.values())
+    return (
+        sum(fitting.count_agreeing(fitting.frame_set, names)),
+        sum(fitting.count_agreeing(replace(fitting.frame_set, images=mixed), names)),
+    )
 
 
 def _compare_among_auxiliaries(fitting: FittingPoints) -> OtherInstant | None:
     """Return the core if the auxiliaries agree with each other in many more points than with it."""
     rig, names = fitting.rig, fitting.auxiliaries
-    with_core = fitting.measure_agreement(fitting.frame_set, names)
+    with_core = _measure_share(fitting, names)
     others = FittingPoints(fitting.frame_set, _leave_core_out(rig, names))
-    among = others.measure_agreement(fitting.frame_set, names[1:])
+    among = _measure_share(others, names[1:])
     if among < _AMONG_GAIN * with_core or among < _LEAST_AMONG:
         return None
     return OtherInstant(rig.core, 0, round(100 * among), round(100 * with_core))
+
+
+def _measure_share(fitting: FittingPoints, names: tuple[str, ...]) -> float:
+    """Return the share of the searched points in which auxiliaries agree with the core, as a mean over them."""
+    counts = fitting.count_agreeing(fitting.frame_set, names)
+    return float(np.mean(np.array(counts) / np.maximum(fitting.count_searched(fitting.frame_set, names), 1)))
 
 
 def _leave_core_out(rig: Rig, names: tuple[str, ...]) -> Rig:

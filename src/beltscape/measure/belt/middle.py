@@ -19,8 +19,8 @@ _WING_SHARE, _WING_CLIMB = 0.05, 0.03
 _MAX_SLOPE = 2.0
 """Largest slope of a belt's surface; a steeper one is a step to the floor or a frame."""
 _LOWEST_SHARE = 0.002
-"""Nodes within this share of the belt's width above the lowest one are its bottom: 60 mm of a round belt 500 mm wide, 5
-mm of two rolls at 20°."""
+"""Nodes within this share of the belt's width above the lowest one are its bottom: 60 mm of a round belt 500 mm wide,
+5 mm of two rolls at 20°."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,10 @@ from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.measure.belt.given import describe_doubtful_ends, measure_width_mm
 from beltscape.measure.belt.settings import GivenBelt
 from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
-from tests.measure.belt_scenes import Scene, Slab, depth_map, trough, world_points_mm
+from beltscape.measure.volume.capacity import compute_capacity_mm2
+from beltscape.measure.volume.settings import VolumeSettings
+from beltscape.measure.volume.volume import measure_volume
+from tests.measure.belt_scenes import Block, Scene, Slab, depth_map, trough, world_points_mm
 from tests.optional import require
 
 CORE = Camera("cam0", (408, 342), np.array([300.0, 300.3]), np.array([205.8, 169.1]), np.zeros(5))
@@ -234,3 +238,30 @@ def test_region_beside_the_image_is_refused() -> None:
     scene = Scene(TROUGH, floor_mm=-300.0, **INCLINED)
     with pytest.raises(MeasureError, match=r"hardly anything was measured in the region u 2000 to 2100"):
         learn_belt([look(scene)], CORE, GivenBelt(region_px=((2000, 0), (2100, 0), (2100, 90))))
+
+
+def test_volume_on_a_belt_with_floor_in_view_is_that_of_the_load() -> None:
+    scene = Scene(TROUGH, floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
+    belt = learn_belt([look(scene)], CORE)
+    load = Block((30.0, 20.0), (180.0, 150.0, 100.0), 20.0)
+    volume = measure_volume(
+        look(replace(scene, solids=(load,)), seed=7),
+        belt,
+        CORE,
+        VolumeSettings(),
+        across_mm=None,
+        along_mm=(-250, 250),
+    )
+    assert volume.volume_mm3 == pytest.approx(load.volume_mm3, rel=0.04)
+    assert abs(volume.volume_mm3 - load.volume_mm3) < 4 * volume.sigma_mm3
+    assert volume.sigma_mm3 < 0.1 * load.volume_mm3
+    assert 0 < volume.fullness.level < 1
+    assert volume.fullness.whole_belt
+
+
+def test_shape_that_holds_no_load_has_no_fill_level() -> None:
+    scene = Scene(TROUGH, floor_mm=-300.0, **INCLINED)
+    belt = learn_belt([look(scene)], CORE)
+    ridge = replace(belt, z_mm=-belt.z_mm)
+    assert compute_capacity_mm2(belt, 0.3) > 1e4
+    assert compute_capacity_mm2(ridge, 0.0) == 0.0

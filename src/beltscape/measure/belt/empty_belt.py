@@ -17,17 +17,21 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.belt.average import average_depth_maps
-from beltscape.measure.belt.blocks import fit_block_planes
+from beltscape.measure.belt.blocks import Plane, fit_block_planes, fit_plane
 from beltscape.measure.belt.component import find_component, keep_pixels, mask_region, select_pixels
-from beltscape.measure.belt.cross_section import CrossSection, fit_cross_section
-from beltscape.measure.belt.deviation import fit_deviation
+from beltscape.measure.belt.cross_section import (
+    STEP_MM,
+    CrossSection,
+    estimate_node_sigma,
+    fit_cross_section,
+    refine_section,
+)
+from beltscape.measure.belt.deviation import estimate_correlation, fit_deviation
 from beltscape.measure.belt.edges import find_belt_edges
-from beltscape.measure.belt.error_correlation import estimate_correlation
-from beltscape.measure.belt.extent import STEP_MM, Extent, find_extent, on_belt_mask, prolong
+from beltscape.measure.belt.extent import Extent, find_extent, on_belt_mask, prolong
 from beltscape.measure.belt.given import apply_given
 from beltscape.measure.belt.initial_frame import InitialFrame, build_frame, find_initial_frame
 from beltscape.measure.belt.middle import Middle, find_continuous_nodes, find_middle
-from beltscape.measure.belt.plane import Plane, fit_plane
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 
 _SAMPLE_COUNT = 60_000
@@ -160,7 +164,7 @@ def _find_section(
 
 
 def _tell_ends(ends: tuple[End, End]) -> tuple[End, End]:
-    """Return the ends of a belt in a region that was given: its border is an end that was told."""
+    """Return the ends of a belt in a region that was given: its border is an end that was given."""
 
     def tell(end: End) -> End:
         return "told" if end in ("out of view", "unmeasured") else end
@@ -220,27 +224,6 @@ def _fit_flat_plane(points: NDArray[np.float64], middle: Middle) -> Plane | None
     return fit_plane(points[(points[:, 0] > left + inset) & (points[:, 0] < right - inset)])
 
 
-def _refine_section(
-    x_mm: NDArray[np.float64], z_mm: NDArray[np.float64], points_mm: NDArray[np.float64], pixel_mm: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the cross-section on nodes two pixels apart, from medians of the residuals: folds stay sharp."""
-    x, z = points_mm[..., 0].ravel(), points_mm[..., 2].ravel()
-    inside = (x > x_mm[0]) & (x < x_mm[-1])  # NaN is not
-    x, off = x[inside], z[inside] - np.interp(x[inside], x_mm, z_mm)
-    on = np.abs(off) <= STEP_MM  # what lies below or above, beyond the belt's far end, is no belt
-    x, off = x[on], off[on]
-    nodes = np.linspace(float(x_mm[0]), float(x_mm[-1]), max(len(x_mm), int(np.ptp(x_mm) / (2 * pixel_mm))))
-    own = np.rint((x - nodes[0]) / (nodes[1] - nodes[0])).astype(np.intp)
-    order = np.lexsort((off, own))
-    count = np.bincount(own, minlength=len(nodes))
-    first = np.cumsum(count) - count
-    full = np.flatnonzero(count >= 20)
-    if len(full) < 2:
-        return x_mm, z_mm
-    median = off[order[first[full] + count[full] // 2]]
-    return nodes, np.interp(nodes, x_mm, z_mm) + np.interp(nodes, nodes[full], median)
-
-
 def _assemble_belt(
     depth: DepthMap,
     camera: Camera,
@@ -256,7 +239,7 @@ def _assemble_belt(
     measured = np.isfinite(z)
     x, z = x[measured], z[measured]
     points = pose.apply(depth.points_mm(camera))
-    x, z = _refine_section(
+    x, z = refine_section(
         x, z, points, pixel_mm=abs(float(pose.translation_mm[2])) / float(camera.focal_px[0])
     )
     # the refined section may meet the optical axis at another height: move the origin to it
@@ -290,22 +273,10 @@ def _assemble_belt(
         tilt_sigma_rad=factor * (section.sigma_rad[0] if plane is None else plane.sigma_rad),
         yaw_sigma_rad=yaw_sigma,
         yaw_from="shape" if start.troughed else "camera" if start.edges is None else "edges",
-        z_sigma_mm=_estimate_node_sigma(x, points[..., 0][inside], noise, correlation.area_px),
+        z_sigma_mm=estimate_node_sigma(x, points[..., 0][inside], noise, correlation.area_px),
         along_mm=(float(low), float(high)),
         deviation=deviation,
         edges=None,
         claimed_sigma_mm=float(np.median(depth.sigma_mm[depth.measured])),
         frames=1,
     )
-
-
-def _estimate_node_sigma(
-    nodes_mm: NDArray[np.float64], x_mm: NDArray[np.float64], noise_mm: float, area_px: float
-) -> NDArray[np.float64]:
-    """Return σ (N,) of the nodes' heights; a node averages the points within half a node spacing on either side.
-
-    ``x_mm`` (M,) are the measured points, ``area_px`` the pixels that share one independent error.
-    """
-    nearest = np.rint(np.interp(x_mm, nodes_mm, np.arange(len(nodes_mm)))).astype(np.intp)
-    count = np.bincount(nearest, minlength=len(nodes_mm))
-    return noise_mm * np.sqrt(np.minimum(area_px / np.maximum(count, 1), 1.0))

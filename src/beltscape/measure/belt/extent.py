@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from beltscape.core.belt.empty_belt import End
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
-from beltscape.measure.belt.cross_section import CrossSection
+from beltscape.measure.belt.cross_section import STEP_MM, CrossSection
 
 _BINS = 160
 """Bins over the width of the surface, as the nodes of the cross-section."""
@@ -31,8 +31,6 @@ _BESIDE, _DENSE = 3, 0.5
 """Bins beyond an end that show what is beside it; these are measured at this share of the belt's density."""
 _SURE = 0.5
 """Pixels of a lower confidence count as not measured: they lie between two surfaces."""
-STEP_MM = 12.0
-"""Points off the belt by more than this are something else, also on a belt that sags; see `edges`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -18,6 +18,9 @@ _WING_SHARE, _WING_CLIMB = 0.05, 0.03
 """A side climbs when more than this share of the belt lies higher than this share of its width above the piece."""
 _MAX_SLOPE = 2.0
 """Largest slope of a belt's surface; a steeper one is a step to the floor or a frame."""
+_LOWEST_SHARE = 0.002
+"""Nodes within this share of the belt's width above the lowest one are its bottom: 60 mm of a round belt 500 mm wide,
+5 mm of two rolls at 20°."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +102,10 @@ def _find_symmetry(x: NDArray[np.float64], z: NDArray[np.float64]) -> float:
     """Return the rotation (rad) after which both sides of the lowest point climb equally."""
     turn = 0.0
     for _ in range(20):
-        low = int(np.argmin(np.cos(turn) * z - np.sin(turn) * x))
-        low = min(max(low, 3), len(x) - 3)
+        height = np.cos(turn) * z - np.sin(turn) * x
+        # the middle of the lowest nodes: a single one is moved by noise on a round bottom
+        lowest = np.flatnonzero(height <= height.min() + _LOWEST_SHARE * np.ptp(x))
+        low = min(max(round(float(lowest.mean())), 3), len(x) - 3)
         left, right = np.polyfit(x[:low], z[:low], 1)[0], np.polyfit(x[low:], z[low:], 1)[0]
         half = 0.5 * float(np.arctan(left) + np.arctan(right))
         if abs(half - turn) < 1e-9:

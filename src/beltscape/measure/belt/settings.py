@@ -1,4 +1,4 @@
-"""What the engineer gives of the belt when it is learned: the options of ``measure belt``, the table [belt]."""
+"""Settings of learning the belt that the engineer gives: the options of ``measure belt``, the table [belt]."""
 
 from __future__ import annotations
 

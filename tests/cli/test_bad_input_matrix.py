@@ -106,7 +106,7 @@ measure volume two/000 --empty two --profile-every 0,05 => '0,05' is not a numbe
 {FLOW} --out o --load 0.2 => --load 0.2: cannot be the height of a load in mm (2 to 5000); in metres? write 200
 {FLOW} --out o --density 1.6 => --density 1.6: cannot be a bulk density in kg/m³ (5 to 30000); in t/m³? write 1600
 plan --belt-width 0.8 => belt.width_mm = 0.8: cannot be a width of belt in mm (20 to 20000); in metres? write 800
-plan --speed 2000 => belt.speed_m_s = 2000: cannot be the speed of a belt in m/s (0.005 to 20); in mm/s? write 2
+plan --speed 2000 => belt.speed_m_s = 2000.0: cannot be the speed of a belt in m/s (0.005 to 20); in mm/s? write 2
 plan --speed 120 => in m/min? write 2
 plan --focal 0.008 => camera.focal_mm = 0.008: must be greater than or equal to 1; in metres? write 8
 plan --angle 0.99 => camera.angle_deg = 0.99: must be greater than 1; in radians? write 56.72

@@ -48,7 +48,9 @@ def test_a_clock_of_which_nothing_is_known_is_not_ok(monkeypatch, answer, state)
     assert check_clock().state == state
 
 
-@pytest.mark.parametrize(("size", "state"), [("212992", "warning"), ("33554432", "ok"), ("no number", "warning")])
+@pytest.mark.parametrize(
+    ("size", "state"), [("212992", "warning"), ("33554432", "ok"), ("no number", "warning")]
+)
 def test_socket_buffers(size, state, tmp_path):
     limit = tmp_path / "rmem_max"
     limit.write_text(size)

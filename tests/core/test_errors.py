@@ -44,7 +44,7 @@ def test_one_except_catches_all_that_is_raised_on_purpose():
         (ValueError("units = 'm': only\n \"mm\" is known"), "units = 'm': only \"mm\" is known"),
     ],
 )
-def test_a_cause_is_told_without_pythons_words(error, words):
+def test_a_cause_has_none_of_pythons_words(error, words):
     assert describe_cause(error) == words
 
 

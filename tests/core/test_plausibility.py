@@ -51,7 +51,7 @@ def test_usual_values_are_possible_and_neither_is_remarked_on(name):
         (BELT_WIDTH, 1e6, "cannot be a width of belt in mm (20 to 20000); in micrometres? write 1000"),
     ],
 )
-def test_a_wrong_value_is_told_with_its_unit_and_what_to_write(quantity, value, text):
+def test_a_wrong_value_is_named_with_its_unit_and_what_to_write(quantity, value, text):
     assert text in (quantity.find_refusal(value) or quantity.find_oddity(value))
 
 
@@ -80,7 +80,7 @@ WRITTEN_IN = {"mm": 1.0, **dict(UNITS["mm"])}
 
 
 @pytest.mark.parametrize("unit", WRITTEN_IN)
-def test_the_unit_of_a_board_is_told_by_the_rig_that_it_makes(unit):
+def test_the_rig_that_a_board_makes_shows_its_unit(unit):
     """Rigs whose parts are all small or all large are like others in the next unit: then the right one is second."""
     factor, first = WRITTEN_IN[unit], 0
     for square, distance, baseline in RIGS:

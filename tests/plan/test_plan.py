@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from beltscape.core.errors import InputError
+from beltscape.files.documents.toml_text import validate
 from beltscape.plan.baseline import choose_baseline, list_alternatives
 from beltscape.plan.plan import make_plan
 from beltscape.plan.settings import BeltSettings, CameraSettings, LightSettings, PlanSettings, RigSettings
@@ -50,7 +52,7 @@ def test_baseline_beyond_the_horizon_is_refused():
 
 
 def test_best_seen_baseline_is_chosen_where_none_is_acceptable():
-    plan = make_plan(PlanSettings(rig=RigSettings(max_baseline_mm=1)))
+    plan = make_plan(PlanSettings(rig=RigSettings(max_baseline_mm=2)))
     assert plan.chosen.seen[2] == max(each.seen[2] for each in plan.alternatives)
     assert plan.chosen.refused
 
@@ -141,5 +143,5 @@ def test_poor_light_increases_matching_sigma_only(paper):
     ],
 )
 def test_settings_have_bounds(values):
-    with pytest.raises(ValidationError):
-        PlanSettings.model_validate(values)
+    with pytest.raises(InputError, match=r"plan\.toml: "):
+        validate(Path("plan.toml"), PlanSettings, values)

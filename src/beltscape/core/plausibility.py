@@ -75,11 +75,11 @@ _receiver: ContextVar[Callable[[str], None] | None] = ContextVar("receiver of re
 @contextmanager
 def receive_oddities(receive: Callable[[str], None]) -> Generator[None]:
     """Hand every remark on an unusual value to ``receive`` once, until the end of the context."""
-    told: set[str] = set()
+    received: set[str] = set()
 
     def receive_once(line: str) -> None:
-        if line not in told:
-            told.add(line)
+        if line not in received:
+            received.add(line)
             receive(line)
 
     token = _receiver.set(receive_once)
@@ -199,14 +199,8 @@ _SHORT_S, _LONG_S = 0.005, 0.5
 """Frames farther apart than the second may have times in ms, nearer than the first in minutes or hours. Chosen."""
 _LIKELY_S, _LIKELY_MM_S = (0.001, 5.0), (30.0, 12_000.0)
 """Intervals of frames and speeds of belts that a unit must lead to in order to be suggested."""
-_TIMES = (
-    *UNITS["s"][:1],
-    ("microseconds", 1e-6),
-    ("nanoseconds", 1e-9),
-    ("minutes", 60.0),
-    ("hours", 3600.0),
-)
-_POSITIONS = UNITS["mm"][:2] + UNITS["mm"][3:]
+_POSITIONS = tuple(unit for unit in UNITS["mm"] if unit[0] != "inches")
+"""Units in which positions of a belt may be given; inches are too near to centimetres to be told by a speed."""
 
 
 def find_motion_faults(interval_s: float, speed_mm_s: float) -> tuple[str, str]:
@@ -218,7 +212,7 @@ def find_motion_faults(interval_s: float, speed_mm_s: float) -> tuple[str, str]:
         return "", ""
     times = [
         (name, factor)
-        for name, factor in _TIMES
+        for name, factor in UNITS["s"]
         if (interval_s > _LONG_S if factor < 1 else interval_s < _SHORT_S)
         and _is_likely(interval_s * factor, speed_mm_s / factor)
     ]

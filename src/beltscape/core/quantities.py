@@ -12,7 +12,7 @@ TOP_WIDTH = Quantity("the width of a load's top", "mm", (3, 20_000), (20, 4000))
 """A load may end in a ridge or be as wide as the belt; in metres all widths are below 3."""
 RIG_HEIGHT = Quantity("the height of a camera over the belt", "mm", (30, 20_000), (150, 8000))
 """Rigs hang 0.5 to 3 m high; in metres all are below 30."""
-BASELINE = Quantity("the distance of two cameras", "mm", (2, 20_000), (20, 5000))
+BASELINE = Quantity("the distance of two cameras", "mm", (2, 20_000), (20, 20_000))
 """Planned rigs have 100 to 1000 mm; the limit of 2 is that of a rig's baselines."""
 DISTANCE = Quantity("a distance from the camera", "mm", (10, 100_000), (100, 30_000))
 """Surfaces nearer than 10 mm are within the lens; in metres all distances of rigs are below it or near it."""

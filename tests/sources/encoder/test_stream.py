@@ -71,7 +71,7 @@ def test_whole_timestamps_are_read_after_one_with_a_decimal_point():
 @pytest.mark.parametrize(
     ("factor", "unit"), [(1, ""), (1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds")]
 )
-def test_timestamps_in_another_unit_are_told(times, factor, unit):
+def test_timestamps_in_another_unit_are_reported(times, factor, unit):
     stream, now = ReadingStream(EncoderSettings(kind="udp", wait_s=0, times=times)), monotonic_ns()
     for k in range(30):
         delay_ms = 900 if k == 20 else 0  # a burst after a delay is no other unit

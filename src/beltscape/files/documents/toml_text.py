@@ -169,6 +169,4 @@ def _show(value: Any) -> str:
         return str(value).lower()
     if is_list_or_tuple(value):
         return f"[{', '.join(map(_show, value))}]"
-    if isinstance(value, float):
-        return f"{value:.10g}"
     return "null" if value is None else show_value(value)

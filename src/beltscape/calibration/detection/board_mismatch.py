@@ -1,15 +1,17 @@
-"""Description of the board that images show if it is not the described one."""
+"""Comparison of the board that images show with the described one: what is wrong in board.toml."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.target.board import Board, Chessboard
+from beltscape.target.board import AprilGrid, Board, CharucoBoard, Chessboard
+from beltscape.target.planar_boards import load_dictionary
 
 _FAMILIES = ("DICT_4X4_1000", "DICT_5X5_1000", "DICT_6X6_1000", "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL")
 _SIZES = (50, 100, 250, 1000)
@@ -23,10 +25,119 @@ _LEAD = 3
 """Ratio of a dictionary's markers to those of the next one from which on only this one is searched: by chance, images
 of boards show less than a tenth of their markers in another dictionary."""
 
+_FIT = 0.25
+"""Residual of a marker's centre, in squares, up to which it fits a layout: markers of another layout lie whole
+squares off, those of a bent board or a wide lens less than a tenth."""
+_FITTING_SHARE, _MORE = 0.8, 2
+"""Share of the markers that fit the right layout at least, and markers more than under the stated one: the layouts of
+boards with an even number of rows differ, but for a shift, in one marker of two rows only."""
+_INSET_PX = 1.0
+"""Pixels by which a marker's edge is measured too short: its contour goes through the centres of its outer pixels."""
+_MARKER_TOLERANCE = 0.1
+"""Relative difference of a marker's edge from the stated one that is an error: blur and exposure move a contour by a
+pixel at most, which is a tenth of the smallest markers that are read."""
+
 Markers = list[tuple[NDArray[np.int64], NDArray[np.float64]]]
 """One (ids (n,), centres (n, 2) px) per image."""
 Family = tuple[str, bool]
 """The largest dictionary of a family, and whether its markers are inverted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The keys of board.toml that place a board's markers."""
+
+    squares: tuple[int, int]
+    legacy: bool
+    inverted: bool
+
+
+def describe_contradiction(
+    images: Iterable[NDArray[np.uint8]], board: CharucoBoard, *, legacy: bool, inverted: bool
+) -> str | None:
+    """Return the keys of board.toml with the values that the markers in images (H, W) uint8 fit, where these differ.
+
+    Markers' centres do not depend on marker_mm, so that they tell the layout: exchanged columns and rows, or the
+    other layout. In the right layout their corners measure marker_mm. None where the description fits, or no layout
+    does.
+    """
+    views = list(images)
+    quads = {turned: list(_detect_quads(views, board, inverted=turned)) for turned in (False, True)}
+    shown_inverted = sum(len(ids) for ids, _ in quads[not inverted]) > 2 * sum(
+        len(ids) for ids, _ in quads[inverted]
+    )
+    is_inverted, (columns, rows) = inverted != shown_inverted, board.squares
+    markers = quads[is_inverted]
+    if not markers:
+        return None
+    options = [
+        Layout(squares, is_legacy, is_inverted)
+        for squares in dict.fromkeys([(columns, rows), (rows, columns)])
+        for is_legacy in (legacy, not legacy)
+    ]
+    scores = [sum(_count_fitting(each, board, option) for each in markers) for option in options]
+    found = options[int(np.argmax(scores)) if max(scores) >= scores[0] + _MORE else 0]
+    if max(scores) < _FITTING_SHARE * sum(len(ids) for ids, _ in markers):
+        return None
+    edge_mm = _measure_edge(markers, board, found)
+    keys = [f"squares = [{rows}, {columns}]"] if found.squares != (columns, rows) else []
+    if found.legacy != legacy and board.legacy is not None:
+        keys.append(f"legacy = {str(found.legacy).lower()} (or no such key)")
+    if is_inverted != inverted and board.inverted is not None:
+        keys.append(f"inverted = {str(is_inverted).lower()} (or no such key)")
+    if abs(edge_mm / board.marker_mm - 1) > _MARKER_TOLERANCE:
+        keys.append(f"marker_mm = {edge_mm:.3g} (measured, where square_mm = {board.square_mm:g})")
+    return " and ".join(keys) or None
+
+
+def _detect_quads(
+    images: Iterable[NDArray[np.uint8]], board: CharucoBoard, *, inverted: bool
+) -> Iterator[tuple[NDArray[np.int64], NDArray[np.float64]]]:
+    """Yield the ids (n,) and corners (n, 4, 2) of a board's markers in each image with enough of them."""
+    detector = cv2.aruco.ArucoDetector(load_dictionary(board.dictionary))
+    for image in images:
+        corners, ids, _ = detector.detectMarkers(cv2.bitwise_not(image) if inverted else image)
+        if ids is None:
+            continue
+        numbers, quads = ids.ravel().astype(np.int64), np.array(corners, np.float64).reshape(-1, 4, 2)
+        own = np.isin(numbers, np.array(board.marker_ids))
+        if own.sum() >= _FEWEST:
+            yield numbers[own], quads[own]
+
+
+def _map_to_board(
+    ids: NDArray[np.int64], quads: NDArray[np.float64], board: CharucoBoard, layout: Layout
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return markers' corners (n, 4, 2) on a board, mm, and the misfits (n,) of their centres, in squares."""
+    drawn = board.model_copy(update={"squares": layout.squares}).to_opencv(legacy=layout.legacy)
+    centers_mm = {
+        int(number): np.asarray(points, np.float64)[:, :2].mean(axis=0)
+        for number, points in zip(drawn.getIds().ravel(), drawn.getObjPoints(), strict=True)
+    }
+    wanted, centers = np.array([centers_mm[int(number)] for number in ids]), quads.mean(axis=1)
+    homography, _ = cv2.findHomography(centers, wanted, cv2.RANSAC, 0.3 * board.square_mm)
+    if homography is None:
+        return quads, np.full(len(ids), np.inf)
+    mapped = cv2.perspectiveTransform(quads.reshape(-1, 1, 2), homography).reshape(-1, 4, 2)
+    return mapped, np.linalg.norm(mapped.mean(axis=1) - wanted, axis=1) / board.square_mm
+
+
+def _count_fitting(
+    markers: tuple[NDArray[np.int64], NDArray[np.float64]], board: CharucoBoard, layout: Layout
+) -> int:
+    return int((_map_to_board(*markers, board, layout)[1] < _FIT).sum())
+
+
+def _measure_edge(markers: Markers, board: CharucoBoard, layout: Layout) -> float:
+    """Return the median edge of the markers on a board of this layout, mm."""
+    edges: list[float] = []
+    for ids, quads in markers:
+        mapped, misfit = _map_to_board(ids, quads, board, layout)
+        lengths_mm, lengths_px = (
+            np.linalg.norm(each - np.roll(each, 1, axis=1), axis=2)[misfit < _FIT] for each in (mapped, quads)
+        )
+        edges += (lengths_mm * (1 + _INSET_PX / lengths_px)).ravel().tolist()
+    return float(np.median(edges))
 
 
 def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> str | None:
@@ -42,7 +153,7 @@ def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> s
         numbers = f"{low} to {top} (first_id = {low})" if begins_later else f"up to {top}"
         squares = f" on a board of {columns} columns" if columns else ""
         note = ", inverted" if is_inverted else ""
-        return f"markers {_name_dictionary(family, top)} with ids {numbers}{squares}{note}"
+        return f"markers {_name_dictionary(family, top, board)} with ids {numbers}{squares}{note}"
     grid = _find_chessboard_grid(images)
     if grid and not (isinstance(board, Chessboard) and grid in (board.corners, board.corners[::-1])):
         return f"a chessboard of {grid[0]}×{grid[1]} inner corners"
@@ -95,8 +206,12 @@ def _detect_markers(image: NDArray[np.uint8], family: str) -> Markers:
     return [(ids.ravel().astype(np.int64), np.array(corners).reshape(-1, 4, 2).mean(axis=1))]
 
 
-def _name_dictionary(family: str, top: int) -> str:
-    """Return the name of the family's smallest dictionary that contains the id ``top``."""
+def _name_dictionary(family: str, top: int, board: Board) -> str:
+    """Return the stated dictionary if it is of this family, else its smallest one that contains the id ``top``."""
+    stated = board.dictionary if isinstance(board, CharucoBoard | AprilGrid) else ""
+    name, _, size = stated.rpartition("_")
+    if name == family.removesuffix("_1000") and size.isdigit() and top < int(size):
+        return stated
     if not family.endswith("_1000"):
         return family
     size = next(size for size in _SIZES if top < size)
@@ -110,7 +225,7 @@ def _estimate_columns(markers: Markers) -> int | None:
         if len(ids) >= 6:
             fits = {columns: _compute_misfit(ids, centers, columns) for columns in range(3, 31)}
             best = min(fits, key=lambda columns: fits[columns])
-            if fits[best] < 0.25:
+            if fits[best] < _FIT:
                 votes[best] += 1
     return votes.most_common(1)[0][0] if votes else None
 

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.detection.board_mismatch import describe_shown_board
+from beltscape.calibration.detection.board_mismatch import describe_contradiction, describe_shown_board
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.detection.detector import Detector, PrintVariant, add_back_side, make_detector
 from beltscape.calibration.detection.grey import convert_to_8_bit
@@ -27,6 +27,8 @@ from beltscape.target.board import AprilGrid, Board, BoardSet, CharucoBoard
 _GOING_ON = "; going on without this image"
 NO_BOARD = "they show neither ArUco markers nor a chessboard: look at exposure and focus"
 
+_COMPARED = 6
+"""Images in which markers are compared with the board's description: one is enough, some may not show the board."""
 SURE_CORNERS, SURE_RATIO = 60, 3
 """Corners found under one print variant, and their ratio to those under any other, from which it is certain: a wrong
 variant finds a few corners by chance, never a third."""
@@ -74,6 +76,7 @@ def detect_board(
             f"{capture.folder}: none of its {len(jobs)} images can be read; the first: "
             f"{reason.removesuffix(_GOING_ON)}"
         )
+    _check_description(capture, board, variant, detections, reporter)
     if not any(detections.views.values()):
         raise InputError(_describe_failure(capture, board, variant))
     return detections, variant
@@ -189,6 +192,32 @@ def _select_variant(
         if best >= SURE_CORNERS and best > SURE_RATIO * second:
             break
     return options[int(np.argmax(counts))]
+
+
+def _check_description(
+    capture: Capture, board: Board, variant: PrintVariant, detections: BoardDetections, reporter: Reporter
+) -> None:
+    """Compare a ChArUco board's description with its markers: warn where they differ.
+
+    Raises
+    ------
+    InputError
+        When they differ and most images do not show the board as described.
+    """
+    if not isinstance(board, CharucoBoard):
+        return
+    sample = _sample_images(capture, _COMPARED)
+    keys = describe_contradiction(sample, board, legacy=variant.legacy, inverted=variant.inverted)
+    if keys is None:
+        return
+    found, images = sum(map(len, detections.views.values())), sum(detections.images.values())
+    where = (
+        f"{capture.folder}: {'no image shows' if not found else f'{found} of {images} images show'} the board"
+    )
+    message = f"{where} ({board.describe()}); the markers fit {keys}: correct board.toml"
+    if 2 * found < images:
+        raise InputError(message)
+    reporter.warn(message)
 
 
 def _describe_failure(capture: Capture, board: Board, variant: PrintVariant) -> str:

@@ -90,14 +90,17 @@ class RecordingEngine(Engine):
     def play(self, feed: Feed, disturb: Callable[[], None]) -> None:
         """Measure every frame of a feed and evaluate the alarms by its clock; ``disturb`` at the fault."""
         board = self._components.board
-        for number, frames in enumerate(feed):
+        evaluated = -_MONITOR_EVERY
+        for frames in feed:
+            number = int(frames.frame)
             if number == feed.onset:
                 disturb()
             self._clock.now_s = number / FRAMES_PER_S
             self._last_frame_s = self._clock.monotonic()
             self._measure(self._add_position(frames))
             self._flush()
-            if number % _MONITOR_EVERY == 0:
+            if number // _MONITOR_EVERY > evaluated // _MONITOR_EVERY:
+                evaluated = number
                 self._update_alarms()
                 for alarm in board.alarms:
                     if alarm.state != "clear":

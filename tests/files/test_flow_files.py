@@ -37,7 +37,14 @@ def test_frames_may_be_named_by_their_files(tmp_path: Path) -> None:
         (GOOD, "no row below the header"),
         (GOOD + "a,0,0\na,1,1\n", "line 3: frame a is there twice (also in line 2)"),
         (GOOD + "a,1,0\nb,1,1\n", "line 3: timestamp_s 1 is not after"),
-        (GOOD + "a,0,5\nb,1,4\n", "line 3: belt_position_mm 4 is before"),
+        (
+            GOOD + "a,0,5\nb,1,4\n",
+            "belt_position_mm falls from the first row to the last; positions must grow",
+        ),
+        (
+            GOOD + "a,0,5\nb,1,4000\nc,2,900\n",
+            "line 4: belt_position_mm 900 is 3.1 m behind the farthest before it",
+        ),
         (GOOD + "a,0,x\n", "line 2: belt_position_mm 'x' is not a number"),
         (GOOD + "a,0,nan\n", "line 2: belt_position_mm 'nan' is not a number"),
         (GOOD + "a,0\n", "line 2: 2 values, but the header has 3"),
@@ -51,6 +58,11 @@ def test_a_wrong_encoder_file_is_refused_in_one_line(tmp_path: Path, text: str, 
     assert words in str(error.value)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_belt_may_roll_back(tmp_path: Path) -> None:
+    path = written(tmp_path, GOOD + "a,0,0\nb,1,0\nc,2,-400\nd,3,200\ne,4,900\nf,5,850\n")
+    assert [reading.belt_position_mm for reading in read_encoder(path)] == [0, 0, -400, 200, 900, 850]
 
 
 def test_density_by_time(tmp_path: Path) -> None:

@@ -35,6 +35,8 @@ class Case:
     """Duration after the fault, in rounds of the capture."""
     least_rounds: float = 0.0
     """Rounds after the fault that the row needs, also where fewer are asked for."""
+    step_mm: float | None = None
+    """Travel of the belt between frame sets from the fault on: only so many are delivered; None: all."""
     begins_after: float = 0.0
     """Share of a round after which the fault begins: where nothing is in view, or a heap."""
     from_start: bool = False
@@ -51,7 +53,7 @@ class Case:
     @property
     def is_sound(self) -> bool:
         """Return whether nothing is wrong: any alarm is a false accusation."""
-        return not (self.faults or self.zero_faults or self.replaced or self.disturbed)
+        return not (self.faults or self.zero_faults or self.replaced or self.disturbed or self.step_mm)
 
     @property
     def is_wrong_from_start(self) -> bool:

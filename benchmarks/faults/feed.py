@@ -6,10 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any
+from zlib import crc32
 
 import numpy as np
 
-from beltscape.core.frames import FrameSet
+from beltscape.core.frames import FrameSet, Image
 from beltscape.core.live.events import CameraHealth
 from beltscape.files.rasters.images import read_image
 from beltscape.simulate.faults.images import apply_to_images
@@ -38,7 +39,15 @@ class Feed:
         path = capture.folder / "rendered" / case.name.replace(" ", "_").replace("/", "_")
         self._anew = self.cameras if case.rendered == "*" else (case.rendered,) if case.rendered else ()
         """The cameras whose images are rendered anew."""
-        self._rendered = render_cameras(capture, str(path), self._anew, case.faults) if self._anew else None
+        self._rendered = (
+            render_cameras(capture, str(path), self._anew, _drop_last(case.faults)) if self._anew else None
+        )
+        self._end = _find_end(case.faults, onset) if self._anew else None
+        """The first frame without the fault in the images that are rendered anew; None: it remains."""
+        self._every = (
+            1 if case.step_mm is None else max(1, round(case.step_mm * capture.frames / capture.round_mm))
+        )
+        """From the fault on only every n-th frame set is delivered."""
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -46,7 +55,11 @@ class Feed:
         return tuple(self._capture.rig.cameras)
 
     def __iter__(self) -> Iterator[FrameSet]:
-        return (self.frame(number) for number in range(self._count))
+        return (
+            self.frame(number)
+            for number in range(self._count)
+            if number < self.onset or (number - self.onset) % self._every == 0
+        )
 
     def frame(self, number: int) -> FrameSet:
         """Return a frame set as the plant with its fault delivers it."""
@@ -57,7 +70,12 @@ class Feed:
             for name in self.cameras
             if all(fault.delivers(name, number) for fault in self.faults.missing_frames)
         }
-        if self._rendered is not None and number >= self.onset:
+        images = {
+            name: self._add_noise(image, name, number) if sources[name] != number else image
+            for name, image in images.items()
+        }
+        is_anew = number >= self.onset and (self._end is None or number < self._end)
+        if self._rendered is not None and is_anew:
             name = self._capture.truth["frames"][number % self._capture.frames]["frame"]
             images |= {camera: read_image(self._rendered / camera / f"{name}.png") for camera in self._anew}
         reading = float(self._position_mm[number])
@@ -66,7 +84,7 @@ class Feed:
         self._now_s = number / FRAMES_PER_S
         self._last_s |= dict.fromkeys(images, self._now_s)
         height = self._capture.scenario.rig.height_mm
-        if self._case.rendered:
+        if self._case.rendered and is_anew:
             return delivered
         return apply_to_images(delivered, self.faults, number, self._capture.rig.cameras, height)
 
@@ -82,6 +100,15 @@ class Feed:
     def close(self) -> None:
         """End the source; there is nothing to end."""
 
+    def _add_noise(self, image: Image, camera: str, number: int) -> Image:
+        """Return a repeated image with the noise that its fault adds."""
+        sigma = max((fault.noise for fault in self.faults.repeated_images), default=0.0)
+        if sigma == 0:
+            return image
+        rng = np.random.default_rng([crc32(camera.encode()), number])
+        noisy = image + sigma * rng.standard_normal(image.shape, dtype=np.float32)
+        return np.clip(np.rint(noisy), 0, np.iinfo(image.dtype).max).astype(image.dtype)
+
     def _list_source_frames(self, number: int) -> dict[str, int]:
         """Return the number of the frame that each camera shows."""
         sources = dict.fromkeys(self.cameras, number)
@@ -92,6 +119,20 @@ class Feed:
         for late in self.faults.late_camera:
             sources[late.camera] = late.source_frame(sources[late.camera])
         return sources
+
+
+def _drop_last(described: Mapping[str, Any]) -> dict[str, Any]:
+    """Return faults that remain: they are rendered in every frame of the round."""
+    return {
+        name: [{key: value for key, value in one.items() if key != "last"} for one in many]
+        for name, many in described.items()
+    }
+
+
+def _find_end(described: Mapping[str, Any], onset: int) -> int | None:
+    """Return the first frame after the faults; None where one remains."""
+    last = [one.get("last") for many in described.values() for one in many]
+    return None if not last or None in last else onset + 1 + max(last)
 
 
 def make_faults(described: Mapping[str, Any], onset: int) -> Faults:

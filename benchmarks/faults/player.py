@@ -97,7 +97,9 @@ class RecordingEngine(Engine):
     def play(self, feed: Feed, disturb: Callable[[], Callable[[], None]]) -> None:
         """Measure every frame of a feed and evaluate the alarms by its clock; ``disturb`` at the fault."""
         board, end = self._components.board, _do_nothing
-        for number, frames in enumerate(feed):
+        evaluated = -_MONITOR_EVERY
+        for frames in feed:
+            number = int(frames.frame)
             if number == feed.onset:
                 self._wait_for_writers()
                 end = disturb()
@@ -105,7 +107,8 @@ class RecordingEngine(Engine):
             self._last_frame_s = self._clock.monotonic()
             self._measure(self._add_position(frames))
             self._flush()
-            if number % _MONITOR_EVERY == 0:
+            if number // _MONITOR_EVERY > evaluated // _MONITOR_EVERY:
+                evaluated = number
                 self._wait_for_writers()
                 self._repair.check()
                 self._update_alarms()

@@ -44,7 +44,14 @@ def belt(scale_s: float = 1, scale_mm: float = 1, start_s: float = 0) -> str:
         (GOOD, "no row below the header"),
         (GOOD + "a,0,0\na,1,1\n", "line 3: frame a is there twice (also in line 2)"),
         (GOOD + "a,1,0\nb,1,1\n", "line 3: timestamp_s 1 is not after"),
-        (GOOD + "a,0,5\nb,1,4\n", "line 3: belt_position_mm 4 is before"),
+        (
+            GOOD + "a,0,5\nb,1,4\n",
+            "belt_position_mm falls from the first row to the last; positions must grow",
+        ),
+        (
+            GOOD + "a,0,5\nb,1,4000\nc,2,900\n",
+            "line 4: belt_position_mm 900 is 3.1 m behind the farthest before it",
+        ),
         (GOOD + "a,0,x\n", "line 2: belt_position_mm 'x' is not a number"),
         (GOOD + "a,0,nan\n", "line 2: belt_position_mm 'nan' is not a number"),
         (GOOD + "a,0\n", "line 2: 2 values, but the header has 3"),
@@ -105,6 +112,11 @@ def test_an_unusual_motion_is_read_with_a_remark(tmp_path: Path, text: str, oddi
         assert read_encoder(written(tmp_path, text))
     assert bool(lines) == bool(oddity)
     assert oddity in "".join(lines)
+
+
+def test_a_belt_may_roll_back(tmp_path: Path) -> None:
+    path = written(tmp_path, GOOD + "a,0,0\nb,1,0\nc,2,-400\nd,3,200\ne,4,900\nf,5,850\n")
+    assert [reading.belt_position_mm for reading in read_encoder(path)] == [0, 0, -400, 200, 900, 850]
 
 
 def test_density_by_time(tmp_path: Path) -> None:

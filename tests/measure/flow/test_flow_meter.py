@@ -235,3 +235,58 @@ def test_an_error_common_to_all_frames_does_not_average_out(step_mm: float) -> N
     low, high = floor().belt.across_mm
     added = np.sqrt(doubted**2 - sound**2)
     assert added == pytest.approx(systematic_mm * (high - low) * length, rel=1e-6)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize(("standing", "back_mm"), [(5, -50.0), (9, -100.0), (9, -20.0), (0, -50.0)])
+def test_a_belt_that_rolls_back_before_it_starts(direction: int, standing: int, back_mm: float) -> None:
+    """Loaded from the first frame on; the encoder falls with the material by 400 mm."""
+    steps = [0.0] * standing + [back_mm] * round(-400 / back_mm) + [100.0] * 19
+    places = list(np.cumsum([700.0, *steps]))
+    meter, records, _ = measure(places, direction=direction)
+    heap = HEAP if direction == 1 else BACK
+    assert meter.direction == direction
+    assert meter.totals.volume_mm3 == pytest.approx(heap.volume_mm3, rel=0.004)
+    assert {record.quality for record in records} == {"measured"}
+    assert meter.totals.length_mm == pytest.approx(1997, rel=0.01)
+
+
+@pytest.mark.parametrize("step_mm", [50.0, 100.0])
+def test_an_encoder_that_counts_in_reverse_over_a_load_is_no_roll_back(step_mm: float) -> None:
+    places = list(700 + step_mm * np.arange(round(1500 / step_mm)))
+    meter, records, _ = measure(places, encoder=[-place for place in places])
+    assert meter.direction == 1
+    assert not any(record.quality == "measured" for record in records)
+    assert any("channels A and B" in record.reason for record in records)
+    assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.01)
+
+
+def test_steps_that_hardly_overlap_are_not_valid_and_named() -> None:
+    low, high = floor().seen_mm
+    meter = FlowMeter(floor())
+    records: list[FlowRecord] = []
+    named: list[int] = []
+    for k in range(6):
+        place = 0.93 * (high - low) * k
+        records += meter.push(seen(HEAP, place, 1), round(k * 1e8), place)
+        named += [k for one in meter.findings if one.check == "thin_overlap"]
+    records += meter.finish()
+    assert named == [2, 3, 4, 5]
+    assert "measured" not in {record.quality for record in records}
+
+
+def test_a_sudden_speed_on_a_bare_belt_is_not_valid_until_material_confirms_it() -> None:
+    meter = FlowMeter(floor(), FlowSettings(direction="+y"))
+    records: list[FlowRecord] = []
+    for k in range(12):
+        records += meter.push(depth_map(None, 0.0), k * 10**8, 100.0 * k + 100.0 * max(k - 5, 0))
+    records += meter.finish()
+    assert [record.quality for record in records] == ["measured"] * 6 + ["degraded"] * 6
+
+
+def test_readings_that_no_belt_can_follow_do_not_enlarge_sigma() -> None:
+    places = positions(100.0)
+    wrong = [place + (100_000.0 * (k - 7) if k > 7 else 0.0) for k, place in enumerate(places)]
+    meter, _, _ = measure(places, encoder=wrong)
+    assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.1)
+    assert meter.totals.sigma_mm3 < 0.5 * meter.totals.volume_mm3

@@ -13,8 +13,8 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "flicker", "condensation", "dirt", "dust", "defocus", "projector_focus", "frozen_image", "camera_sync",
         "camera_skew", "low_coverage", "no_measurement",
     ),
-    "motion": ("encoder_wrong", "encoder_silent", "encoder_motion", "belt_stopped", "empty"),
-    "load": ("oversize_lump", "overload", "misaligned_belt", "torn_edge_left", "torn_edge_right"),
+    "motion": ("encoder_wrong", "encoder_silent", "encoder_motion", "thin_overlap", "belt_stopped", "empty"),
+    "load": ("foreign_object", "oversize_lump", "overload", "misaligned_belt", "torn_edge_left", "torn_edge_right"),
     "geometry": (
         "camera_pose", "camera_redundancy", "projector_moved", "zero_shift", "zero_tilt", "zero_drift", "carry_back",
         "carry_back_stuck", "carry_back_total",

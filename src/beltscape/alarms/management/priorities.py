@@ -73,6 +73,7 @@ RATIONALES: Mapping[str, Rationale] = {
     "dust": Rationale("minor", "soon"),
     "maintenance": Rationale("minor", "slow"),
     "splice": Rationale("minor", "slow"),
+    "foreign_object": Rationale("severe", "soon"),  # a jammed lump blocks the transfer or cuts the belt
 }
 """By kind of alarm; checks that are not named have the estimates of a fault. Chosen; every plant has its own."""
 

@@ -1,7 +1,7 @@
 """The check of the heights against the belt's motion: what does not travel with the belt is no load.
 
 Every part of the belt is seen by several frames. Where one of them shows more than another shows around the same
-place of the belt, something is there that does not lie on it: a jammed lump, a plate, an arm, a chain, a cable, a bird.
+place of the belt, something is there that does not lie on it: a jammed lump, a plate, an arm, a cable, a bird.
 """
 
 from __future__ import annotations
@@ -38,11 +38,9 @@ _LEAST_OVERLAP = 0.1
 _VIEWS = 8
 """Number of earlier frames that are kept over the length of the view, beside the latest one."""
 _SAME_PLACE = 0.5
-"""Share of two areas that lies in both, from which on it stands at the same place."""
-_MOST_OF_LOAD = 0.5
-"""If more than this share of a load contradicts its motion, and no registration proves it, the motion is wrong."""
+"""Share of an area that was there in the frame before, from which on it stands at the same place. Chosen."""
 _LARGE_LOAD = 0.25
-"""Share of the view from which on a load would have been registered."""
+"""Share of the view from which on a load would have been registered: if it was not, the motion is doubtful. Chosen."""
 _LEAST_LOAD_MM = 3.0
 """What is higher counts as load, as in the registration."""
 _LEFT_SHARE, _UNPROVEN_SHARE = 0.25, 1.0
@@ -174,21 +172,20 @@ class ForeignObjectCheck:
 
     @staticmethod
     def _is_motion_wrong(found: Sequence[tuple[_View, Mask]]) -> bool:
-        """Return whether most of a large load contradicts the motion."""
-        for view, cells in found:
-            load = float((np.nan_to_num(view.height_mm) > _LEAST_LOAD_MM).sum())
-            if load >= _LARGE_LOAD * cells.size and cells.sum() > _MOST_OF_LOAD * load:
-                return True
-        return False
+        """Return whether there is so much other load that a right motion would have been registered."""
+        return any(
+            cells.any() and (~cells & (np.nan_to_num(view.height_mm) > _LEAST_LOAD_MM)).mean() >= _LARGE_LOAD
+            for view, cells in found
+        )
 
     def _stays(self, last: _View, now: _View, direction: int) -> bool:
         """Return whether what appeared in the last frame stays there, instead of moving with the belt."""
-        if not (last.appeared.any() and now.appeared.any()):
-            return False
         rows = round(direction * (now.position_mm - last.position_mm) / self._cell_mm)
+        if not (last.appeared.any() and now.appeared.any()) or abs(rows) * self._cell_mm < _NARROWEST_MM:
+            return False
         moved = _move(last.appeared.astype(np.float32), rows) > 0
-        here = _compute_common_share(last.appeared, now.appeared)
-        return here >= _SAME_PLACE and here > _compute_common_share(moved, now.appeared)
+        here, travelled = (float((cells & now.appeared).sum()) for cells in (last.appeared, moved))
+        return here >= _SAME_PLACE * now.appeared.sum() and here >= travelled
 
     def _select_large(self, cells: Mask) -> Mask:
         """Return the cells of areas that are wide and large enough."""
@@ -261,8 +258,3 @@ def _move(values: Heights, rows: int) -> Heights:
     else:
         moved[:rows] = values[-rows:]
     return moved
-
-
-def _compute_common_share(one: Mask, other: Mask) -> float:
-    """Return the common part of two areas as a share of the smaller one."""
-    return float((one & other).sum()) / max(1.0, float(min(one.sum(), other.sum())))

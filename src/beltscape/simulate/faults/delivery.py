@@ -27,10 +27,24 @@ class RepeatedImages(Fault):
 
     camera: str = ""
     """Empty: every camera."""
+    every: Annotated[int, Field(ge=0, le=1000)] = 0
+    """Every n-th image is a new one, which is delivered n times; 0: none is."""
+    noise: Annotated[float, Field(ge=0, le=100)] = 0.0
+    """σ of fresh noise on a repeated image, in its values; 0: the repeated image has the same bytes."""
+    last: Annotated[int, Field(ge=0, le=100_000)] | None = None
+    """The last frame with the fault; None: it remains."""
+
+    def is_active(self, frame: float) -> bool:
+        """Return whether the fault is there in a frame."""
+        return frame >= self.first and (self.last is None or frame <= self.last)
 
     def source_frame(self, frame: int) -> int:
         """Return the frame whose image is delivered."""
-        return max(self.first - 1, 0) if self.is_active(frame) else frame
+        if not self.is_active(frame):
+            return frame
+        if self.every:
+            return frame - (frame - self.first) % self.every
+        return max(self.first - 1, 0)
 
 
 class LateCamera(Fault):

@@ -206,6 +206,28 @@ def test_frozen_images_give_no_multiples_of_the_load() -> None:
     )
 
 
+def test_the_metres_of_repeated_images_are_missing_and_measuring_recovers() -> None:
+    track = list_positions()
+    shown = np.where((np.arange(COUNT) >= FIRST) & (np.arange(COUNT) < END), track[FIRST - 1], track)
+    entries, findings = measure(shown, [float(place) for place in track])
+    check_ledger(entries, track[-1])
+    assert any(one.cause == "encoder_stalled" for one in findings[FIRST + 1])
+    texts = [one.text for made in findings for one in made if one.is_fault]
+    assert all("counts 0.0" in text and "(0.00 m)" in text for text in texts)
+    assert not any(one.is_fault for made in findings[END + 2 :] for one in made)
+    assert entries[-1].standing == "valid"
+    assert sum(entry.volume_mm3 for entry in entries) <= 1.005 * measure_sound_volume_mm3()
+
+
+def test_nothing_is_lost_where_every_second_image_set_repeats() -> None:
+    track = list_positions()
+    shown = [track[number - (number % 2 if number >= FIRST else 0)] for number in range(COUNT)]
+    entries, findings = measure(np.array(shown), [float(place) for place in track])
+    check_ledger(entries, track[-1])
+    assert any(one.cause == "encoder_stalled" for made in findings for one in made)
+    assert sum(entry.volume_mm3 for entry in entries) == pytest.approx(measure_sound_volume_mm3(), rel=0.03)
+
+
 def test_a_silent_encoder_that_returns_with_another_count() -> None:
     track = list_positions()
     readings = [

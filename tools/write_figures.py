@@ -217,7 +217,7 @@ def widths(results: str) -> str:
 
 def _choices(results: str, heading: str, *keys: str) -> str:
     head, _, *cells = section(results, f"\n### {heading}\n")
-    columns = (*keys, "< 1 mm", "gross", "measured", "median mm", "σ ratio", "volume", "σ of volume", "CPU s")
+    columns = (*keys, "< 1 mm", "gross", "measured", "median mm", "σ ratio", "volume", "σ of volume")
     rows = [[dict(zip(head, line, strict=True))[key] for key in columns] for line in cells]
     return table(list(columns), rows) + "\n" + state(results, "Choices")
 

@@ -37,6 +37,8 @@ class Case:
     """Rounds after the fault that the row needs, also where fewer are asked for."""
     begins_after: float = 0.0
     """Share of a round after which the fault begins: where nothing is in view, or a heap."""
+    from_start: bool = False
+    """Whether the fault of the images is there from the first frame on, before any check has learned anything."""
     trends: Mapping[str, float] = field(default_factory=dict)
     """True values of checks at the end: their findings must agree within 2.5 σ."""
     belt_width_mm: float | None = None
@@ -54,7 +56,7 @@ class Case:
     @property
     def is_wrong_from_start(self) -> bool:
         """Return whether the fault is there before the first frame."""
-        return bool(self.zero_faults or self.replaced)
+        return bool(self.zero_faults or self.replaced or self.from_start)
 
     def is_named_by(self, name: str) -> bool:
         """Return whether an alarm or check of this name names the fault."""

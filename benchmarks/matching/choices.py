@@ -16,7 +16,6 @@ from beltscape.stereo.multiview.initialisation.depth_range import find_depth_ran
 from captures import Scene, read_rendered
 from matching.methods import MULTIVIEW, Range, Result, run
 from tables import format_cells, format_head
-from timing import run_in_fresh_process
 
 RIGS: dict[str, Sequence[str]] = {
     "2: one auxiliary across": ("cam1",),
@@ -31,11 +30,11 @@ SIZES = {1224: 0, 612: 1, 306: 2}
 """Image widths, px, with the number of halvings of the rendered images."""
 NOTES = """\
 The rendered loaded belt (`belt_loaded`) and its empty belt, with exact rigs, by rigs that use some of its
-five cameras. Depth: as in "Whole frames". Volume: error of the heap of 12.9 l, the belt learned with the same rig, and
-its claimed σ. CPU s: of one frame of a prepared matcher."""
+five cameras. Depth: as in "Whole frames". Volume: error of the heap of 12.9 l, the belt learned with the same rig,
+and its claimed σ."""
 _COLUMNS = (
     "cameras", "width px", "preset", "< 1 mm", "< 0.25 mm", "gross", "measured", "median mm", "σ ratio", "volume",
-    "σ of volume", "CPU s",
+    "σ of volume",
 )  # fmt: skip
 
 
@@ -58,13 +57,12 @@ def _row(folder: Path, cameras: str, width_px: int, preset: str) -> str:
         select_cameras(read_rendered(folder, name, SIZES[width_px]), RIGS[cameras])
         for name in ("belt_loaded", "belt_empty")
     )
-    result = run_in_fresh_process(run, preset, loaded, _find_range(loaded))
+    result = run(preset, loaded, _find_range(loaded), timed=False)
     error, sigma = _volume(loaded, result, run(preset, empty, _find_range(empty), timed=False))
-    s, cost = result.score, result.cost
+    s = result.score
     cells = [
         cameras, str(width_px), preset, f"{s.within_1mm:.1%}", f"{s.within_quarter_mm:.1%}", f"{s.gross:.2%}",
         f"{s.coverage:.1%}", f"{s.interior_median_mm:.3f}", f"{s.sigma_ratio:.2f}", f"{error:+.2%}", f"{sigma:.2%}",
-        f"{cost.cpu_s:.2f}" if cost else "",
     ]  # fmt: skip
     return format_cells(cells)
 

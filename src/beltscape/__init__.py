@@ -36,10 +36,12 @@ _HOME = {
     "point_cloud": "beltscape.api.reconstruction",
     "read_belt": "beltscape.api.files",
     "read_capture": "beltscape.api.files",
+    "read_depth": "beltscape.api.files",
     "read_rig": "beltscape.api.files",
     "scale_rig": "beltscape.core.geometry.scaling",
     "write_belt": "beltscape.api.files",
     "write_cloud": "beltscape.api.files",
+    "write_depth": "beltscape.api.files",
     "write_ply": "beltscape.api.files",
     "write_rig": "beltscape.api.files",
 }

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.files.rasters.images import write_image
+from beltscape.files.rasters.images import KINDS, write_image
 from beltscape.files.rig_json import write_rig
 from beltscape.target.board import Chessboard
 from tests.cli.conftest import BOARD
@@ -72,7 +72,8 @@ def test_no_readable_image_at_all(calibrate):
         path.write_text("not an image")
     code, lines = calibrate()
     assert (code, lines[-1]) == (
-        2, "beltscape: capture: none of its 10 images can be read; copy them again",
+        2, "beltscape: capture: none of its 10 images can be read; the first: "
+        f"capture/cam0/00.png: not a readable image; {KINDS} are known",
     )  # fmt: skip
 
 

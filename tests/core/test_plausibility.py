@@ -9,26 +9,18 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from beltscape.core import plausibility
+from beltscape.core import quantities
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.plausibility import (
-    BELT_WIDTH,
-    DENSITY,
-    LOAD_HEIGHT,
-    UNITS,
-    Quantity,
-    find_unit,
-    guess_unit_of_board,
-    suggest_unit,
-)  # fmt: skip
+from beltscape.core.plausibility import UNITS, Quantity, find_unit, guess_unit_of_board, suggest_unit
 from beltscape.core.progress import RecordingReporter, Silent
+from beltscape.core.quantities import BELT_WIDTH, DENSITY, LOAD_HEIGHT
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.calibrating.plausibility import check_scale
 from beltscape.target.board import Chessboard
 from tests.synthetic.demo import TRUE_RIG
 
-QUANTITIES = {name: each for name, each in vars(plausibility).items() if isinstance(each, Quantity)}
+QUANTITIES = {name: each for name, each in vars(quantities).items() if isinstance(each, Quantity)}
 
 
 @pytest.mark.parametrize("name", QUANTITIES)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -87,3 +88,26 @@ def test_invalid_value_is_named(tmp_path, place, value, words):
         read_belt(path)
     assert words in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_ends_and_what_stands_beside_them_are_kept_and_unknown_in_earlier_files(tmp_path):
+    known = replace(belt(), ends=("seen", "told"), clear_mm=(-np.inf, 412.5), width_mm=800.0)
+    write_belt(tmp_path / "belt.json", known, CAMERA)
+    back, _ = read_belt(tmp_path / "belt.json")
+    assert (back.ends, back.clear_mm, back.width_mm) == (known.ends, known.clear_mm, 800.0)
+    document = json.loads((tmp_path / "belt.json").read_text())
+    for key in ("ends", "clear_mm", "width_mm", "sha256"):
+        document.pop(key, None)
+    (tmp_path / "old.json").write_text(json.dumps(document))
+    old, _ = read_belt(tmp_path / "old.json")
+    assert (old.ends, old.clear_mm, old.width_mm) == (None, (-np.inf, np.inf), None)
+
+
+@pytest.mark.parametrize("ends", [["seen"], ["seen", "lost"], "seen", [1, 2]])
+def test_unknown_kinds_of_ends_are_refused(tmp_path, ends):
+    write_belt(tmp_path / "belt.json", belt(), CAMERA)
+    document = json.loads((tmp_path / "belt.json").read_text())
+    document["ends"] = ends
+    (tmp_path / "belt.json").write_text(json.dumps(document))
+    with pytest.raises(InputError, match=r"ends = .* must be two of seen, inferred, told"):
+        read_belt(tmp_path / "belt.json")

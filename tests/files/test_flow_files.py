@@ -111,7 +111,7 @@ def test_density_by_time(tmp_path: Path) -> None:
     path = written(tmp_path, "timestamp_s,density_kg_m3,sigma_kg_m3\n0,800,10\n1.5,900,12\n", "density.csv")
     assert read_density_table(path) == [(0, 800.0, 10.0), (1_500_000_000, 900.0, 12.0)]
     for row, words in (
-        ("0,-5", "line 2: density_kg_m3 -5 cannot be a bulk density"),
+        ("0,-5", "line 2: density_kg_m3 -5 must be greater than 0"),
         ("0,1.6", r"1.6 cannot be a bulk density in kg/m³ \(5 to 30000\); in t/m³\? write 1600"),
         ("0,800,5,1", "line 2: 4 values, but the header has 2; decimal commas"),
     ):

@@ -11,7 +11,7 @@ from beltscape.files.meshes.ply_points import read_cloud
 from tests.files.clouds import make_cloud
 
 TYPES = {"float": "<f4", "uchar": "u1"}
-PROPERTIES = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "sigma"]
+PROPERTIES = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "sigma", "scalar_sigma"]
 
 
 def parsed(data: bytes) -> np.ndarray:
@@ -37,7 +37,16 @@ def test_header_describes_the_vertices(tmp_path, count):
     np.testing.assert_array_equal(np.stack([vertices[n] for n in ("nx", "ny", "nz")], -1), expected.normals)
     colors = np.stack([vertices[n] for n in ("red", "green", "blue")], -1)
     np.testing.assert_array_equal(colors, expected.colors)
-    np.testing.assert_array_equal(vertices["sigma"], expected.sigma_mm)
+    for name in ("sigma", "scalar_sigma"):
+        np.testing.assert_array_equal(vertices[name], expected.sigma_mm)
+
+
+def test_cloudcompare_takes_sigma_by_itself(tmp_path):
+    """Its reader takes as scalar fields what has "scal" in its name, without that beginning, and intensities."""
+    write_ply(tmp_path / "cloud.ply", make_cloud(3))
+    names = parsed((tmp_path / "cloud.ply").read_bytes()).dtype.names or ()
+    fields = [name.removeprefix("scalar_") for name in names if "scal" in name.lower() or "intensity" in name]
+    assert fields == ["sigma"]
 
 
 @pytest.mark.parametrize("count", [0, 1, 100])

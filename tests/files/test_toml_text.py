@@ -9,7 +9,8 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.errors import InputError
-from beltscape.core.plausibility import LOAD_HEIGHT, receive_oddities
+from beltscape.core.plausibility import receive_oddities
+from beltscape.core.quantities import LOAD_HEIGHT
 from beltscape.files.documents.toml_text import read_toml, validate
 
 
@@ -41,8 +42,8 @@ class Settings(BaseModel):
         ('width_mm = "wide"', "width_mm = 'wide': must be a number"),
         ('width_mm = "30"', "width_mm = '30': must be a number, without quotation marks"),
         ("width_mm = true", "width_mm = true: must be a number"),
-        ("width_mm = 3\nsize_px = [true, 4]", "size_px[0] = true: must be a number"),
-        ('width_mm = 3\nsize_px = [3, "4"]', "size_px[1] = '4': must be a number, without quotation marks"),
+        ("width_mm = 3\nsize_px = [true, 4]", "size_px[0] = true: must be a whole number"),
+        ('width_mm = 3\nsize_px = [3, "4"]', "size_px[1] = '4': must be a whole number, without quotation marks"),
         ("width_mm = 3\n[ring]\ndiameter_mm = true", "ring.diameter_mm = true: must be a number"),
         ("width_mm = 3\nlit = 1", "lit = 1: must be true or false"),
         ('width_mm = 3\nlit = "yes"', "lit = 'yes': must be true or false"),

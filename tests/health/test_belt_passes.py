@@ -196,6 +196,49 @@ def test_belt_that_runs_off_has_no_torn_edge():
     assert not tears
 
 
+def ragged_edge(
+    over: NDArray[np.float64],
+    draw: np.random.Generator,
+    share: float,
+    *,
+    fixed: bool,
+    tear: NDArray[np.bool_] | None = None,
+) -> NDArray[np.float64]:
+    """Take cells from the right edge, as coarse images do: at places of the view, and by chance in pairs of rows."""
+    over = over.copy()
+    if fixed:
+        over[3:6, -3:] = np.nan
+        over[19:23, -2:] = np.nan
+    for row in np.flatnonzero(draw.random(len(over)) < share):
+        over[row : row + 2, -int(draw.integers(2, 4)) :] = np.nan
+    if tear is not None:
+        over[tear, -3:] = np.nan
+    return over
+
+
+@pytest.mark.parametrize(
+    ("fixed", "share", "step_mm"),
+    [(True, 0.0, 100.0), (True, 0.05, 60.0), (False, 0.05, 90.0), (False, 0.1, 40.0)],
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_an_edge_of_coarse_images_is_not_torn_but_a_tear_in_it_is(
+    fixed: bool, share: float, step_mm: float, seed: int
+):
+    low, high = REFERENCE.belt.across_mm
+    side = (high - low) / 32
+    y = side * (np.arange(24, dtype=np.float64) - 11.5)
+    for torn in (False, True):
+        draw, events = np.random.default_rng(seed), list[BeltEvent]()
+        passes = BeltPasses(side, None, 3000.0)
+        for number in range(int(6000 / step_mm)):
+            is_torn = np.abs(number * step_mm - y - 3000) < 120
+            over = ragged_edge(np.zeros((24, 32)), draw, share, fixed=fixed, tear=is_torn if torn else None)
+            rows = BeltRows(y, over, np.full(over.shape, 0.1), np.isfinite(over), side)
+            events += passes.add(rows, number * step_mm, 1)
+        assert [one.kind for one in events] == ["torn right edge"] * torn
+        assert [one.position_mm for one in events] == pytest.approx([3000.0] * torn, abs=60)
+
+
 def test_a_load_is_no_carry_back():
     monitor, heap = BeltMonitor(REFERENCE), Heap(-1000.0, 4000.0, half_width_mm=150.0)
     for number in range(5):

@@ -10,6 +10,7 @@ import pytest
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.scaling import scale_camera
 from beltscape.health.belt.cells import compute_belt_cells
 from beltscape.health.belt.monitor import BeltMonitor
 from beltscape.health.belt.settings import BeltLimits
@@ -166,3 +167,16 @@ def test_zero_is_not_set_beyond_the_limit_or_on_a_load():
 def test_trough_of_the_scene_is_the_learned_one():
     x = np.linspace(-150, 150, 7)
     np.testing.assert_allclose(REFERENCE.belt.height_mm(x), trough_mm(x), atol=0.5)
+
+
+def test_a_belt_learned_from_images_of_another_size_widens_sigma_instead_of_raising_the_zero():
+    fine = scale_camera(CAMERA, 2.0)
+    learned = replace(REFERENCE.belt, camera=fine)
+    other, same = make_reference(learned, CAMERA), make_reference(replace(learned, camera=CAMERA), CAMERA)
+    assert same.other_size_mm == 0.0
+    assert other.other_size_mm == pytest.approx(0.06 * HEIGHT_MM / CAMERA.focal_px.mean(), rel=0.02)
+    lifted = with_layer(depth_map(None, 0.0), np.full(CAMERA.size_px[::-1], 3 * other.other_size_mm))
+    for reference, is_fault in ((same, True), (other, False)):
+        findings = {one.check: one for one in BeltMonitor(reference).check(lifted)}
+        assert findings["zero_shift"].is_fault == is_fault
+        assert findings["zero_shift"].systematic_mm >= abs(findings["zero_shift"].value)

@@ -54,6 +54,20 @@ class Block:
 
 
 @dataclass(frozen=True)
+class Slab:
+    """A box between two corners, such as a rail, a board or a beam beside or over the belt."""
+
+    low_mm: tuple[float, float, float]
+    high_mm: tuple[float, float, float]
+
+    def hit(self, rays: Rays) -> NDArray[np.float64]:
+        with np.errstate(divide="ignore"):
+            one, two = ((np.array(corner) - rays[0]) / rays[1] for corner in (self.low_mm, self.high_mm))
+        enter, leave = np.minimum(one, two).max(axis=1), np.maximum(one, two).min(axis=1)
+        return np.where(enter < leave, enter, np.inf)
+
+
+@dataclass(frozen=True)
 class HalfCylinder:
     center_mm: tuple[float, float]
     radius_mm: float
@@ -113,7 +127,7 @@ class Ball:
         return np.where(np.isfinite(near), near, np.inf)
 
 
-Solid = Block | HalfCylinder | Cone | Ball
+Solid = Block | Slab | HalfCylinder | Cone | Ball
 
 
 @dataclass(frozen=True)
@@ -161,6 +175,12 @@ class Scene:
             x = origin[0] + distance * direction[:, 0]
             hit = np.where((x >= x0) & (x <= x1) & (distance > 0), np.minimum(hit, distance), hit)
         return hit
+
+
+def world_points_mm(scene: Scene, depth_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(H, W, 3) the pixels' points in the world."""
+    points = np.concatenate([scene.camera.rays() * depth_mm[..., None], depth_mm[..., None]], axis=-1)
+    return scene.core_from_world.inverse().apply(points)
 
 
 @cache

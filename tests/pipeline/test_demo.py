@@ -9,9 +9,11 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from beltscape.cli.main import main
+from beltscape.files.rasters.images import read_image
 from tests.once import make_once
 from tests.report.layout import browser, layout_faults, needs_browser, text_faults
 
@@ -87,6 +89,19 @@ def test_every_report_of_the_chain_is_complete(reports):
     assert {"demo", "calibration", "volume_belt_loaded"} <= set(reports)
     for name, page in reports.items():
         assert text_faults(page) == [], name
+
+
+def test_every_picture_of_the_chain_shows_something(demo):
+    coloured = {"coverage": 0.02, "preview": 0.3, "regions": 0.005, "rectification": 0.02}
+    *_, folder = demo
+    paths = sorted(folder.glob("**/*.png"))
+    assert set(coloured) < {path.stem for path in paths}
+    for path in paths:
+        picture = read_image(path).astype(int)
+        if path.stem in coloured:
+            assert (np.ptp(picture, axis=2) > 60).mean() > coloured[path.stem], path
+        else:  # images of cameras and numbers of views
+            assert (picture == np.bincount(picture.ravel()).argmax()).mean() < 0.99, path
 
 
 @needs_browser

@@ -45,7 +45,9 @@ def test_moved_camera_is_named(run, tmp_path):
     warned = [line for line in err if line.startswith("warning")]
     assert len(warned) == 1
     assert warned[0].startswith("warning: frame 000: cam1 is ")
-    assert warned[0].endswith("or it is not the rig's camera; calibrate again")
+    assert "it moved or its lens changed" in warned[0]
+    assert "is of another instant (synchronisation)" in warned[0]
+    assert warned[0].endswith("; calibrate again")
     marked = read_image(tmp_path / "r" / "000" / "rectification.png")
     run("rectify", DEMO / "belt_loaded", "--rig", TRUE_RIG, "--out", tmp_path / "sound")
     plain = read_image(tmp_path / "sound" / "000" / "rectification.png")

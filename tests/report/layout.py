@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import re
+from base64 import b64decode
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from beltscape.files.rasters.images import decode_image
 
 CHROMIUM = Path("/usr/bin/chromium")
 needs_browser = pytest.mark.skipif(
@@ -16,6 +20,9 @@ needs_browser = pytest.mark.skipif(
 LEAST_PX = 11.0
 PHONE, DESK, PAPER = 390, 1400, 702
 """Widths, px; paper: A4 within its margins."""
+
+_AXES = ("ink", "quiet", "grid", "paper", "ground", "line")
+"""Roles of the palette that axes, grids and texts have."""
 
 _TOO_WIDE = """() => [...document.querySelectorAll("body *")].filter(e => {
   const box = e.getBoundingClientRect();
@@ -88,7 +95,22 @@ def text_faults(page: str) -> list[str]:
             re.findall(r' id="([\w-]+)"', svg)
         ):
             faults.append(f"a chart refers to what is not in it: {lost}")
+    charts = re.findall(r'class="scroll (?:wide|narrow)"[^>]*>(<svg .*?</svg>)', page, re.DOTALL)
+    faults += [f"chart {k} shows nothing" for k, svg in enumerate(charts) if not _has_marks(svg)]
+    pictures = re.findall(r"data:image/(?:png|jpeg|webp);base64,([A-Za-z0-9+/=]{2000,})", page)
+    faults += [f"picture {k} is blank" for k, data in enumerate(pictures) if _is_blank(b64decode(data))]
     return faults
+
+
+def _has_marks(svg: str) -> bool:
+    """Return whether a chart has a picture, or something in a colour that is not the axes'."""
+    colors = re.findall(r"(?:fill|stroke)(?:: ?|=\")(var\(--c-[\w-]+\)|#[0-9a-f]{6})", svg)
+    return "<image" in svg or bool(set(colors) - {f"var(--c-{role})" for role in _AXES})
+
+
+def _is_blank(data: bytes) -> bool:
+    picture = decode_image(data, "picture of a page").reshape(-1)
+    return bool((picture == np.bincount(picture).argmax()).mean() > 0.995)
 
 
 @contextmanager

@@ -34,6 +34,14 @@ def test_both_kinds_are_read(tmp_path):
         ("- 1\n", "target_type = None: must be 'aprilgrid'"),
         (APRILGRID.replace("tagSize: 0.088\n", ""), "tagSize is missing"),
         (APRILGRID.replace("0.088", "8 cm"), "tagSize = '8 cm': must be a length in metres"),
+        (
+            APRILGRID.replace("0.088", "88"),
+            "tagSize = 88: must be a length in metres; in millimetres? write 0.088",
+        ),
+        (
+            APRILGRID.replace("0.088", "8.8"),
+            "tagSize = 8.8: must be a length in metres; in millimetres? write 0.0088",
+        ),
         (APRILGRID.replace("tagCols: 6", "tagCols: 600"), "tags"),
         (
             CHECKERBOARD.replace("colSpacingMeters: 0.035", "colSpacingMeters: 0.03"),

@@ -49,6 +49,21 @@ def test_module_lists_its_features_in_order(tmp_path):
         ("[base]\nsize_mm = [285, 200, 10]\n", "", "base is missing"),
         ("size_mm = [285, 200, 10]", "size_mm = [285, 200]", "base.size_mm[2] is missing"),
         ("edge_mm = 100", "edge_mm = 0", "cube[0].edge_mm = 0: must be greater than 0"),
+        (
+            "edge_mm = 100",
+            "edge_mm = 0.1",
+            "cube[0].edge_mm = 0.1: cannot be the size of a module's solid in mm (2 to 2000); in metres? write 100",
+        ),
+        (
+            "size_mm = [285, 200, 10]",
+            "size_mm = [0.285, 0.2, 0.01]",
+            "base.size_mm[0] = 0.285: cannot be the side of a module's base in mm (5 to 5000); in metres? write 285",
+        ),
+        (
+            "edge_mm = 100",
+            'edge_mm = "100"',
+            "cube[0].edge_mm = '100': must be a number, without quotation marks",
+        ),
         ("diameter_mm = 70", "diameter_mm = inf", "sphere[0].diameter_mm = inf: must be a finite number"),
         ("height_mm = 90\n", "", "cylinder[0].height_mm is missing"),
         ('"cube40"', '"cube100"', "the name cube100 is used twice; give every feature its own name"),

@@ -17,7 +17,7 @@ from beltscape.alarms.management.groups import GROUPS
 from beltscape.alarms.management.settings import Groups, ShelvingSettings, SuppressionSettings
 from beltscape.alarms.names import AlarmKey
 from beltscape.core.live.alarms import Priority, Severity
-from beltscape.core.plausibility import CROSS_SECTION, LUMP, OFFSET, STOPPED_SPEED
+from beltscape.core.quantities import CROSS_SECTION, LUMP, OFFSET, STOPPED_SPEED
 
 Seconds = Annotated[float, Field(ge=0, le=86_400, allow_inf_nan=False)]
 """A time, up to a day."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from beltscape.calibration.intrinsics.lens_choice import AUTO
+from beltscape.core.checks import require_choice, require_reporter, require_text, show_value
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.lens import MODELS
 from beltscape.core.progress import Reporter, Silent
@@ -56,8 +57,14 @@ def calibrate(
     InputError, CalibrationError
         with one line that names the fault and the fix.
     """
-    if lens_model not in (AUTO, *MODELS):
-        raise InputError(f"lens_model = {lens_model!r}: must be {AUTO} or one of {', '.join(MODELS)}")
+    if not isinstance(lens_model, str) or lens_model not in (AUTO, *MODELS):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(
+            f"lens_model = {show_value(lens_model)}: must be {AUTO} or one of {', '.join(MODELS)}"
+        )
+    require_choice(intrinsics_as, "intrinsics_as", ("held", "prior"))
+    if core is not None:
+        require_text(core, "core")
+    require_reporter(reporter)
     board = board if isinstance(board, Board) else read_board(as_path(board, "board"))
     reporter = reporter or Silent()
     known = None

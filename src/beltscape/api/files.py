@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from beltscape.core.arguments import require_instance
+import numpy as np
+from numpy.typing import NDArray
+
 from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.checks import require_array, require_instance, require_reporter
 from beltscape.core.cloud import PointCloud
+from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
-from beltscape.files import belt_json, rig_json
+from beltscape.files import belt_json, reconstruction, rig_json
 from beltscape.files.capture import Capture
 from beltscape.files.capture import read_capture as list_capture
 from beltscape.files.folders.paths import AnyPath, as_path
@@ -71,6 +75,44 @@ def write_belt(belt: Belt, path: AnyPath) -> None:
     belt_json.write_belt(as_path(path, "path"), belt, belt.camera)
 
 
+def write_depth(depth: DepthMap | NDArray[np.floating], folder: AnyPath) -> None:
+    """Write a depth map into a frame folder, which `beltscape evaluate depth` and `read_depth` take.
+
+    >>> bs.write_depth(depth_mm, "sgbm/000")
+
+    Parameters
+    ----------
+    depth
+        A DepthMap; or an array (H, W) of depths along the core camera's optical axis on its undistorted grid, mm, NaN
+        where not measured, by a method of your own.
+    folder
+        Folder of the frame, such as ``sgbm/000``; it is created.
+
+    Raises
+    ------
+    InputError, OutputError
+        if the depth is no such array, or the folder cannot be written.
+    """
+    if not isinstance(depth, DepthMap):
+        require_array(depth, "depth", (None, None))
+        if not depth.size:
+            raise InputError("depth is an array without pixels: must be (H, W)")
+    reconstruction.write_depth_map(as_path(folder, "folder"), depth)
+
+
+def read_depth(folder: AnyPath) -> DepthMap:
+    """Return the depth map of a frame folder, or of a depth.tiff alone; σ is NaN where no sigma.tiff is beside it.
+
+    >>> depth = bs.read_depth("depth_loaded/000")
+
+    Raises
+    ------
+    InputError
+        if a file is missing, unreadable, or of another size.
+    """
+    return reconstruction.read_depth_map(as_path(folder, "folder"))
+
+
 def read_capture(folder: AnyPath, rig: Rig | None = None, reporter: Reporter | None = None) -> FolderSource:
     """Return the frame sets of a capture folder, read one at a time while they are iterated over.
 
@@ -83,6 +125,7 @@ def read_capture(folder: AnyPath, rig: Rig | None = None, reporter: Reporter | N
     InputError
         if the folder has no images, or those of the core camera have another size than the rig's.
     """
+    require_reporter(reporter)
     capture = list_capture(as_path(folder, "folder"))
     if rig is None:
         first = {name: files[min(files)] for name, files in capture.files.items()}

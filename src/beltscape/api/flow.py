@@ -5,9 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from beltscape.api.measuring import require_belt_of
+from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.core.checks import require_choice, require_instance, require_number, show_value
 from beltscape.core.depth import DepthMap
 from beltscape.core.display import Displayed
 from beltscape.core.errors import InputError
@@ -62,15 +66,16 @@ class FlowMeter(Displayed):
             with the argument that does not fit, or if the belt is nowhere visible across its width.
         """
         require_belt_of(belt, rig)
-        if direction not in (None, "+y", "-y"):
-            raise InputError(f'direction = {direction!r}: must be "+y", "-y" or None')
-        if density_kg_m3 is not None and not density_kg_m3 > 0:
-            raise InputError(f"density_kg_m3 = {density_kg_m3!r}: must be above 0")
+        require_choice(direction, "direction", ("+y", "-y", None))
+        if density_kg_m3 is not None:
+            require_number(density_kg_m3, "density_kg_m3", 0.0, above=True)
+        if settings is not None:
+            require_instance(settings, FlowSettings, "settings", "beltscape.measure.flow.settings")
         settings = (settings or FlowSettings()).model_copy(update={"direction": direction})
         density = None if density_kg_m3 is None else Density.constant(density_kg_m3)
         reference = make_reference(belt, rig.core_camera, settings.cell_mm)
         self._meter = meter.FlowMeter(reference, settings, density=density)
-        self._direction, self._has_encoder = direction, False
+        self._rig, self._direction, self._has_encoder = rig, direction, False
         self.records: list[FlowRecord] = []
         """All records returned so far."""
 
@@ -100,6 +105,12 @@ class FlowMeter(Displayed):
         MeasureError
             if the material contradicts the given direction or the encoder.
         """
+        if depth is not None:
+            require_depth_of(self._rig.core_camera, depth, "frame")
+        if time_ns is not None and not isinstance(time_ns, int | np.integer):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"time_ns = {show_value(time_ns)}: must be whole nanoseconds, or None")
+        if position_mm is not None:
+            require_number(position_mm, "position_mm")
         self._has_encoder |= position_mm is not None
         return self._keep(self._meter.push(depth, time_ns, position_mm), done=False)
 

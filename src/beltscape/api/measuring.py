@@ -7,16 +7,19 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from beltscape.core.arguments import require_instance
+from beltscape.core.arguments import require_image
 from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.checks import describe_kind, require_instance, require_pair
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.frames import Image, to_grey
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.geometry.scaling import pinhole_scale
-from beltscape.files.documents.toml_text import describe_first_error
+from beltscape.core.type_guards import is_list_or_tuple
+from beltscape.files.documents.toml_text import describe_first_error, validate_strictly
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.measure.belt import empty_belt
+from beltscape.measure.belt.settings import GivenBelt
 from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.result import MeasuredModule
 from beltscape.measure.lumps import lumps as lumps_of_frame
@@ -32,20 +35,47 @@ Range = tuple[float, float]
 Settings = TypeVar("Settings", bound=BaseModel)
 
 
-def learn_belt(depths: Sequence[DepthMap], rig: Rig) -> Belt:
+def learn_belt(
+    depths: Sequence[DepthMap],
+    rig: Rig,
+    *,
+    width_mm: float | None = None,
+    across_mm: Range | None = None,
+    region_px: Sequence[Range] | None = None,
+) -> Belt:
     """Return the model of the empty belt from one or more of its depth maps.
+
+    Parameters
+    ----------
+    depths
+        Depth maps of the empty belt.
+    rig
+        The calibrated rig.
+    width_mm
+        Width of the belt along its surface, for ends that are not seen; None: not given.
+    across_mm
+        The belt's ends in x of the belt frame; None: found.
+    region_px
+        Corners u, v of a polygon in the depth map that contains the belt; None: the surface under the optical axis.
+
+    Returns
+    -------
+    The belt: ``across_mm``, what is known of its ``ends``, and more.
 
     Raises
     ------
-    InputError
-        if there is no depth map, or one does not fit the rig.
+    InputError, SettingsError
+        if there is no depth map, one does not fit the rig, or an argument is wrong.
     MeasureError
-        if there is no belt-like surface under the optical axis.
+        if there is no belt-like surface under the optical axis, or what is given contradicts it.
     """
     require_instance(rig, Rig, "rig", "bs.read_rig(path)")
     if isinstance(depths, DepthMap):
         raise InputError("depths is one DepthMap: give a list, [depth]")
-    return empty_belt.learn_belt(depths, rig.core_camera)
+    if not is_list_or_tuple(depths):
+        raise InputError(f"depths is {describe_kind(depths)}: must be a list of DepthMap")
+    given = _make_settings(GivenBelt, {"width_mm": width_mm, "across_mm": across_mm, "region_px": region_px})
+    return empty_belt.learn_belt(depths, rig.core_camera, given)
 
 
 def measure_volume(
@@ -83,6 +113,9 @@ def measure_volume(
         if nothing was measured in the box.
     """
     require_belt_of(belt, rig)
+    for value, name in ((across_mm, "across_mm"), (along_mm, "along_mm")):
+        if value is not None:
+            require_pair(value, name)
     return volume_of_frame.measure_volume(
         depth,
         belt,
@@ -141,6 +174,9 @@ def measure_features(
         if the module is not found.
     """
     require_instance(rig, Rig, "rig", "bs.read_rig(path)")
+    for picture, name in ((image, "image"), (plain, "plain")):
+        if picture is not None:
+            require_image(picture, name)
     nominal = module if isinstance(module, Module) else read_module(as_path(module, "module"))
     pattern, unlit = (
         None if one is None else to_grey(undistort_image(one, rig.core_camera)) for one in (image, plain)
@@ -152,6 +188,8 @@ def require_belt_of(belt: Belt, rig: Rig) -> None:
     """Raise InputError unless the empty belt was learned with the rig's core camera."""
     require_instance(rig, Rig, "rig", "bs.read_rig(path)")
     require_instance(belt, Belt, "belt", "bs.learn_belt(depths, rig)")
+    if not belt.belt_from_core.center_mm[2] > 0:  # origin of the belt frame, in the core's
+        raise InputError("belt does not lie before the core camera: learn it with bs.learn_belt(depths, rig)")
     own = belt.camera  # images of the belt may have had another size
     if own is not None and (own.name != rig.core or pinhole_scale(own, rig.core_camera) is None):
         raise InputError(
@@ -161,6 +199,6 @@ def require_belt_of(belt: Belt, rig: Rig) -> None:
 
 def _make_settings(kind: type[Settings], values: dict[str, Any]) -> Settings:
     try:
-        return kind.model_validate(values)
+        return validate_strictly(kind, values, lambda key, value, oddity: f"{key} = {value:g}: {oddity}")
     except ValidationError as error:
         raise SettingsError(describe_first_error(kind, error)) from error

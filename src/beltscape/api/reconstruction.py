@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from beltscape.core.arguments import require_depth_of, require_depth_range, require_instance
+from beltscape.core.arguments import require_depth_of, require_depth_range, require_image
+from beltscape.core.checks import require_instance, require_reporter, show_value
 from beltscape.core.cloud import PointCloud
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
@@ -63,6 +64,9 @@ class Reconstructor:
         require_instance(rig, Rig, "rig", "bs.read_rig(path)")
         if depth_range_mm is not None:
             require_depth_range(depth_range_mm)
+        if isinstance(threads, bool) or not isinstance(threads, int):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"threads = {show_value(threads)}: must be a whole number, 0 for one per core")
+        require_reporter(reporter)
         self.rig, self.preset, self.depth_range_mm = rig, preset, depth_range_mm
         self._settings = MultiviewSettings.preset(preset).model_copy(update={"threads": threads}).revalidate()
         self._reporter = reporter or Silent()
@@ -147,4 +151,6 @@ def point_cloud(depth: DepthMap, rig: Rig, image: Image | None = None) -> PointC
     """
     require_instance(rig, Rig, "rig", "bs.read_rig(path)")
     require_depth_of(rig.core_camera, depth, "point cloud")
+    if image is not None:
+        require_image(image, "image")
     return cloud_from_depth(depth, rig.core_camera, image)

@@ -65,16 +65,17 @@ def make_settings(model: type[Model], **options: object) -> Model:
     """Return the settings of options named as its fields; SettingsError with the bounds for an invalid value."""
     from pydantic import ValidationError
 
+    from beltscape.files.documents.toml_text import describe_fault, validate_strictly
+
     def describe_oddity(field: str, value: float, oddity: str) -> str:
         return f"{_option(field)} {_format_input(value)}: {oddity}"
 
     try:
-        return model.model_validate(options, context=describe_oddity)
+        return validate_strictly(model, options, describe_oddity)
     except ValidationError as error:
         first = error.errors()[0]
-        text = first["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
         raise SettingsError(
-            f"{_option(str(first['loc'][0]))} {_format_input(first['input'])}: {text}"
+            f"{_option(str(first['loc'][0]))} {_format_input(first['input'])}: {describe_fault(first)}"
         ) from error
 
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from beltscape.cli.terminal import print_error, print_output
-from beltscape.core.errors import BeltscapeError, OutputError
+from beltscape.core.errors import ArgumentError, BeltscapeError, OutputError
 from beltscape.core.runtime.extras import describe_missing_library
 
 BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
@@ -39,6 +39,8 @@ def report_failure(error: BaseException, *, as_json: bool) -> int:
 def _kind(error: BaseException, code: int) -> str:
     if code == INTERNAL:
         return "InternalError"
+    if isinstance(error, ArgumentError):
+        return "InputError"
     return "Interrupted" if code == INTERRUPTED else type(error).__name__
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeGuard
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltscape.core.checks import describe_kind, is_array, show_value
 from beltscape.core.errors import InputError
 from beltscape.core.type_guards import is_mapping
 
@@ -15,16 +15,10 @@ if TYPE_CHECKING:
     from beltscape.core.geometry.camera import Camera
 
 
-def require_instance(value: Any, kind: type, argument: str, source: str) -> None:
-    """Raise InputError unless ``value`` is a ``kind``; ``source`` is the call that gives one."""
-    if not isinstance(value, kind):
-        raise InputError(f"{argument} is {_kind(value)}: must be a {kind.__name__}, from {source}")
-
-
 def require_image(image: Any, argument: str) -> None:
     """Raise InputError unless ``image`` is (H, W) or (H, W, 3), uint8 or uint16."""
-    if not _is_array(image):
-        raise InputError(f"{argument} is {_kind(image)}: must be a NumPy array, uint8 or uint16")
+    if not is_array(image):
+        raise InputError(f"{argument} is {describe_kind(image)}: must be a NumPy array, uint8 or uint16")
     if image.dtype not in (np.dtype(np.uint8), np.dtype(np.uint16)):
         fix = (
             "; scale it to counts, for an image of 0 to 1: np.rint(65535 * image).astype(np.uint16)"
@@ -39,9 +33,9 @@ def require_image(image: Any, argument: str) -> None:
 def require_images(images: Any) -> None:
     """Raise InputError unless ``images`` maps camera names to images."""
     if not is_mapping(images):
-        raise InputError(f"images is {_kind(images)}: must be images by camera, {{'cam0': image, …}}")
+        raise InputError(f"images is {describe_kind(images)}: must be images by camera, {{'cam0': image, …}}")
     for name, image in images.items():
-        require_image(image, f"images[{name!r}]")
+        require_image(image, f"images[{show_value(name)}]")
 
 
 def require_depth_range(depth_range_mm: Any) -> None:
@@ -49,7 +43,9 @@ def require_depth_range(depth_range_mm: Any) -> None:
     try:
         near, far = (float(value) for value in depth_range_mm)
     except (TypeError, ValueError) as error:
-        raise InputError(f"depth_range_mm = {depth_range_mm!r}: must be (near, far) in mm") from error
+        raise InputError(
+            f"depth_range_mm = {show_value(depth_range_mm)}: must be (near, far) in mm"
+        ) from error
     if not (np.isfinite([near, far]).all() and 0 < near < far):
         raise InputError(
             f"depth_range_mm = ({near:g}, {far:g}): must be (near, far) in mm with 0 < near < far"
@@ -61,19 +57,13 @@ def require_depth_of(camera: Camera, depth: DepthMap, what: str) -> None:
     width, height = camera.size_px
     for name in ("depth_mm", "sigma_mm", "views", "confidence"):
         values = getattr(depth, name, None)
-        if not _is_array(values):
-            raise InputError(f"{what}: depth is {_kind(depth)} without the array {name}: must be a DepthMap")
+        if not is_array(values):
+            raise InputError(
+                f"{what}: depth is {describe_kind(depth)} without the array {name}: must be a DepthMap"
+            )
         if values.shape != (height, width):
             size = "×".join(str(n) for n in values.shape[::-1])
             raise InputError(
                 f"{what}: the depth map is {size}, the core camera {width}×{height}; give the depth and the rig of "
                 "one reconstruction"
             )
-
-
-def _is_array(value: Any) -> TypeGuard[NDArray[Any]]:
-    return isinstance(value, np.ndarray)
-
-
-def _kind(value: Any) -> str:
-    return "None" if value is None else f"a {type(value).__name__}"

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import require_array, require_instance, require_text
 from beltscape.core.geometry.pose import Pose
 
 
@@ -27,8 +28,20 @@ class PointCloud:
     confidence: NDArray[np.float32] | None = None
     """(N,) float32, 0..1: probability that the point is not of a false surface; None if it is not known."""
 
+    def __post_init__(self) -> None:
+        """Raise ArgumentError unless there are as many normals, colours and sigmas as points."""
+        require_array(self.points_mm, "points_mm", (None, 3))
+        count = len(self.points_mm)
+        require_array(self.normals, "normals", (count, 3))
+        require_array(self.colors, "colors", (count, 3))
+        require_array(self.sigma_mm, "sigma_mm", (count,))
+        if self.confidence is not None:
+            require_array(self.confidence, "confidence", (count,))
+        require_text(self.frame, "frame")
+
     def transform(self, b_from_a: Pose, frame: str) -> PointCloud:
         """Return the cloud in the frame ``frame``, to which the pose leads from its own."""
+        require_instance(b_from_a, Pose, "b_from_a", "bs.Pose.of(rotation, translation_mm)")
         normals = self.normals.astype(np.float64) @ b_from_a.rotation.T
         points = b_from_a.apply(self.points_mm.astype(np.float64))
         return replace(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import require_array, require_like, require_number
 from beltscape.core.display import Displayed
 from beltscape.core.geometry.camera import Camera
 
@@ -25,6 +26,13 @@ class DepthMap(Displayed):
     """(H, W) float32, 0..1: probability that the pixel is not a false surface; 0 where not measured."""
     systematic_mm: float = 0.0
     """Standard deviation common to all pixels, included in ``sigma_mm``, from cameras that contradict the rig."""
+
+    def __post_init__(self) -> None:
+        """Raise ArgumentError unless all are arrays (H, W) of one shape."""
+        require_array(self.depth_mm, "depth_mm", (None, None))
+        for name in ("sigma_mm", "views", "confidence"):
+            require_like(getattr(self, name), name, self.depth_mm, "depth_mm")
+        require_number(self.systematic_mm, "systematic_mm", 0.0)
 
     def __repr__(self) -> str:
         height, width = self.depth_mm.shape

@@ -2,6 +2,7 @@
 
 BeltscapeError
 ├── InputError         a file, folder or value given by the user does not fit
+│   └── ArgumentError  a type cannot hold a value that was given to it; also a ValueError
 ├── OutputError        a result cannot be written to the requested place
 ├── CalibrationError   the images do not determine a rig
 ├── ReconstructionError  the frame does not yield a surface
@@ -14,7 +15,11 @@ Every message is one line that names the file, the value and the fix. Only the C
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import re
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _NEAR = 0.75
 """Least similarity (difflib) of a name to the one that was probably meant: a letter of four, two of eight. Chosen."""
@@ -28,12 +33,38 @@ def suggest_name(name: str, known: Iterable[str]) -> str:
     return f"did you mean {near[0]}?" if near else ""
 
 
+_PROGRAMMERS_WORDS = re.compile(
+    r"could not convert|invalid literal|values to unpack|object (is not|has no)|index out of|codec can|pickle|=b['\"]"
+)
+"""What Python and NumPy say of values of another form, in words for programmers."""
+
+
+def describe_cause(error: BaseException) -> str:
+    """Return in one line of limited length, without Python's words, why a file or an answer cannot be used."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    if isinstance(error, UnicodeError):
+        return "not UTF-8 text"
+    if isinstance(error, KeyError):
+        return f"{error.args[0] if error.args else 'a key'} is missing"
+    text = " ".join(str(error).split())
+    if isinstance(
+        error, TypeError | AttributeError | IndexError | StopIteration
+    ) or _PROGRAMMERS_WORDS.search(text):
+        return "a part of it has another form"
+    return text[:200] or "no reason is known"
+
+
 class BeltscapeError(Exception):
     """Root of everything Beltscape raises on purpose."""
 
 
 class InputError(BeltscapeError):
     """A file, folder or value given by the user does not fit."""
+
+
+class ArgumentError(InputError, ValueError):
+    """A value that was given to a type or function does not fit; the message names the argument."""
 
 
 class OutputError(BeltscapeError):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arguments import require_images
+from beltscape.core.checks import require_text
 
 Image = NDArray[np.uint8 | np.uint16]
 OVEREXPOSED_SHARE = 0.2
@@ -36,6 +37,7 @@ class FrameSet:
 
     def __post_init__(self) -> None:
         """Raise InputError unless ``images`` maps camera names to images."""
+        require_text(self.frame, "frame")
         require_images(self.images)
 
 

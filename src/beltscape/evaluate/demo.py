@@ -108,8 +108,8 @@ def run_demo(out: Path, reporter: Reporter) -> Demo:
 def _make_rectified_panels(data: Path, rig: Rig, near_far: tuple[float, float]) -> Sequence[Panel]:
     """Return the pictures of the loaded belt's pairs before and after rectification."""
     source = open_capture(data / "belt_loaded", rig, Silent())
-    frame_set, pairs, *_ = next(rectify(source, rig, near_far, Silent()))
-    return make_rectification_panels(rig, frame_set, pairs)
+    frame_set, pairs, consistency, _ = next(rectify(source, rig, near_far, Silent()))
+    return make_rectification_panels(rig, frame_set, pairs, consistency)
 
 
 def _evaluate_scene(

@@ -10,7 +10,7 @@ from typing import IO, Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, describe_cause
 from beltscape.files.folders.atomic import atomic_replacement
 
 DAMAGED = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)
@@ -29,7 +29,7 @@ def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
         with path.open("rb") as stream:
             return parse_arrays(stream, str(path))
     except OSError as error:
-        raise InputError(f"{path}: is no readable file of arrays ({error})") from None
+        raise InputError(f"{path}: is no readable file of arrays ({describe_cause(error)})") from None
 
 
 def parse_arrays(stream: IO[bytes], name: str) -> dict[str, NDArray[Any]]:
@@ -38,4 +38,4 @@ def parse_arrays(stream: IO[bytes], name: str) -> dict[str, NDArray[Any]]:
         with np.load(stream, allow_pickle=False) as arrays:
             return {key: arrays[key] for key in arrays.files}
     except DAMAGED as error:
-        raise InputError(f"{name}: is no readable file of arrays ({error})") from None
+        raise InputError(f"{name}: is no readable file of arrays ({describe_cause(error)})") from None

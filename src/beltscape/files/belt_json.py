@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
+from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges, End
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose, is_rotation
@@ -69,6 +69,9 @@ def belt_document(belt: Belt, camera: Camera) -> dict[str, Any]:
         "across_mm": belt.across_mm,
         "along_mm": belt.along_mm,
         "flat_mm": belt.flat_mm,
+        "ends": None if belt.ends is None else list(belt.ends),
+        "clear_mm": [x if np.isfinite(x) else None for x in belt.clear_mm],
+        "width_mm": belt.width_mm,
         "deviation": deviation
         and {
             "x_mm": deviation.x_mm,
@@ -128,8 +131,30 @@ def _belt(document: Mapping[str, Any]) -> Belt:
         deviation=None if document.get("deviation") is None else _deviation(_entry(document, "deviation")),
         edges=None if document.get("edges") is None else _edges(_entry(document, "edges")),
         frames=frames,
+        ends=_ends(document.get("ends")),
+        clear_mm=_clear(document),
+        width_mm=None if document.get("width_mm") is None else _number("", document, "width_mm"),
         **numbers,
     )
+
+
+def _ends(value: object) -> tuple[End, End] | None:
+    """Return what is known of the ends; None in files of earlier versions."""
+    if value is None:
+        return None
+    known = get_args(End)
+    if not is_list(value) or len(value) != 2 or any(end not in known for end in value):
+        raise ValueError(f"ends = {value!r}: must be two of {', '.join(known)}")
+    return cast("tuple[End, End]", tuple(value))
+
+
+def _clear(document: Mapping[str, Any]) -> tuple[float, float]:
+    """Return the range clear of things beside the belt; null, or a missing key, is a side without any."""
+    value = document.get("clear_mm", [None, None])
+    pair: list[object] = value if is_list(value) and len(value) == 2 else ["", ""]
+    filled = [limit if own is None else own for own, limit in zip(pair, (-1e9, 1e9), strict=True)]
+    low, high = _array("", {"clear_mm": filled}, "clear_mm", (2,))
+    return float(low) if low > -1e9 else -np.inf, float(high) if high < 1e9 else np.inf
 
 
 def _deviation(entry: Mapping[str, Any]) -> BeltDeviation:

@@ -15,7 +15,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.type_guards import is_dict, is_list
+from beltscape.core.type_guards import is_dict, is_list, is_list_or_tuple
 from beltscape.files.documents.digest import add_digest, compute_file_digests, require_digest
 from beltscape.files.documents.json_text import parse_numbers, read_json, write_json
 from beltscape.files.folders.atomic import ensure_output_folder
@@ -60,6 +60,41 @@ def write_frame(
     write_image(folder / "preview.png", preview)
     if image is not None:
         write_image(folder / "image.png", image)
+
+
+def write_depth_map(folder: Path, depth: DepthMap | NDArray[np.floating]) -> None:
+    """Write a depth map into a frame folder: of an array of depths depth.tiff alone, of a DepthMap all it holds."""
+    ensure_output_folder(folder)
+    if not isinstance(depth, DepthMap):
+        write_float_tiff(folder / "depth.tiff", depth.astype(np.float32))
+        return
+    for name in ("depth", "sigma", "confidence"):
+        values = depth.confidence if name == "confidence" else getattr(depth, f"{name}_mm")
+        write_float_tiff(folder / f"{name}.tiff", values)
+    write_image(folder / "views.png", depth.views.astype(np.uint8))
+
+
+def read_depth_map(path: Path) -> DepthMap:
+    """Read the depth map of a frame folder, or a depth.tiff alone; σ is NaN where there is no sigma.tiff beside it.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, unreadable, or of another size.
+    """
+    folder, file = (path, path / "depth.tiff") if path.is_dir() else (path.parent, path)
+    depth = read_float_tiff(file)
+    sigma = np.full_like(depth, np.nan)
+    if (folder / "sigma.tiff").is_file() and file.name == "depth.tiff":
+        sigma = read_float_tiff(folder / "sigma.tiff")
+    confidence = _confidence(folder / "confidence.tiff", depth)
+    for name, values in (("sigma.tiff", sigma), ("confidence.tiff", confidence)):
+        if values.shape != depth.shape:
+            raise InputError(
+                f"{folder / name}: {values.shape[1]}×{values.shape[0]} px, but {file.name} beside it has "
+                f"{depth.shape[1]}×{depth.shape[0]}; write both again"
+            )
+    return DepthMap(depth, sigma, _views(folder / "views.png", depth), confidence)
 
 
 def write_reconstruction(folder: Path, how: Mapping[str, Any], frames: Sequence[Mapping[str, Any]]) -> None:
@@ -166,11 +201,12 @@ def _read_faults(folder: Path) -> tuple[float, tuple[str, ...]]:
     document = read_json(path)
     if not is_dict(document) or document.get("format") != FORMAT:
         raise InputError(f"{path}: format is not {FORMAT!r}; reconstruct the capture again")
-    frames = document.get("frames") or []
+    frames: Any = document.get("frames")
     for frame in frames if is_list(frames) else ():
         if is_dict(frame) and frame.get("frame") == folder.name:
-            systematic, faults = frame.get("systematic_mm") or 0.0, frame.get("doubts") or []
-            if parse_numbers(systematic) is None or not is_list(faults):
+            systematic: Any = frame.get("systematic_mm") or 0.0
+            faults: Any = frame.get("doubts") or ()
+            if parse_numbers(systematic) is None or not is_list_or_tuple(faults):
                 raise InputError(
                     f"{path}: frame {folder.name}: systematic_mm must be a number, doubts a list"
                 )

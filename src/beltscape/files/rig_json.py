@@ -112,10 +112,10 @@ def _rig(document: Mapping[str, Any]) -> Rig:
 
 def _table(document: Mapping[str, Any], key: str) -> dict[str, Any]:
     """Return a table that may be absent."""
-    table = document.get(key) or {}
-    if not is_dict(table):
+    table: Any = document.get(key)
+    if table and not is_dict(table):
         raise ValueError(f"{key} must be a table")
-    return table
+    return table or {}
 
 
 def _covariance(table: dict[str, Any]) -> dict[str, Any]:

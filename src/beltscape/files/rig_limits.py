@@ -12,6 +12,8 @@ import numpy as np
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens.domain import BEFORE_POLE, find_valid_radius
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.plausibility import UNITS
+from beltscape.core.quantities import BASELINE
 
 FOCAL_OVER_DIAGONAL = (0.1, 100.0)
 """Limits of the focal length over the image's diagonal: fields of view of 157°, that of the lens model, and
@@ -69,8 +71,15 @@ def find_oddities(rig: Rig) -> list[str]:
     for name in rig.auxiliaries:
         baseline = float(np.linalg.norm(rig.cam_from_core[name].center_mm))
         if baseline < _ODD_BASELINE_MM:
+            low, high = BASELINE.usual
+            fixes = [
+                f"; in {unit}? multiply its translations by {factor:g}"
+                for unit, factor in UNITS["mm"]
+                if low <= baseline * factor <= high
+            ]
             lines.append(
-                f"camera {name} stands {baseline:.3g} mm from {rig.core}: unusually near; are the units mm?"
+                f"camera {name} stands {baseline:.3g} mm from {rig.core}: unusually near; are the units mm"
+                f"{''.join(fixes[:2]) or '?'}"
             )
     return lines
 

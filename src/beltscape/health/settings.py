@@ -8,6 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.health.belt.settings import BeltLimits
 
+SYNCHRONISATION = "camera_sync"
+"""The check of whether all cameras show the same instant: by the material's motion, and by the points that match."""
 _Share = Annotated[float, Field(gt=0, lt=1)]
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.core.plausibility import (
+from beltscape.core.quantities import (
     BASELINE,
     BELT_SPEED,
     BELT_WIDTH,

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import sys
 import threading
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
@@ -15,11 +14,10 @@ from ipaddress import ip_address
 
 from beltscape.core.errors import InputError
 from beltscape.core.runtime.supervision import make_supervised_thread
+from beltscape.core.runtime.system_calls import list_interface_addresses
 
 EVERYWHERE = ("0.0.0.0", "::")
 """Addresses to listen on that are no address to connect to."""
-_INTERFACE_ADDRESS = 0x8915
-"""SIOCGIFADDR of Linux (netdevice(7)): the IPv4 address of an interface, at the bytes 20 to 23 of its record."""
 
 
 class ListeningThread:
@@ -95,17 +93,7 @@ def find_routed_addresses() -> set[str]:
 
 def list_own_addresses() -> set[str]:
     """Return the addresses of this machine: routed ones, loopback, and the IPv4 ones of all its interfaces."""
-    found = find_routed_addresses() | {"127.0.0.1", "::1"}
-    if sys.platform != "linux":
-        return found
-    from fcntl import ioctl
-
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
-        for _, name in socket.if_nameindex():
-            with suppress(OSError):
-                answer = ioctl(one.fileno(), _INTERFACE_ADDRESS, name.encode().ljust(40, b"\0"))
-                found.add(socket.inet_ntoa(answer[20:24]))
-    return found
+    return find_routed_addresses() | {"127.0.0.1", "::1"} | list_interface_addresses()
 
 
 def is_address(host: str) -> bool:

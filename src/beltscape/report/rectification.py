@@ -12,6 +12,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.report.drawing.legend import PAPER, Rgb, draw_text, measure_text
 from beltscape.report.drawing.pictures import Panel, arrange_panels, to_rgb
+from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.pairwise.rectification import count_upright_turns
 from beltscape.stereo.pairwise.rectified_images import RectifiedImages
 
@@ -28,14 +29,18 @@ _COLORS = [(255, 99, 71), (255, 193, 37), (124, 252, 0), (0, 229, 238), (100, 14
 
 
 def draw_rectification(
-    rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages], faults: Sequence[str] = ()
+    rig: Rig,
+    frame_set: FrameSet,
+    pairs: list[RectifiedImages],
+    consistency: RigConsistency,
+    faults: Sequence[str] = (),
 ) -> Rgb:
     """Draw one row per pair: core and auxiliary with epipolar lines, before (curves) and after (straight rows).
 
     Corresponding points lie on lines of one colour. Pairs with a vertical baseline are shown upright, so that
     their rows are vertical. Camera faults are written above.
     """
-    page = arrange_panels(make_rectification_panels(rig, frame_set, pairs), 4)
+    page = arrange_panels(make_rectification_panels(rig, frame_set, pairs, consistency), 4)
     return np.concatenate([_draw_warnings(faults, page.shape[1]), page]) if faults else page
 
 
@@ -55,23 +60,23 @@ def _draw_warnings(lines: Sequence[str], width_px: int) -> Rgb:
     return strip
 
 
-def make_rectification_panels(rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages]) -> list[Panel]:
+def make_rectification_panels(
+    rig: Rig, frame_set: FrameSet, pairs: list[RectifiedImages], consistency: RigConsistency
+) -> list[Panel]:
     """Return the four pictures of each pair: core and auxiliary before, core and auxiliary after."""
     panels: list[Panel] = []
+    found = {each.camera: each.rows for each in consistency.cameras}
     for images in pairs:
         name, pair = images.pair.auxiliary, images.pair
         before_core, before_aux = _draw_before(rig, frame_set, images)
         after_core, after_aux = _draw_after(images)
-        off = (
-            f"rows met within {images.rows.rms_px:.2f} px"
-            if np.isfinite(images.rows.rms_px)
-            else "rows not measured"
-        )
+        rows = found[name]
+        off = f"rows met within {rows.rms_px:.2f} px" if np.isfinite(rows.rms_px) else "rows not measured"
         panels += [
             Panel(before_core, f"before: {pair.core}"),
             Panel(before_aux, f"before: {name}"),
             Panel(after_core, f"after: {pair.core}"),
-            Panel(after_aux, f"after: {name}", note=f"{off} ({images.rows.points} points)"),
+            Panel(after_aux, f"after: {name}", note=f"{off} ({rows.explained} points)"),
         ]
     return panels
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from beltscape import __version__
 from beltscape.core.progress import Reporter
 from beltscape.files.belt_json import write_belt
+from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 from beltscape.pipeline.live.project import CaptureSettings, Project, RunSettings
 from beltscape.pipeline.measuring.belt import hash_empty_belt, read_empty_belt
 
@@ -55,7 +56,7 @@ def pack_project(project: Project[RunSettings], reporter: Reporter) -> Parcel:
     empty = project.resolve(settings.empty)
     files = {
         _RIG: project.resolve(settings.rig).read_bytes(),
-        _BELT: _read_belt_file(empty, reporter),
+        _BELT: _read_belt_file(empty, settings.belt, reporter),
     }
     own = RunSettings(
         name=settings.name,
@@ -66,7 +67,10 @@ def pack_project(project: Project[RunSettings], reporter: Reporter) -> Parcel:
         flow=settings.flow,
         health=settings.health,
     )
-    return Parcel(own, tuple(sorted(files.items())), hash_empty_belt(empty))
+    digest = hash_empty_belt(empty)
+    if settings.belt != NOTHING_GIVEN:
+        digest = hashlib.sha256(f"{digest} {settings.belt.model_dump_json()}".encode()).hexdigest()
+    return Parcel(own, tuple(sorted(files.items())), digest)
 
 
 def unpack_project(parcel: Parcel) -> Project[RunSettings]:
@@ -84,11 +88,11 @@ def _unpack(files: tuple[tuple[str, bytes], ...]) -> Path:
     return folder
 
 
-def _read_belt_file(empty: Path, reporter: Reporter) -> bytes:
-    """Return the belt.json of an empty belt, which may be a frame or a whole reconstruction."""
-    if empty.is_file():
+def _read_belt_file(empty: Path, given: GivenBelt, reporter: Reporter) -> bytes:
+    """Return the belt.json of an empty belt, which may be a frame or a whole reconstruction, with what is given."""
+    if empty.is_file() and given == NOTHING_GIVEN:
         return empty.read_bytes()
-    belt, camera = read_empty_belt(empty, reporter)
+    belt, camera = read_empty_belt(empty, reporter, given)
     with tempfile.TemporaryDirectory() as folder:
         write_belt(Path(folder) / _BELT, belt, camera)
         return (Path(folder) / _BELT).read_bytes()

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.geometry.lens import MODELS
-from beltscape.core.plausibility import BASELINE, BELT_WIDTH, DISTANCE, FRAME_RATE, RIG_HEIGHT
+from beltscape.core.quantities import BASELINE, BELT_WIDTH, DISTANCE, FRAME_RATE, RIG_HEIGHT
 from beltscape.simulate.faults.settings import Faults
 from beltscape.simulate.rendering.optics import Optics
 from beltscape.simulate.rendering.render import RenderSettings

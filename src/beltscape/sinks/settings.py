@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.core.plausibility import DISK_SPACE
+from beltscape.core.quantities import DISK_SPACE
 
 DayCount = Annotated[int, Field(ge=1, le=36500)]
 """A number of days, up to a century."""

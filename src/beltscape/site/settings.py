@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, describe_cause
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.production.calendar import open_zone, parse_clock
 from beltscape.production.settings import ShiftSettings
@@ -202,7 +202,7 @@ def read_key(belt: BeltSettings) -> str:
         lines = belt.key_file.read_text("utf-8").splitlines()
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{belt.key_file}: the key of belt {belt.name!r} cannot be read ({error})"
+            f"{belt.key_file}: the key of belt {belt.name!r} cannot be read ({describe_cause(error)})"
         ) from error
     key = lines[0].strip() if lines else ""
     if not key or not key.isascii() or len(key.split()) != 1:

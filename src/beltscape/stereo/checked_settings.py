@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
 
+from beltscape.core.checks import show_value
 from beltscape.core.errors import SettingsError, suggest_name
 from beltscape.files.documents.toml_text import describe_first_error
 
@@ -33,7 +34,7 @@ class CheckedSettings(BaseModel):
 def require_preset(name: Any, presets: Iterable[str]) -> str:
     """Return the name of a preset; raise a SettingsError that lists the presets for any other."""
     names = list(presets)
-    if name in names:
-        return str(name)
+    if isinstance(name, str) and name in names:
+        return name
     fix = suggest_name(str(name), names) or f"there are {', '.join(names)}"
-    raise SettingsError(f"preset = {name!r} is not known; {fix}")
+    raise SettingsError(f"preset = {show_value(name)} is not known; {fix}")

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.core.errors import InputError
+from beltscape.core.plausibility import suggest_unit
+from beltscape.core.quantities import SQUARE
 from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.toml_text import validate
 from beltscape.files.exchange.documents import read_document
@@ -66,4 +68,7 @@ def _get_mm(path: Path, values: dict[str, Any], key: str) -> float:
     value = _get(path, values, key)
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{path}: {key} = {value!r}: must be a length in metres")
+    if value > 0 and SQUARE.find_refusal(value * MM_PER_M):
+        fix = suggest_unit(value, "m", lambda metres: not SQUARE.find_refusal(metres * MM_PER_M))
+        raise InputError(f"{path}: {key} = {value!r}: must be a length in metres{fix}")
     return round(value * MM_PER_M, NANOMETRES)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.core.plausibility import MODULE_SIDE, PLATE, SOLID
+from beltscape.core.quantities import MODULE_SIDE, PLATE, SOLID
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.folders.paths import AnyPath, as_path
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel, Field, model_validator
 
-from beltscape.core.plausibility import SQUARE
+from beltscape.core.quantities import MARKER, SQUARE
 
 MIN_CORNERS = 8
 """Minimum number of corners of a view: fewer constrain the camera less than their noise disturbs it."""
@@ -58,7 +58,7 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
     kind: Literal["charuco"] = "charuco"
     squares: tuple[Count, Count]
     square_mm: Length
-    marker_mm: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    marker_mm: Annotated[float, MARKER]
     dictionary: Annotated[str, AfterValidator(_check_dictionary)]
     first_id: MarkerId = 0
     """The id of the first marker; the others follow it row by row."""

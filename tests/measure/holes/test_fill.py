@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from beltscape.measure.holes import fill
 from beltscape.measure.holes.fill import Filled, compute_hole_inputs, fill_holes
 
 Turn = Callable[[np.ndarray], np.ndarray]
@@ -136,3 +137,21 @@ def test_a_field_without_holes_has_no_inputs() -> None:
     none, slope = np.zeros(heights.shape, bool), np.zeros((2, *heights.shape))
     inputs = compute_hole_inputs(heights, none, 4.0, slope, np.nonzero(none))
     assert {values.shape for values in inputs.features.values()} == {(0,)}
+
+
+def test_memory_of_filling_is_bounded_and_the_number_of_cells_at_once_changes_nothing(monkeypatch) -> None:
+    field = rocks(3)
+    whole = filled(field)
+    most: list[int] = []
+
+    def count(lines, cells, *others):
+        most.append(len(cells[0]))
+        return trace(lines, cells, *others)
+
+    trace = fill.trace_lines
+    monkeypatch.setattr(fill, "trace_lines", count)
+    monkeypatch.setattr(fill, "_CELLS_AT_ONCE", 50)
+    parts = filled(field)
+    assert max(most) == 50
+    np.testing.assert_allclose(parts.value_mm, whole.value_mm, atol=1e-9)
+    np.testing.assert_allclose(parts.sigma_mm, whole.sigma_mm, atol=1e-9)

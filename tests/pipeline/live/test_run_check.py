@@ -37,8 +37,8 @@ def plant_parts(tmp_path_factory, small_frames) -> Path:
 
     folder = tmp_path_factory.mktemp("plant")
     shutil.copy(TRUE_RIG, folder / "rig.json")
-    belt, camera = measure_empty_belt(small_frames / "belt_empty", None, Silent())
-    write_belt_files(folder / "belt.json", belt, camera)
+    belt, depth = measure_empty_belt(small_frames / "belt_empty", None, Silent())
+    write_belt_files(folder / "belt.json", belt, depth)
     shutil.copytree(DEMO / "belt_loaded", folder / "belt")
     return folder
 

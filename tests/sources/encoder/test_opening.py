@@ -93,7 +93,7 @@ def test_a_port_in_use_is_refused(udp, tmp_path):
     with pytest.raises(InputError, match="give a free port"):
         open_encoder(encoder._settings, tmp_path)
     with pytest.raises(InputError, match="is no address"):
-        open_encoder(EncoderSettings(kind="udp", host="not an address"), tmp_path)
+        open_encoder(EncoderSettings(kind="udp", host="no-such-host.invalid"), tmp_path)
 
 
 def test_growing_file_is_followed(tmp_path):

@@ -24,6 +24,7 @@ from beltscape.files.capture import Capture
 from beltscape.files.rasters.images import read_image
 from beltscape.target.board import AprilGrid, Board, BoardSet, CharucoBoard
 
+_GOING_ON = "; going on without this image"
 NO_BOARD = "they show neither ArUco markers nor a chessboard: look at exposure and focus"
 
 SURE_CORNERS, SURE_RATIO = 60, 3
@@ -59,7 +60,7 @@ def detect_board(
         try:
             image = read_image(job[2])
         except InputError as error:
-            return f"{error}; going on without this image"
+            return f"{error}{_GOING_ON}"
         return (image.shape[1], image.shape[0]), detect(image)
 
     with single_thread():
@@ -68,7 +69,11 @@ def detect_board(
         )
     detections = _collect_detections(capture, results, reporter)
     if not detections.cameras:
-        raise InputError(f"{capture.folder}: none of its {len(jobs)} images can be read; copy them again")
+        reason = next(result for _, result in results if isinstance(result, str))
+        raise InputError(
+            f"{capture.folder}: none of its {len(jobs)} images can be read; the first: "
+            f"{reason.removesuffix(_GOING_ON)}"
+        )
     if not any(detections.views.values()):
         raise InputError(_describe_failure(capture, board, variant))
     return detections, variant

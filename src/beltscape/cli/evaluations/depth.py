@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare every frame with its truth."""
     from beltscape.cli.arguments import require_plausible
-    from beltscape.core.plausibility import STRETCH
+    from beltscape.core.quantities import STRETCH
     from beltscape.evaluate.scores.reconstruction import score_reconstruction
     from beltscape.evaluate.truth.simulated import WITHIN_MM, read_truth
 

@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Compare one frame's lumps with the visible rocks."""
     from beltscape.cli.arguments import require_plausible
-    from beltscape.core.plausibility import LUMP
+    from beltscape.core.quantities import LUMP
     from beltscape.evaluate.scores.lumps_of_frame import read_heap, score_lumps_of_frame
     from beltscape.measure.lumps.settings import LumpSettings
 

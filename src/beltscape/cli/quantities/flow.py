@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from beltscape.cli.arguments import add_empty_belt, add_output_folder, make_settings, require_plausible
 from beltscape.core.errors import SettingsError
-from beltscape.core.plausibility import DENSITY, FRAME_RATE, LOAD_HEIGHT
 from beltscape.core.progress import Reporter
+from beltscape.core.quantities import DENSITY, FRAME_RATE, LOAD_HEIGHT
 
 if TYPE_CHECKING:
     from beltscape.measure.flow.records.density import Density

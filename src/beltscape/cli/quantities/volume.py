@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from beltscape.cli.arguments import add_empty_belt, add_output_folder, make_settings, require_ordered_range
-from beltscape.core.errors import SettingsError
-from beltscape.core.plausibility import BOX_SIDE
 from beltscape.core.progress import Reporter
 
 
@@ -34,6 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     """Measure the volume."""
+    from beltscape.measure.volume.box import require_box_side
     from beltscape.measure.volume.settings import VolumeSettings
     from beltscape.pipeline.measuring.volume import (
         make_volume_document,
@@ -41,6 +40,10 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         write_volume,
     )
 
+    across_mm = require_ordered_range("--across", arguments.across)
+    along_mm = require_ordered_range("--along", arguments.along)
+    require_box_side("across", across_mm)
+    require_box_side("along", along_mm)
     volume = measure_volume_of_frames(
         arguments.loaded,
         arguments.empty,
@@ -50,26 +53,14 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
             profile_every_mm=arguments.profile_every,
             surcharge_deg=arguments.surcharge,
         ),
-        across_mm=_read_side("--across", arguments.across),
-        along_mm=_read_side("--along", arguments.along),
+        across_mm=across_mm,
+        along_mm=along_mm,
         reporter=reporter,
     )
     reporter.step("measuring volume", 1, 1)
     if arguments.out is not None:
         write_volume(arguments.out, volume)
     return {**make_volume_document(volume), "report": arguments.out and arguments.out / "report.html"}
-
-
-def _read_side(option: str, ends: Sequence[float] | None) -> tuple[float, float] | None:
-    """Return the ends of a box's side; SettingsError if it is too short to be in mm."""
-    pair = require_ordered_range(option, ends)
-    if pair is not None and (refusal := BOX_SIDE.find_refusal(pair[1] - pair[0])):
-        fix = f"{option} {1000 * pair[0]:g} {1000 * pair[1]:g}"
-        raise SettingsError(
-            f"{option} {pair[0]:g} {pair[1]:g}: {pair[1] - pair[0]:g} mm {refusal.partition('; in')[0]}; in metres? "
-            f"write {fix}"
-        )
-    return pair
 
 
 def summary(result: Mapping[str, Any]) -> str:
@@ -85,7 +76,12 @@ def summary(result: Mapping[str, Any]) -> str:
         text += f"\ncentre x {x:.1f}, y {y:.1f}, z {z:.1f} mm, σ {sx:.1f}, {sy:.1f}, {sz:.1f} mm; "
         text += f"{centre['off_middle_mm']:+.1f} mm off the belt's middle"
     part = "" if fill["whole_belt_seen"] else " (of the part of the belt that was seen)"
-    text += f"\nfill   {fill['level']:.1%} of {fill['capacity_mm2'] * 1e-2:.0f} cm²{part}"
+    if fill["level"] is None:
+        text += (
+            "\nfill   unknown: the empty belt's shape holds no load; learn it again (beltscape measure belt)"
+        )
+    else:
+        text += f"\nfill   {fill['level']:.1%} of {fill['capacity_mm2'] * 1e-2:.0f} cm²{part}"
     if highest:
         text += f"; highest {highest['height_mm']:.1f} mm"
     return text + (f"\nreport {result['report']}" if result["report"] else "")

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import require_array, require_instance, require_like, require_pair
 from beltscape.core.display import Displayed
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-
 
 End = Literal["seen", "inferred", "told", "covered", "unmeasured", "out of view"]
 """What is known of an end of the belt across: a step beside it was measured; it follows from the other end and the
@@ -118,6 +118,17 @@ class Belt(Displayed):
     """Range of x beyond which something beside the belt stands as high as it, such as a frame."""
     width_mm: float | None = None
     """Width of the belt along its surface, as given; None: not given."""
+
+    def __post_init__(self) -> None:
+        """Raise ArgumentError unless pose, nodes and camera are what they are called."""
+        require_instance(self.belt_from_core, Pose, "belt_from_core", "bs.Pose.of(rotation, translation_mm)")
+        require_array(self.x_mm, "x_mm", (None,))
+        for name in ("z_mm", "z_sigma_mm"):
+            require_like(getattr(self, name), name, self.x_mm, "x_mm")
+        for name in ("across_mm", "along_mm"):
+            require_pair(getattr(self, name), name)
+        if self.camera is not None:
+            require_instance(self.camera, Camera, "camera", "rig.core_camera")
 
     def __repr__(self) -> str:
         width = self.across_mm[1] - self.across_mm[0]

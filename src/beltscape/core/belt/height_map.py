@@ -11,6 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import require_array, require_like, require_number, show_value
+from beltscape.core.errors import ArgumentError
+from beltscape.core.type_guards import is_list_or_tuple
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeightMap:
@@ -24,6 +28,16 @@ class HeightMap:
     """(x, y) of the centre of cell (0, 0)."""
     cell_mm: float
     """Edge of a cell."""
+
+    def __post_init__(self) -> None:
+        """Raise ArgumentError unless heights and sigmas are arrays of one shape, and the cells have a size."""
+        require_array(self.height_mm, "height_mm", (None, None))
+        require_like(self.sigma_mm, "sigma_mm", self.height_mm, "height_mm")
+        require_number(self.cell_mm, "cell_mm", 0.0, above=True)
+        if not is_list_or_tuple(self.origin_mm) or len(self.origin_mm) != 2:
+            raise ArgumentError(f"origin_mm = {show_value(self.origin_mm)}: must be (x, y)")
+        for value in self.origin_mm:
+            require_number(value, "origin_mm")
 
     def __repr__(self) -> str:
         rows, columns = self.height_mm.shape
@@ -59,6 +73,11 @@ class BeltProfile:
     """Area of the load's cross-section."""
     coverage: float
     """Share of the cross-section that was measured, 0..1."""
+
+    def __post_init__(self) -> None:
+        """Raise ArgumentError unless there is a height for each x."""
+        require_array(self.x_mm, "x_mm", (None,))
+        require_like(self.height_mm, "height_mm", self.x_mm, "x_mm")
 
     def __repr__(self) -> str:
         return (

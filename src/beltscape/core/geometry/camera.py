@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import require_array, require_number, require_text, show_value
+from beltscape.core.errors import ArgumentError
 from beltscape.core.geometry.lens import MODELS, domain, tilt
 from beltscape.core.geometry.lens.model import LensModel
+from beltscape.core.type_guards import is_list_or_tuple
 
 Array = NDArray[np.float64]
 
@@ -32,11 +36,20 @@ class Camera:
     """Distance from the principal point up to which the calibration holds, px of the image; None: no limit."""
 
     def __post_init__(self) -> None:
-        """Check the lens model's name and number of coefficients; ValueError."""
-        if self.model not in MODELS:
-            raise ValueError(f"lens model {self.model!r} is unknown; the models are {', '.join(MODELS)}")
+        """Raise ArgumentError unless size and parameters are those of a camera and a lens model."""
+        require_text(self.name, "name")
+        _require_size(self.size_px)
+        for name in ("focal_px", "center_px"):
+            require_array(getattr(self, name), name, (2,))
+        require_array(self.distortion, "distortion", (None,))
+        if self.valid_radius_px is not None:
+            require_number(self.valid_radius_px, "valid_radius_px", 0.0)
+        if not isinstance(self.model, str) or self.model not in MODELS:  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError(
+                f"lens model {show_value(self.model)} is unknown; the models are {', '.join(MODELS)}"
+            )
         if len(self.distortion) != len(self.lens.coefficients):
-            raise ValueError(
+            raise ArgumentError(
                 f"lens model {self.model} has {len(self.lens.coefficients)} coefficients "
                 f"({', '.join(self.lens.coefficients)}), {len(self.distortion)} were given"
             )
@@ -127,3 +140,11 @@ class Camera:
             np.interp(radius, *domain.tabulate_inverse(self.model, self.distortion)), np.float64
         )
         return distorted * np.where(radius > 1e-12, undistorted / np.maximum(radius, 1e-12), 1.0)[..., None]
+
+
+def _require_size(size_px: Any) -> None:
+    is_size = is_list_or_tuple(size_px) and len(size_px) == 2
+    if not is_size or not all(isinstance(side, int | np.integer) and side > 0 for side in size_px):
+        raise ArgumentError(
+            f"size_px = {show_value(size_px)}: must be (width, height), whole numbers above 0"
+        )

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from beltscape.core.checks import require_array, require_instance
+from beltscape.core.errors import ArgumentError
+
 _ORTHONORMAL = 1e-6
 """Largest error of an element of R Rᵀ: the program writes all digits, and 1e-6 rad moves no pixel noticeably."""
 _SMALL_RAD = 1e-8
@@ -24,13 +27,31 @@ class Pose:
     translation_mm: NDArray[np.float64]
     """(3,) float64, millimetres."""
 
+    def __post_init__(self) -> None:
+        """Raise ArgumentError unless they are a rotation and a translation."""
+        require_array(self.rotation, "rotation", (3, 3))
+        require_array(self.translation_mm, "translation_mm", (3,))
+        if np.isfinite(self.rotation).all() and not is_rotation(self.rotation):
+            raise ArgumentError(
+                "rotation is no rotation: its rows must be of length 1 and at right angles, its determinant +1"
+            )
+
     @classmethod
     def of(cls, rotation: ArrayLike, translation_mm: ArrayLike) -> Pose:
         """Return the pose of array-like arguments; a (3,) rotation is a rotation vector in radians."""
-        matrix = np.array(rotation, dtype=np.float64)
+        try:
+            matrix = np.array(rotation, dtype=np.float64)
+            translation = np.array(translation_mm, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise ArgumentError(f"rotation and translation_mm must be numbers ({error})") from error
+        if matrix.size not in (3, 9) or translation.size != 3:
+            raise ArgumentError(
+                f"rotation has {matrix.size} numbers, translation_mm {translation.size}: they must have 9, or 3 as a "
+                "rotation vector, and 3"
+            )
         if matrix.size == 3:
             matrix = rotation_from_vector(matrix.reshape(3))
-        return cls(matrix.reshape(3, 3), np.array(translation_mm, dtype=np.float64).reshape(3))
+        return cls(matrix.reshape(3, 3), translation.reshape(3))
 
     @classmethod
     def identity(cls) -> Pose:
@@ -39,6 +60,7 @@ class Pose:
 
     def __matmul__(self, other: Pose) -> Pose:
         """Compose: ``a_from_b @ b_from_c`` is ``a_from_c``."""
+        require_instance(other, Pose, "the second pose", "bs.Pose.of(rotation, translation_mm)")
         return Pose(
             self.rotation @ other.rotation, self.rotation @ other.translation_mm + self.translation_mm
         )

@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import require_instance, show_value
 from beltscape.core.display import Displayed
+from beltscape.core.errors import ArgumentError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
+from beltscape.core.type_guards import is_mapping
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +30,23 @@ class Rig(Displayed):
     """Figures of the calibration's quality: plain JSON values, units in the keys."""
     covariance: Mapping[str, Any] = field(default_factory=dict[str, Any])
     """Covariance of the parameters, if it was estimated: plain JSON values."""
+
+    def __post_init__(self) -> None:
+        """Raise ArgumentError unless the core is one of the cameras, and each camera has a pose."""
+        for argument, kind in (("cameras", Camera), ("cam_from_core", Pose)):
+            values = getattr(self, argument)
+            if not is_mapping(values) or not values:
+                raise ArgumentError(
+                    f"{argument} = {show_value(values)}: must be a {kind.__name__} by the name of each camera"
+                )
+            for name, value in values.items():
+                require_instance(value, kind, f"{argument}[{show_value(name)}]", f"bs.{kind.__name__}(...)")
+        if not isinstance(self.core, str) or self.core not in self.cameras:  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ArgumentError(
+                f"core = {show_value(self.core)}: must be one of the cameras, {', '.join(self.cameras)}"
+            )
+        if lacking := [name for name in self.cameras if name not in self.cam_from_core]:
+            raise ArgumentError(f"cam_from_core has no pose of {', '.join(lacking)}")
 
     def __repr__(self) -> str:
         width, height = self.core_camera.size_px

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from beltscape.core.checks import require_instance, require_number, show_value
+from beltscape.core.errors import ArgumentError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
 
@@ -16,6 +18,8 @@ CROPPED = 0.05
 by 0.98, but regions of interest cut off a few rows or columns."""
 KEPT_QUALITY = ("board", "board_corners_mm")
 """Entries of a rig's quality that do not depend on the size of the images."""
+_MOST_PX = 1 << 17
+"""No image is wider or higher: four times the largest sensors of 2026 and their line scans."""
 
 
 def scale_camera(camera: Camera, factor: float) -> Camera:
@@ -34,7 +38,25 @@ def scale_camera(camera: Camera, factor: float) -> Camera:
 
 
 def scale_rig(rig: Rig, factor: float) -> Rig:
-    """Return the rig with all cameras scaled and without its quality, whose figures are in pixels."""
+    """Return the rig with all cameras scaled and without its quality, whose figures are in pixels.
+
+    >>> half = bs.scale_rig(rig, 0.5)
+    >>> half.core_camera.size_px
+    (306, 256)
+
+    Raises
+    ------
+    InputError
+        if ``factor`` is no number above 0, or leaves no pixel of a camera.
+    """
+    require_instance(rig, Rig, "rig", "bs.read_rig(path)")
+    require_number(factor, "factor", 0.0, above=True)
+    for name, camera in rig.cameras.items():
+        if not all(0.5 < side * factor < _MOST_PX for side in camera.size_px):
+            width, height = camera.size_px
+            raise ArgumentError(
+                f"factor = {show_value(factor)}: {name}'s image of {width}×{height} px cannot have that size"
+            )
     cameras = {name: scale_camera(camera, factor) for name, camera in rig.cameras.items()}
     return Rig(rig.core, cameras, rig.cam_from_core)
 

@@ -1,4 +1,4 @@
-"""System calls that differ between Linux or macOS and Windows: locks, durable folders, space, cores, single keys.
+"""System calls that differ between Linux or macOS and Windows: locks, durable folders, space, cores, keys, addresses.
 
 No other module asks which system it runs on. On Windows a lock is one byte of a file (`msvcrt.locking`), folders
 cannot be opened, and a name in a folder needs no call to be durable.
@@ -7,8 +7,10 @@ cannot be opened, and a name in a folder needs no call to be durable.
 from __future__ import annotations
 
 import os
+import socket
 import sys
 import tempfile
+from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
 from typing import IO, TextIO
@@ -17,6 +19,9 @@ from beltscape.core.errors import SettingsError
 
 CORES = "BELTSCAPE_CORES"
 """Variable of the environment: the most processor cores that one process may use."""
+
+_INTERFACE_ADDRESS = 0x8915
+"""SIOCGIFADDR of Linux (netdevice(7)): the IPv4 address of an interface, at the bytes 20 to 23 of its record."""
 
 if sys.platform == "win32":
     import msvcrt
@@ -162,3 +167,18 @@ def _lock_or_close(handle: int) -> int:
     except OSError:
         pass
     return handle
+
+
+def list_interface_addresses() -> set[str]:
+    """Return the IPv4 addresses of the network interfaces; empty on other systems than Linux."""
+    found = set[str]()
+    if sys.platform != "linux":
+        return found
+    from fcntl import ioctl
+
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as one:
+        for _, name in socket.if_nameindex():
+            with suppress(OSError):
+                answer = ioctl(one.fileno(), _INTERFACE_ADDRESS, name.encode().ljust(40, b"\0"))
+                found.add(socket.inet_ntoa(answer[20:24]))
+    return found

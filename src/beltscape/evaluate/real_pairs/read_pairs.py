@@ -164,6 +164,11 @@ def _dice_table(path: Path) -> dict[str, NDArray[np.float64]]:
     head = next((line for line in lines if "COORDINATE_X," in line), None)
     if head is None:
         raise InputError(f"{path}: has no row of column names; give a solution of DICe")
-    rows = [[float(text) for text in line.split(",")] for line in lines if re.match(r"[-\d]", line)]
-    columns = dict(zip(head.split(","), np.array(rows).T, strict=True))
+    try:
+        rows = [[float(text) for text in line.split(",")] for line in lines if re.match(r"[-\d]", line)]
+        columns = dict(zip(head.split(","), np.array(rows).T, strict=True))
+    except ValueError as error:
+        raise InputError(
+            f"{path}: a row has another form than the column names; give a solution of DICe"
+        ) from error
     return {name: column[columns["MATCH"] == 0] for name, column in columns.items()}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, describe_cause
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
@@ -180,7 +180,7 @@ def _rig(folder: Path) -> tuple[Rig, Pose]:
     try:
         entry = station["core_from_world"]
         return read_rig(folder / "rig.json"), Pose.of(entry["rotation"], entry["translation_mm"])
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{folder / 'station.json'}: no core_from_world; simulate the scene again"
         ) from error
@@ -200,5 +200,5 @@ def _rig_by_camera(path: Path, document: Mapping[str, Any]) -> tuple[Rig, Pose]:
         core = next(iter(cameras))
         world = document["cameras"][core]
         return Rig(core, cameras, poses), Pose.of(world["R"], world["t"])
-    except (KeyError, TypeError, IndexError, StopIteration) as error:
-        raise InputError(f"{path}: not a truth's rig.json ({error} is missing or wrong)") from error
+    except (KeyError, TypeError, IndexError, StopIteration, ValueError, AttributeError) as error:
+        raise InputError(f"{path}: not a truth's rig.json ({describe_cause(error)})") from error

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Generator
 from contextlib import contextmanager
+from math import inf, isfinite
 from pathlib import Path
 
 from beltscape.core.errors import InputError
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+"""A number as tables of other programs write it; Python's float also takes 1_000 and words."""
 
 
 def read_text(path: Path) -> str:
@@ -31,3 +36,9 @@ def named_read_errors(path: Path | str, fix: str = "") -> Generator[None]:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from error
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text{fix and f'; {fix}'}") from error
+
+
+def parse_decimal(text: str) -> float | None:
+    """Return the finite number that a text holds, with a decimal point; None if it holds none."""
+    value = float(text) if _NUMBER.fullmatch(text.strip()) else inf
+    return value if isfinite(value) else None

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import operator
 import re
 import tomllib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from beltscape.core.checks import show_value
 from beltscape.core.errors import InputError, suggest_name
 from beltscape.core.plausibility import find_unit, suggest_unit
-from beltscape.core.type_guards import is_list_or_tuple, is_mapping
-from beltscape.files.documents.plain_text import read_text
+from beltscape.core.type_guards import is_list_or_tuple
+from beltscape.files.documents.plain_text import parse_decimal, read_text
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
@@ -36,36 +38,27 @@ def validate(path: Path, model: type[Model], values: dict[str, Any]) -> Model:
         return f"{path}: {key} = {value:g}: {oddity}"
 
     try:
-        checked = model.model_validate(values, context=describe_oddity)
+        return validate_strictly(model, values, describe_oddity)
     except ValidationError as error:
         raise InputError(f"{path}: {describe_first_error(model, error)}") from error
-    if problem := find_converted(values, checked):
-        raise InputError(f"{path}: {problem}")
-    return checked
 
 
-def find_converted(value: Any, checked: Any, key: str = "") -> str:
-    """Return which text or truth value stands for a number, or which number for a truth value; empty if none does.
+def validate_strictly(
+    model: type[Model], values: Mapping[str, Any], describe_oddity: Callable[[str, float, str], str]
+) -> Model:
+    """Return ``values`` as ``model``, without taking texts or truth values as numbers; pydantic's ValidationError.
 
-    Pydantic converts them; strictly it would refuse TOML's lists and paths.
+    They are validated as JSON: strictly, Python's lists would be no tuples, and texts no paths.
     """
-    from pydantic import BaseModel
+    text = json.dumps(dict(values), default=_to_json)
+    return model.model_validate_json(text, strict=True, context=describe_oddity)
 
-    parts: Iterable[tuple[str, Any, Any]] = ()
-    if is_mapping(value):
-        inside = checked.__dict__ if isinstance(checked, BaseModel) else checked
-        if is_mapping(inside):
-            parts = ((f"{key}.{name}" if key else name, value[name], inside.get(name)) for name in value)
-    elif is_list_or_tuple(value):
-        if is_list_or_tuple(checked) and len(checked) == len(value):
-            parts = ((f"{key}[{i}]", *pair) for i, pair in enumerate(zip(value, checked, strict=True)))
-    elif isinstance(checked, bool) != isinstance(value, bool) and isinstance(checked, bool | int | float):
-        return (
-            f"{key} = {_show(value)}: must be {'true or false' if isinstance(checked, bool) else 'a number'}"
-        )
-    elif isinstance(checked, int | float) and isinstance(value, str):
-        return f"{key} = {_show(value)}: must be a number, without quotation marks"
-    return next((problem for name, *pair in parts if (problem := find_converted(*pair, name))), "")
+
+def _to_json(value: Any) -> Any:
+    """Return a path or a NumPy number for JSON; a date becomes a table, which no setting takes in its place."""
+    if isinstance(value, Path):
+        return str(value)
+    return value.item() if hasattr(value, "item") else {"date": str(value)}
 
 
 def describe_first_error(model: type[BaseModel], error: ValidationError) -> str:
@@ -126,24 +119,33 @@ _BOUNDS: Mapping[str, Callable[[float, float], bool]] = {
 
 
 def _describe_error(error: Any) -> str:
-    """Return a readable description of an error of pydantic, with the unit that a number was probably given in."""
-    key, kind, value = _join(error["loc"]), error["type"], error["input"]
-    if kind == "missing":
+    """Return key, value and fault of one of pydantic's errors."""
+    key = _join(error["loc"])
+    if error["type"] == "missing":
         return f"{key} is missing"
+    text = describe_fault(error)
+    return f"{key} = {_show(error['input'])}: {text}" if key else text
+
+
+def describe_fault(error: Any) -> str:
+    """Return what one of pydantic's errors says of its value, with the unit that a number was probably given in."""
+    kind, value = error["type"], error["input"]
     if kind == "value_error":
-        text = str(error["ctx"]["error"])
-        return f"{key} = {_show(value)}: {text}" if key else text
+        return str(error["ctx"]["error"])
     if kind == "too_short":
         text = f"must have at least {error['ctx']['min_length']} values"
     elif kind == "too_long":
         text = f"must have {error['ctx']['max_length']} values, not {error['ctx']['actual_length']}"
     elif kind in _WORDS:
-        text = _WORDS[kind]
+        is_quoted = (
+            kind in ("float_type", "int_type") and isinstance(value, str) and parse_decimal(value) is not None
+        )
+        text = _WORDS[kind] + (", without quotation marks" if is_quoted else "")
     else:
         text = re.sub(r"^(Input|String|List|Tuple|Dictionary) should", "must", error["msg"])
     if kind in _BOUNDS and isinstance(value, int | float):
         text += suggest_unit(value, _find_unit_of(error["loc"]), _make_fit(error))
-    return f"{key} = {_show(value)}: {text}"
+    return text
 
 
 def _make_fit(error: Any) -> Callable[[float], bool]:
@@ -169,4 +171,4 @@ def _show(value: Any) -> str:
         return f"[{', '.join(map(_show, value))}]"
     if isinstance(value, float):
         return f"{value:.10g}"
-    return "null" if value is None else repr(value)
+    return "null" if value is None else show_value(value)

@@ -36,11 +36,18 @@ def require_value(entry: Any, key: str, place: str = "") -> Any:
     return entry[key]
 
 
+def require_table(item: Any, place: str) -> dict[str, Any]:
+    """Return ``item`` if it is a table."""
+    if not is_dict(item):
+        raise ValueError(f"{place} = {_short(item)}: must be a table")
+    return item
+
+
 def require_numbers(item: Any, place: str, *shape: int) -> NDArray[np.float64]:
     """Return finite float64 numbers of ``shape``; -1 stands for any length."""
     try:
         array = np.array(item, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         array = np.array(np.nan)
     fits = array.ndim == len(shape) and all(want in (-1, have) for want, have in zip(shape, array.shape))  # noqa: B905
     if not fits or not np.isfinite(array).all():
@@ -167,7 +174,7 @@ def make_pose(
 def require_unit(document: Any) -> float:
     """Return the mm of the unit that a file states under ``units``; programs that write none need it added."""
     unit = document.get("units") if is_dict(document) else None
-    if unit not in MM_PER:
+    if not isinstance(unit, str) or unit not in MM_PER:
         raise ValueError(
             f"units = {_short(unit)}: the unit of its translations is not known; add a line such as units: mm "
             f"({', '.join(MM_PER)})"

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
+from beltscape.core.checks import show_value
 from beltscape.core.errors import InputError
 
 AnyPath = str | os.PathLike[str]
@@ -17,7 +18,7 @@ def as_path(given: AnyPath, argument: str = "path") -> Path:
     """Return the path; InputError with the argument's name if it is none."""
     if _is_path(given):
         return Path(given)
-    raise InputError(f"{argument} = {given!r}: must be a path, as text or pathlib.Path")
+    raise InputError(f"{argument} = {show_value(given)}: must be a path, as text or pathlib.Path")
 
 
 def _is_path(given: object) -> bool:

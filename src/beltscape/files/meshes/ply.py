@@ -1,4 +1,8 @@
-"""Writing of point clouds as binary little-endian PLY, which CloudCompare and MeshLab open."""
+"""Writing of point clouds as binary little-endian PLY, which CloudCompare and MeshLab open.
+
+σ stands in it twice: as ``sigma``, and as ``scalar_sigma``, because CloudCompare takes a property as a scalar field
+by itself only if "scal" is part of its name.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from beltscape.core.cloud import PointCloud
 from beltscape.files.folders.atomic import atomic_replacement
 from beltscape.files.folders.paths import AnyPath, as_path
 
-_PACKED = np.dtype([("point", "V12"), ("normal", "V12"), ("color", "V3"), ("sigma", "<f4")])
+_PACKED = np.dtype([("point", "V12"), ("normal", "V12"), ("color", "V3"), ("sigma", "<f4", 2)])
 """A vertex as four items instead of ten numbers, which NumPy copies faster."""
 _BLOCK = 1 << 16
 """Vertices written at a time: they fit in the cache, and the file's content is never in memory twice."""
@@ -27,6 +31,7 @@ property uchar red
 property uchar green
 property uchar blue
 property float sigma
+property float scalar_sigma
 end_header
 """
 
@@ -44,7 +49,7 @@ def write_ply(path: AnyPath, cloud: PointCloud) -> None:
             part["point"] = _items(cloud.points_mm[some], "<f4")
             part["normal"] = _items(cloud.normals[some], "<f4")
             part["color"] = _items(cloud.colors[some], "u1")
-            part["sigma"] = cloud.sigma_mm[some]
+            part["sigma"] = cloud.sigma_mm[some, None]
             file.write(part.data)
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, describe_cause
 from beltscape.files.folders.atomic import atomic_replacement
 
 
@@ -35,7 +35,7 @@ def read_float_tiff(path: Path) -> NDArray[np.float32]:
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file; give a frame folder of beltscape reconstruct") from error
     except (OSError, ValueError, tifffile.TiffFileError) as error:
-        raise InputError(f"{path}: not a readable TIFF ({error})") from error
+        raise InputError(f"{path}: not a readable TIFF ({describe_cause(error)})") from error
     if values.ndim != 2 or values.dtype.kind != "f":
         raise InputError(f"{path}: holds {values.dtype} of shape {values.shape}; one float32 plane is needed")
     return values.astype(np.float32)

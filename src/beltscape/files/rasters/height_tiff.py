@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.core.belt.height_map import HeightMap
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, describe_cause
 from beltscape.files.folders.atomic import atomic_replacement
 from beltscape.files.folders.paths import AnyPath, as_path
 
@@ -94,7 +94,7 @@ def read_height_tiff(path: AnyPath) -> HeightMap:
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file; give a height map of beltscape measure volume") from error
     except (OSError, ValueError, KeyError, tifffile.TiffFileError) as error:
-        raise InputError(f"{path}: no height map with a scale ({error})") from error
+        raise InputError(f"{path}: no height map with a scale ({describe_cause(error)})") from error
     height = values[::-1].astype(np.float64)
     cell = round(float(scale[0]), _DECIMALS)
     x, y = tie[3] + cell / 2, tie[4] + cell / 2 - len(height) * cell

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, isfinite
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.files.documents.plain_text import read_text
+from beltscape.files.documents.plain_text import parse_decimal, read_text
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
-"""A number as tables of other programs write it; Python's float also takes 1_000 and words."""
 _POINTS = "write numbers with a decimal point"
 _SEPARATORS = f": separate the columns by commas and {_POINTS}"
 
@@ -32,11 +28,11 @@ class Line:
     def parse_number(self, column: int, name: str) -> float:
         """Return a finite number; InputError with file, line and value otherwise."""
         text = self.values[column]
-        value = parse_number(text)
+        value = parse_decimal(text)
         if value is None:
             fix = (
                 f"; write {text.replace(',', '.')}"
-                if parse_number(text.replace(",", ".")) is not None
+                if parse_decimal(text.replace(",", ".")) is not None
                 else ""
             )
             raise InputError(f"{self.name}: line {self.number}: {name} {text!r} is not a number{fix}")
@@ -45,12 +41,6 @@ class Line:
     def error(self, what: str) -> InputError:
         """Return an InputError with file and line."""
         return InputError(f"{self.name}: line {self.number}: {what}")
-
-
-def parse_number(text: str) -> float | None:
-    """Return the finite number that a text holds, with a decimal point; None if it holds none."""
-    value = float(text) if _NUMBER.fullmatch(text.strip()) else inf
-    return value if isfinite(value) else None
 
 
 def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) -> list[Line]:

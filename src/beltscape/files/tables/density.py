@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict
 
 from beltscape.core.errors import InputError, suggest_name
-from beltscape.core.plausibility import DENSITY, DENSITY_SIGMA
+from beltscape.core.quantities import DENSITY, DENSITY_SIGMA
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.files.tables.csv_table import read_csv

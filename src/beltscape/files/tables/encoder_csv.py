@@ -70,8 +70,8 @@ def parse_encoder(text: str, file: str) -> tuple[BeltReading, ...]:
         farthest = max(farthest, position)
         if farthest - position > LONGEST_ROLL_BACK_MM:
             raise line.error(
-                f"belt_position_mm {line.values[2]} is {(farthest - position) / 1000:.1f} m behind the farthest before "
-                f"it, more than a belt rolls back ({LONGEST_ROLL_BACK_MM / 1000:g} m); {_FIX}"
+                f"belt_position_mm {line.values[2]} is {(farthest - position) / 1000:.1f} m behind the farthest "
+                f"before it, more than a belt rolls back ({LONGEST_ROLL_BACK_MM / 1000:g} m); {_FIX}"
             )
         lines[frame] = line.number
         readings.append(BeltReading(frame, time_ns, position))

@@ -46,6 +46,8 @@ class BeltCells:
 
     y_extent_mm: float
     """Length of all rows of cells."""
+    other_size_mm: float = 0.0
+    """σ of the mean height where the belt was learned from images of another size."""
 
     def __len__(self) -> int:
         return len(self.x_mm)
@@ -111,6 +113,7 @@ def _reduce(
         side_mm=side,
         y_middle_mm=reference.seen_mm[0] + 0.5 * shape[0] * side,
         y_extent_mm=shape[0] * side,
+        other_size_mm=reference.other_size_mm,
     )
 
 

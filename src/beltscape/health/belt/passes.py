@@ -11,25 +11,23 @@ from numpy.typing import NDArray
 from beltscape.health.belt.beside_load import BesideLoad, StripAverage, measure_strips
 from beltscape.health.belt.residue import BeltRows
 from beltscape.health.belt.splices import SpliceBand
+from beltscape.health.belt.torn_edges import EdgeHistory
 
 _LONGEST_RIDGE_MM = 1500.0
 """A longer rise is no splice."""
-_LEAST_TEAR_CELLS = 2
-"""Cells by which an edge must recede, and rows over which it must, to count as torn."""
+_LEAST_TEAR_ROWS = 2
+"""Rows over which an edge must recede to count as torn: a single one is scatter."""
+_BRIDGED_ROWS = 3
+"""Hidden rows that do not end a splice or a tear: a tenth of the belt's width."""
 _LONGEST_TEAR_MM = 3000.0
 """A longer change of an edge is the belt running off."""
-_END_CELLS, _LEAST_BARE_END = 3, 2
-"""Measured cells examined at an end of a row, and how many of them must be bare: else material may hide the edge."""
-_LOWEST_MM = -50.0
-"""What lies deeper under the belt as it lies is not the belt, but what shows beside it or through a notch."""
 _STUCK_MM = 1.0
 """Least height that must be found again after a revolution."""
-_USUAL = 0.98
-"""Memory of an edge's usual place, per row."""
 _SAME_PLACE_MM = 100.0
 """Events of one revolution and the next at the same place differ by less, with the encoder's scale and slip."""
 
 Kind = Literal["splice", "torn left edge", "torn right edge"]
+_EDGES: tuple[Kind, Kind] = ("torn left edge", "torn right edge")
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +85,7 @@ class BeltPasses:
         """Length of the present empty stretch."""
         self._next: int | None = None
         self._runs: dict[Kind, _Run] = {}
-        self._edges: dict[Kind, float] = {}
+        self._edges: dict[Kind, EdgeHistory] = {kind: EdgeHistory(side_mm) for kind in _EDGES}
         self._seen: list[BeltEvent] = []
         self._splice_mm = -np.inf
         """Belt coordinate of the splice that was found last."""
@@ -133,6 +131,8 @@ class BeltPasses:
         if numbers.min() > self._next:
             self._runs.clear()
             self._end_stretch()
+            for edge in self._edges.values():
+                edge.clear()
         events: list[BeltEvent] = []
         if splice is not None:
             rows = replace(rows, bare=rows.bare | splice.raised)
@@ -141,6 +141,9 @@ class BeltPasses:
                 BeltEvent("splice", middle, splice.length_mm, splice.height_mm, splice.is_loaded, 1)
             )
         empty, area, ridge = rows.is_empty, rows.area_mm2, rows.ridge_mm
+        is_new = np.zeros(len(numbers), bool)
+        is_new[order] = numbers[order] >= self._next
+        events += self._follow_edges(rows, numbers, is_new)
         strips, self._strips_mm3 = measure_strips(rows), 0.0
         is_spliced = np.zeros(len(numbers), bool) if splice is None else splice.raised.sum(axis=1) > 0
         for index in order:
@@ -155,8 +158,9 @@ class BeltPasses:
                 self._extend_stretch(row, is_counted=not ridge[index])
             else:
                 self._end_stretch()
-            height = None if is_spliced[index] else float(ridge[index])
-            events += self._follow(row, height, is_empty=bool(empty[index]))
+            is_known = not is_spliced[index] and bool(empty[index] or ridge[index] > 0)
+            height = float(ridge[index]) if is_known else np.nan
+            events += self._follow("splice", number, height, is_empty=bool(empty[index]))
         return [self._identify(event) for event in events if self._is_new(event)]
 
     def _is_new(self, event: BeltEvent) -> bool:
@@ -195,47 +199,39 @@ class BeltPasses:
             self.stuck_mm3 += float(common[common >= _STUCK_MM].sum()) * self._side_mm**2
         self._last[number % period] = (number, material)
 
-    def _follow(self, row: _Row, ridge_mm: float | None, *, is_empty: bool) -> list[BeltEvent]:
-        """Return the splices and tears that end before a row; an edge is followed wherever it is bare.
-
-        ``ridge_mm`` None: the row belongs to a splice that is known as a whole.
-        """
-        left, right = _count_missing(row.over_mm, row.bare), _count_missing(row.over_mm[::-1], row.bare[::-1])
-        sizes: dict[Kind, float | None] = {
-            "splice": ridge_mm if ridge_mm is not None and (is_empty or ridge_mm > 0) else None,
-            "torn left edge": self._recede("torn left edge", left),
-            "torn right edge": self._recede("torn right edge", right),
-        }
+    def _follow_edges(
+        self, rows: BeltRows, numbers: NDArray[np.int64], is_new: NDArray[np.bool_]
+    ) -> list[BeltEvent]:
+        """Return the tears that end in a frame; an edge is followed wherever it is bare."""
         events: list[BeltEvent] = []
-        for kind, size in sizes.items():
+        for kind, outwards in zip(_EDGES, (slice(None), slice(None, None, -1)), strict=True):
+            over, bare = rows.over_mm[:, outwards], rows.bare[:, outwards]
+            for row in self._edges[kind].add(numbers, over, bare, is_new, rows.is_empty):
+                events += self._follow(kind, row.number, row.size_mm, is_empty=row.is_empty)
             run = self._runs.get(kind)
-            if size is not None and size > 0:
-                run = self._runs.setdefault(kind, _Run(row.number, row.number))
-                run.last = row.number
-                run.sizes.append(size)
-                run.is_loaded |= not is_empty
-            elif run is not None:
-                del self._runs[kind]
-                if size is not None:
-                    events += self._complete(kind, run)
+            if run is not None and (run.last - run.first) * self._side_mm > _LONGEST_TEAR_MM:
+                self._edges[kind].forget()
         return events
 
-    def _recede(self, kind: Kind, cells: int | None) -> float | None:
-        """Return by how much an edge recedes from its usual place, mm; 0: it does not, None: it is hidden."""
-        if cells is None:
-            return None
-        usual = self._edges.setdefault(kind, float(cells))
-        by = cells - usual
-        if abs(by) < _LEAST_TEAR_CELLS:
-            self._edges[kind] = _USUAL * usual + (1 - _USUAL) * cells
-            return 0.0
-        return max(0.0, by) * self._side_mm
+    def _follow(self, kind: Kind, number: int, size: float, *, is_empty: bool) -> list[BeltEvent]:
+        """Return the splice or tear that ends before a row; one whose end is hidden (NaN) for long is none."""
+        run = self._runs.get(kind)
+        if size > 0:
+            run = self._runs.setdefault(kind, _Run(number, number))
+            run.last = number
+            run.sizes.append(size)
+            run.is_loaded |= not is_empty
+        elif run is not None and (not np.isnan(size) or number - run.last > _BRIDGED_ROWS):
+            del self._runs[kind]
+            if not np.isnan(size):
+                return self._complete(kind, run)
+        return []
 
     def _complete(self, kind: Kind, run: _Run) -> list[BeltEvent]:
         length = (run.last + 1 - run.first) * self._side_mm
         longest = _LONGEST_RIDGE_MM if kind == "splice" else _LONGEST_TEAR_MM
         rows = run.last + 1 - run.first
-        if length > longest or (kind != "splice" and rows < _LEAST_TEAR_CELLS):
+        if length > longest or (kind != "splice" and rows < _LEAST_TEAR_ROWS):
             return []
         middle = 0.5 * (run.first + run.last) * self._side_mm
         return [BeltEvent(kind, middle, length, float(np.max(run.sizes)), run.is_loaded, 1)]
@@ -256,9 +252,3 @@ class BeltPasses:
         first = replace(event, position_mm=place)
         self._seen.append(first)
         return first
-
-
-def _count_missing(over_mm: NDArray[np.float64], bare: NDArray[np.bool_]) -> int | None:
-    """Return the number of cells of a row (m,) that are missing before the belt; None unless it is bare there."""
-    on = np.flatnonzero(over_mm > _LOWEST_MM)[:_END_CELLS]
-    return int(on[0]) if len(on) and bare[on].sum() >= _LEAST_BARE_END else None

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.core.plausibility import BELT_LENGTH, CARRY_BACK, ZERO_SHIFT
+from beltscape.core.quantities import BELT_LENGTH, CARRY_BACK, ZERO_SHIFT
 
 _Millimetres = Annotated[float, ZERO_SHIFT]
 

@@ -10,6 +10,7 @@ import numpy as np
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live.findings import Effect, Finding
 from beltscape.core.live.translatable_message import Message
+from beltscape.health.settings import SYNCHRONISATION
 from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 
@@ -42,7 +43,17 @@ def make_pose_findings(
     findings = [replace(whole, subject=""), replace(core, subject=rig.core), *measured]
     if is_suspect:
         findings = [replace(finding, value=_NAN) for finding in findings]
-    return tuple(_add_faults(finding, faults) for finding in findings)
+    poses = [each for each in faults if not each.fault.is_of_instant]
+    instants = [_make_instant_finding(each) for each in faults if each.fault.is_of_instant]
+    return (*(_add_faults(finding, poses) for finding in findings), *instants)
+
+
+def _make_instant_finding(each: PoseFault) -> Finding:
+    """Return the finding of a camera whose images are of another instant; by how much is not measured."""
+    (camera,) = each.fault.cameras
+    return Finding(
+        SYNCHRONISATION, _NAN, _NAN, _NAN, "ms", camera, each.fault.text, each.effect, each.systematic_mm
+    )
 
 
 def make_unreliable_finding(text: str) -> Finding:
@@ -67,7 +78,8 @@ def repeat_faults(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 
 def _make_finding(each: CameraConsistency) -> Finding:
     sigma, limit = (px * each.depth_mm_per_px for px in (each.epipolar_sigma_px, each.tolerance_px))
-    return Finding(POSE, each.depth_error_mm, sigma, limit, "mm", each.camera)
+    value = _NAN if each.state == "undecided" else each.depth_error_mm
+    return Finding(POSE, value, sigma, limit, "mm", each.camera)
 
 
 def _add_faults(finding: Finding, faults: Sequence[PoseFault]) -> Finding:

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
@@ -22,7 +20,7 @@ _UNEVEN_SHARE = 0.1
 of 45° in its middle scatters by 0.07, a step of a third of the side by 0.16."""
 _STEP_SHARE, _NOISES = 0.12, 4.0
 """Two planes are one surface where they miss each other by less than this share of the blocks' distance and this
-multiple of the usual scatter: 5 mm for blocks 40 mm apart, as a block that holds a fold misses its neighbours by 3 mm."""
+multiple of the usual scatter: 5 mm for blocks 40 mm apart. A block with a fold misses its neighbours by 3 mm."""
 _CONCAVE, _CONVEX = float(np.cos(np.deg2rad(75.0))), float(np.cos(np.deg2rad(12.0)))
 """A trough folds upwards, at most by this angle from block to block (two rolls at 35°; a board stands at 90° on a
 flat belt); what bends down from the belt is something else (a wing beside a level rail: 20° and more)."""
@@ -73,10 +71,8 @@ def find_component(
     block_mm = side_px * planes.centers_mm[:, 2] / float(camera.focal_px.mean())
     usual = float(np.median(planes.rms_mm)) if len(planes.rms_mm) else 0.0
     even = planes.rms_mm <= 3 * usual + _UNEVEN_SHARE * block_mm
-    pairs = _link_blocks(planes, even, usual)
-    graph = coo_array((np.ones(len(pairs)), tuple(pairs.T)), (len(even), len(even)))
-    label = np.asarray(connected_components(graph, directed=False)[1])
-    count = np.bincount(label[even], minlength=int(label.max()) + 1)
+    label = _label_components(_link_blocks(planes, even, usual), len(even))
+    count = np.bincount(label[even], minlength=len(even))
     big = even & (count[label] >= _LEAST_BLOCKS)
     if not big.any():
         return np.ones(len(even), bool)
@@ -101,6 +97,19 @@ def select_pixels(depth: DepthMap, camera: Camera, planes: BlockPlanes, side_px:
     near = _NOISES * usual + _UNEVEN_SHARE * side_px * depth.depth_mm / float(camera.focal_px.mean())
     with np.errstate(divide="ignore"):
         return np.abs(depth.depth_mm - 1 / inverse) <= near  # NaN is not
+
+
+def _label_components(pairs: NDArray[np.intp], number: int) -> NDArray[np.intp]:
+    """Return the smallest member (M,) of the component that each of ``number`` blocks belongs to by linked pairs."""
+    label = np.arange(number)
+    while True:
+        lower = label[pairs].min(axis=1)
+        joined = label.copy()
+        np.minimum.at(joined, pairs.ravel(), np.repeat(lower, 2))
+        joined = joined[joined]
+        if np.array_equal(joined, label):
+            return label
+        label = joined
 
 
 def _link_blocks(planes: BlockPlanes, even: NDArray[np.bool_], usual_mm: float) -> NDArray[np.intp]:

@@ -11,8 +11,10 @@ from scipy.linalg import solveh_banded
 
 from beltscape.core.statistics import MAD_TO_SIGMA, compute_biweights
 
-_NODES = 160
+_NODES, _LEAST_NODES = 160, 40
 """Nodes over the measured width: 5 mm apart on a belt of 800 mm."""
+_NODE_SPACING = 1.5
+"""Nodes are at least this multiple of the points' usual distance apart, so that each has a column of points."""
 _MAX_SLOPE = 2.0
 """Steeper slopes are steps to the floor or a frame, not the belt: they do not count towards the yaw."""
 
@@ -84,9 +86,9 @@ class _GaussNewtonStep:
     def solve(cls, points: NDArray[np.float64], *, turn_yaw: bool) -> _GaussNewtonStep:
         x, y, z = points
         y = y - y.mean()
-        nodes = np.linspace(float(x.min()), float(x.max()), _NODES)
+        nodes = np.linspace(float(x.min()), float(x.max()), _choose_node_count(x, y))
         hats = _HatFunctions.at(x, nodes)
-        height = _compute_bin_medians(hats.nearest, z)
+        height = _compute_bin_medians(hats.nearest, z, hats.size)
         residual = z - hats.value(height)
         answer = np.zeros(2)
         covariance, noise = np.full((2, 2), np.inf), 0.0
@@ -98,7 +100,7 @@ class _GaussNewtonStep:
             height, answer, covariance = _solve_normal_equations(hats, (y, lever), z, weight, height)
             residual = z - hats.value(height) - y * answer[0] - lever * answer[1]
         sigma = noise * np.sqrt(np.diag(covariance))
-        counts = np.bincount(hats.nearest, minlength=_NODES)
+        counts = np.bincount(hats.nearest, minlength=hats.size)
         measured = np.where(counts >= 3, height, np.nan)
         return cls(answer[0], answer[1], nodes, measured, residual, noise, (float(sigma[0]), float(sigma[1])))
 
@@ -109,12 +111,13 @@ class _HatFunctions:
 
     left: NDArray[np.intp]
     part: NDArray[np.float64]
+    size: int
 
     @classmethod
     def at(cls, x: NDArray[np.float64], nodes: NDArray[np.float64]) -> _HatFunctions:
         place = np.clip((x - nodes[0]) / (nodes[1] - nodes[0]), 0, len(nodes) - 1 - 1e-9)
         left = place.astype(np.intp)
-        return cls(left, place - left)
+        return cls(left, place - left, len(nodes))
 
     @property
     def nearest(self) -> NDArray[np.intp]:
@@ -126,18 +129,26 @@ class _HatFunctions:
 
     def gather(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the points' values summed to the nodes, the transpose of `value`."""
-        lower = np.bincount(self.left, values * (1 - self.part), _NODES)
-        return np.asarray(lower + np.bincount(self.left + 1, values * self.part, _NODES), np.float64)
+        lower = np.bincount(self.left, values * (1 - self.part), self.size)
+        return np.asarray(lower + np.bincount(self.left + 1, values * self.part, self.size), np.float64)
 
 
-def _compute_bin_medians(label: NDArray[np.intp], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the median of the values of each label (_NODES,); empty ones are interpolated."""
+def _choose_node_count(x: NDArray[np.float64], y: NDArray[np.float64]) -> int:
+    """Return the number of nodes for points at x, y (N,)."""
+    spacing = float(np.sqrt(np.ptp(x) * np.ptp(y) / len(x)))
+    return int(np.clip(np.ptp(x) / (_NODE_SPACING * max(spacing, 1e-9)), _LEAST_NODES, _NODES))
+
+
+def _compute_bin_medians(
+    label: NDArray[np.intp], values: NDArray[np.float64], size: int
+) -> NDArray[np.float64]:
+    """Return the median of the values of each label (size,); empty ones are interpolated."""
     order = np.lexsort((values, label))
-    count = np.bincount(label, minlength=_NODES)
+    count = np.bincount(label, minlength=size)
     first = np.cumsum(count) - count
     full = np.flatnonzero(count)
     medians = values[order[first[full] + count[full] // 2]]
-    return np.interp(np.arange(_NODES), full, medians)
+    return np.interp(np.arange(size), full, medians)
 
 
 def _solve_normal_equations(
@@ -149,7 +160,7 @@ def _solve_normal_equations(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Solve weighted least squares for the section (K,) and the two turns (2,); also return the turns' covariance."""
     weights = weight * (1 - hats.part) * hats.part
-    beside = cast("NDArray[np.float64]", np.bincount(hats.left, weights, _NODES))
+    beside = cast("NDArray[np.float64]", np.bincount(hats.left, weights, hats.size))
     band = np.stack([np.roll(beside, 1), hats.gather(weight) - beside - np.roll(beside, 1)])
     ridge = 1e-6 * max(float(band[1].max()), 1e-12)
     band[1] += ridge  # nodes without points keep their height

@@ -16,6 +16,8 @@ _MIN_STRIPS = 12
 """With fewer strips that show it, an edge is not measured."""
 _WING_MM = 40.0
 """The cross-section is extrapolated by the slope of its outermost stretch of this length."""
+_GAP_STEPS = 3.0
+"""A gap between belt and background of more pixels than this was not measured; flying pixels leave narrower ones."""
 _BELOW_MM = 12.0
 """A point further below the belt than this belongs to the floor or the frame."""
 
@@ -106,7 +108,7 @@ def _find_edge(
     strip = np.clip(((y - y.min()) / max(float(np.ptp(y)), 1e-9) * _STRIPS).astype(np.intp), 0, _STRIPS - 1)
     order = np.lexsort((x, strip))
     x, y, flag, strip = x[order], y[order], flag[order], strip[order]
-    transitions: list[tuple[float, float]] = []
+    transitions: list[tuple[float, float, float]] = []
     for first, last in zip(
         np.searchsorted(strip, range(_STRIPS)), np.searchsorted(strip, range(_STRIPS), "right"), strict=True
     ):
@@ -117,14 +119,15 @@ def _find_edge(
         at = int(np.argmax(inside))
         if at + 1 >= len(part) or x[first + at + 1] - x[first + at] > 8 * step_mm:
             continue
-        transitions.append((float(y[first:last].mean()), float(0.5 * (x[first + at] + x[first + at + 1]))))
+        inner, outer = float(x[first + at]), float(x[first + at + 1])
+        transitions.append((float(y[first:last].mean()), 0.5 * (inner + outer), outer - inner))
     if len(transitions) < _MIN_STRIPS:
         return np.nan, np.nan
     return _fit_line(np.array(transitions), side, step_mm)
 
 
 def _fit_line(transitions: NDArray[np.float64], side: int, step_mm: float) -> tuple[float, float]:
-    """Return the value at y = 0 of a robust line through transitions (N, 2) y, x, and its σ."""
+    """Return the value at y = 0 of a robust line through transitions (N, 3) y, x, gap, and its σ."""
     design = np.column_stack([np.ones(len(transitions)), transitions[:, 0]])
     weight = np.ones(len(transitions))
     answer, noise, normal = np.zeros(2), 0.0, np.eye(2)
@@ -136,4 +139,7 @@ def _fit_line(transitions: NDArray[np.float64], side: int, step_mm: float) -> tu
         weight = compute_biweights(residual, noise) + 1e-9
     # an edge is located to a fraction of a pixel at best, however many strips it crosses
     sigma = float(np.hypot(noise * np.sqrt(np.linalg.inv(normal)[0, 0]), 0.3 * step_mm))
-    return side * float(answer[0]), sigma
+    # in a gap between belt and background that was not measured, the edge may lie anywhere
+    gap = float(np.median(transitions[:, 2]))
+    unseen = gap / np.sqrt(12) if gap > _GAP_STEPS * step_mm else 0.0
+    return side * float(answer[0]), float(np.hypot(sigma, unseen))

@@ -144,10 +144,13 @@ def _find_section(
     extent = find_extent(depth, camera, section, stride)
     if extent.even_share < _MIN_EVEN_SHARE:
         raise MeasureError(
-            f"empty belt: only {extent.even_share:.0%} of what was measured between its ends lies on one even surface; "
-            "give the frame of an empty belt"
+            f"empty belt: only {extent.even_share:.0%} of what was measured between its ends lies on one even "
+            "surface; give the frame of an empty belt"
         )
-    width_mm, view_mm = np.ptp(extent.across_mm), np.nanmedian(depth.depth_mm) * np.ptp(camera.rays()[0, :, 0])
+    width_mm, view_mm = (
+        np.ptp(extent.across_mm),
+        np.nanmedian(depth.depth_mm) * np.ptp(camera.rays()[0, :, 0]),
+    )
     if extent.ends == ("covered", "covered") and width_mm < _MIN_CLEAR_SHARE * view_mm:
         raise MeasureError(
             f"empty belt: something higher stands on both sides of a strip {width_mm:.0f} mm wide; "
@@ -158,8 +161,11 @@ def _find_section(
 
 def _tell_ends(ends: tuple[End, End]) -> tuple[End, End]:
     """Return the ends of a belt in a region that was given: its border is an end that was told."""
-    left, right = ("told" if end == "out of view" or end == "unmeasured" else end for end in ends)
-    return left, right
+
+    def tell(end: End) -> End:
+        return "told" if end in ("out of view", "unmeasured") else end
+
+    return tell(ends[0]), tell(ends[1])
 
 
 def _sample_points(depth: DepthMap, camera: Camera) -> NDArray[np.float64]:

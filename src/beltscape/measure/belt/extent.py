@@ -18,13 +18,13 @@ _PROLONG_SHARE, _PROLONG_MM, _RIM_NODES = 0.1, 60.0, 3
 """The section is prolonged by the line through its outermost stretch of this share of its width, and at least this,
 but for the nodes at its rim, which points of two surfaces may share."""
 _NOISES = 6.0
-"""A point lies on the belt within this multiple of the scatter, and a pixel: 1 of 5·10⁸ of a belt's points lies off."""
+"""A point lies on the belt within this multiple of the scatter, and a pixel: 1 of 5·10⁸ of its points lies off."""
 _ON_SHARE, _LEAST_DENSITY = 0.35, 0.2
 """A bin shows the belt where this share of its points lies on it (the rest may be beams, dirt, mismatches), and this
 share of the usual density was measured: a few wrong points beyond the end are no belt."""
 _GAP_SHARE, _SHADOW_SHARE = 0.1, 0.25
-"""A strip without measured points is bridged up to the first share of the width, such as a shadow or a wet strip. What
-is beside the belt is measured within the second: the belt hides a strip of the floor from auxiliaries."""
+"""A strip without measured points, such as a shadow or a wet strip, is bridged up to the first share of the width.
+What is beside the belt is measured within the second: the belt hides a strip of the floor from auxiliaries."""
 _MARGIN_SHARE = 0.5
 """Rays that meet the prolonged section further beyond its ends than this share of its width are left out."""
 _BESIDE, _DENSE = 3, 0.5
@@ -113,7 +113,8 @@ def prolong(section: CrossSection, x_mm: NDArray[np.float64]) -> NDArray[np.floa
     z = np.interp(x_mm, nodes, heights)
     for inner, sign in ((nodes[_RIM_NODES], -1.0), (nodes[-1 - _RIM_NODES], 1.0)):
         own = (sign * (nodes - inner) <= 0) & (sign * (nodes - inner) >= -reach)
-        slope, at = np.polyfit(nodes[own] - inner, heights[own], 1) if own.sum() >= 2 else (0.0, 0.0)
+        line = np.asarray(np.polyfit(nodes[own] - inner, heights[own], 1), np.float64)
+        slope, at = float(line[0]), float(line[1])
         z = np.where(sign * (x_mm - inner) > 0, at + slope * (x_mm - inner), z)
     return z
 
@@ -150,7 +151,7 @@ def _count(
     width = max(float(known[-1] - known[0]) / _BINS, 2 * pixel_mm)
     low, high = float(x.min()), float(x.max())
     number = max(8, int((high - low) / width) + 1)
-    edges = low + width * np.arange(number + 1)
+    edges = low + width * np.arange(number + 1, dtype=np.float64)
     own = np.clip(((x - low) / width).astype(np.intp), 0, number - 1)
     tolerance = _NOISES * section.noise_mm + pixel_mm
 

@@ -36,7 +36,12 @@ def apply_given(belt: Belt, given: GivenBelt) -> Belt:
     return belt
 
 
-def describe_unknown_ends(belt: Belt) -> str | None:
+def describe_doubtful_ends(belt: Belt) -> tuple[str, ...]:
+    """Return what is not known of the belt's ends, or only by a given width, each with its fix."""
+    return tuple(text for text in (_describe_unknown_ends(belt), _describe_given_width(belt)) if text)
+
+
+def _describe_unknown_ends(belt: Belt) -> str | None:
     """Return what is not known of the belt's ends, with the fix; None where both are known, or in older files."""
     if belt.ends is None or not set(belt.ends) & set(UNKNOWN):
         return None
@@ -57,6 +62,17 @@ def describe_unknown_ends(belt: Belt) -> str | None:
     )
 
 
+def _describe_given_width(belt: Belt) -> str | None:
+    """Return where the belt lies if its given width, and no end that was seen, says so; else None."""
+    if belt.width_mm is None or belt.ends != ("told", "told"):
+        return None
+    low, high = belt.across_mm
+    return (
+        f"the empty belt's ends follow from its width of {belt.width_mm:g} mm about the trough's middle, x {low:.0f} "
+        f"to {high:.0f} mm, and not from what was seen; see the report's picture"
+    )
+
+
 def measure_width_mm(belt: Belt) -> float:
     """Return the width along the belt's surface, between its ends ``across_mm``."""
     return float(_run(belt)[-1])
@@ -69,31 +85,27 @@ def _run(belt: Belt) -> NDArray[np.float64]:
 
 def _apply_width(belt: Belt, width_mm: float) -> Belt:
     """Return the belt with its unknown ends placed by its width; a width that contradicts seen ends replaces them."""
-    run, known = _run(belt), [end in ("seen", "told") for end in belt.ends or ("out of view",) * 2]
-    excess = float(run[-1]) - width_mm
+    run, (left, right) = _run(belt), belt.ends or ("out of view", "out of view")
+    known, excess = [end in ("seen", "told") for end in (left, right)], float(run[-1]) - width_mm
+    kinds: tuple[End, End]
     if all(known) and abs(excess) <= _WIDTH_SHARE * width_mm + _WIDTH_MM:
         return belt
     if known[0] and not known[1]:
-        start, kinds = _edge_run(belt, run, 0), (_first(belt), "inferred")
+        start = _edge_run(belt, run, 0)
+        kinds = (left, "inferred")
     elif known[1] and not known[0]:
-        start, kinds = _edge_run(belt, run, 1) - width_mm, ("inferred", _last(belt))
+        start = _edge_run(belt, run, 1) - width_mm
+        kinds = ("inferred", right)
     elif excess < 0 and all(known):
         raise MeasureError(
-            f"empty belt: both its ends were seen, {run[-1]:.0f} mm apart along its surface, but its width is given as "
-            f"{width_mm:g} mm; give the width of this belt, or {_FIX}"
+            f"empty belt: both its ends were seen, {run[-1]:.0f} mm apart along its surface, but its width is given "
+            f"as {width_mm:g} mm; give the width of this belt, or {_FIX}"
         )
     else:
-        start, kinds = _middle_run(belt, run, width_mm) - 0.5 * width_mm, ("told", "told")
+        start = _middle_run(belt, run, width_mm) - 0.5 * width_mm
+        kinds = ("told", "told")
     ends = tuple(_prolonged_x(belt, run, at) for at in (start, start + width_mm))
     return _limit(belt, (ends[0], ends[1]), kinds)
-
-
-def _first(belt: Belt) -> End:
-    return "seen" if belt.ends is None else belt.ends[0]
-
-
-def _last(belt: Belt) -> End:
-    return "seen" if belt.ends is None else belt.ends[1]
 
 
 def _edge_run(belt: Belt, run: NDArray[np.float64], side: int) -> float:

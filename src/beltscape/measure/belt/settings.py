@@ -19,7 +19,7 @@ class GivenBelt(BaseModel):
     across_mm: tuple[_Place, _Place] | None = None
     """The belt's ends in x of the belt frame, whose origin is where the core's optical axis meets the belt."""
     region_px: tuple[tuple[_Pixel, _Pixel], ...] | None = None
-    """Corners u, v of a polygon in the core camera's undistorted image, as preview.png shows it: the belt lies in it."""
+    """Corners u, v of a polygon around the belt, in the core camera's undistorted image, which preview.png shows."""
 
     @model_validator(mode="after")
     def _check(self) -> GivenBelt:

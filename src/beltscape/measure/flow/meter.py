@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,17 +11,17 @@ from beltscape.core.arguments import require_depth_of
 from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.live.findings import Finding, worst_effect
+from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.fusion.buffer import LayerBuffer
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.fuse import Scatter
 from beltscape.measure.flow.fusion.rows import PieceCallback, RowFiller
-from beltscape.measure.flow.motion.belt_motion import BeltMotion, BeltPosition
+from beltscape.measure.flow.motion.belt_motion import BeltMotion
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
-from beltscape.measure.flow.motion.location import Location, MotionPrediction
+from beltscape.measure.flow.motion.location import FramePlacement, Location, MotionPrediction
 from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights, compute_high_pass
-from beltscape.measure.flow.motion.registration.shift import Shift
 from beltscape.measure.flow.motion_tracker import MotionTracker
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.records.fault_attribution import FaultAttribution
@@ -37,18 +37,6 @@ _PATIENCE = 8
 """Number of frames held back until the first motion is detected."""
 _PATIENCE_BACK = 24
 """The same while the encoder runs back, until it shows whether the belt rolls back; memory bounds it. Chosen."""
-
-
-@dataclass(frozen=True, slots=True)
-class FramePlacement:
-    """The position assigned to one frame."""
-
-    frame: str
-    place: BeltPosition
-    shift: Shift | None
-    """Motion of the material since the key frame."""
-    is_encoder_trusted: bool = True
-    """Whether encoder and material agree as far as both are known."""
 
 
 class FlowMeter:
@@ -78,14 +66,17 @@ class FlowMeter:
         self._watch_step = watch_step
         self._waiting: list[PushedFrame] = []
         self._count = 0
-        self._cutter = StripCutter(front_mm)
+        self._cutter = StripCutter(front_mm, reference.seen_mm, self.settings.least_overlap)
         self._width_mm = reference.belt.across_mm[1] - reference.belt.across_mm[0]
         self._sums = Sums(reference.belt.drift_mm, self._width_mm)
         self._strips = Strips(self._sums, density or make_unknown_density())
         self._profile = Profile(reference.cell_mm, self.settings.bridge_mm)
         self._buffer = LayerBuffer(reference, self.settings, RowFiller(reference, self.settings, watch_belt))
+        self._foreign = ForeignObjectCheck(
+            _COARSE_CELLS * reference.cell_mm, reference.seen_mm[1] - reference.seen_mm[0]
+        )
         self._faults = FaultAttribution(self._strips, self._buffer)
-        self._tracker = MotionTracker(reference, self.settings, self._buffer.step_mm)
+        self._tracker = MotionTracker(reference, self.settings, self._buffer.step_mm, self._foreign)
         self.findings: tuple[Finding, ...] = ()
         """The findings about the encoder of the frames that the last call of `push` placed."""
 
@@ -103,13 +94,8 @@ class FlowMeter:
         last, motion = self.motion.last, self.prediction
         if last is None or motion is None:
             return np.inf
-        if encoder_mm is not None and last.encoder_mm is not None and motion.uses_encoder:
-            step = (encoder_mm - last.encoder_mm) / motion.ratio
-        elif motion.speed is not None:
-            step = motion.speed * (clock - last.clock)
-        else:
-            return np.inf
-        return last.position_mm + 2 * max(step, 0.0) + self._convert_range(window_mm)[0]
+        step = motion.predict_step_mm(last, clock, encoder_mm)
+        return last.position_mm + 2 * step + self._convert_range(window_mm)[0]
 
     @property
     def direction(self) -> int:
@@ -240,13 +226,21 @@ class FlowMeter:
             trusted = location.is_encoder_trusted
             self._watch_step(FramePlacement(frame.frame, place, location.shift, trusted))
         view_start = np.inf
+        if location.is_stalled and location.finding is not None:
+            frame.findings.append(location.finding)
+            self._tracker.update_key(frame, location)
         if frame.depth is not None and frame.is_measured:
             blur = place.sigma_mm if place.source == "speed" else 0.0
             layer = self.reference.layer(frame.depth, place.position_mm, self._tracker.direction, blur)
             self._buffer.add(replace(layer, frame=frame.number), place.position_mm)
             self._tracker.update_key(frame, location)
+            self._leave_out_foreign_objects(frame, location)
             view_start = layer.first * self.reference.cell_mm
         strip = self._cutter.cut(frame, place, before, self._convert_range(self.reference.window_mm))
+        strip.reliable &= not location.is_sudden
+        if (finding := self._cutter.find_thin_overlap()) is not None:
+            self.findings = (*self.findings, finding)
+            frame.findings.append(finding)
         self._faults.attach(strip, frame, view_start)
         self._strips.add(strip)
         self._add_encoder_finding(frame, location)
@@ -254,6 +248,19 @@ class FlowMeter:
         for rows in self._buffer.fuse_until(seen_until):
             self._profile.add(rows)
         return self._pop_finished(seen_until)
+
+    def _leave_out_foreign_objects(self, frame: PushedFrame, location: Location) -> None:
+        """Leave what does not travel with the belt out of this frame's layer and of earlier ones."""
+        if frame.high_pass is None:
+            return
+        direction = self._tracker.direction
+        found = self._foreign.follow(frame.number, frame.high_pass.surface_mm, location, direction)
+        for number, cells in found.masks.items():
+            self._buffer.leave_out(number, cells, direction)
+            self._tracker.leave_out(number, cells)
+        self.findings = (*self.findings, found.finding)
+        frame.findings.append(found.finding)
+        self._faults.add_findings(frame.number, (found.finding,))
 
     def _relocate(self, location: Location) -> None:
         """Give earlier frames, their layers and their strips the positions that a contradiction showed."""
@@ -271,6 +278,8 @@ class FlowMeter:
         if location.finding is None:
             return
         self.findings = (*self.findings, location.finding)
+        if location.is_stalled:
+            return
         contradiction = location.contradiction
         first = frame.number if contradiction is None else min(contradiction.first, frame.number)
         self._faults.add_since(first, location.finding)

@@ -6,58 +6,44 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
+from beltscape.measure.flow.material_observer import MaterialObserver
 from beltscape.measure.flow.motion.belt_motion import (
-    MAX_DISAGREEMENT,
-    BeltMotion,
     BeltPosition,
     MotionObservation,
 )
-from beltscape.measure.flow.motion.encoder_check import LEAST_MM, Contradiction, EncoderCheck, Interval
-from beltscape.measure.flow.motion.encoder_finding import make_encoder_finding
+from beltscape.measure.flow.motion.encoder_check import Contradiction
+from beltscape.measure.flow.motion.encoder_finding import make_encoder_finding, make_stall_finding
 from beltscape.measure.flow.motion.encoder_scale import EncoderScale
 from beltscape.measure.flow.motion.first_motion import FirstMotion
-from beltscape.measure.flow.motion.key_frame import KeyFrame
 from beltscape.measure.flow.motion.location import Location, MotionPrediction, Observation
-from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
-from beltscape.measure.flow.motion.plausibility import (
-    LEAST_SUPPORT,
-    differ,
-    is_belt_surface,
-    is_certain,
-    is_certain_apart,
-)
+from beltscape.measure.flow.motion.plausibility import is_sudden
 from beltscape.measure.flow.motion.pushed_frame import PushedFrame
-from beltscape.measure.flow.motion.readings import ReadingCheck, RollBack
-from beltscape.measure.flow.motion.recount import LocatedFrame, ProvenMotion, UnconfirmedTravel
+from beltscape.measure.flow.motion.readings import ReadingCheck
+from beltscape.measure.flow.motion.recount import LocatedFrame, ProvenMotion
 from beltscape.measure.flow.motion.registration.high_pass import compute_free_mm
 from beltscape.measure.flow.motion.registration.shift import Shift
 from beltscape.measure.flow.settings import FlowSettings
 
-class MotionTracker:
+
+class MotionTracker(MaterialObserver):
     """Locates frames one after the other."""
 
-    def __init__(self, reference: EmptyBeltReference, settings: FlowSettings, key_step_mm: float) -> None:
-        """The key frame is replaced once the belt has moved by ``key_step_mm``."""
-        self.motion = BeltMotion()
-        self.evidence = MotionEvidence()
-        self.check = EncoderCheck(settings.encoder_tolerance)
-        self.direction = {None: 0, "+y": 1, "-y": -1}[settings.direction]
-        """+1 towards +y, -1 towards -y, 0 if not known yet."""
-        self.is_assumed = False  # whether the direction is only assumed
-        self._reference, self._settings, self._key_step_mm = reference, settings, key_step_mm
-        low, high = reference.seen_mm
-        self._reach_mm = (1 - settings.least_overlap) * (high - low)
-        """Longest motion between two frames that can be registered."""
-        self._key = KeyFrame(settings.least_overlap)
-        self._open: tuple[Interval, bool] | None = None
-        """The interval from the key frame to the last one, and whether encoder and material agree on it."""
-        self._speed_by_match: float | None = None
-        """Speed by the last registration, mm per unit of the clock."""
+    def __init__(
+        self,
+        reference: EmptyBeltReference,
+        settings: FlowSettings,
+        key_step_mm: float,
+        foreign: ForeignObjectCheck,
+    ) -> None:
+        """The key frame is replaced once the belt has moved by ``key_step_mm``; ``foreign`` finds what is no load."""
+        super().__init__(reference, settings, foreign)
+        self._key_step_mm = key_step_mm
         self._first = FirstMotion(settings.least_overlap)
-        self._travel = UnconfirmedTravel()
         self._readings = ReadingCheck()
-        self._rolled_back = RollBack()
+        self._is_sudden = False
+        """Whether the encoder's speed changed faster than a belt's since the material last showed its motion."""
 
     @property
     def prediction(self) -> MotionPrediction | None:
@@ -98,21 +84,6 @@ class MotionTracker:
             self.motion.speed = self.direction * along / (newest.clock - before.clock)
         return True
 
-    def may_roll_back(self, waiting: Sequence[PushedFrame]) -> bool:
-        """Return whether the encoder's readings of waiting frames fall by no more than a belt rolls back."""
-        rolled_back = RollBack()
-        for one in waiting:
-            rolled_back.add(one.encoder_mm)
-        return rolled_back.is_running_back and not rolled_back.is_too_far
-
-    def assume_direction(self, waiting: Sequence[PushedFrame]) -> None:
-        """Assume a direction until the material shows one; both are equivalent for a belt that is empty or stands."""
-        if self.direction:
-            return
-        self.direction, self.is_assumed = 1, True
-        for one in waiting:
-            self._rolled_back.add(one.encoder_mm)
-
     def locate(self, frame: PushedFrame) -> Location:
         """Return the frame's position from the best observation, and compare the encoder with the material."""
         was_assumed, direction = self.is_assumed, self.direction
@@ -133,17 +104,38 @@ class MotionTracker:
             self.check.distrust(contradiction)
         elif shift is None:
             self._compare_with_speed(frame)
+        self._check_speed(frame, observed)
         before, place, finding = self.motion.last, self._place(frame, observed), None
         if place is not None:
             is_confirmed = shift is not None and (agrees or not self.check.is_trusted)
             located = LocatedFrame(frame.number, frame.frame, place)
             self._travel.add(located, self.motion.speed, is_confirmed=is_confirmed)
-            if frame.encoder_mm is not None or not self.check.is_trusted:
+            if observed.is_stalled:
+                step = (place.encoder_mm or 0.0) - (0.0 if before is None else before.encoder_mm or 0.0)
+                finding = make_stall_finding(step, self.check.tolerance)
+            elif frame.encoder_mm is not None or not self.check.is_trusted:
                 finding = make_encoder_finding(self.check, before, place)
         has_turned = was_assumed and self.direction != direction
         return Location(
-            place, shift, self.check.is_trusted, contradiction, finding, has_turned, tuple(relocated)
+            place,
+            shift,
+            self.check.is_trusted,
+            contradiction,
+            finding,
+            has_turned,
+            self._is_sudden,
+            observed.is_stalled,
+            tuple(relocated),
         )
+
+    def _check_speed(self, frame: PushedFrame, observed: Observation) -> None:
+        """Note a change of the encoder's speed that only material can confirm."""
+        last = self.motion.last
+        if observed.shift is not None or last is None or last.encoder_mm is None or frame.encoder_mm is None:
+            self._is_sudden &= observed.shift is None
+            return
+        step = frame.encoder_mm - last.encoder_mm
+        self._is_sudden |= is_sudden(self.motion.speed, step, frame.clock - last.clock)
 
     def _place(self, frame: PushedFrame, observed: Observation) -> BeltPosition | None:
         """Return the frame's position from the best observation; None if unknown."""
@@ -202,10 +194,6 @@ class MotionTracker:
         self.motion.move(key.position_mm, start.position_mm + found.speed * (last.clock - start.clock))
         return relocated
 
-    def _compute_elapsed(self, frame: PushedFrame) -> float:
-        """Return the time since the key frame; 0 without one."""
-        return frame.clock - (self.motion.key or frame).clock
-
     def update_key(self, frame: PushedFrame, location: Location) -> None:
         """Make the frame the key frame once the belt has moved, unless only the old one has load and overlaps.
 
@@ -215,109 +203,18 @@ class MotionTracker:
         key, place = self.motion.key, location.place
         moved = abs(place.position_mm - key.position_mm) if key is not None and place is not None else np.inf
         has_load = frame.high_pass is not None and frame.high_pass.has_load
-        is_out_of_view = moved > self._reach_mm
-        is_unmatched = location.shift is None and has_load
-        is_due = moved >= self._key_step_mm and (has_load or not self._key.has_load)
+        is_out_of_view = moved > self.reach_mm
+        is_unmatched = location.shift is None and has_load and not location.is_stalled
+        is_due = (
+            moved >= self._key_step_mm and not location.is_stalled and (has_load or not self._key.has_load)
+        )
         if self._key.heights is None or is_due or is_unmatched or is_out_of_view:
             self.motion.move_key()
             self._key.replace(frame)
+            self._shown_mm = None if place is None else place.position_mm
             self._close_interval()
 
     def _close_interval(self) -> None:
         """Add the interval that ends with a new key frame; if the encoder is trusted again, begin its scale anew."""
         if self._open is not None and self.check.close(self._open[0], agrees=self._open[1]):
             self.motion.scale = EncoderScale()
-
-    def _observe(self, frame: PushedFrame, *, trusted: bool) -> Observation:
-        """Observe the motion since the key frame; ``trusted``: the encoder may be used to predict it."""
-        key, motion = self._key, self.motion
-        if key.heights is None or frame.high_pass is None:
-            return Observation()
-        trusted = trusted and frame.encoder_mm is not None
-        by_speed = motion.predict_from_speed_mm(frame.clock)
-        expected = motion.predict_mm(frame.clock, frame.encoder_mm)
-        is_beyond = (1 - MAX_DISAGREEMENT) * abs(self._encoder_step_mm(frame) or 0.0) > self._reach_mm
-        apart = trusted and is_beyond
-        if not trusted and by_speed is not None:
-            expected = by_speed
-        is_in_view = (1 - MAX_DISAGREEMENT) * abs(expected or 0.0) <= self._reach_mm
-        near = expected if is_in_view and not self.is_assumed else None
-        shift = key.register(frame.high_pass, None if near is None else self.direction * near)
-        by_encoder = trusted and shift is not None and not shift.clear
-        if shift is None and trusted and not self.is_assumed and differ(by_speed, expected):
-            shift, by_encoder = key.register(frame.high_pass, self.direction * (by_speed or 0.0)), False
-        self._turn(frame, shift, apart=apart)
-        if shift is not None:
-            self.evidence.add(shift, self.direction, self._encoder_step_mm(frame), apart=is_beyond)
-            if not self._is_credible(frame, shift, expected, by_speed, apart=apart):
-                shift = None
-        if shift is not None:
-            key.reset_unmatched()
-            return Observation(shift, None if by_encoder else self._compare(frame, shift))
-        # not where the encoder puts it; while it is not trusted: not where a standstill puts it
-        if apart or near is None or not key.is_unmatched(frame, self.direction * near if trusted else 0.0):
-            return Observation()
-        if not trusted or not key.count_unmatched():
-            return Observation(is_uncertain=True)
-        first = 1 + min(key.number, self.check.agreed)
-        return Observation(None, Contradiction("unmatched", first, np.nan, np.nan), is_uncertain=True)
-
-    def _is_credible(
-        self,
-        frame: PushedFrame,
-        shift: Shift,
-        expected_mm: float | None,
-        by_speed_mm: float | None,
-        *,
-        apart: bool,
-    ) -> bool:
-        """Return whether a registration is the material's motion and not a match by chance."""
-        key = self._key.heights
-        if key is None or self.motion.key is None or frame.high_pass is None:
-            return True
-        along, elapsed = self.direction * shift.along_mm, self._compute_elapsed(frame)
-        speed_before, self._speed_by_match = self._speed_by_match, along / elapsed if elapsed > 0 else None
-        if apart:
-            # by the encoder the views do not overlap: then a similar surface is other material
-            return is_certain_apart(shift, along, by_speed_mm, self.evidence)
-        if is_belt_surface(key, frame.high_pass, along, expected_mm):
-            return False
-        step = self._encoder_step_mm(frame)
-        if self.check.is_trusted and (step is None or not differ(along, step / self.motion.scale.ratio)):
-            return True
-        by_speeds = (by_speed_mm, self._travel.predict_motion_mm(elapsed))
-        return is_certain(shift, along, by_speeds, speed_before, elapsed)
-
-    def _turn(self, frame: PushedFrame, shift: Shift | None, *, apart: bool) -> None:
-        """Replace an assumed direction by that of the material's motion.
-
-        While encoder and material run back together, the direction is that of a belt that rolls back, until this
-        takes longer than a belt does: then the encoder counts in reverse.
-        """
-        if shift is None or not self.is_assumed or apart or abs(shift.along_mm) <= LEAST_MM:
-            return
-        along, step = (1 if shift.along_mm > 0 else -1), self._encoder_step_mm(frame)
-        if step is None or step >= -LEAST_MM:
-            self.is_assumed, self.direction = False, along
-            return
-        self.is_assumed = not self._rolled_back.is_too_far
-        self.direction = -along if self.is_assumed else along
-
-    def _encoder_step_mm(self, frame: PushedFrame) -> float | None:
-        """Return the raw encoder's step since the key frame; None without an encoder."""
-        key = self.motion.key
-        if key is None or key.encoder_mm is None or frame.encoder_mm is None:
-            return None
-        return frame.encoder_mm - key.encoder_mm
-
-    def _compare(self, frame: PushedFrame, shift: Shift) -> Contradiction | None:
-        """Compare the encoder's step since the key frame with the material's."""
-        step = self._encoder_step_mm(frame)
-        if step is None or self.is_assumed or shift.support < LEAST_SUPPORT:
-            return None
-        self._key.add_match(shift.score)
-        moved_mm = self.direction * shift.along_mm
-        interval = Interval(step, moved_mm, shift.sigma_mm**2, self._key.number, shift.common_mm)
-        found = self.check.find_contradiction(interval, frame.number, self.motion.speed or 0.0)
-        self._open = interval, found is None
-        return found

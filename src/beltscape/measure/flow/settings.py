@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.core.plausibility import CELL, STRETCH
+from beltscape.core.quantities import CELL, STRETCH
 
 Direction = Literal["+y", "-y"]
 Length = Annotated[float, STRETCH]

@@ -6,18 +6,33 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from beltscape.core.live.findings import Finding
+from beltscape.core.live.translatable_message import Message
 from beltscape.measure.flow.motion.belt_motion import BeltPosition
 from beltscape.measure.flow.motion.pushed_frame import PushedFrame
 from beltscape.measure.flow.records.strips import Strip
+
+_LEAST_THIN = 2
+"""Number of steps with too little overlap, one after the other, from which the frame rate is too low."""
 
 
 class StripCutter:
     """Cuts the belt into one strip per frame, each from the end of the one before."""
 
-    def __init__(self, front_mm: float | None) -> None:
-        """``front_mm`` is a belt coordinate up to which the belt is counted already; None: nothing is counted."""
+    def __init__(
+        self, front_mm: float | None, seen_mm: tuple[float, float] = (-np.inf, np.inf), overlap: float = 0.0
+    ) -> None:
+        """``front_mm`` is a belt coordinate up to which the belt is counted already; None: nothing is counted.
+
+        Frames, which see the range ``seen_mm`` of y, must have the share ``overlap`` of it in common.
+        """
         self._front_mm = front_mm
         self._opening: Strip | None = None
+        self._view_mm, self._overlap = seen_mm[1] - seen_mm[0], overlap
+        self._measured: tuple[float, Strip] | None = None
+        """Position and strip of the last frame that measured."""
+        self._thin_mm: list[float] = []
+        """The latest steps, one after the other, between frames with too little in common."""
 
     def cut(
         self,
@@ -55,11 +70,41 @@ class StripCutter:
             reliable=reliable,
             number=frame.number,
         )
+        self._check_overlap(frame, place, strip)
         if before is None:
             self._opening = strip
         elif self._opening is not None:
             self._opening.speed_mm_s, self._opening = speed, None
         return strip
+
+    def _check_overlap(self, frame: PushedFrame, place: BeltPosition, strip: Strip) -> None:
+        """Mark the strips of two frames that have hardly any belt in common: only their views' margins show it."""
+        if not frame.is_measured:
+            return
+        before, self._measured = self._measured, (place.position_mm, strip)
+        step = 0.0 if before is None else place.position_mm - before[0]
+        if before is None or step <= (1 - self._overlap) * self._view_mm:
+            self._thin_mm = []
+            return
+        self._thin_mm = [*self._thin_mm[1 - _LEAST_THIN :], step]
+        strip.reliable = before[1].reliable = False
+
+    def find_thin_overlap(self) -> Finding | None:
+        """Return the finding of a belt that is too fast for the frame rate; None before several such steps."""
+        if len(self._thin_mm) < _LEAST_THIN:
+            return None
+        step, view = round(self._thin_mm[-1]), round(self._view_mm)
+        text = Message(
+            f"the belt moves by {step} mm between frames that see {view} mm of it: raise the frame rate, or let the "
+            "core camera see more of the belt",
+            "thin_overlap",
+            step=step,
+            view=view,
+        )
+        limit = (1 - self._overlap) * self._view_mm
+        return Finding(
+            "thin_overlap", step, 0.0, limit, "mm", text=text, effect="degraded", is_momentary=True
+        )
 
     def recut(self, strips: Iterable[Strip], places: Mapping[int, BeltPosition], high_mm: float) -> None:
         """Cut the strips of frames with new positions anew; ``high_mm`` is the newer end of the window."""

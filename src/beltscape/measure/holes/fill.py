@@ -22,12 +22,16 @@ from beltscape.measure.holes.rim_profiles import (
     predict_smooth_surface,
 )
 from beltscape.measure.holes.rims import (
+    StructureFunction,
     estimate_structure_function,
     find_lowest_line,
     fit_gradients,
     trace_lines,
 )
 
+_CELLS_AT_ONCE = 1 << 18
+"""Cells whose inputs are held at a time: a cell takes 2 kB, and a view of 1.2 million cells has some 200 000 in
+holes."""
 _RATIOS = (-5.0, 5.0)
 """Limits of a height's distance from the smooth surface, in units of its scale."""
 
@@ -94,10 +98,13 @@ def fill_holes(
         return Filled(value_mm, sigma_mm, hole)
     ray_slope = np.zeros((2, *hole.shape)) if ray_slope is None else ray_slope
     value, sigma = value_mm.copy(), sigma_mm.copy()
-    cells = np.nonzero(requested)
-    inputs = compute_hole_inputs(value_mm, pinhole, cell_mm, ray_slope, cells)
-    value[cells], spread = _predict_heights(inputs, network or load_network("holes"))
-    sigma[cells] = np.hypot(spread, float(np.median(sigma_mm[np.isfinite(sigma_mm)])))
+    network, usual = network or load_network("holes"), float(np.median(sigma_mm[np.isfinite(sigma_mm)]))
+    field = _HoleField.of(value_mm, pinhole, cell_mm, ray_slope)
+    rows_of_holes, columns = np.nonzero(requested)
+    for start in range(0, len(columns), _CELLS_AT_ONCE):
+        cells = rows_of_holes[start : start + _CELLS_AT_ONCE], columns[start : start + _CELLS_AT_ONCE]
+        value[cells], spread = _predict_heights(field.compute_inputs(cells), network)
+        sigma[cells] = np.hypot(spread, usual)
     unfilled = requested & ~np.isfinite(value)
     if unfilled.any():
         _extrapolate(value, sigma, unfilled)
@@ -112,22 +119,57 @@ def compute_hole_inputs(
     cells: CellIndices,
 ) -> HoleInputs:
     """Return the inputs of the prediction for the hole ``cells`` of a field (Ny, Nx)."""
-    filtered = _filter_rims(value_mm, ~np.isfinite(value_mm))
-    lines = trace_lines(filtered, cells, fit_gradients(value_mm, cell_mm), ray_slope, cell_mm)
-    profiles, lowest = compute_rim_profiles(lines), find_lowest_line(lines, filtered, cells, cell_mm)
-    quadric_fits = fit_quadrics(value_mm, cells, WINDOWS)
-    surface = predict_smooth_surface(
-        profiles, quadric_fits, estimate_structure_function(value_mm, cell_mm), cell_mm
-    )
-    neighbourhood = measure_neighbourhood(value_mm, filtered, cells, cell_mm)
-    tangent = np.hypot(ray_slope[0][cells], ray_slope[1][cells])
-    return HoleInputs(
-        profiles,
-        surface,
-        compute_features(
-            profiles, lowest, surface, quadric_fits, neighbourhood, pinhole[cells], tangent, cell_mm
-        ),
-    )
+    return _HoleField.of(value_mm, pinhole, cell_mm, ray_slope).compute_inputs(cells)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _HoleField:
+    """A field (Ny, Nx) with holes, and what all predictions in it share."""
+
+    value_mm: NDArray[np.float64]
+    pinhole: NDArray[np.bool_]
+    cell_mm: float
+    ray_slope: NDArray[np.float64]
+    filtered: NDArray[np.float64]
+    """The heights with their rims smoothed."""
+    gradients: NDArray[np.float64]
+    """(2, Ny, Nx) slopes in x and y."""
+    roughness: StructureFunction
+
+    @classmethod
+    def of(
+        cls,
+        value_mm: NDArray[np.float64],
+        pinhole: NDArray[np.bool_],
+        cell_mm: float,
+        ray_slope: NDArray[np.float64],
+    ) -> _HoleField:
+        filtered = _filter_rims(value_mm, ~np.isfinite(value_mm))
+        gradients, roughness = (
+            fit_gradients(value_mm, cell_mm),
+            estimate_structure_function(value_mm, cell_mm),
+        )
+        return cls(value_mm, pinhole, cell_mm, ray_slope, filtered, gradients, roughness)
+
+    def compute_inputs(self, cells: CellIndices) -> HoleInputs:
+        """Return the inputs of the prediction for hole ``cells``; each depends on its own cell only."""
+        lines = trace_lines(self.filtered, cells, self.gradients, self.ray_slope, self.cell_mm)
+        profiles, lowest = (
+            compute_rim_profiles(lines),
+            find_lowest_line(lines, self.filtered, cells, self.cell_mm),
+        )
+        quadric_fits = fit_quadrics(self.value_mm, cells, WINDOWS)
+        surface = predict_smooth_surface(profiles, quadric_fits, self.roughness, self.cell_mm)
+        neighbourhood = measure_neighbourhood(self.value_mm, self.filtered, cells, self.cell_mm)
+        tangent = np.hypot(self.ray_slope[0][cells], self.ray_slope[1][cells])
+        pinhole = self.pinhole[cells]
+        return HoleInputs(
+            profiles,
+            surface,
+            compute_features(
+                profiles, lowest, surface, quadric_fits, neighbourhood, pinhole, tangent, self.cell_mm
+            ),
+        )
 
 
 def _predict_heights(inputs: HoleInputs, network: Network) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

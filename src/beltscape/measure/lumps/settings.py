@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-from beltscape.core.plausibility import LUMP, SIEVE
+from beltscape.core.quantities import LUMP, SIEVE
 
 Sieve = Annotated[float, SIEVE]
 R10_MM = (8.0, 10.0, 12.5, 16.0, 20.0, 25.0, 31.5, 40.0, 50.0, 63.0, 80.0, 100.0, 125.0)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.belt.height_map import BeltProfile
 from beltscape.core.errors import InputError, MeasureError
+from beltscape.core.quantities import BOX_SIDE
 from beltscape.measure.surface import Grid
 
 Range = tuple[float, float]
@@ -50,6 +51,18 @@ class Box:
         return Box(
             _join_ranges("across", self.across_mm, across_mm or self.across_mm),
             _join_ranges("along", self.along_mm, along_mm or self.along_mm),
+        )
+
+
+def require_box_side(side: str, ends_mm: Range | None) -> None:
+    """Raise InputError if a side of a requested box is too short to be in mm; None: it is not given."""
+    if ends_mm is None:
+        return
+    low, high = ends_mm
+    if high - low < BOX_SIDE.possible[0]:
+        raise InputError(
+            f"--{side} {low:g} {high:g}: {high - low:g} mm is no box on a belt ({BOX_SIDE.possible[0]:g} mm and more)"
+            f"; in metres? write {1000 * low:g} {1000 * high:g}"
         )
 
 
@@ -116,6 +129,7 @@ def _join_ranges(side: str, extent: Range, requested: Range) -> Range:
     low, high = requested
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
         raise InputError(f"--{side} {low:g} {high:g}: give the lower end first, both in mm of the belt frame")
+    require_box_side(side, requested)
     if high <= extent[0] or low >= extent[1]:
         raise MeasureError(
             f"--{side} {low:g} {high:g}: nothing was measured there; the belt was seen from "

@@ -22,6 +22,7 @@ def compute_capacity_mm2(belt: Belt, surcharge_rad: float) -> float:
 
     The width extends from edge to edge where both were found, else over the measured part: then the result is the
     capacity of that part, which is less than the belt's. The measured cross-section replaces DIN's straight idlers.
+    It is 0 for a shape that holds no load, such as a narrow strip or a ridge.
     """
     left, right = _find_belt_ends(belt)
     x = np.linspace(left, right, max(3, int((right - left) / _STEP_MM)))
@@ -36,7 +37,7 @@ def compute_capacity_mm2(belt: Belt, surcharge_rad: float) -> float:
     low, high = belt.height_mm(np.array([a, b]))
     chord = low + (high - low) * (inside - a) / (b - a)
     ridge = np.minimum(inside - a, b - inside) * np.tan(surcharge_rad)
-    return float(np.trapezoid(chord + ridge - belt.height_mm(inside), inside))
+    return max(0.0, float(np.trapezoid(chord + ridge - belt.height_mm(inside), inside)))
 
 
 def find_belt_middle(belt: Belt) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.core.plausibility import CELL, PROFILE
+from beltscape.core.quantities import CELL, PROFILE
 
 Surcharge = Annotated[float, Field(ge=0, le=45)]
 """Surcharge angle in degrees, at which the load of a full moving belt rises from its sides; some 15° below the angle

@@ -52,7 +52,7 @@ class Fullness:
     capacity_mm2: float
     """Cross-section of the fully loaded belt; see `compute_capacity_mm2`."""
     level: float
-    """``area_mm2`` over ``capacity_mm2``."""
+    """``area_mm2`` over ``capacity_mm2``; NaN where the belt's shape holds no load."""
     whole_belt: bool
     """Whether both edges of the belt were found; else the capacity is that of the visible part."""
 

@@ -10,7 +10,7 @@ import numpy as np
 from beltscape.calibration.assessment.diagnosis import diagnose
 from beltscape.calibration.assessment.domain.coverage import Coverage, assess_coverage
 from beltscape.calibration.assessment.domain.coverage_findings import list_coverage_findings, require_coverage
-from beltscape.calibration.assessment.domain.lens_domain import describe_domains, limit_domains
+from beltscape.calibration.assessment.domain.lens_domain import describe_domains
 from beltscape.calibration.assessment.domain.sensor_tilt import describe_tilts
 from beltscape.calibration.assessment.domain.volume import MeasuringVolume, make_view_volume
 from beltscape.calibration.assessment.findings.discards import Discards
@@ -45,7 +45,7 @@ from beltscape.files.folders.paths import AnyPath, as_path
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
-from beltscape.pipeline.calibrating.plausibility import check_scale, require_baselines, warn_of_split
+from beltscape.pipeline.calibrating.plausibility import limit_lenses, require_baselines, warn_of_split
 from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
 from beltscape.target.board import Board, BoardSet, list_triples
 
@@ -138,8 +138,7 @@ def calibrate(
         hierarchy, adjustment, covariance, triples, rig_errors, halves, explained=tuple(foreign)
     )
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
-    limited = limit_domains(adjustment.rig, adjustment, known.cameras)
-    check_scale(board, adjustment, limited, reporter)
+    limited = limit_lenses(board, adjustment, known.cameras, reporter)
     coverage = _assess_coverage(adjustment, limited, covariance, volume, reporter)
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
     rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit)

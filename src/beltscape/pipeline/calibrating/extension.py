@@ -114,10 +114,9 @@ def extend_rig(
     others = [line for line in reporter.warnings if line not in fit.findings]
     for line in fit.findings:
         reporter.warn(line)
-    score = held_out or training
-    quality = {**extended.quality, "extension": {"cameras": new, "score": score.document()}}
+    added = {"cameras": new, "score": (held_out or training).document()}
     return RigExtension(
-        replace(extended, quality=quality),
+        replace(extended, quality={**extended.quality, "extension": added}),
         new,
         fixed,
         training,

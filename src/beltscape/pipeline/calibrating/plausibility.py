@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
+from beltscape.calibration.assessment.domain.lens_domain import limit_domains
 from beltscape.calibration.assessment.validation.cross_validation import CrossValidation
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
@@ -49,6 +51,18 @@ def warn_of_split(halves: CrossValidation | None, reporter: Reporter) -> None:
             f"the rigs of even and odd frames differ {halves.split_ratio:.1f} times more than their standard "
             "deviations allow: the stated σ are too small; look for moving cameras, blur or a bending board"
         )
+
+
+def limit_lenses(
+    board: Board, adjustment: BundleAdjustmentResult, known: Collection[str], reporter: Reporter
+) -> Rig:
+    """Return the adjusted rig with the domains in which its lenses, except those of ``known`` cameras, are known.
+
+    Its size is checked by `check_scale`.
+    """
+    limited = limit_domains(adjustment.rig, adjustment, known)
+    check_scale(board, adjustment, limited, reporter)
+    return limited
 
 
 def check_scale(board: Board, adjustment: BundleAdjustmentResult, rig: Rig, reporter: Reporter) -> None:

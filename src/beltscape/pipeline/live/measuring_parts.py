@@ -15,6 +15,7 @@ from beltscape.core.geometry.scaling import scale_rig
 from beltscape.core.progress import Reporter
 from beltscape.files.documents.digest import hash_file
 from beltscape.files.rig_json import read_rig
+from beltscape.measure.belt.settings import NOTHING_GIVEN
 from beltscape.measure.volume.capacity import compute_capacity_mm2
 from beltscape.pipeline.live.engine_components import MeasuringParts
 from beltscape.pipeline.live.images.image_monitors import make_image_monitors
@@ -29,7 +30,7 @@ from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matc
 from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
 from beltscape.sources.folder import scale_rig_to_capture
 
-TABLES = ("matching", "flow", "density", "watch", "health")
+TABLES = ("belt", "matching", "flow", "density", "watch", "health")
 """Tables of project.toml on which the parts depend, beside rig and empty belt."""
 
 
@@ -42,7 +43,8 @@ def describe_provenance(project: Project[RunSettings]) -> dict[str, str]:
         If one of the files cannot be read.
     """
     settings, density = project.settings, project.settings.density
-    tables = settings.model_dump(mode="json", include=set(TABLES))
+    used = {name for name in TABLES if name != "belt" or settings.belt != NOTHING_GIVEN}
+    tables = settings.model_dump(mode="json", include=set[str](used))
     files = [project.resolve(path) for path in (density.table, density.products) if path is not None]
     try:
         texts = [json.dumps(tables, sort_keys=True), *(hash_file(path) for path in files)]
@@ -123,7 +125,8 @@ def build_context(
         )
     if matching.width_px is not None and matching.width_px < width:
         rig = scale_rig(rig, matching.width_px / width)
-    empty_belt = read_reference(project.resolve(settings.empty), rig, settings.flow.cell_mm, reporter)
+    empty, cell_mm = project.resolve(settings.empty), settings.flow.cell_mm
+    empty_belt = read_reference(empty, rig, cell_mm, reporter, settings.belt)
     near_far = compute_depth_range(empty_belt, matching.load_mm)
     matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
     digest = hash_empty_belt(project.resolve(settings.empty))

@@ -13,10 +13,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.errors import InputError
-from beltscape.core.plausibility import FRAME_RATE, LOAD_HEIGHT
+from beltscape.core.quantities import FRAME_RATE, LOAD_HEIGHT
 from beltscape.files.documents.toml_text import read_toml, validate
 from beltscape.files.tables.density import DensitySigma, DensityValue
 from beltscape.health.settings import HealthSettings
+from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 from beltscape.measure.flow.records.density import Density, make_unknown_density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.volume.settings import SURCHARGE_DEG, Surcharge
@@ -114,6 +115,8 @@ class RunSettings(_Table):
     cameras: CamerasSettings | None = None
     capture: CaptureSettings | None = None
     encoder: EncoderSettings = EncoderSettings()
+    belt: GivenBelt = NOTHING_GIVEN
+    """What is known of the belt's width, ends or place, for ``empty``."""
     matching: MatchingSettings = MatchingSettings()
     flow: FlowSettings = FlowSettings()
     density: DensitySettings = DensitySettings()

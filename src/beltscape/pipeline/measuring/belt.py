@@ -10,19 +10,27 @@ from typing import Any
 import numpy as np
 
 from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.errors import InputError
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import InputError, MeasureError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter
 from beltscape.files.belt_json import read_belt, write_belt
 from beltscape.files.documents.digest import hash_file
 from beltscape.files.folders.atomic import write_text
 from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame, require_intact
+from beltscape.measure.belt.average import average_depth_maps
 from beltscape.measure.belt.empty_belt import learn_belt
+from beltscape.measure.belt.given import apply_given, describe_doubtful_ends, measure_width_mm
+from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 from beltscape.pipeline.reconstructing.camera_checks.faults import warn_of_camera_faults
 
 
-def measure_empty_belt(folder: Path, frames: Sequence[str] | None, reporter: Reporter) -> tuple[Belt, Camera]:
-    """Return the empty belt measured in a reconstruction's frames (all by default), and the core camera.
+def measure_empty_belt(
+    folder: Path, frames: Sequence[str] | None, reporter: Reporter, given: GivenBelt = NOTHING_GIVEN
+) -> tuple[Belt, DepthMap]:
+    """Return the empty belt measured in a reconstruction's frames (all by default), and the mean of these.
+
+    ``given`` is what is known of the belt's width, ends or place. A warning names the ends that remain unknown.
 
     Raises
     ------
@@ -35,8 +43,22 @@ def measure_empty_belt(folder: Path, frames: Sequence[str] | None, reporter: Rep
         results.append(read_intact_frame(folder / name))
         warn_of_camera_faults(results[-1], reporter)
         reporter.step("reading empty belt", number, len(names))
-    camera = results[0].rig.core_camera
-    return learn_belt([result.depth for result in results], camera), camera
+    depths = [result.depth for result in results]
+    belt = _learn_belt(depths, results[0].rig.core_camera, given, folder, reporter)
+    return belt, average_depth_maps(depths)
+
+
+def _learn_belt(
+    depths: Sequence[DepthMap], camera: Camera, given: GivenBelt, source: Path, reporter: Reporter
+) -> Belt:
+    """Return the belt learned from depth maps; warn of ends that are not known, naming the ``source``."""
+    try:
+        belt = learn_belt(depths, camera, given)
+    except MeasureError as error:
+        raise MeasureError(f"{source}: {error}") from error
+    for warning in describe_doubtful_ends(belt):
+        reporter.warn(f"{source}: {warning}")
+    return belt
 
 
 def list_frame_names(folder: Path) -> list[str]:
@@ -53,21 +75,45 @@ def list_frame_names(folder: Path) -> list[str]:
     return names
 
 
-def read_empty_belt(path: Path, reporter: Reporter) -> tuple[Belt, Camera]:
-    """Return the empty belt and its core camera from a belt.json, a frame folder or a whole reconstruction."""
+def read_empty_belt(path: Path, reporter: Reporter, given: GivenBelt = NOTHING_GIVEN) -> tuple[Belt, Camera]:
+    """Return the empty belt and its core camera from a belt.json, a frame folder or a whole reconstruction.
+
+    ``given`` is what is known of the belt's width, ends or place; a region needs depth maps.
+    """
     if path.is_file():
-        return read_belt(path)
+        return _limit_read_belt(path, given)
     if not path.exists():
         raise InputError(
             f"{path}: no such file or folder; give a belt.json of beltscape measure belt, a reconstruction of the "
             "empty belt, or a frame folder of one"
         )
     if (path / "rig.json").is_file() and not (path / "depth.tiff").is_file():
-        return measure_empty_belt(path, None, reporter)
+        belt = measure_empty_belt(path, None, reporter, given)[0]
+        return belt, require_camera(belt)
     frame = read_intact_frame(path)
     warn_of_camera_faults(frame, reporter)
     camera = frame.rig.core_camera
-    return learn_belt([frame.depth], camera), camera
+    return _learn_belt([frame.depth], camera, given, path, reporter), camera
+
+
+def _limit_read_belt(path: Path, given: GivenBelt) -> tuple[Belt, Camera]:
+    """Return the belt of a belt.json within the ends that are given."""
+    belt, camera = read_belt(path)
+    if given.region_px is not None:
+        raise InputError(
+            f"{path}: region_px needs the depth maps of the empty belt; give it to beltscape measure belt --region, "
+            "or a reconstruction as the empty belt"
+        )
+    try:
+        return apply_given(belt, given), camera
+    except MeasureError as error:
+        raise MeasureError(f"{path}: {error}") from error
+
+
+def require_camera(belt: Belt) -> Camera:
+    """Return the core camera of a belt that was learned."""
+    assert belt.camera is not None
+    return belt.camera
 
 
 def hash_empty_belt(path: Path) -> str:
@@ -100,13 +146,13 @@ def require_same_camera(loaded: Path, camera: Camera, empty: Path, other: Camera
         )
 
 
-def write_belt_files(out: Path, belt: Belt, camera: Camera) -> Path:
-    """Write belt.json and its report beside it; return the report's path."""
+def write_belt_files(out: Path, belt: Belt, depth: DepthMap) -> Path:
+    """Write belt.json and its report, with a picture of what was taken as belt; return the report's path."""
     from beltscape.report.measuring.belt import render_belt_page
 
-    write_belt(out, belt, camera)
+    write_belt(out, belt, require_camera(belt))
     page = out.with_suffix(".html")
-    write_text(page, render_belt_page(belt))
+    write_text(page, render_belt_page(belt, depth, describe_doubtful_ends(belt)))
     return page
 
 
@@ -123,6 +169,9 @@ def make_belt_document(belt: Belt) -> Mapping[str, Any]:
         "yaw_sigma_deg": None if belt.yaw_sigma_rad is None else float(np.rad2deg(belt.yaw_sigma_rad)),
         "yaw_from": belt.yaw_from,
         "across_mm": belt.across_mm,
+        "ends": belt.ends,
+        "width_mm": measure_width_mm(belt),
+        "width_given_mm": belt.width_mm,
         "along_mm": belt.along_mm,
         "flat_mm": belt.flat_mm,
         "noise_mm": belt.noise_mm,

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from beltscape.core.progress import Reporter, Silent
 from beltscape.files.documents.json_text import write_json
 from beltscape.files.folders.atomic import ensure_output_folder, write_text
@@ -61,6 +63,12 @@ def _warn_of_gaps(loaded: Path, volume: Volume, reporter: Reporter) -> None:
             f"{loaded}: only {high - low:.0f} mm of the belt's width were measured well enough to count; σ holds "
             "what the rest may carry; see why the frame is sparse, or give the box with --across"
         )
+    if not np.isfinite(volume.fullness.level):
+        low, high = volume.belt.across_mm
+        reporter.warn(
+            f"{loaded}: the fill level is unknown: the empty belt's shape from x {low:.0f} to {high:.0f} mm holds no "
+            "load; learn it again with beltscape measure belt --width MM"
+        )
     if volume.coverage < LEAST_COVERAGE:
         reporter.warn(
             f"{loaded}: only {volume.coverage:.0%} of the box was measured, the rest is interpolated; see why "
@@ -105,7 +113,7 @@ def make_volume_document(volume: Volume) -> Mapping[str, Any]:
         "fill": {
             "area_mm2": volume.fullness.area_mm2,
             "capacity_mm2": volume.fullness.capacity_mm2,
-            "level": volume.fullness.level,
+            "level": volume.fullness.level if np.isfinite(volume.fullness.level) else None,
             "whole_belt_seen": volume.fullness.whole_belt,
         },
         "highest": summit

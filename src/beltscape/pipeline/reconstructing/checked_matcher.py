@@ -24,7 +24,7 @@ from beltscape.pipeline.reconstructing.camera_checks.systematic_error import (
 from beltscape.pipeline.reconstructing.match_pool import FrameMatcher, MatchPool, PendingMatch
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE
-from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault
+from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault, describe_undecided
 from beltscape.stereo.consistency.diagnosis.low_coverage import diagnose_low_coverage
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
@@ -124,6 +124,7 @@ class CheckedMatcher:
             When its images do not suffice, or the cameras contradict each other grossly.
         """
         self._findings.set_unmatched()
+        self._cameras.note_frame(frame_set)
         names = self._select_auxiliaries(frame_set)
         try:
             depth = None
@@ -181,9 +182,14 @@ class CheckedMatcher:
         # at low coverage or with gross residuals, an inconsistent camera's pixels match by chance
         is_gross = uses_inconsistent and consistency.misfit_px > GROSS_PX
         is_gross |= any(fault.concerns_core for fault in faults)
+        # matches that contradict the rig outnumber those that the depth map guides to: it consists of chance matches
+        is_gross |= uses_inconsistent and not consistency.guided
+        is_open = bool(consistency.suspects or consistency.find_auxiliaries("undecided"))
         self._schedule.note_check(
-            frame_set, depth, has_passed=consistency.is_sound, is_undecided=bool(consistency.suspects)
+            frame_set, depth, has_passed=consistency.is_sound and not is_open, is_undecided=is_open
         )
+        if any(fault.is_of_instant for fault in faults):
+            self._schedule.request()
         self._proposals.add(consistency)
         if faults and (depth.coverage < LEAST_COVERAGE or is_gross):
             self._refuse(frame_set, consistency, faults)
@@ -201,6 +207,8 @@ class CheckedMatcher:
         else:
             end = f"the depth is measured without {', '.join(self.excluded)}"
         lines = [f"{fault.text}; {end}" for fault in faults]
+        if not faults:
+            lines = describe_undecided(consistency, self.rig)
         if depth.coverage < LEAST_COVERAGE:
             depth, lines = self._diagnose_coverage(frame_set, depth, consistency)
         return CheckedDepth(depth, consistency, names, tuple(lines))

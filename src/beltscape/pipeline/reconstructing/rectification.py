@@ -22,13 +22,14 @@ from beltscape.sources.folder import FolderSource, scale_rig_to_capture
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import check_consistency
 from beltscape.stereo.consistency.diagnosis.diagnosis import diagnose_cameras
-from beltscape.stereo.consistency.rig_consistency import RigConsistency, make_consistency_document
+from beltscape.stereo.consistency.diagnosis.fault_texts import describe_undecided
+from beltscape.stereo.consistency.rig_consistency import (
+    CameraConsistency,
+    RigConsistency,
+    make_consistency_document,
+)
 from beltscape.stereo.pairwise.rectification import rectify_pair
 from beltscape.stereo.pairwise.rectified_images import RectifiedImages, rectify_images
-from beltscape.stereo.pairwise.row_error import MIN_MATCHES
-
-WARN_ROWS_PX = 0.5
-"""A larger RMS row error of matches means that the rig does not belong to the images."""
 
 
 def rectify_capture(
@@ -58,10 +59,15 @@ def rectify_capture(
         for images in pairs:
             write_image(folder / images.pair.auxiliary / "core.png", images.core)
             write_image(folder / images.pair.auxiliary / "auxiliary.png", images.auxiliary)
-        write_image(folder / "rectification.png", draw_rectification(rig, frame_set, pairs, faults))
+        write_image(
+            folder / "rectification.png",
+            draw_rectification(rig, frame_set, pairs, consistency, faults),
+        )
         document = {
             "frame": frame_set.frame,
-            "pairs": [_document(images) for images in pairs],
+            "pairs": [
+                _document(images, each) for images, each in zip(pairs, consistency.cameras, strict=True)
+            ],
             "doubts": faults,
             "consistency": make_consistency_document(consistency),
         }
@@ -70,8 +76,9 @@ def rectify_capture(
     return near_far, frames
 
 
-def _document(images: RectifiedImages) -> Mapping[str, Any]:
-    pair, rows = images.pair, images.rows
+def _document(images: RectifiedImages, camera: CameraConsistency) -> Mapping[str, Any]:
+    """Return a pair as plain values; row errors are rows of the auxiliary minus those of the core."""
+    pair, rows = images.pair, camera.rows
     return {
         "core": pair.core,
         "auxiliary": pair.auxiliary,
@@ -84,9 +91,11 @@ def _document(images: RectifiedImages) -> Mapping[str, Any]:
         "rectified_from_core": pair.rectified_from_core.rotation,
         "rectified_from_auxiliary": pair.rectified_from_aux.rotation,
         "row_error": {
-            "points": rows.points,
-            "searched": rows.searched,
-            "median_px": rows.median_px,
+            "points": rows.explained,
+            "searched": camera.searched,
+            "median_px": -rows.offset_px,
+            "slope_x_px": -rows.slope_x_px,
+            "slope_y_px": -rows.slope_y_px,
             "sigma_px": rows.sigma_px,
             "rms_px": rows.rms_px,
         },
@@ -112,29 +121,9 @@ def rectify(
         consistency = check_consistency(frame_set, rig, None, names)
         faults = [
             *(fault.text for fault in diagnose_cameras(frame_set, rig, consistency)),
-            *_describe_row_errors(images, consistency),
+            *describe_undecided(consistency, rig),
         ]
         for line in faults:
             reporter.warn(f"frame {frame_set.frame}: {line}")
         reporter.step("rectifying", done, len(source))
         yield frame_set, images, consistency, faults
-
-
-def _describe_row_errors(pairs: list[RectifiedImages], consistency: RigConsistency) -> list[str]:
-    """Return a line for every pair with a large row error, except those already found inconsistent."""
-    lines: list[str] = []
-    for each in pairs:
-        core, name, rows = each.pair.core, each.pair.auxiliary, each.rows
-        if name in consistency.inconsistent:
-            continue
-        if rows.rms_px > WARN_ROWS_PX:
-            lines.append(
-                f"{core} and {name} are {rows.rms_px:.2f} px off their common rows; the camera moved or the rig is "
-                "another's: calibrate again"
-            )
-        elif not rows.is_measured and rows.searched >= 4 * MIN_MATCHES:
-            lines.append(
-                f"{core} and {name}: no correspondence found ({rows.points} of {rows.searched} points); the images "
-                "have no texture in common, or the rig is another's"
-            )
-    return lines

@@ -16,7 +16,7 @@ from time import monotonic
 from typing import Protocol
 
 from beltscape.core.belt.ledger_entries import BeltRecord
-from beltscape.core.errors import InputError, OutputError
+from beltscape.core.errors import InputError, OutputError, describe_cause
 from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.protocols.kept_number import KeptNumber
 from beltscape.protocols.mqtt.connection import list_tls_files
@@ -208,7 +208,7 @@ def read_password(path: Path | None) -> str | None:
     try:
         return path.read_text("utf-8").splitlines()[0]
     except (OSError, IndexError) as error:
-        raise InputError(f"{path}: the broker's password cannot be read ({error})") from error
+        raise InputError(f"{path}: the broker's password cannot be read ({describe_cause(error)})") from error
 
 
 def check_library(settings: MqttSettings) -> None:

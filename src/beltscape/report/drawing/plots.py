@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from beltscape.report.drawing.fallback_text import FallbackCanvas, tolerate_missing_glyphs
 from beltscape.report.drawing.palette import css_color, light
 from beltscape.report.drawing.panel_layout import PanelLayout
 
@@ -52,6 +52,7 @@ STYLE: Mapping[str, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": FONT_PT,
     "text.color": light("ink"),
+    "text.parse_math": False,
     "axes.titlesize": FONT_PT,
     "axes.labelcolor": light("ink"),
     "axes.edgecolor": light("quiet"),
@@ -132,16 +133,16 @@ def draw_dots(axis: Axes, points: NDArray[np.float64], size_pt: float, color: An
 
 def to_png(figure: Figure) -> bytes:
     """Return the figure as PNG on white; the same figure gives the same bytes."""
-    with mpl.rc_context(dict(STYLE)):
+    with mpl.rc_context(dict(STYLE)), tolerate_missing_glyphs():
         buffer = BytesIO()
         figure.set_facecolor("white")
-        FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
+        FallbackCanvas(figure).print_png(buffer, metadata={"Software": None})
         return buffer.getvalue()
 
 
 def to_svg(plot: Callable[[Form], Figure], form: Form) -> str:
     """Return a plot as an SVG element whose text is text and whose colours follow the page's scheme."""
-    with mpl.rc_context(dict(STYLE)):
+    with mpl.rc_context(dict(STYLE)), tolerate_missing_glyphs():  # the page's fonts have them
         figure, buffer = plot(form), StringIO()
         nothing: dict[str, None] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
         FigureCanvasSVG(figure).print_svg(buffer, metadata=nothing)

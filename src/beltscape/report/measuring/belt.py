@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 
+import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
 from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 from beltscape.report.drawing.charts import Chart, Entry, Key
-from beltscape.report.drawing.legend import DIFFERENCE, Scale
+from beltscape.report.drawing.legend import DIFFERENCE, Color, Rgb, Scale, Swatches
 from beltscape.report.drawing.palette import light
+from beltscape.report.drawing.pictures import Panel, quantile_range
 from beltscape.report.drawing.plots import Form, compute_map_height, make_panels, show_map
-from beltscape.report.page import Item, Section, Table, Tile, Tiles, render
+from beltscape.report.page import Item, Pictures, Section, Table, Tile, Tiles, render
 
+ON_BELT_MM = 12.0
+"""Points further off the learned belt are drawn as something else; see `measure.belt.extent`."""
+_ON: Color = (64, 150, 235)
+"""Colour of the belt in the picture."""
+_SEEN, _STATED = (0, 200, 120), (240, 130, 0)
+"""Colours of ends that were seen, and of those that were not."""
 _MAP_CELLS = 200
 """Cells of the map on each side, finer than the nodes."""
 
 
-def render_belt_page(belt: Belt) -> str:
-    """Return the page beside a belt.json."""
-    items: list[Item] = [_tiles(belt), make_section_chart(belt)]
+def render_belt_page(belt: Belt, depth: DepthMap | None = None, warnings: Sequence[str] = ()) -> str:
+    """Return the page beside a belt.json; ``depth`` is the depth map that it was learned from, for a picture."""
+    items: list[Item] = [_tiles(belt)]
+    if depth is not None and belt.camera is not None:
+        items.append(Pictures([make_belt_panel(belt, depth, belt.camera)]))
+    items.append(make_section_chart(belt))
     sections = [Section("Shape", "x across, z up from where the core's optical axis meets the belt.", items)]
     if belt.deviation is not None:
         sections.append(
@@ -30,8 +44,57 @@ def render_belt_page(belt: Belt) -> str:
                 [make_deviation_chart(belt)],
             )
         )
-    sections.append(Section("Ends", "Against floor or frame behind them.", [_edge_table(belt)]))
-    return render("Empty belt", _summarise(belt), sections, warnings=())
+    sections.append(Section("Ends", _describe_ends(belt), [_edge_table(belt)]))
+    return render("Empty belt", _summarise(belt), sections, warnings=warnings)
+
+
+def make_belt_panel(belt: Belt, depth: DepthMap, camera: Camera) -> Panel:
+    """Return the core camera's view: what was taken as belt, what else was measured, and the ends as lines."""
+    points = belt.belt_from_core.apply(depth.points_mm(camera))
+    x, y = points[..., 0], points[..., 1]
+    off = points[..., 2] - belt.height_at_mm(x, y)
+    on = np.abs(off) <= ON_BELT_MM  # NaN is not
+    on &= (x >= belt.across_mm[0]) & (x <= belt.across_mm[1])
+    near, far = quantile_range(depth.depth_mm)
+    grey = np.rint(np.clip(1 - (depth.depth_mm - near) / (far - near), 0, 1) * 150 + 70)
+    image = np.repeat(np.where(np.isfinite(grey), grey, 25.0)[..., None], 3, axis=2)
+    image[on] = 0.5 * image[on] + 0.5 * np.array(_ON)
+    drawn = np.ascontiguousarray(image, np.uint8)
+    for place, end in zip(_end_places(belt), belt.ends or ("seen", "seen"), strict=True):
+        _draw_end(drawn, belt, camera, place, _SEEN if end == "seen" else _STATED)
+    legend = Swatches(
+        [("belt", _ON), ("something else", (150, 150, 150)), ("not measured", (25, 25, 25)),
+         ("end that was seen", _SEEN), ("end given, inferred or unknown", _STATED)]
+    )  # fmt: skip
+    return Panel(drawn, "What was taken as belt, in the core camera's undistorted image", legend)
+
+
+def _draw_end(image: Rgb, belt: Belt, camera: Camera, place_mm: float, color: Color) -> None:
+    """Draw the line along the belt at x = ``place_mm``."""
+    y = np.linspace(*belt.along_mm, 40)
+    x = np.full(len(y), place_mm)
+    points = belt.belt_from_core.inverse().apply(np.stack([x, y, belt.height_at_mm(x, y)], axis=-1))
+    pixels = points[:, :2] / points[:, 2:] * camera.focal_px + camera.center_px
+    width = max(2, image.shape[1] // 300)
+    cv2.polylines(image, [np.rint(pixels).astype(np.int32)], False, color, width, cv2.LINE_AA)
+
+
+def _end_places(belt: Belt) -> tuple[float, float]:
+    """Return the ends in x: located against what is beside the belt, else where the measured belt ends."""
+    left, right = (
+        own if np.isfinite(own) else measured
+        for own, measured in zip(_ends(belt) or (np.nan,) * 2, belt.across_mm, strict=True)
+    )
+    return left, right
+
+
+def _describe_ends(belt: Belt) -> str:
+    """Return what is known of the ends in a sentence."""
+    if belt.ends is None:
+        return "Against floor or frame behind them."
+    left, right = belt.ends
+    width = "" if belt.width_mm is None else f"; the width along the surface is given as {belt.width_mm:g} mm"
+    return f"The left end, at the smaller x: {left}. The right end: {right}{width}."
 
 
 def _summarise(belt: Belt) -> str:

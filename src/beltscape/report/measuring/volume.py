@@ -78,7 +78,9 @@ def _load_tiles(volume: Volume) -> list[Tile]:
     """Return the tiles of fill level, highest point and eccentricity of the load."""
     full, summit, centre = volume.fullness, volume.summit, volume.centre
     of = "of the whole belt" if full.whole_belt else "of the part of the belt that was seen"
-    tiles = [Tile("full", f"{100 * full.level:.0f}", "%", f"{full.capacity_mm2 / 100:.0f} cm² {of}")]
+    level = f"{100 * full.level:.0f}" if np.isfinite(full.level) else "unknown"
+    unit = "%" if np.isfinite(full.level) else ""
+    tiles = [Tile("full", level, unit, f"{full.capacity_mm2 / 100:.0f} cm² {of}")]
     if summit is not None:
         where = f"at x {summit.position_mm[0]:.0f}, y {summit.position_mm[1]:.0f} mm"
         tiles.append(Tile("highest", f"{summit.height_mm:.1f}", "mm", where))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from warnings import catch_warnings, filterwarnings
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -26,10 +25,7 @@ def make_flow_chart(document: ReportDocument, texts: Texts) -> Chart:
     caption = texts("flow_caption")
     known = [name for name in document.colours if any(c.product == name for c in document.changes)]
     entries = [Entry(name, document.colours[name], "square") for name in known]
-    with catch_warnings():
-        # the plot's font, which only measures the texts, has no Chinese; the page's fonts draw them
-        filterwarnings("ignore", "Glyph .* missing from font")
-        return Chart.draw(partial(_plot, document, texts), caption, *([Key(entries)] if entries else []))
+    return Chart.draw(partial(_plot, document, texts), caption, *([Key(entries)] if entries else []))
 
 
 def _plot(document: ReportDocument, texts: Texts, form: Form) -> Figure:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, describe_cause
 from beltscape.core.type_guards import is_dict
 from beltscape.files.documents.digest import add_digest, require_digest
 from beltscape.files.documents.json_text import read_json, write_json
@@ -73,7 +73,7 @@ def read_manifest(path: Path, named: Path) -> Manifest:
     try:
         return _from_document(document)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"{named}: its {FILE} is damaged ({error!r}); {_FIX}") from error
+        raise InputError(f"{named}: its {FILE} is damaged ({describe_cause(error)}); {_FIX}") from error
 
 
 def _from_document(document: Mapping[str, Any]) -> Manifest:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import monotonic, time_ns
 
-from beltscape.core.errors import BeltscapeError, InputError, OutputError
+from beltscape.core.errors import BeltscapeError, InputError, OutputError, describe_cause
 from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.files.folders.atomic import ensure_output_folder
 from beltscape.files.folders.durable import keep_state
@@ -126,7 +126,7 @@ class ReportWriter:
         try:
             return ReportDocument.model_validate_json(path.read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
-            raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())[:200]})") from error
+            raise InputError(f"{path}: cannot be read ({describe_cause(error)})") from error
 
     def write_due(self, now_ns: int) -> list[str]:
         """Write the reports of all shifts and days that are over and have none; return their names.

@@ -11,7 +11,7 @@ from typing import Protocol
 
 from beltscape.core.errors import BeltscapeError, InputError
 from beltscape.core.runtime.extras import describe_missing_library
-from beltscape.files.tables.csv_table import parse_number
+from beltscape.files.documents.plain_text import parse_decimal
 from beltscape.production.scale import ScaleReading
 from beltscape.production.settings import ScaleModbusSettings, ScaleSettings
 
@@ -81,7 +81,7 @@ class TableCounter:
         return new
 
     def _parse(self, row: str) -> ScaleReading | None:
-        cells = [parse_number(cell) for cell in row.split(",")]
+        cells = [parse_decimal(cell) for cell in row.split(",")]
         seconds, kg = cells if len(cells) == 2 else (None, None)
         if seconds is not None and kg is not None and 0 <= seconds < _LAST_S and abs(kg) < _MOST_KG:
             return ScaleReading(round(seconds * 1e9), kg, "csv")

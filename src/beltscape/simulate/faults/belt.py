@@ -1,4 +1,4 @@
-"""Faults of the belt: risen, tilted, running off, with material stuck to it, a splice, a torn edge, an object over it."""
+"""Faults of the belt: risen, tilted, running off; material stuck to it, a splice, a torn edge, objects over it."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.core.plausibility import BELT_WIDTH
+from beltscape.core.quantities import BELT_WIDTH
 from beltscape.simulate.geometry.shapes import extrude, triangulate_height_field
 from beltscape.simulate.geometry.world import Label, Solid
 

@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.frames import Image
-from beltscape.core.plausibility import EXPOSURE
+from beltscape.core.quantities import EXPOSURE
 
 _BRIGHT = 0.98
 """Quantile of the pixels that is brought to the wanted level: few glints, few bright stones."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
-from beltscape.core.plausibility import EXPOSURE, FRAME_RATE
+from beltscape.core.quantities import EXPOSURE, FRAME_RATE
 from beltscape.sources.genicam.adaptive_exposure import AdaptiveExposureSettings
 
 Exposure = Annotated[float, EXPOSURE]

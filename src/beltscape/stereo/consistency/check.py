@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
@@ -19,6 +21,7 @@ from beltscape.stereo.consistency.faults.isolation import (
 from beltscape.stereo.consistency.residual_reference import ResidualReference
 from beltscape.stereo.consistency.residuals import PairResiduals, compute_pair_residuals
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency, State
+from beltscape.stereo.consistency.row_fit import NO_FIT, RowFit, fit_rows
 from beltscape.stereo.consistency.tie_points.guided_matching import match_guided
 from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints, detect_textured_points
 from beltscape.stereo.consistency.tie_points.unguided_matching import UnguidedMatcher
@@ -31,6 +34,12 @@ LEAST_TIE_POINTS = 30
 """With fewer tie points in the depth map, unguided matching is used."""
 _AGREES_PX = 1.0
 """A point agrees with the rig within this distance from its epipolar line."""
+_BETTER = 1.2
+"""The wide search replaces guided matching where it explains this many times its points: on sound rigs it explains
+half to 0.8 of them, with focal lengths off by 1 % under sparse dots 1.6 to 2.6 times as many, since a wrong depth map
+guides to chance matches only."""
+_STILL_CONFIRMED = 0.5
+"""The wide search is left out while guided matching explains this share of the points of the last confirmed frame."""
 
 
 def check_consistency(
@@ -39,8 +48,13 @@ def check_consistency(
     depth: DepthMap | None,
     auxiliaries: tuple[str, ...] | None = None,
     tolerance: Tolerance | None = None,
+    confirmed: RigConsistency | None = None,
 ) -> RigConsistency:
     """Measure how well each auxiliary's image agrees with the rig and with the depth that the others give.
+
+    Points are matched where the depth map predicts them, and by a wide search that does not use it: a depth map under
+    a wrong rig predicts chance matches, which agree with it. Those matches are assessed with which more of the
+    image's textured points agree. An auxiliary in which points without agreement outnumber the others is "undecided".
 
     Parameters
     ----------
@@ -55,21 +69,84 @@ def check_consistency(
         Auxiliaries to check; those that have an image by default.
     tolerance
         Result of `compute_tolerance`, computed once for many frames of one rig.
+    confirmed
+        A sound consistency of an earlier frame; the wide search is left out while about as many points agree.
     """
     names = tuple(n for n in auxiliaries or rig.auxiliaries if n in frame_set.images)
     points = detect_textured_points(frame_set.images[rig.core], rig.core_camera)
-    tie_points, guided = _match_tie_points(frame_set, rig, names, depth, points)
-    if tolerance is None:
-        tolerance = compute_tolerance(
-            rig,
-            float(1 / np.median(tie_points.inverse_depth))
-            if len(tie_points.inverse_depth)
-            else sum(compute_search_range(rig, names)) / 2,
-        )
-    if not guided:
-        tolerance = tolerance.widen(tie_points.pixel_scale)
-    consistency = assess_tie_points(tie_points, rig, names, tolerance)
-    return replace(consistency, textured_points=len(points), guided=guided)
+    guided, found = _match_guided(frame_set, rig, names, depth, points), None
+    if guided is not None:
+        found = assess_tie_points(guided, rig, names, tolerance or _make_tolerance(guided, rig, names))
+        found = replace(_find_undecided(found, rig, depth, points), textured_points=len(points))
+        if _is_still_confirmed(found, confirmed):
+            return found
+    wide_points = UnguidedMatcher(rig, compute_search_range(rig, names)).match(frame_set, names, points)
+    tolerance = tolerance or _make_tolerance(wide_points, rig, names)
+    wide = assess_tie_points(wide_points, rig, names, tolerance.widen(wide_points.pixel_scale))
+    wide = replace(wide, textured_points=len(points), guided=False, is_searched=True)
+    return wide if found is None else _choose(found, wide)
+
+
+def _make_tolerance(tie_points: TiePoints, rig: Rig, names: tuple[str, ...]) -> Tolerance:
+    """Return the tolerance at the depth of the tie points, or in the middle of the search range without any."""
+    if len(tie_points.inverse_depth):
+        return compute_tolerance(rig, float(1 / np.median(tie_points.inverse_depth)))
+    return compute_tolerance(rig, sum(compute_search_range(rig, names)) / 2)
+
+
+def _is_still_confirmed(guided: RigConsistency, confirmed: RigConsistency | None) -> bool:
+    """Return whether guided matching explains nearly as many points as when the wide search confirmed the rig."""
+    if confirmed is None:
+        return False
+    before = {each.camera: each.rows.explained for each in confirmed.cameras}
+    return guided.is_sound and all(
+        each.camera in before and each.rows.explained >= _STILL_CONFIRMED * before[each.camera]
+        for each in guided.cameras
+    )
+
+
+def _choose(guided: RigConsistency, wide: RigConsistency) -> RigConsistency:
+    """Return the consistency whose matches agree with more textured points; the guided one in case of doubt."""
+    pairs = list(zip(guided.cameras, wide.cameras, strict=True))
+    if any(
+        other.rows.explained > _BETTER * max(one.rows.explained, LEAST_TIE_POINTS) for one, other in pairs
+    ):
+        return wide
+    return replace(guided, is_searched=True)
+
+
+def _find_undecided(
+    consistency: RigConsistency, rig: Rig, depth: DepthMap | None, points: Array
+) -> RigConsistency:
+    """Return the consistency with "undecided" for sound auxiliaries in which more points fail than agree.
+
+    Textured points fail where the depth map has no depth, and where they are found off their epipolar lines; others
+    that are hidden or lie on edges say nothing.
+    """
+    if depth is None:
+        return consistency
+    unmeasured = points[~_is_measured(depth, points)]
+    rays = np.column_stack(
+        [(unmeasured - rig.core_camera.center_px) / rig.core_camera.focal_px, np.ones(len(unmeasured))]
+    )
+    middle = rays * float(np.nanmedian(depth.depth_mm))
+    cameras: list[CameraConsistency] = []
+    for each in consistency.cameras:
+        camera = rig.cameras[each.camera]
+        seen = camera.project(rig.cam_from_core[each.camera].apply(middle))
+        lost = int(((seen >= 0) & (seen <= np.array(camera.size_px) - 1)).all(axis=1).sum())
+        agreeing = round(np.nan_to_num(each.agreement) * each.searched)
+        failing = lost + each.points - agreeing
+        is_open = each.state == "sound" and failing > agreeing
+        cameras.append(replace(each, failing=failing, state="undecided" if is_open else each.state))
+    return replace(consistency, cameras=tuple(cameras))
+
+
+def _is_measured(depth: DepthMap, points: Array) -> NDArray[np.bool_]:
+    """Return (N,) whether there is a depth at or beside each point (N, 2)."""
+    measured = cv2.dilate(depth.measured.astype(np.uint8), np.ones((5, 5), np.uint8))
+    column, row = np.rint(points).astype(np.int64).T
+    return np.asarray(measured[row, column] > 0, np.bool_)
 
 
 def assess_tie_points(
@@ -81,7 +158,8 @@ def assess_tie_points(
 ) -> RigConsistency:
     """Return the consistency of auxiliaries by the tie points of one or more frames.
 
-    With a ``reference`` the residuals are those in excess of it, and the tolerance is that of their change.
+    With a ``reference`` the residuals are those in excess of it, and the tolerance is that of their change. A rig
+    that does not state how well it is known gets a looser one, unless its other cameras show it.
     """
     residuals = compute_frame_residuals(tie_points, rig, names, reference)
     isolation = isolate_faults(tie_points, residuals, tolerance)
@@ -89,6 +167,10 @@ def assess_tie_points(
     if isolation.contradicting:
         data = FrameData(tie_points, rig, residuals, tolerance, reference)
         attribution = attribute_faults(data, isolation)
+        if not (
+            tolerance.is_stated or attribution.has_result or isolation.find_confirmed(residuals.epipolar)
+        ):
+            return assess_tie_points(tie_points, rig, names, tolerance.loosen(), reference)
         isolation = attribution.isolation
     cameras = tuple(_assess_camera(name, tie_points, rig, residuals, isolation, tolerance) for name in names)
     return RigConsistency(
@@ -106,15 +188,14 @@ def assess_tie_points(
     )
 
 
-def _match_tie_points(
+def _match_guided(
     frame_set: FrameSet, rig: Rig, names: tuple[str, ...], depth: DepthMap | None, points: Array
-) -> tuple[TiePoints, bool]:
-    """Return the tie points, and whether the depth map guided their matching."""
-    if depth is not None and depth.coverage >= LEAST_COVERAGE:
-        tie_points = match_guided(frame_set, rig, names, depth, points)
-        if len(tie_points.core_px) >= LEAST_TIE_POINTS:
-            return tie_points, True
-    return UnguidedMatcher(rig, compute_search_range(rig, names)).match(frame_set, names, points), False
+) -> TiePoints | None:
+    """Return the tie points that the depth map guides to; None without a map, or where it holds too few points."""
+    if depth is None or depth.coverage < LEAST_COVERAGE:
+        return None
+    tie_points = match_guided(frame_set, rig, names, depth, points)
+    return tie_points if len(tie_points.core_px) >= LEAST_TIE_POINTS else None
 
 
 def _assess_camera(
@@ -151,6 +232,20 @@ def _assess_camera(
         searched,
         agreeing / searched if searched else float("nan"),
         _compute_depth_error(tie_points, pair_residuals),
+        _fit_rows(tie_points, rig, pair_residuals),
+    )
+
+
+def _fit_rows(tie_points: TiePoints, rig: Rig, residuals: PairResiduals) -> RowFit:
+    """Return the row error as a function of place."""
+    if not len(tie_points.core_px):
+        return NO_FIT
+    return fit_rows(
+        residuals.epipolar_px,
+        tie_points.core_px,
+        residuals.inverse_depth,
+        rig.core_camera.size_px,
+        tie_points.pixel_scale,
     )
 
 
@@ -158,7 +253,9 @@ def _compute_depth_error(tie_points: TiePoints, residuals: PairResiduals) -> flo
     """Return the error of the depth per pixel along the epipolar lines of an auxiliary, mm, as a median."""
     if not len(tie_points.core_px):
         return float("nan")
-    return float(np.median(1 / (np.square(tie_points.inverse_depth) * residuals.sensitivity_px_mm)))
+    inverse_depth = residuals.inverse_depth[residuals.inverse_depth > 0]
+    middle = float(np.median(inverse_depth if len(inverse_depth) else tie_points.inverse_depth))
+    return float(np.median(1 / (middle**2 * residuals.sensitivity_px_mm)))
 
 
 def _compute_misfit(residuals: FrameResiduals, sound: tuple[str, ...]) -> float:

@@ -9,9 +9,18 @@ from typing import Literal
 import numpy as np
 
 from beltscape.stereo.consistency.faults.pose_change import PoseChange
+from beltscape.stereo.consistency.row_fit import RowFit
 from beltscape.stereo.consistency.tie_points.tie_points import TiePoints
 
-State = Literal["sound", "contradicting", "unmatched", "not measured"]
+State = Literal["sound", "contradicting", "unmatched", "undecided", "not measured"]
+"""State of an auxiliary:
+
+sound           its points agree with the rig within the tolerance
+contradicting   their systematic residuals exceed the tolerance
+unmatched       it shows hardly any of the core's points
+undecided       those that agree are outnumbered by those that have no match or another one
+not measured    too few points were searched or found
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +45,10 @@ class CameraConsistency:
     """Share of the searched points found within a pixel of their epipolar line; NaN: none searched."""
     depth_mm_per_px: float
     """Error of the depth that one pixel of error along the epipolar lines causes, mm; NaN without tie points."""
+    rows: RowFit
+    """The row error as a function of place."""
+    failing: int = 0
+    """Number of textured points in its view without a depth, or found off their epipolar lines."""
 
     @property
     def depth_error_mm(self) -> float:
@@ -73,6 +86,13 @@ class RigConsistency:
     """Whether the residuals are those since a reference was taken."""
     suspects: tuple[str, ...] = ()
     """Cameras of which one moved, while the images do not show yet which; also the core."""
+    is_searched: bool = False
+    """Whether the points were also searched without the depth map."""
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Return whether every auxiliary is sound, by the depth map and by the search without it."""
+        return self.is_searched and self.guided and len(self.find_auxiliaries("sound")) == len(self.cameras)
 
     def find_auxiliaries(self, *states: State) -> tuple[str, ...]:
         """Return the auxiliaries in one of the states."""
@@ -118,6 +138,16 @@ def make_consistency_document(consistency: RigConsistency) -> Mapping[str, objec
                 "points": each.points,
                 "searched": each.searched,
                 "agreement": each.agreement,
+                "failing": each.failing,
+                "row_error": {
+                    "offset_px": each.rows.offset_px,
+                    "slope_x_px": each.rows.slope_x_px,
+                    "slope_y_px": each.rows.slope_y_px,
+                    "depth_px": each.rows.depth_px,
+                    "rms_px": each.rows.rms_px,
+                    "sigma_px": each.rows.sigma_px,
+                    "points": each.rows.explained,
+                },
                 "depth_error_mm": each.depth_error_mm,
             }
             for each in consistency.cameras

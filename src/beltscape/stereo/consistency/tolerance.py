@@ -27,6 +27,9 @@ _POOLED_RAD, _POOLED_PX = 1.5e-4, (0.06, 0.2)
 _CHANGE_RAD, _CHANGE_PX = 6e-5, (0.03, 0.08)
 """The same for the change since the reference was taken: in rendered captures of sound rigs it is below 0.006 px at
 580 px of focal length; 0.3 mm along the optical axis at 0.7 m change it by 0.05 px."""
+_UNSTATED_PX = 0.6
+"""Least tolerance of a rig that does not say how well it is known (no covariance), where no other cameras show it:
+rigs that are published with stereo pairs are right to about half a pixel."""
 LEAST_UNGUIDED_PX = 0.25
 """Least tolerance of unguided matching, in pixels of its small images."""
 _SIGMAS = 3.0
@@ -44,6 +47,15 @@ class Tolerance:
     """By auxiliary: of its epipolar residuals."""
     disparity_px: Mapping[tuple[str, str], float]
     """By two auxiliaries: of their disparity residuals."""
+    is_stated: bool = True
+    """Whether it comes from what the rig says about itself, or from a reference; else the rig has no covariance."""
+
+    def loosen(self) -> Tolerance:
+        """Return the tolerance of a rig that does not say how well it is known."""
+        return Tolerance(
+            {name: max(value, _UNSTATED_PX) for name, value in self.epipolar_px.items()},
+            {pair: max(value, _UNSTATED_PX) for pair, value in self.disparity_px.items()},
+        )
 
     def widen(self, pixel_scale: float) -> Tolerance:
         """Return the tolerance of unguided matching in images whose pixels are ``pixel_scale`` px of the rig's."""
@@ -51,6 +63,7 @@ class Tolerance:
         return Tolerance(
             {name: float(np.hypot(value, least)) for name, value in self.epipolar_px.items()},
             {pair: float(np.hypot(value, 2 * least)) for pair, value in self.disparity_px.items()},
+            self.is_stated,
         )
 
 
@@ -101,6 +114,7 @@ def compute_tolerance(rig: Rig, depth_mm: float, *, pooled: bool = False) -> Tol
     return Tolerance(
         {name: float(limit[i]) for i, name in enumerate(names)},
         {pair: float(limit[len(names) + i]) for i, pair in enumerate(pairs)},
+        bool(parameters),
     )
 
 

@@ -13,11 +13,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
-from beltscape.core.type_guards import is_dict
+from beltscape.core.type_guards import is_dict, is_list
 from beltscape.files.exchange import values
 from beltscape.files.exchange.documents import read_document
 from beltscape.files.exchange.rig_description import RigDescription
@@ -33,13 +31,23 @@ def is_of_format(document: Any) -> bool:
 
 def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
     """Read the cameras; they are named ``cam_N`` as caliscope names their videos."""
+    document = read_document(path)
+    if is_dict(document) and "cameras" not in document and any(map(_is_anipose, document.values())):
+        raise ValueError(
+            "is a calibration of anipose (cam_0, … at its top), not of caliscope; give caliscope's camera_array.toml"
+        )
+    if not is_dict(document):
+        raise ValueError("is no table of cameras; give a camera_array.toml of caliscope")
+    cameras_by_key = values.require_value(document, "cameras")
+    if not is_dict(cameras_by_key):
+        raise ValueError("cameras must be a table of tables, such as [cameras.0]")
     entries = {
         f"cam_{key}": entry
-        for key, entry in read_document(path)["cameras"].items()
-        if not entry.get("ignore")
+        for key, entry in cameras_by_key.items()
+        if not (is_dict(entry) and entry.get("ignore"))
     }
     if not entries:
-        raise ValueError("ignores all of its cameras")
+        raise ValueError("ignores all of its cameras" if cameras_by_key else "has no camera")
     cameras = {name: _read_camera(name, entry) for name, entry in entries.items()}
     poses = {
         name: _read_pose(name, entry, warn)
@@ -49,11 +57,18 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
     return RigDescription(cameras, poses, next(iter(cameras)))
 
 
-def _read_camera(name: str, entry: dict[str, Any]) -> Camera:
-    matrix = values.require_numbers(entry["matrix"], f"{name}.matrix", 3, 3)
+def _is_anipose(entry: Any) -> bool:
+    """Return whether a table is a camera of aniposelib's calibration.toml."""
+    return is_dict(entry) and {"matrix", "distortions"} <= entry.keys()
+
+
+def _read_camera(name: str, entry: Any) -> Camera:
+    if is_dict(entry) and entry.get("matrix") is None:
+        raise ValueError(f"{name} has no matrix: calibrate it in caliscope, or set ignore = true")
+    matrix = values.require_numbers(values.require_value(entry, "matrix", name), f"{name}.matrix", 3, 3)
     focal, center = values.split_camera_matrix(matrix, f"{name}.matrix")
     where = f"{name}.distortions"
-    coefficients = values.require_numbers(entry["distortions"], where, -1)
+    coefficients = values.require_numbers(values.require_value(entry, "distortions", name), where, -1)
     model, lens = values.require_lens(coefficients, where, is_fisheye=bool(entry.get("fisheye")))
     return values.make_camera(
         name, name, values.require_value(entry, "size", name), focal, center, lens, model
@@ -61,10 +76,12 @@ def _read_camera(name: str, entry: dict[str, Any]) -> Camera:
 
 
 def _read_pose(name: str, entry: dict[str, Any], warn: Callable[[str], None]) -> Pose:
-    given = np.asarray(entry["rotation"], dtype=np.float64)
-    rotation = rotation_from_vector(given) if given.shape == (3,) else given
-    rotation = values.require_numbers(rotation, f"{name}.rotation", 3, 3)
+    where, given = f"{name}.rotation", entry["rotation"]
+    if is_list(given) and len(given) == 3 and not any(map(is_list, given)):
+        rotation = rotation_from_vector(values.require_numbers(given, where, 3))
+    else:
+        rotation = values.require_numbers(given, where, 3, 3)
     translation = values.require_numbers(
         values.require_value(entry, "translation", name), f"{name}.translation", 3
     )
-    return values.make_pose(f"{name}.rotation", rotation, translation * values.MM_PER_M, warn)
+    return values.make_pose(where, rotation, translation * values.MM_PER_M, warn)

@@ -67,7 +67,7 @@ def read(path: Path, warn: Callable[[str], None]) -> RigDescription:
     if not is_of_format(document):
         raise ValueError("has no cam0; give a camchain.yaml of kalibr_calibrate_cameras")
     keys = [f"cam{i}" for i in range(sum(bool(re.fullmatch(r"cam\d+", str(key))) for key in document))]
-    entries = {key: values.require_value(document, key) for key in keys}
+    entries = {key: values.require_table(values.require_value(document, key), key) for key in keys}
     names = _names(entries)
     cameras = {name: _camera(name, key, entries[key]) for key, name in names.items()}
     poses = {names["cam0"]: Pose.identity()}

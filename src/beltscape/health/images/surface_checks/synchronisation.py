@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live.findings import Finding
 from beltscape.core.live.translatable_message import Message
-from beltscape.health.settings import HealthSettings
+from beltscape.health.settings import SYNCHRONISATION, HealthSettings
 
-SYNCHRONISATION = "camera_sync"
 SIGMAS = 3.0
 """A delay is a fault where it exceeds the limit and this number of σ."""
 _LEAST_SPREAD = 0.1

@@ -34,10 +34,9 @@ def find_candidate_planes(depth: DepthMap, camera: Camera, most: int) -> list[Ca
     """Find up to ``most`` planes one after another, each from the blocks that earlier planes left."""
     side = max(8, round(_FINE_PX * camera.size_px[0] / _FINE_OF_PX))
     blocks = fit_block_planes(depth, camera, side)
-    blocks = _select_blocks(
-        blocks,
+    blocks = blocks.select(
         blocks.rms_mm
-        <= max(4 * _median_or_zero(blocks.rms_mm), 1e-5 * _median_or_zero(blocks.centers_mm[:, 2])),
+        <= max(4 * _median_or_zero(blocks.rms_mm), 1e-5 * _median_or_zero(blocks.centers_mm[:, 2]))
     )
     found: list[CandidatePlane] = []
     while len(found) < most and len(blocks.normals) >= 6:
@@ -46,7 +45,7 @@ def find_candidate_planes(depth: DepthMap, camera: Camera, most: int) -> list[Ca
             break
         area = float(np.sum((side * blocks.centers_mm[members, 2]) ** 2) / np.prod(camera.focal_px))
         found.append(CandidatePlane(normal, offset, area))
-        blocks = _select_blocks(blocks, ~members)
+        blocks = blocks.select(~members)
     return found
 
 
@@ -74,10 +73,6 @@ def _member_mask(blocks: BlockPlanes, normal: NDArray[np.float64], offset_mm: fl
     return (np.abs(blocks.centers_mm @ normal - offset_mm) < _NEAR_MM) & (
         blocks.normals @ normal > np.cos(_TILT_RAD)
     )
-
-
-def _select_blocks(blocks: BlockPlanes, keep: NDArray[np.bool_]) -> BlockPlanes:
-    return BlockPlanes(blocks.normals[keep], blocks.centers_mm[keep], blocks.rms_mm[keep])
 
 
 def _median_or_zero(values: NDArray[np.float64]) -> float:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
 from beltscape.measure.flow.fusion.fuse import Scatter, fuse
@@ -75,6 +76,17 @@ class LayerBuffer:
         """Return the remaining rows after the last frame."""
         out = self._fuse(max((layer.end for layer in self._list_layers()), default=0))
         return out + self._filler.close()
+
+    def leave_out(self, frame: int, cells: NDArray[np.bool_], direction: int) -> None:
+        """Leave cells (Ny, Nx) of a coarser static grid out of a frame's layer."""
+
+        def change(layer: Layer) -> Layer:
+            if layer.frame != frame:
+                return layer
+            return layer.leave_out(self._ground.refine(cells, layer.height_mm.shape)[::-direction])
+
+        self._layers = [change(layer) for layer in self._layers]
+        self._newest = None if self._newest is None else change(self._newest)
 
     def _list_layers(self) -> list[Layer]:
         return self._layers if self._newest is None else [*self._layers, self._newest]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,17 @@ class Layer:
     def end(self) -> int:
         """Return the number of the row after the last one."""
         return self.first + len(self.height_mm)
+
+    def leave_out(self, cells: NDArray[np.bool_]) -> Layer:
+        """Return the layer without some cells (n, Nx)."""
+        height, sigma, noise = (
+            np.where(cells, np.float32(np.nan), plane)
+            for plane in (self.height_mm, self.sigma_mm, self.noise_mm)
+        )
+        lost = (cells & np.isfinite(self.height_mm)).mean(axis=1)
+        return replace(
+            self, height_mm=height, sigma_mm=sigma, noise_mm=noise, share=np.maximum(self.share - lost, 0.0)
+        )
 
     def rows(self, first: int, end: int) -> Layer:
         """Return the part of the layer that lies in a range of rows."""

@@ -18,6 +18,8 @@ _SPEED_KNOWN = 0.01
 """σ of the speed at its last observation, as a share of it; assumed."""
 FASTEST_MM_S = 20_000.0
 """No belt is faster."""
+_HIGHEST_ACCELERATION_MM_S2 = 10_000.0
+"""No belt starts or stops faster, as in `plausibility`."""
 _NEGLIGIBLE_MM = 2.0
 """Difference of an encoder's step and the speed's that is no contradiction: resolution and jitter, as `LEAST_MM`."""
 LEAST_RATIO = 0.05
@@ -169,10 +171,14 @@ class BeltMotion:
         is_known = abs(ratio) > LEAST_RATIO
         step = (observation.encoder_mm - last.encoder_mm) / (ratio if is_known else 1.0)
         elapsed = observation.clock - last.clock
-        if self.speed is None:
-            by_speed = 0.0 if abs(step) > FASTEST_MM_S * elapsed else step
-        else:
-            by_speed = self.speed * elapsed
+        is_travel = abs(step) <= FASTEST_MM_S * elapsed
+        by_speed = (step if is_travel else 0.0) if self.speed is None else self.speed * elapsed
+        if not is_travel:  # a reading that no belt can follow says nothing about how far this one moved
+            step = by_speed
+        # nor can the belt have left its speed by more than it accelerates since it was seen
+        since = max(observation.clock - self._observed_clock, elapsed)
+        reach = _NEGLIGIBLE_MM + _HIGHEST_ACCELERATION_MM_S2 * since * elapsed
+        step = float(np.clip(step, by_speed - reach, by_speed + reach))
         differs = not is_known or abs(step - by_speed) > MAX_DISAGREEMENT * abs(by_speed) + _NEGLIGIBLE_MM
         sigma = float(np.hypot(abs(step - by_speed) / np.sqrt(12), _SPEED_CHANGE * by_speed))
         if differs and observation.clock - self._observed_clock < _LONGEST_COAST:

@@ -55,6 +55,22 @@ def make_encoder_finding(check: EncoderCheck, before: BeltPosition | None, place
     )
 
 
+def make_stall_finding(encoder_mm: float, tolerance: float) -> Finding:
+    """Return the finding of a frame that shows the material where it was, while the encoder counted ``encoder_mm``.
+
+    Either the images repeat, or the belt stands and the encoder is wrong: the frame is not measured, and its belt is
+    missing unless other frames show it.
+    """
+    metres = round(encoder_mm / 1000, 2)
+    text = Message(
+        f"the encoder counts {metres:.2f} m while the material stands still (0.00 m), and it is not known which is "
+        "right: restart cameras that repeat their images, or check the encoder's wheel",
+        "encoder_stalled",
+        metres=metres,
+    )
+    return Finding(CHECK, 100.0, _NAN, tolerance, "", text=text, effect="missing", is_momentary=True)
+
+
 def _describe_slip(value: float, sigma: float) -> str:
     """Return the text of slow slip, which harms no record as long as it is within the tolerance."""
     if not abs(value) > max(_SLIP, _SIGMAS * sigma):

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 
+import numpy as np
+from numpy.typing import NDArray
+
 from beltscape.core.live.findings import worst_effect
 from beltscape.measure.flow.motion.plausibility import is_unmatched
 from beltscape.measure.flow.motion.pushed_frame import PushedFrame
@@ -41,6 +44,11 @@ class KeyFrame:
         if self.heights is None:
             return None
         return register(self.heights, heights, least_overlap=self._least_overlap, near_mm=near_mm)
+
+    def leave_out(self, number: int, cells: NDArray[np.bool_], noise_mm: float) -> None:
+        """Leave cells (Ny, Nx) that are no load out of the key frame, if it is frame ``number``."""
+        if self.heights is not None and self.number == number:
+            self.heights = self.heights.leave_out(cells, noise_mm)
 
     def add_match(self, score: float) -> None:
         """Note the correlation of a frame that matches."""

@@ -29,6 +29,10 @@ class Location:
     """The finding about the encoder; None without an encoder."""
     has_turned: bool
     """Whether the direction of travel, which was only assumed before, turned out to be the other one."""
+    is_sudden: bool = False
+    """Whether the encoder's speed changed faster than a belt's, and no material has confirmed it since."""
+    is_stalled: bool = False
+    """Whether the frame shows the material where the frame before showed it, while a trusted encoder counts."""
     relocated: tuple[LocatedFrame, ...] = ()
     """Earlier frames with new positions: the contradiction shows that the encoder located them wrongly."""
 
@@ -43,6 +47,8 @@ class Observation:
     """With the encoder."""
     is_uncertain: bool = False
     """Whether the material is not where the encoder puts it; while it is not trusted: whether it does not stand."""
+    is_stalled: bool = False
+    """Whether the material stands still since the frame before, while a trusted encoder counts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,3 +63,21 @@ class MotionPrediction:
     """mm per unit of the meter's clock; None if unknown."""
     uses_encoder: bool = True
     """Whether the encoder is trusted."""
+
+    def predict_step_mm(self, last: BeltPosition, clock: float, encoder_mm: float | None) -> float:
+        """Return the travel from the last position to a coming frame; inf if it is not known."""
+        if encoder_mm is not None and last.encoder_mm is not None and self.uses_encoder:
+            return max((encoder_mm - last.encoder_mm) / self.ratio, 0.0)
+        return float("inf") if self.speed is None else max(self.speed * (clock - last.clock), 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class FramePlacement:
+    """The position assigned to one frame."""
+
+    frame: str
+    place: BeltPosition
+    shift: Shift | None
+    """Motion of the material since the key frame."""
+    is_encoder_trusted: bool = True
+    """Whether encoder and material agree as far as both are known."""

@@ -65,6 +65,8 @@ class MotionEvidence:
     """Pairs in which the material moved and the encoder hardly did: it stood still, or counts in a larger unit."""
     other_scale: int = 0
     """Pairs in which both moved the same way by different lengths."""
+    by_encoder: int = 0
+    """Conflicting pairs whose motion was taken from the encoder: what was registered is not surely the material's."""
     apart: int = 0
     """Pairs that by the encoder do not overlap, although their material was registered: it may be similar other
     material, unless the ratios are consistent."""

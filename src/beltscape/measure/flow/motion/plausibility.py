@@ -93,6 +93,12 @@ def compute_relief_mm(*frames: HighPassHeights) -> float:
     return min(float(np.std(one.high_pass_mm[one.load])) if one.load.any() else 0.0 for one in frames)
 
 
+def is_repeated(key: HighPassHeights, after: HighPassHeights, shift: Shift) -> bool:
+    """Return whether a registration surely shows a whole load in its place, not a lump or the belt's errors."""
+    is_sure = shift.clear and shift.score >= _STRONG_SCORE and shift.support >= _LARGE_SUPPORT
+    return is_sure and compute_relief_mm(key, after) >= _LEAST_RELIEF_MM
+
+
 def is_belt_surface(
     key: HighPassHeights, after: HighPassHeights, along_mm: float, expected_mm: float | None
 ) -> bool:
@@ -147,6 +153,16 @@ def is_jump(
         allowed = min(allowed, _HIGHEST_ACCELERATION_MM_S2 * elapsed**2)
     step = encoder_mm - (before.encoder_mm or 0.0)
     return abs(step - expected) > _LEAST_JUMP_MM + allowed + 0.05 * abs(expected)
+
+
+def is_sudden(speed: float | None, step_mm: float, elapsed: float) -> bool:
+    """Return whether an encoder's step differs from the last speed's by more than braking or a start explains."""
+    expected = 0.0 if speed is None else speed * elapsed
+    return (
+        speed is not None
+        and differ(step_mm, expected)
+        and (abs(step_mm - expected) > _BRAKED_MM_S2 * elapsed**2)
+    )
 
 
 def is_confirmed(along_mm: float, encoder_mm: float | None, encoder_before_mm: float | None) -> bool:

@@ -18,6 +18,7 @@ from beltscape.core.progress import Reporter
 from beltscape.health.belt.monitor import BeltMonitor
 from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.images.belt_images import BeltImageMonitor
+from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.pipeline.measuring.belt import read_empty_belt
@@ -183,20 +184,31 @@ class FlowChain:
         return depth
 
 
-def read_reference(empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporter) -> EmptyBeltReference:
-    """Return the empty-belt reference for the rig's depth maps.
+def read_reference(
+    empty: Path, rig: Rig, cell_mm: float | None, reporter: Reporter, given: GivenBelt = NOTHING_GIVEN
+) -> EmptyBeltReference:
+    """Return the empty-belt reference for the rig's depth maps; ``given`` limits the belt, see `GivenBelt`.
+
+    A warning names an empty belt that was learned from images of another size.
 
     Raises
     ------
     InputError, MeasureError
         When it was reconstructed with another rig, or shows no belt.
     """
-    belt, camera = read_empty_belt(empty, reporter)
+    belt, camera = read_empty_belt(empty, reporter, given)
     if camera.name != rig.core or pinhole_scale(camera, rig.core_camera) is None:
         raise InputError(
             f"{empty}: reconstructed with another rig; reconstruct the empty belt with the rig.json given here"
         )
     reference = make_reference(belt, rig.core_camera, cell_mm)
+    learned, own = camera.size_px[0], rig.core_camera.size_px[0]
+    if learned != own:
+        reporter.warn(
+            f"{empty}: learned from images {learned} px wide, measured in images {own} px wide: the zero is "
+            f"uncertain by {reference.other_size_mm:.2f} mm; measure at width_px = {learned}, or learn the belt from "
+            f"images {own} px wide"
+        )
     require_same_rig(empty, rig, sum(reference.depths_mm()) / 2, reporter)
     return reference
 

@@ -55,7 +55,7 @@ def warn_of_motion_conflicts(meter: FlowMeter, encoder: Path | None, reporter: R
     if evidence.conflicting:
         reporter.warn(
             f"{encoder}: in {evidence.conflicting} of {evidence.compared} frame pairs encoder and material differ "
-            f"by over a quarter ({_kinds(evidence)}); the material's motion was used"
+            f"by over a quarter ({_kinds(evidence)}); {_describe_used(evidence)}"
         )
     elif encoder is None and (against := evidence.along(-meter.direction or -1)) and meter.direction:
         reporter.warn(
@@ -117,6 +117,19 @@ def _scale_error(encoder: Path, ratio: float, pairs: str) -> str:
     unit = next((name for unit, name in _UNITS.items() if abs(ratio / unit - 1) < _UNIT_WITHIN), None)
     cause = f"it looks like {unit} and must be in mm" if unit else "its scale or its unit is wrong"
     return f"{encoder}: belt_position_mm grows by {ratio:.4g} of what the material moves {pairs}: {cause}; {_FIX}"
+
+
+def _describe_used(evidence: MotionEvidence) -> str:
+    """Return whose motion was used in the conflicting pairs."""
+    by_material = evidence.conflicting - evidence.by_encoder
+    if not evidence.by_encoder:
+        return "the material's motion was used"
+    chance = "there what the images show is no certain motion"
+    if not by_material:
+        return f"the encoder's motion was used: {chance}"
+    return (
+        f"the material's motion was used in {by_material}, the encoder's in {evidence.by_encoder}: {chance}"
+    )
 
 
 def _kinds(evidence: MotionEvidence) -> str:

@@ -7,8 +7,10 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.consistency.accumulation import POOLED_FRAMES, ResidualAccumulator
 from beltscape.stereo.consistency.check import assess_tie_points, check_consistency
-from beltscape.stereo.consistency.diagnosis.diagnosis import MisplacedImages, find_misplaced_images
-from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault, list_faults
+from beltscape.stereo.consistency.diagnosis.diagnosis import add_instant, find_causes
+from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault, FaultCauses, list_faults
+from beltscape.stereo.consistency.diagnosis.fitting_points import FittingPoints
+from beltscape.stereo.consistency.diagnosis.instants import OtherInstant, is_of_own_instant
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tie_points.tie_points import TiePoints, join_tie_points
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
@@ -24,8 +26,19 @@ class CameraCheck:
         self._accumulator: ResidualAccumulator | None = None
         self._undecided: dict[str, TiePoints] = {}
         """By frame: the tie points of the last frames that do not show which camera moved."""
-        self._misplaced: dict[tuple[str, ...], MisplacedImages] = {}
+        self._causes: dict[tuple[str, ...], FaultCauses] = {}
         """What was found for a set of inconsistent cameras, since the last sound frame."""
+        self._confirmed: RigConsistency | None = None
+        """The last sound frame in which the points were also searched without the depth map."""
+        self._frame_set: FrameSet | None = None
+        self._previous: FrameSet | None = None
+        """The frame set before the last one."""
+        self._instant: OtherInstant | None = None
+        """A camera of another instant, until a frame shows that it no longer is."""
+
+    def note_frame(self, frame_set: FrameSet) -> None:
+        """Note the next frame set of the sequence, whether it will be checked or not."""
+        self._previous, self._frame_set = self._frame_set, frame_set
 
     def check(
         self, frame_set: FrameSet, depth: DepthMap | None, auxiliaries: tuple[str, ...]
@@ -33,7 +46,11 @@ class CameraCheck:
         """Return the consistency of one frame, together with those before it that left open which camera moved."""
         if self._tolerance is None:
             self._tolerance = compute_tolerance(self._rig, self._depth_mm)
-        consistency = check_consistency(frame_set, self._rig, depth, auxiliaries, self._tolerance)
+        consistency = check_consistency(
+            frame_set, self._rig, depth, auxiliaries, self._tolerance, self._confirmed
+        )
+        if consistency.is_confirmed:
+            self._confirmed = consistency
         if not (consistency.suspects and consistency.guided):
             self._undecided.clear()
             return consistency
@@ -68,11 +85,31 @@ class CameraCheck:
         return self._accumulator.is_suspect(consistency.tie_points)
 
     def diagnose(self, frame_set: FrameSet, consistency: RigConsistency) -> list[CameraFault]:
-        """Return the faults that explain the inconsistencies; exchanged images are searched once."""
-        if consistency.is_sound and consistency.find_auxiliaries("sound"):
-            self._misplaced.clear()
-            return []
-        key = consistency.inconsistent
-        if key not in self._misplaced:
-            self._misplaced[key] = find_misplaced_images(frame_set, self._rig, consistency)
-        return list_faults(consistency, self._rig, self._misplaced[key])
+        """Return the faults that explain the inconsistencies; what a set of cameras has is searched once."""
+        causes = FaultCauses()
+        if consistency.is_sound and consistency.find_auxiliaries("sound", "undecided"):
+            self._causes.clear()
+        else:
+            key = consistency.inconsistent
+            if key not in self._causes:
+                self._causes[key] = find_causes(frame_set, self._rig, consistency)
+            causes = self._causes[key]
+        causes = add_instant(causes, frame_set, self._rig, consistency, self._previous)
+        faults = list_faults(consistency, self._rig, causes)
+        return self._hold_instant(frame_set, causes.instant, faults)
+
+    def _hold_instant(
+        self, frame_set: FrameSet, found: OtherInstant | None, faults: list[CameraFault]
+    ) -> list[CameraFault]:
+        """Return the faults with that of a camera that was late or early, until a frame shows its own instant.
+
+        On a bare belt every instant shows the same; the depth of such a frame is right.
+        """
+        self._instant = found or self._instant
+        if self._instant is None or found is not None or faults:
+            return faults
+        fitting = FittingPoints(frame_set, self._rig)
+        if self._previous is None or is_of_own_instant(fitting, self._instant, self._previous):
+            self._instant = None
+            return faults
+        return [CameraFault((self._instant.camera,), self._instant.describe(), is_of_instant=True)]

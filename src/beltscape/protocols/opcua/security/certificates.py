@@ -25,7 +25,7 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import rsa
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from beltscape.core.errors import InputError, OutputError
+from beltscape.core.errors import InputError, OutputError, describe_cause
 from beltscape.files.folders.durable import commit_file, describe_damage, set_aside, write_durably
 from beltscape.protocols.listening import (
     EVERYWHERE,
@@ -122,7 +122,9 @@ def _read_own(certificate_path: Path, key_path: Path) -> OwnCertificate:
         )
         key = load(data, None)
     except (OSError, ValueError, TypeError) as error:
-        raise InputError(f"{key_path}: no private key without a passphrase ({error})") from error
+        raise InputError(
+            f"{key_path}: no private key without a passphrase ({describe_cause(error)})"
+        ) from error
     if not isinstance(key, rsa.RSAPrivateKey) or key.public_key() != certificate.public_key():
         raise InputError(
             f"{key_path}: is not the RSA key of {certificate_path}; give the one it was made with"
@@ -260,7 +262,7 @@ def _load_certificate(path: Path) -> x509.Certificate:
         load = x509.load_pem_x509_certificate if b"-----BEGIN" in data else x509.load_der_x509_certificate
         return load(data)
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: no certificate, PEM or DER ({error})") from error
+        raise InputError(f"{path}: no certificate, PEM or DER ({describe_cause(error)})") from error
 
 
 def _list_uris(certificate: x509.Certificate) -> list[str]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from beltscape.files.documents.plain_text import parse_decimal
 from beltscape.files.rasters.images import EXTENSIONS
-from beltscape.files.tables.csv_table import parse_number
 from beltscape.files.tables.encoder_csv import HEADER
 
 LONGEST = 256
@@ -65,7 +65,7 @@ def _frame_name(text: str) -> str:
 
 
 def _parse_number(text: str) -> float:
-    value = parse_number(text)
+    value = parse_decimal(text)
     if value is None or abs(value) > _LARGEST:
         raise ValueError(f"{text!r} is no number")
     return value

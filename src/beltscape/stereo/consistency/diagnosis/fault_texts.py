@@ -6,10 +6,17 @@ from dataclasses import dataclass
 
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.live.translatable_message import Message
+from beltscape.stereo.consistency.diagnosis.instants import OtherInstant
 from beltscape.stereo.consistency.diagnosis.mirroring import Mirroring
+from beltscape.stereo.consistency.diagnosis.wrong_quantity import WrongQuantity
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 
 _FIX = "calibrate again"
+_SMOOTH = 0.85
+"""Least share of the found points that one function of place explains if a camera moved or its lens changed: 0.97
+under wrong rigs of rendered rooms, 0.5 to 0.7 for images of another instant."""
+_SLOPED = 2.0
+"""A row error whose extremes differ by more than this number of tolerances is given with them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,21 +28,30 @@ class CameraFault:
     text: str
     concerns_core: bool = False
     """Whether the core's image is not what the rig takes it for, so that no depth is right."""
+    is_of_instant: bool = False
+    """Whether the images are of another instant; else the cameras are not where the rig says."""
 
 
 @dataclass(frozen=True, slots=True)
-class MisplacedImages:
-    """Images that fit the rig in another camera's place or flipped."""
+class FaultCauses:
+    """Explanations of the inconsistencies of a frame."""
 
     exchanged: tuple[str, str] | None = None
+    """Two cameras whose images fit the rig in each other's place."""
+    instant: OtherInstant | None = None
+    """A camera whose images fit those of the others at another instant."""
     mirroring: Mirroring | None = None
+    """Cameras whose images fit the rig flipped."""
+    quantities: tuple[WrongQuantity, ...] = ()
+    """Quantities of the rig of which one, corrected, makes the images fit; the most likely first."""
 
 
 def list_faults(
-    consistency: RigConsistency, rig: Rig, misplaced: MisplacedImages | None = None
+    consistency: RigConsistency, rig: Rig, causes: FaultCauses | None = None
 ) -> list[CameraFault]:
     """Return the inconsistencies with the cameras that they concern; none for a sound rig."""
-    fault = None if misplaced is None else _find_misplaced(misplaced, rig)
+    causes = causes or FaultCauses()
+    fault = _find_misplaced(causes, rig)
     if fault is not None:
         return [fault]
     if consistency.is_sound:
@@ -43,8 +59,9 @@ def list_faults(
     inconsistent = [each for each in consistency.cameras if each.camera in consistency.inconsistent]
     if consistency.core_moved:
         text = Message(
-            f"the core camera {rig.core} moved or its lens changed{_describe_pose_change(consistency)}: "
-            f"{_list_residuals(inconsistent, consistency)}; {_FIX}",
+            f"the core camera {rig.core} moved or its lens changed{_describe_pose_change(consistency)}, or its "
+            f"images are of another instant: {_list_residuals(inconsistent, consistency)}; {_FIX}, or check "
+            "its trigger",
             "core_moved",
             camera=rig.core,
         )
@@ -54,10 +71,11 @@ def list_faults(
     if consistency.suspects:
         faults.append(CameraFault((), _describe_suspects(contradicting, consistency)))
     elif contradicting and (consistency.ambiguous or not consistency.find_auxiliaries("sound")):
-        faults.append(CameraFault((), _describe_without_sound_set(contradicting, rig, consistency)))
+        faults.append(CameraFault((), _describe_without_sound_set(contradicting, rig, consistency, causes)))
     else:
         faults += [
-            CameraFault((each.camera,), _describe_contradiction(each, consistency)) for each in contradicting
+            CameraFault((each.camera,), _describe_contradiction(each, consistency, causes))
+            for each in contradicting
         ]
     faults += [
         CameraFault((each.camera,), _describe_unmatched(each))
@@ -67,8 +85,21 @@ def list_faults(
     return faults
 
 
-def _find_misplaced(misplaced: MisplacedImages, rig: Rig) -> CameraFault | None:
-    """Return the fault of images in another camera's place or flipped."""
+def describe_undecided(consistency: RigConsistency, rig: Rig) -> list[str]:
+    """Return a line for each auxiliary whose points leave open whether it agrees with the rig; no fault by itself."""
+    sound = consistency.find_auxiliaries("sound")
+    whose = f"the rig or the images of {rig.core} or " if not sound else "the rig or its image: "
+    return [
+        f"{each.camera}: only {round(each.agreement * each.searched)} textured points agree with the rig, "
+        f"{each.failing} do not or have no depth; check {whose}{'' if sound else each.camera + ': '}"
+        "whether it is of another instant (synchronisation), hidden in part, or the rig is not these cameras'"
+        for each in consistency.cameras
+        if each.state == "undecided"
+    ]
+
+
+def _find_misplaced(misplaced: FaultCauses, rig: Rig) -> CameraFault | None:
+    """Return the fault of images in another camera's place, of another instant or flipped."""
     if misplaced.exchanged is not None:
         one, other = misplaced.exchanged
         text = Message(
@@ -79,6 +110,9 @@ def _find_misplaced(misplaced: MisplacedImages, rig: Rig) -> CameraFault | None:
             other=other,
         )
         return CameraFault((one, other), text, rig.core in (one, other))
+    if misplaced.instant is not None:
+        camera = misplaced.instant.camera
+        return CameraFault((camera,), misplaced.instant.describe(), camera == rig.core, is_of_instant=True)
     mirrored = misplaced.mirroring
     if mirrored is None:
         return None
@@ -86,10 +120,17 @@ def _find_misplaced(misplaced: MisplacedImages, rig: Rig) -> CameraFault | None:
     return CameraFault(cameras, _describe_mirroring(mirrored, rig), rig.core in mirrored.cameras)
 
 
-def _describe_contradiction(each: CameraConsistency, consistency: RigConsistency) -> str:
+def _describe_contradiction(each: CameraConsistency, consistency: RigConsistency, causes: FaultCauses) -> str:
+    correction = _describe_correction(causes, each.camera)
+    change = "" if correction else _describe_pose_change(consistency, each)
+    instant, moved = (
+        "its image is of another instant (synchronisation)",
+        f"it moved or its lens changed{change}",
+    )
+    first, second = (moved, instant) if _is_smooth(each) else (instant, moved)
     return Message(
-        f"{_describe_residuals(each, consistency)}: it moved or its lens changed"
-        f"{_describe_pose_change(consistency, each)}, or it is not the rig's camera; {_FIX}",
+        f"{_describe_residuals(each, consistency)}: {first}, it is not the rig's camera, or {second}{correction}; "
+        f"{_FIX}{'' if _is_smooth(each) else ', or check its trigger'}",
         "camera_moved",
         offset=round(each.epipolar_px, 2),
         sigma=round(each.epipolar_sigma_px, 2),
@@ -98,10 +139,18 @@ def _describe_contradiction(each: CameraConsistency, consistency: RigConsistency
     )
 
 
+def _is_smooth(each: CameraConsistency) -> bool:
+    """Return whether one function of place explains the rows of nearly all points, as a movement or a lens does.
+
+    Images of another instant differ where something moved, and agree elsewhere.
+    """
+    return each.rows.explained >= _SMOOTH * each.points
+
+
 def _describe_unmatched(each: CameraConsistency) -> str:
     return Message(
         f"{each.camera}: no correspondence found ({each.points} of {each.searched} points): its lens is "
-        "covered or out of focus, its image is of another instant, or the rig is another's",
+        "covered or out of focus, its image is of another instant (synchronisation), or the rig is another's",
         "camera_unmatched",
         points=each.points,
         searched=each.searched,
@@ -129,23 +178,44 @@ def _describe_suspects(contradicting: list[CameraConsistency], consistency: RigC
 
 
 def _describe_without_sound_set(
-    contradicting: list[CameraConsistency], rig: Rig, consistency: RigConsistency
+    contradicting: list[CameraConsistency], rig: Rig, consistency: RigConsistency, causes: FaultCauses
 ) -> str:
     """Return the line for a frame in which no set of auxiliaries is sound."""
+    core = rig.core if len(consistency.cameras) == 1 else ""
+    correction = _describe_correction(causes, core=core)
     residuals, cameras = _list_residuals(contradicting, consistency), [each.camera for each in contradicting]
     if len(consistency.cameras) == 1:
-        text = f"{residuals}: {rig.core} or {cameras[0]} moved, or the rig is another's; {_FIX}"
+        text = (
+            f"{residuals}: {rig.core} or {cameras[0]} moved, the rig is another's, or their images are of different "
+            f"instants{correction}; {_FIX}"
+        )
         return Message(text, "cameras_contradict", cameras=", ".join((rig.core, *cameras)))
     if consistency.ambiguous and len(cameras) > 1:
         names = " and ".join(filter(None, [", ".join(cameras[:-1]), cameras[-1]]))
         text = (
             f"{names} contradict each other: {residuals}; the images do not show which of them or of {rig.core} "
-            f"moved; {_FIX}"
+            f"moved{correction}; {_FIX}"
         )
         return Message(text, "cameras_contradict", cameras=", ".join((rig.core, *cameras)))
     moved = f"{'they' if len(cameras) > 1 else cameras[0]} or {rig.core} moved"
-    text = f"no auxiliary agrees with {rig.core}: {residuals}: {moved}, or the rig is another's; {_FIX}"
+    text = (
+        f"no auxiliary agrees with {rig.core}: {residuals}: {moved}, the rig is another's, or {rig.core}'s image is "
+        f"of another instant{correction}; {_FIX}"
+    )
     return Message(text, "cameras_contradict", cameras=", ".join((rig.core, *cameras)))
+
+
+def _describe_correction(causes: FaultCauses, camera: str | None = None, core: str = "") -> str:
+    """Return with which correction of the rig the images of a camera, or of any, fit; empty where none was found.
+
+    ``core`` is given for a rig of two cameras: its own quantity may be wrong the other way round.
+    """
+    texts = [each.text for each in causes.quantities if camera in (None, each.camera)]
+    if not texts:
+        return ""
+    if core:
+        return f"; rows meet when {', or '.join(texts)}, or {core}'s the other way round"
+    return f"; rows and depths meet when {', or '.join(texts)}"
 
 
 def _list_residuals(cameras: list[CameraConsistency], consistency: RigConsistency) -> str:
@@ -158,10 +228,15 @@ def _describe_residuals(each: CameraConsistency, consistency: RigConsistency) ->
         f"{each.camera} is {each.epipolar_px:.2f} ± {each.epipolar_sigma_px:.2f} px {since}off its epipolar lines "
         f"(allowed {each.tolerance_px:.2f})"
     )
+    low, high = each.rows.extent_px
+    if not _is_smooth(each):
+        text += f" in {each.points} points, of which {each.rows.explained} at most fit one movement"
+    elif high - low > _SLOPED * each.tolerance_px:
+        text += f", {low:+.1f} to {high:+.1f} px over the image"
     if each.disparity_px > each.tolerance_px:
         text += f" and {each.disparity_px:.2f} px off the others' depth"
     if each.depth_error_mm > 0:
-        text += f", as much as {each.depth_error_mm:.2g} mm of depth"
+        text += f", as much as {float(f'{each.depth_error_mm:.2g}'):g} mm of depth"
     return text + (" than in the first frames" if consistency.is_change else "")
 
 

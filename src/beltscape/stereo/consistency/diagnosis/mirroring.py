@@ -18,6 +18,9 @@ _STEPS: dict[Flip, tuple[int, int]] = {"left to right": (1, -1), "upside down": 
 
 _WELL_CONFIRMED = 2
 """With this number of sound auxiliaries, the core's image is not flipped."""
+_GAIN = 1.3
+"""Least ratio of the points that fit after the flip to those that fit before: where all cameras look in parallel, a
+flip of all images leaves corresponding rows together."""
 _SHARE = 0.4
 """A flipped image fits if it finds this share of the points of the best auxiliary."""
 
@@ -46,14 +49,14 @@ def find_mirroring(fitting: FittingPoints, consistency: RigConsistency) -> Mirro
         suspects = [(core, *names), (core,), *((name,) for name in consistency.inconsistent)]
     before = fitting.unchanged if suspects else {}
     best: Mirroring | None = None
-    most = sum(before.values())
+    most = _GAIN * sum(before.values()) + 1
     for cameras in suspects:
         affected = names if core in cameras else cameras
         for flip in _STEPS:
             images = fitting.frame_set.images
             points = fitting.count_with({name: _flip_image(images[name], flip) for name in cameras})
             total = sum(points.values())
-            if total > most and all(
+            if total >= most and all(
                 points[n] > max(before[n], _SHARE * max(points.values())) for n in affected
             ):
                 best, most = Mirroring(cameras, flip), total

@@ -29,6 +29,8 @@ _EXPLAINED = 2.0
 """A movement explains residuals that it brings within this multiple of their tolerances."""
 _MOST_MOVED = 2
 """Sets of at most this number of cameras are compared; a knock seldom moves more, and the number of sets grows."""
+_CONFIRMING = 2
+"""Number of sound auxiliaries that show the core to be where the rig says; one also agrees with a core that moved."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +45,8 @@ class Attribution:
     """Cameras of which some moved, while the frame does not show which; empty: it does, or nothing is compared."""
     pose_change: PoseChange | None = None
     """The pose change that explains the frame, of the only camera that moved."""
+    has_result: bool = False
+    """Whether cameras are accused, or suspected, because their movement explains the frame."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,9 +80,9 @@ def attribute_faults(data: FrameData, isolation: FaultIsolation) -> Attribution:
             return _accuse(data, isolation, names, common)
         if not is_explained:
             suspects, is_explained = possible, True
-    if sizes and not is_explained and not isolation.ambiguous and _has_many(isolation):
+    if sizes and not is_explained and not isolation.ambiguous and _is_isolated(isolation, data.residuals):
         return Attribution(isolation)
-    return Attribution(isolation, suspects=suspects)
+    return Attribution(isolation, suspects=suspects, has_result=is_explained)
 
 
 def _accuse(
@@ -96,12 +100,17 @@ def _accuse(
         FaultIsolation(sound, moved, isolation.unmatched, ambiguous=False),
         core_moved=core_moved,
         pose_change=change,
+        has_result=True,
     )
 
 
-def _has_many(isolation: FaultIsolation) -> bool:
-    """Return whether more auxiliaries contradict the rig than sets are compared of."""
-    return len(isolation.contradicting) > _MOST_MOVED
+def _is_isolated(isolation: FaultIsolation, residuals: FrameResiduals) -> bool:
+    """Return whether more auxiliaries contradict the rig than sets are compared of, or others confirm it.
+
+    What no movement explains, while two others agree with the core and each other, is an image of another instant.
+    """
+    confirmed = isolation.find_confirmed(residuals.epipolar)
+    return len(isolation.contradicting) > _MOST_MOVED or len(confirmed) >= _CONFIRMING
 
 
 def _is_inconsistent(data: FrameData, names: tuple[str, ...], without: tuple[str, ...]) -> bool:

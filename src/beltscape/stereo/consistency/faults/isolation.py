@@ -54,6 +54,10 @@ class FaultIsolation:
     ambiguous: bool
     """Whether more than one set of auxiliaries may be the sound one; then ``sound`` is empty."""
 
+    def find_confirmed(self, epipolar: Mapping[str, SystematicResidual]) -> tuple[str, ...]:
+        """Return the sound auxiliaries that were measured: they show how well the rig is known."""
+        return tuple(name for name in self.sound if np.isfinite(epipolar[name].rms_px))
+
 
 def compute_frame_residuals(
     tie_points: TiePoints, rig: Rig, names: tuple[str, ...], reference: ResidualReference | None = None

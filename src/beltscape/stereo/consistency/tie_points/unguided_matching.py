@@ -15,7 +15,7 @@ from beltscape.core.geometry.scaling import scale_rig
 from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints
 from beltscape.stereo.pairwise.contrast import quantise_root
 from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair
-from beltscape.stereo.pairwise.row_error import match_rows
+from beltscape.stereo.pairwise.row_matching import match_rows
 
 _WIDTH_PX = 420
 """Width of the images that are searched; at a third of the size a wide search takes a thirtieth of the time."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,13 @@ class HighPassHeights:
     """(Ny, Nx) whether a load was measured."""
     cell_mm: float
     """Edge of a cell."""
+    surface_mm: NDArray[np.float32]
+    """(Ny, Nx) height over the empty belt wherever it was measured; NaN elsewhere."""
+
+    def leave_out(self, cells: NDArray[np.bool_], noise_mm: float) -> HighPassHeights:
+        """Return the high-pass without the load of some cells (Ny, Nx)."""
+        without = compute_high_pass(np.where(cells, np.nan, self.surface_mm), self.cell_mm, noise_mm)
+        return replace(without, surface_mm=self.surface_mm)
 
     @property
     def has_load(self) -> bool:
@@ -49,7 +56,9 @@ def compute_high_pass(height_mm: NDArray[np.float64], cell_mm: float, noise_mm: 
     high_pass = np.where(load, value - mean, 0.0)
     spread = float(np.sqrt(np.mean(high_pass[load] ** 2))) if load.any() else 0.0
     high_pass = np.clip(high_pass, -_TALLEST * spread, _TALLEST * spread)
-    return HighPassHeights(np.where(load, height_mm, np.nan), high_pass, load, cell_mm)
+    return HighPassHeights(
+        np.where(load, height_mm, np.nan), high_pass, load, cell_mm, height_mm.astype(np.float32)
+    )
 
 
 def compute_free_mm(frame: HighPassHeights, direction: int) -> float:

@@ -233,8 +233,8 @@ def assess(data: Path, observed: Observations, counted_mm: float) -> dict[str, A
     totals = historian.totals
     historian.close()
     kept = {record.number: record for record in records}
-    first = next(r for r in records if r.strip is not None and math.isfinite(r.strip.belt_position_mm))
-    view = first.belt_mm[1] - first.strip.belt_position_mm
+    placed = [one for one in records if one.strip is not None and math.isfinite(one.strip.belt_position_mm)]
+    view = next(one.belt_mm[1] - one.strip.belt_position_mm for one in placed if one.strip is not None)
     return {
         "minutes": observed.rss_mib[-1][0] / 60,
         "records": len(records),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
 import subprocess
 import sys
@@ -200,3 +201,20 @@ def test_a_process_uses_no_more_cores_than_it_was_given(monkeypatch):
         monkeypatch.setenv(CORES, wrong)
         with pytest.raises(SettingsError, match=f"BELTSCAPE_CORES={wrong}: must be"):
             count_usable_cores()
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc keeps freed memory")
+def test_freed_memory_goes_back_to_the_system():
+    code = """
+from pathlib import Path
+from beltscape.core.runtime.system_calls import release_memory
+def resident_mib():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
+blocks = [bytearray(16 << 10) for _ in range(10_000)]
+blocks = blocks[::100]  # holes between those that stay
+before = resident_mib()
+release_memory()
+print(before - resident_mib())
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(done.stdout) > 100

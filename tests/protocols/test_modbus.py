@@ -26,7 +26,6 @@ from beltscape.protocols.modbus.pulses import PulseCount
 from beltscape.protocols.modbus.registers import REGISTERS, Reading, place_registers, write_csv
 from beltscape.protocols.modbus.server import ModbusServer
 from beltscape.protocols.modbus.settings import ModbusSettings
-from tests.files.damages import DAMAGES, check_set_aside, damage_values
 from tests.protocols.plant import FakePlant
 
 FORMS = {"uint16": ">H", "uint32": ">I", "uint64": ">Q", "int64": ">q", "float32": ">f"}
@@ -255,25 +254,6 @@ def test_pulses_never_fall_and_survive_a_restart(tmp_path: Path) -> None:
     assert shown == math.floor(highest / 25 + 1e-9)
     assert PulseCount(path, 25.0).update(math.nan) == shown
     assert PulseCount(path, 10.0).count == 0  # another step counts anew
-
-
-@pytest.mark.parametrize("damage", [*DAMAGES, "values"])
-def test_a_damaged_count_is_set_aside_and_taken_from_the_total(tmp_path: Path, damage: str) -> None:
-    path, counts = tmp_path / "pulses.json", list[PulseCount]()
-    PulseCount(path, 25.0).update(1060.0)
-
-    def read() -> list[str]:
-        messages: list[str] = []
-        counts.append(PulseCount(path, 25.0, messages.append))
-        return messages
-
-    # a count of another key is none, whatever its type
-    kinds = {key: data for key, data in damage_values(path).items() if key.startswith("count")}
-    for data in kinds.values() if damage == "values" else [DAMAGES[damage]]:
-        check_set_aside(path, data, read)
-        assert counts[-1].update(math.nan) == 0
-        assert counts[-1].update(1060.0) == 42
-        assert PulseCount(path, 25.0).count == 42
 
 
 def test_a_flow_that_is_not_known_is_a_broken_loop(plant: FakePlant) -> None:

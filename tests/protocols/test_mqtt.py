@@ -5,14 +5,11 @@ from __future__ import annotations
 import json
 import random
 import time
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
-from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError
 
 pytest.importorskip("paho", reason="paho-mqtt is not installed; pip install 'beltscape[mqtt]' brings it")
@@ -20,10 +17,6 @@ pytest.importorskip("paho", reason="paho-mqtt is not installed; pip install 'bel
 from beltscape.protocols.mqtt.payloads import format_alarm, format_record, format_state
 from beltscape.protocols.mqtt.publisher import Publisher, check_settings, read_cursor
 from beltscape.protocols.mqtt.settings import MqttSettings
-from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.writing import store
-from beltscape.sinks.settings import HistorySettings
-from tests.files.damages import DAMAGES, check_set_aside
 from tests.protocols.broker import (
     MQTT_3_REFUSAL,
     Broker,
@@ -35,7 +28,6 @@ from tests.protocols.broker import (
 )
 from tests.protocols.plant import FakePlant, make_record
 from tests.service.access.certificates import make_certificate
-from tests.sinks.ledgers import ledger
 
 TOPIC = "plant/belt4"
 pytestmark = pytest.mark.usefixtures("short_pauses")
@@ -250,19 +242,6 @@ def test_the_cursor_survives_and_belongs_to_one_broker(tmp_path: Path) -> None:
     assert read_cursor(path, "two").number is None
 
 
-@pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_cursor_is_set_aside(tmp_path: Path, damage: str) -> None:
-    path = tmp_path / "mqtt.json"
-
-    def read() -> list[str]:
-        messages: list[str] = []
-        cursor = read_cursor(path, "one", messages.append)
-        assert cursor.number is None and cursor.is_lost
-        return messages
-
-    check_set_aside(path, DAMAGES[damage], read)
-
-
 @pytest.mark.parametrize("topic", ["a/#", "+/a", "/a", "$SYS", "a/", ""])
 def test_topics_that_no_broker_takes_are_refused(topic: str) -> None:
     with pytest.raises(ValidationError, match="topic"):
@@ -278,69 +257,3 @@ def test_ports_and_files_of_the_settings(tmp_path: Path) -> None:
         check_settings(MqttSettings(host="broker", tls_ca=tmp_path / "nothing.pem"))
     with pytest.raises(InputError, match="password cannot be read"):
         check_settings(MqttSettings(host="broker", password_file=tmp_path / "nothing"))
-
-
-class HistoryPlant(FakePlant):
-    """A plant whose records are those of a history."""
-
-    def __init__(self, historian: Historian) -> None:
-        super().__init__()
-        self.historian = historian
-
-    def read_records(self, after: int, limit: int) -> Sequence[BeltRecord]:
-        return self.historian.records(0, 1 << 62, limit, after)
-
-    def read_last_number(self) -> int:
-        return self.historian.ledger_end.number
-
-
-class Arriving:
-    """A channel at whose other end everything arrives."""
-
-    def __init__(self) -> None:
-        self.numbers: list[int] = []
-
-    def publish_records(self, records: Sequence[BeltRecord]) -> int:
-        self.numbers += [record.number for record in records]
-        return len(records)
-
-
-def test_a_publisher_that_reads_at_any_moment_takes_no_ledger_for_replaced(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    historian, channel, messages = (
-        Historian(tmp_path, HistorySettings(reserve_mib=1)),
-        Arriving(),
-        list[str](),
-    )
-    settings = MqttSettings(host="nobody", first="all")
-    publisher = Publisher(settings, HistoryPlant(historian), tmp_path, messages.append)
-    append = store.append_records
-
-    def append_and_publish(*arguments: Any, **options: Any) -> Any:
-        sums = append(*arguments, **options)
-        for _ in range(3):  # the records are committed, the end of the ledger is not moved yet
-            publisher._publish_records(channel)  # pyright: ignore[reportPrivateUsage, reportArgumentType]
-        return sums
-
-    monkeypatch.setattr(store, "append_records", append_and_publish)
-    historian.begin_run()
-    for record in ledger(20):
-        historian.write([record])
-        publisher._publish_records(channel)  # pyright: ignore[reportPrivateUsage, reportArgumentType]
-    assert channel.numbers == list(range(1, 21)) and messages == []
-    historian.close()
-
-
-def test_a_damaged_cursor_loses_no_record(tmp_path: Path) -> None:
-    plant, channel, messages = FakePlant(), Arriving(), list[str]()
-    plant.add(5)
-    (tmp_path / "mqtt.json").write_bytes(b"")
-    publisher = Publisher(MqttSettings(host="127.0.0.1", port=1), plant, tmp_path, messages.append)
-    publisher.start()
-    wait_until((tmp_path / "mqtt.json").exists)
-    assert publisher.waiting == 5  # although a first start would publish from now on only
-    publisher._publish_records(channel)  # pyright: ignore[reportPrivateUsage, reportArgumentType]
-    assert channel.numbers == [1, 2, 3, 4, 5]
-    assert "mqtt.json: is empty and was moved to" in messages[0]
-    publisher.close()

@@ -134,7 +134,7 @@ def test_login_and_logout_work_on_a_full_disk(sessions, database, clock):
     token = sessions.open(ANNA, "")
     database.select("PRAGMA max_page_count = 1")
     database.select("PRAGMA query_only = 1")
-    with pytest.raises(OutputError, match="make room"):
+    with pytest.raises(OutputError, match=r"users\.db: not written"):
         sessions.open(ANNA, "")
     unkept = sessions.open_in_memory(ANNA)
     assert sessions.find(unkept) == ANNA

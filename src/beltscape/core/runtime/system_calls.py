@@ -132,6 +132,18 @@ def sync_files() -> None:
         os.sync()
 
 
+def release_memory() -> None:
+    """Give freed memory back to the system where the C library keeps it, as glibc does; elsewhere do nothing.
+
+    Arrays of many sizes leave holes between them; without this a process grows for hours, by a tenth in ten minutes.
+    """
+    import ctypes
+
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None
+    if trim is not None:
+        trim(0)
+
+
 def is_read_only(folder: Path) -> bool:
     """Return whether the file system of a folder is mounted read-only; False on Windows, which has no such call."""
     return hasattr(os, "statvfs") and bool(os.statvfs(folder).f_flag & os.ST_RDONLY)

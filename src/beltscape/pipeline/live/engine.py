@@ -10,6 +10,7 @@ from beltscape.alarms.readings import Readings
 from beltscape.core.frames import FrameSet
 from beltscape.core.live.events import FrameEvent, Maintenance
 from beltscape.core.runtime.supervision import make_supervised_thread
+from beltscape.core.runtime.system_calls import release_memory
 from beltscape.pipeline.live.controls import OperatorControls
 from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts
 from beltscape.pipeline.live.measurement.measurement_run import Outcome
@@ -25,7 +26,7 @@ _SILENT_STEP_MM = 50.0
 _MONITOR_S = 0.5
 """Period in which cameras, encoder and alarms are evaluated."""
 _HOUSEKEEPING_S = 60.0
-"""Period of the removal of old records."""
+"""Period of the removal of old records, and of freed memory's return to the system: 3 ms for 200 MiB."""
 _STUCK_S = 120.0
 """Time without a round of the monitor after which it counts as stuck: a disk may hang for a minute. Chosen."""
 _PATIENCE_S = 10.0
@@ -253,6 +254,7 @@ class Engine(OperatorControls):
             components.follow_timetable()  # an error of a history that cannot be written ends the round
             if monotonic() - last > _HOUSEKEEPING_S:
                 last = monotonic()
+                release_memory()
                 components.historian.maintain(time_ns())
 
     def _feed_watchdog(self) -> None:

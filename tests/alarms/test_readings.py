@@ -142,7 +142,8 @@ def test_an_alarm_shows_the_worst_value_past_the_limit_not_the_present_one():
     assert "260 mm" in lump.detail
     plant.run(replace(GOOD, largest_lump_mm=90.0), 30)
     (lump,) = (alarm for alarm in plant.board.alarms if alarm.name == "oversize_lump")
-    assert (lump.state, lump.value) == ("gone", 260.0)
+    assert (lump.state, lump.value) == ("gone", 90.0)
+    assert lump.detail == "it is over; now 90.0 mm, limit 200 mm: acknowledge it"
     plant.run(replace(GOOD, largest_lump_mm=205.0), 2)  # another lump
     (lump,) = (alarm for alarm in plant.board.alarms if alarm.name == "oversize_lump")
     assert (lump.state, lump.value) == ("raised", 205.0)

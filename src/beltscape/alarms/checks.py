@@ -6,6 +6,7 @@ from difflib import get_close_matches
 
 CHECKS = (
     "camera_pose",
+    "camera_pose_unchecked",
     "camera_redundancy",
     "camera_sync",
     "carry_back",

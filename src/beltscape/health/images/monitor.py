@@ -80,6 +80,8 @@ class ImageMonitor:
         self._set_learned(learned)
         self._before: dict[str, ImageStatistics] = {}
         self._levels_before: dict[str, FloatArray] = {}
+        self._recorded = ""
+        """Of the frame before, the recorded frame that it shows."""
         self._lit_before: dict[str, ImageStatistics] = {}
         """The last frame whose exposure times are known."""
         self._lights: deque[float] = deque(maxlen=_FLICKER_FRAMES)
@@ -126,6 +128,9 @@ class ImageMonitor:
             )
             for name, level in levels.items()
         }
+        if frames.recorded and frames.recorded == self._recorded:
+            self._levels_before = {}  # a loop shows it again, with the frames between left out
+        self._recorded = frames.recorded
         findings = self._check(statistics, levels)
         is_sound = worst_effect(findings) == "none" and _has_known_exposure(statistics)
         if self._settings.learning and self._reference is None and is_sound:

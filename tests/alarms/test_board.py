@@ -153,7 +153,7 @@ SITUATIONS = st.lists(st.tuples(st.sampled_from([{}, *BAD.values()]), st.integer
 @given(SITUATIONS)
 def test_alarms_are_independent(situations):
     """What one alarm does, alone on the board or among all others, is the same where none suppresses another."""
-    shown = {"suppression": {"belt_stopped": [], "cameras_off": []}}
+    shown = {"suppression": {"belt_stopped": [], "cameras_off": [], "frames_dropped": []}}
     every = Plant(AlarmSettings.model_validate({**SETTINGS.model_dump(), **shown}))
     kinds = ("overload", "belt_stopped", "camera_lost", "encoder_silent")
     off = {kind: {"enabled": False} for kind in RULES}

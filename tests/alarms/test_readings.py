@@ -10,6 +10,7 @@ import pytest
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.settings import AlarmSettings
+from beltscape.health.cameras.poses import make_unchecked_finding
 from tests.alarms.plant import BAD, GOOD, NAN, SECOND, Plant, camera
 
 
@@ -142,7 +143,31 @@ def test_an_alarm_shows_the_worst_value_past_the_limit_not_the_present_one():
     assert "260 mm" in lump.detail
     plant.run(replace(GOOD, largest_lump_mm=90.0), 30)
     (lump,) = (alarm for alarm in plant.board.alarms if alarm.name == "oversize_lump")
-    assert (lump.state, lump.value) == ("gone", 260.0)
+    assert (lump.state, lump.value) == ("gone", 90.0)
+    assert lump.detail == "it is over; now 90.0 mm, limit 200 mm: acknowledge it"
     plant.run(replace(GOOD, largest_lump_mm=205.0), 2)  # another lump
     (lump,) = (alarm for alarm in plant.board.alarms if alarm.name == "oversize_lump")
     assert (lump.state, lump.value) == ("raised", 205.0)
+
+
+def test_an_overload_gives_no_advice_while_the_flow_is_not_known():
+    plant = Plant()
+    plant.run(replace(GOOD, area_mm2=1.3e5), 5)
+    unknown = replace(GOOD, area_mm2=NAN, volume_flow_m3_h=NAN, mass_flow_t_h=NAN)
+    plant.run(unknown, 10)
+    overload = plant.board.get("overload")
+    assert overload is not None and overload.state == "raised" and not overload.is_known
+    assert "feed" not in overload.detail and overload.detail.startswith("not known now")
+    plant.run(replace(GOOD, area_mm2=1.3e5), 2)
+    overload = plant.board.get("overload")
+    assert overload is not None and overload.is_known and "slow the feed" in overload.detail
+
+
+def test_cameras_that_could_not_be_checked_yet_are_not_moved():
+    unchecked = make_unchecked_finding(10, 10, is_open=True)
+    plant = Plant(AlarmSettings())
+    assert plant.run(replace(GOOD, findings=[unchecked]), 25) == []
+    (alarm,) = plant.run(replace(GOOD, findings=[unchecked]), 20)
+    assert (alarm.name, alarm.severity, alarm.priority) == ("camera_pose_unchecked", "info", "low")
+    plant.run(replace(GOOD, findings=[make_unchecked_finding(0, 10, is_open=False)]), 15)
+    assert plant.states()["camera_pose_unchecked"] == "clear"

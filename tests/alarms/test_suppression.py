@@ -150,3 +150,16 @@ def test_groups_and_suppressions_name_alarms_that_exist():
             AlarmSettings.model_validate(table)
     with pytest.raises(ValueError, match="is in 'a' and in 'b'"):
         AlarmSettings.model_validate({"groups": {"a": ["empty"], "b": ["empty"]}})
+
+
+def test_dropped_frames_hide_what_they_explain_and_name_it():
+    plant = Plant()
+    plant.run(GOOD, 5)
+    starved = {**UNLOADED, "dropped_per_minute": 90.0, "encoder_silent_s": 4.0, "coverage": 0.2}
+    lost = {**GOOD.cameras, "cam2": camera(state="lost")}
+    plant.run(replace(GOOD, cameras=lost, **starved), 60)
+    shown = {name for name, state in plant.states().items() if state == "raised"}
+    assert shown == {"frames_dropped", "camera_lost:cam2"}  # what drops do not explain stays
+    cause = get(plant, "frames_dropped")
+    assert set(cause.consequences) == {"no_measurement:load", "encoder_silent", "low_coverage"}
+    assert cause.priority == "high"

@@ -57,7 +57,7 @@ def test_a_stopped_belt_has_no_flow_and_an_unknown_speed_keeps_it():
 
 def test_a_flow_without_a_new_measured_record_is_unknown():
     now_s = 100.0
-    flow = FlowAverage(1.0, 3.0, monotonic_s=lambda: now_s)
+    flow = FlowAverage(1.0, monotonic_s=lambda: now_s)
     assert isnan(flow.compute(0.0).volume_m3_h)  # nothing measured yet
     flow.add([make_record(1e7)] * 20)
     now_s = 102.9
@@ -96,7 +96,7 @@ def test_memory_is_bounded():
 
 def test_records_that_no_camera_has_seen_keep_no_flow_alive():
     now = [0.0]
-    flow = FlowAverage(1.0, 3.0, monotonic_s=lambda: now[0])
+    flow = FlowAverage(1.0, monotonic_s=lambda: now[0])
     flow.add([make_record(1e7)] * 20)
     assert flow.compute(2000.0).age_s == 0
     for _ in range(40):

@@ -197,3 +197,27 @@ def test_the_flow_is_known_while_no_record_can_be_stored():
     again = live_state.take_snapshot()
     assert again.flow.volume_m3_h == now.flow.volume_m3_h
     assert again.record == last.number + 40
+
+
+def test_the_flow_is_unknown_soon_after_the_last_depth_although_records_go_on():
+    """The core camera fails over a slow belt: what was measured before leaves the view for many seconds."""
+    live_state, plant, clock = feed_live_state(12)
+    on_frame = live_state.on_frame
+    live_state.on_frame = lambda event: on_frame(replace(event, coverage=0.0))
+    for _ in range(20):
+        clock.now_s += 0.2
+        plant.step(clock.wall_ns())
+    assert live_state.take_snapshot().record == 32
+    flow = live_state.take_snapshot().flow
+    assert np.isnan(flow.volume_m3_h) and flow.standing == "missing"
+
+
+def test_values_of_rare_frames_last_longer():
+    live_state, plant, clock = feed_live_state(2)
+    assert live_state.take_snapshot().stale_s == 3.0
+    for _ in range(10):
+        clock.now_s += 5.0
+        plant.step(clock.wall_ns())
+    assert live_state.take_snapshot().stale_s == 15.0
+    clock.now_s += 10.0
+    assert live_state.take_snapshot().flow.volume_m3_h > 0

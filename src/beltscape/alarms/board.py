@@ -14,7 +14,13 @@ from beltscape.alarms.management.custom_texts import CustomTexts
 from beltscape.alarms.management.groups import FirstOut, Member, find_group
 from beltscape.alarms.management.priorities import select_priority
 from beltscape.alarms.management.snapshot import BoardSnapshot, SavedAlarm
-from beltscape.alarms.management.suppression import BELT_STOPPED, CAMERAS_OFF, MAINTENANCE, select_state
+from beltscape.alarms.management.suppression import (
+    BELT_STOPPED,
+    CAMERAS_OFF,
+    FRAMES_DROPPED,
+    MAINTENANCE,
+    select_state,
+)
 from beltscape.alarms.names import split_name
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES, Conditions
@@ -228,11 +234,12 @@ class AlarmBoard:
         }
         banks = self._settings.cameras_off.banks or {"": tuple(readings.cameras)}
         off_cameras = {name for bank in off_banks for name in banks.get(bank, ())}
-        stopped = self._entries.get(BELT_STOPPED)
+        is_on = {entry.kind for entry in self._entries.values() if entry.machine.is_on}
         present = {
             MAINTENANCE: readings.is_maintained,
-            BELT_STOPPED: stopped is not None and stopped.machine.is_on,
+            BELT_STOPPED: BELT_STOPPED in is_on,
             CAMERAS_OFF: bool(off_banks),
+            FRAMES_DROPPED: FRAMES_DROPPED in is_on,
         }
         states = [state for state, is_present in present.items() if is_present]
         for name, entry in self._entries.items():
@@ -252,8 +259,16 @@ class AlarmBoard:
         )
         order = {kind: index for index, kind in enumerate(RULES)}
         entries = sorted(self._entries.values(), key=lambda entry: order.get(entry.kind, len(order)))
+        hidden: dict[str, list[str]] = {}
+        for entry in entries:
+            if entry.suppression is not None and entry.machine.state != "clear":
+                hidden.setdefault(entry.suppression.reason, []).append(entry.name)
         self._alarms = {
-            entry.name: entry.to_alarm(is_first=self._first_out.has(entry.name)) for entry in entries
+            entry.name: entry.to_alarm(
+                is_first=self._first_out.has(entry.name),
+                consequences=tuple(hidden.get(entry.kind, ())) if entry.state != "clear" else (),
+            )
+            for entry in entries
         }
 
 

@@ -6,6 +6,7 @@ from beltscape.core.errors import suggest_name
 
 CHECKS = (
     "camera_pose",
+    "camera_pose_unchecked",
     "camera_redundancy",
     "camera_sync",
     "carry_back",

@@ -8,10 +8,16 @@ from dataclasses import dataclass, field
 from beltscape.alarms.condition import AlarmCondition
 from beltscape.alarms.management.custom_texts import CustomTexts
 from beltscape.alarms.management.snapshot import SavedAlarm, SavedText
-from beltscape.alarms.settings import CommonSettings, LoadSettings
+from beltscape.alarms.settings import CommonSettings, Fault, LoadSettings
 from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
-from beltscape.alarms.texts import format_amount, format_detail
+from beltscape.alarms.texts import format_amount, format_detail, format_over, format_unknown
 from beltscape.core.live.alarms import Alarm, AlarmState, Priority, Severity, Suppression
+
+_PERIODIC = ("oversize_lump", "misaligned_belt")
+"""Kinds whose values are measured periodically."""
+_FORGOTTEN_NS, _FORGOTTEN_PERIODIC_NS = 2_000_000_000, 120_000_000_000
+"""Time after which a value that is no longer measured says nothing about now: four evaluations of the alarms, and
+`NoMeasurement.seldom_after_s`."""
 
 
 @dataclass(slots=True)
@@ -35,6 +41,10 @@ class Entry:
     """The text of ``condition``."""
     severity: Severity = "warning"
     suppression: Suppression | None = None
+    present: AlarmCondition = field(default_factory=lambda: AlarmCondition("unknown"))
+    """The newest condition that was known."""
+    unknown_ns: int = 0
+    """Time since it was."""
     onset_ns: int = 0
     """Steady clock when the condition that raised it began."""
     _state_before: AlarmState = "clear"
@@ -58,10 +68,14 @@ class Entry:
         self.detail, self.severity, self.onset_ns = other.detail, other.severity, other.onset_ns
         self.suppression, self._was_clear = other.suppression, other._was_clear
         self._state_before = other._state_before
+        self.present, self.unknown_ns = other.present, other.unknown_ns
 
     def update(self, condition: AlarmCondition, elapsed: Elapsed, wall_ns: int, steady_ns: int) -> None:
         """Add a condition."""
         self._state_before = self.machine.state
+        self.unknown_ns += elapsed.time_ns
+        if condition.state != "unknown":
+            self.present, self.unknown_ns = condition, 0
         if self.machine.state == "clear" or self._is_worse(condition):
             self._show(condition)
         self.was_off = self.was_off or condition.state == "off"
@@ -155,18 +169,40 @@ class Entry:
         )
         return Delay(_ns(after_s), travel[0]), Delay(_ns(clear_after_s), travel[1])
 
-    def to_alarm(self, *, is_first: bool) -> Alarm:
-        """Return the alarm in its present state; ``is_first``: it came first in its group."""
+    @property
+    def is_known(self) -> bool:
+        """Return whether what the alarm rests on is measured now."""
+        periodic = self.kind in _PERIODIC or isinstance(self.settings, Fault)
+        return self.unknown_ns <= (_FORGOTTEN_PERIODIC_NS if periodic else _FORGOTTEN_NS)
+
+    def _describe_now(self) -> tuple[AlarmCondition, str]:
+        """Return condition and text as they are now: an alarm that is over keeps neither value nor advice."""
+        state, present, worst = self.machine.state, self.present, self.condition
+        if state in ("gone", "latched"):
+            limit = worst.limit if math.isnan(present.limit) else present.limit
+            now = AlarmCondition("off", present.value if self.is_known else math.nan, limit, worst.unit)
+            return now, format_over(state, now.value, limit, worst.unit)
+        has_number = math.isfinite(worst.value) and not isinstance(self.settings, Fault)
+        if state != "clear" and has_number and not self.is_known:
+            return worst, format_unknown(worst.value, worst.limit, worst.unit)
+        return worst, "" if state == "clear" else self.detail
+
+    def to_alarm(self, *, is_first: bool, consequences: tuple[str, ...] = ()) -> Alarm:
+        """Return the alarm in its present state.
+
+        ``is_first``: it came first in its group; ``consequences``: the alarms that it explains and hides.
+        """
         machine, state = self.machine, self.state
+        condition, detail = self._describe_now()
         return Alarm(
             name=self.name,
             severity=self.severity,
             state=state,
-            value=self.condition.value,
-            limit=self.condition.limit,
-            unit=self.condition.unit,
+            value=condition.value,
+            limit=condition.limit,
+            unit=condition.unit,
             since_ns=None if state == "clear" else machine.since_ns,
-            detail="" if machine.state == "clear" else self.detail,
+            detail=detail,
             by="" if state == "clear" else machine.by,
             acknowledged_ns=None if state == "clear" else machine.acknowledged_ns,
             priority=self.priority,
@@ -175,6 +211,8 @@ class Entry:
             needs_reset=self.settings.needs_reset,
             suppression=self.suppression,
             hidden_state="clear" if self.suppression is None else machine.state,
+            is_known=machine.state == "clear" or self.is_known,
+            consequences=consequences,
         )
 
 

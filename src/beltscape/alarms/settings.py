@@ -250,6 +250,12 @@ class Fault(CommonSettings):
     clear_after_s: Seconds = 10.0
 
 
+_OF_CHECKS = {"camera_pose_unchecked": Fault(severity="info", after_s=30.0, latched=False)}
+"""Settings of checks whose faults are no faults of the plant: it is not known whether there is one.
+
+They wait as long as a camera without an image after the start."""
+
+
 class AlarmSettings(BaseModel):
     """Settings of ``[alarms]``; the defaults suit most plants, but limits of flow and lumps depend on the plant."""
 
@@ -288,4 +294,4 @@ class AlarmSettings(BaseModel):
 
     def select_fault(self, check: str) -> Fault:
         """Return the settings of a check's alarms."""
-        return self.checks.get(check, self.faults)
+        return self.checks.get(check) or _OF_CHECKS.get(check, self.faults)

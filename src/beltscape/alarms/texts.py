@@ -35,6 +35,22 @@ def format_detail(kind: str, subject: str, value: float, limit: float, unit: str
     )
 
 
+def format_over(state: str, value: float, limit: float, unit: str) -> str:
+    """Return the line of an alarm whose condition has ended: the present value, and what is left to do."""
+    now = (
+        f"; now {format_amount(value, unit)}, limit {format_amount(limit, unit)}"
+        if math.isfinite(value)
+        else ""
+    )
+    return f"it is over{now}: {'reset it' if state == 'latched' else 'acknowledge it'}"
+
+
+def format_unknown(value: float, limit: float, unit: str) -> str:
+    """Return the line of an alarm that rests on a value that is not measured now."""
+    last = f"last {format_amount(value, unit)}, limit {format_amount(limit, unit)}"
+    return f"not known now, because the value is not measured ({last}): see to the measurement first"
+
+
 def format_amount(value: float, unit: str) -> str:
     """Return a value with its unit for a text."""
     if not math.isfinite(value):

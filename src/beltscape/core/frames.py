@@ -31,6 +31,8 @@ class FrameSet:
     """The encoder's position at that instant, growing with the belt's travel; None without a reading."""
     exposures_us: Mapping[str, float] = field(default_factory=dict[str, float])
     """By camera, exposure time of its image; NaN while it changes; empty where exposure times are not known."""
+    recorded: str = ""
+    """Name of the recorded frame that a replay shows, in a loop again and again; empty: the images are new."""
 
     def __repr__(self) -> str:
         return f"FrameSet({self.frame}: {', '.join(self.images)})"

@@ -15,6 +15,7 @@ from beltscape.core.frames import Image
 from beltscape.core.live.alarms import Alarm
 from beltscape.core.live.events import BeltStretch, CameraHealth, FrameEvent, Maintenance
 from beltscape.core.live.findings import Finding
+from beltscape.pipeline.live.monitoring.gauges import FramePace
 from beltscape.service.settings import WebSettings
 from beltscape.service.view_models.belt import BeltRows, BeltWindow
 from beltscape.service.view_models.durations import DurationHistogram
@@ -66,7 +67,8 @@ class LiveState:
         self._points: deque[FlowPoint] = deque(maxlen=_POINTS)
         self._point_count, self._point_s = 0, -inf
         self._images: dict[str, _CameraImage] = {}
-        self._frame_s = self._health_s = -inf
+        self._frame_s = self._health_s = self._depth_s = -inf
+        self._pace = FramePace()
         self._findings: dict[tuple[str, str], tuple[Finding, int, float]] = {}
         self._maintenance: Maintenance | None = None
         self._flow, self._belt = self._make_views(self.settings)
@@ -74,7 +76,7 @@ class LiveState:
         """Histogram of the processing times of frame sets."""
 
     def _make_views(self, settings: WebSettings) -> tuple[FlowAverage, BeltWindow]:
-        flow = FlowAverage(settings.flow_window_s, settings.stale_s, monotonic_s=self._monotonic_s)
+        flow = FlowAverage(settings.flow_window_s, monotonic_s=self._monotonic_s)
         return flow, BeltWindow(settings.belt_m, settings.belt_cell_mm)
 
     def set_settings(self, settings: WebSettings) -> None:
@@ -82,7 +84,7 @@ class LiveState:
         with self._lock:
             before, self.settings = self.settings, settings
             flow, belt = self._make_views(settings)
-            if (before.flow_window_s, before.stale_s) != (settings.flow_window_s, settings.stale_s):
+            if before.flow_window_s != settings.flow_window_s:
                 flow.add(self._records)
                 self._flow = flow
             if (before.belt_m, before.belt_cell_mm) != (settings.belt_m, settings.belt_cell_mm):
@@ -95,6 +97,9 @@ class LiveState:
         wall_ns, now_s = self._wall_ns(), self._monotonic_s()
         with self._lock:
             self._frame_s = now_s
+            self._pace.add(now_s)
+            if event.coverage > 0:
+                self._depth_s = now_s
             self._frames = FrameStatistics(
                 event.done,
                 event.dropped,
@@ -186,7 +191,12 @@ class LiveState:
     def _compute_flow(self) -> CurrentFlow:
         if self._maintenance is not None:
             return CurrentFlow()
-        return self._flow.compute(self._frames.speed_mm_s)
+        depth_age_s = self._monotonic_s() - self._depth_s if isfinite(self._depth_s) else 0.0
+        return self._flow.compute(self._frames.speed_mm_s, self._stale_s, depth_age_s)
+
+    @property
+    def _stale_s(self) -> float:
+        return self._pace.stretch(self.settings.stale_s)
 
     # queries
 
@@ -207,6 +217,7 @@ class LiveState:
                 self._records[-1].number if self._records else None,
                 {name: last.frame for name, last in self._images.items()},
                 self._maintenance,
+                self._stale_s,
             )
 
     def list_checks(self) -> list[CheckState]:

@@ -176,7 +176,7 @@ class BeltFollower:
         # the clock was read at an unknown moment of a slow answer
         is_right = abs(offset_s) - half_s <= self._site.clock_s
         self._set_fault("clock", None if is_right else Fault("clock", {"offset_s": offset_s}))
-        stale_s = 5.0 if self._page is None else self._page.stale_s
+        stale_s = state.stale_s or (5.0 if self._page is None else self._page.stale_s)
         age_s = state.frames.age_s
         is_stale = age_s is not None and age_s > stale_s and not _is_stopped(state)
         self._set_fault("frames", Fault("no_frames", {"age_s": age_s or 0.0}) if is_stale else None)

@@ -106,4 +106,6 @@ class ReplaySource:
         now = monotonic()
         self._yield_times_s = [time_s for time_s in self._yield_times_s if now - time_s < _RATE_S] + [now]
         exposures_us = self._folder.exposures_us(frame_time.frame)
-        return FrameSet(replayed.frame, images, replayed.time_ns, replayed.position_mm, exposures_us)
+        return FrameSet(
+            replayed.frame, images, replayed.time_ns, replayed.position_mm, exposures_us, frame_time.frame
+        )

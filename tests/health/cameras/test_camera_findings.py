@@ -110,8 +110,10 @@ def test_faults_of_the_last_check_hold_without_their_past_error():
     assert [(f.subject, f.effect, f.systematic_mm) for f in repeated] == [("cam1", "degraded", 0.0)]
 
 
-def test_frames_before_the_first_check_are_degraded():
-    assert make_unchecked_finding().effect == "degraded"
+def test_frames_before_the_first_check_are_degraded_and_accuse_no_camera():
+    unchecked = make_unchecked_finding(12, 10, is_open=True)
+    assert (unchecked.check, unchecked.effect) == ("camera_pose_unchecked", "degraded")
+    assert not make_unchecked_finding(3, 10, is_open=False).is_fault
 
 
 def test_missing_and_weak_auxiliaries_reduce_the_redundancy():

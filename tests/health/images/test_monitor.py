@@ -128,6 +128,11 @@ class TestFrozen:
         assert len(frozen) == 5 and all(one.is_momentary for one in frozen)
         assert not result.frames.images
 
+    def test_a_recorded_frame_shown_again_in_a_loop_is_not_frozen(self, monitor: ImageMonitor) -> None:
+        for number in (NEXT, NEXT, NEXT + 1):
+            result = monitor.check_images(replace(make_frame(number), recorded=str(number)))
+            assert not any("frozen" in name for name in name_faults(result.findings))
+
     def test_standing_belt_is_not_frozen(self) -> None:
         one = make_monitor()
         for number in range(LEARNING + 3):
@@ -150,6 +155,21 @@ class TestLight:
         result = monitor.check_images(make_frame(NEXT, dim))
 
         assert "projector" in name_faults(result.findings)
+
+    @pytest.mark.parametrize("side", [slice(None, 240), slice(300, None)])
+    def test_a_dark_part_of_the_pattern_is_the_projector_s_not_a_camera_s(
+        self, monitor: ImageMonitor, side: slice
+    ) -> None:
+        def darken(_: str, light: Levels) -> Levels:
+            part = light.copy()
+            part[:, side] = np.minimum(blur(light, 5)[:, side] / 4, AMBIENT)
+            return part
+
+        result = monitor.check_images(make_frame(NEXT, darken))
+
+        (fault,) = [one for one in result.findings if one.is_fault and one.check != "lamp"]
+        assert (fault.check, fault.cause, fault.effect) == ("projector", "projector_part", "degraded")
+        assert result.frames.images
 
     def test_projector_out_of_focus(self, monitor: ImageMonitor) -> None:
         result = monitor.check_images(make_frame(NEXT, lambda _, light: blur(light, 1.2)))

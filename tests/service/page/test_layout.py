@@ -10,6 +10,7 @@ import pytest
 from beltscape.core.live.alarms import Alarm
 from beltscape.core.live.events import CameraHealth
 from beltscape.core.live.translatable_message import Message
+from tests.service.feeder import CAMERAS
 from tests.service.page.site import Site, needs_chromium, read_text, wait_for, wait_until_live
 
 pytestmark = needs_chromium
@@ -27,6 +28,31 @@ def test_page_fits_a_phone(site, language, webgl):
     page.evaluate("location.hash = '#history'")
     page.wait_for_selector("#history-days td")
     assert page.evaluate(wide) == 360
+    assert site.errors == []
+    page.context.close()
+
+
+def test_on_a_phone_the_flow_stands_above_a_short_list_with_one_line_for_all_cameras(site):
+    for name in CAMERAS:
+        site.works.plant.raise_alarm(
+            Alarm(f"frozen_image:{name}", "critical", "raised", nan, nan, "", 1, "the same image again")
+        )
+    page = site.page("/?lang=es", wide=390, high=844, has_touch=True)
+    wait_until_live(page)
+    common = page.locator(".alarm[data-key='frozen_image:*']")
+    common.wait_for()
+    assert "todas las cámaras" in common.inner_text()
+    assert page.locator(".alarm[data-key^=frozen_image]").count() == 1
+    flow, alarms, now = (page.locator(one).bounding_box() for one in ("section.flow", "#alarms", "#now"))
+    assert now["y"] < flow["y"] < alarms["y"] and alarms["height"] <= 360
+    assert read_text(page, "#now").startswith("Hacer ahora: ")
+    wait_for(page, "document.querySelector('#section-area').innerText.includes(',')")
+    page.select_option("#language", "en")
+    assert "," not in read_text(page, "#section-area") and "all cameras" in common.inner_text()
+    common.locator("button.acknowledge").first.click()
+    page.wait_for_selector(".alarm[data-key='frozen_image:*'][data-state=acknowledged]")
+    for name in CAMERAS:
+        site.works.plant.raise_alarm(Alarm(f"frozen_image:{name}", "critical", "clear", nan, nan, "", None))
     assert site.errors == []
     page.context.close()
 

@@ -17,7 +17,7 @@ pytestmark = needs_chromium
 def test_page_loads_offline_without_errors_and_updates(site):
     page = site.page(webgl=True)
     wait_until_live(page)
-    wait_for(page, "document.querySelector('#flow-volume').innerText > ''")
+    wait_for(page, "parseFloat(document.querySelector('#flow-volume').innerText) > 0")
     assert 300 < float(read_text(page, "#flow-volume").replace(",", "")) < 900
     assert read_text(page, "#flow-sigma").startswith("±")
     wait_for_change(page, "#total-belt", read_text(page, "#total-belt"))

@@ -16,7 +16,8 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "motion": ("encoder_wrong", "encoder_silent", "encoder_motion", "thin_overlap", "belt_stopped", "empty"),
     "load": ("foreign_object", "oversize_lump", "overload", "misaligned_belt", "torn_edge_left", "torn_edge_right"),
     "geometry": (
-        "camera_pose", "camera_redundancy", "projector_moved", "zero_shift", "zero_tilt", "zero_drift", "carry_back",
+        "camera_pose", "camera_pose_unchecked",
+        "camera_redundancy", "projector_moved", "zero_shift", "zero_tilt", "zero_drift", "carry_back",
         "carry_back_stuck", "carry_back_total",
     ),
     "computer": (

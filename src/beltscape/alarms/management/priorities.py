@@ -53,7 +53,7 @@ RATIONALES: Mapping[str, Rationale] = {
     "cameras_off": Rationale("major", "prompt"),  # belt passes uncounted
     "camera_lost": Rationale("major", "soon"),  # the other cameras go on
     "camera_skew": Rationale("major", "soon"),
-    "frames_dropped": Rationale("minor", "soon"),  # views overlap
+    "frames_dropped": Rationale("major", "prompt"),  # the cause of what it hides; belt may pass uncounted
     "disk_full": Rationale("major", "prompt"),  # the reserve is finite
     "history_repaired": Rationale("minor", "slow"),
     "users_unreadable": Rationale("minor", "soon"),  # nobody can sign in
@@ -64,6 +64,7 @@ RATIONALES: Mapping[str, Rationale] = {
     "certificate_expiring": Rationale("minor", "slow"),
     "torn_edge_left": Rationale("severe", "soon"),  # a tear grows
     "torn_edge_right": Rationale("severe", "soon"),
+    "camera_pose_unchecked": Rationale("minor", "soon"),  # nothing is known to be wrong
     "camera_redundancy": Rationale("minor", "slow"),
     "carry_back": Rationale("minor", "soon"),
     "carry_back_stuck": Rationale("minor", "soon"),

@@ -8,7 +8,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from beltscape.alarms.checks import CHECKS
-from beltscape.alarms.management.suppression import BELT_STOPPED, CAMERAS_OFF, MAINTENANCE
+from beltscape.alarms.management.suppression import BELT_STOPPED, CAMERAS_OFF, FRAMES_DROPPED, MAINTENANCE
 from beltscape.alarms.names import KINDS, AlarmKey
 
 _OF_THE_COMPUTER = (
@@ -25,6 +25,11 @@ _OF_IMAGES = (
     "overexposure", "lens_covered", "projector", "lamp", "dust", "flicker", "sunlight",
 )  # fmt: skip
 """Alarms that cameras without images explain."""
+_OF_DROPS = (
+    "no_measurement", "low_coverage", "camera_skew", "camera_sync", "camera_pose_unchecked", "encoder_silent",
+    "encoder_motion", "frozen_image", "flicker",
+)  # fmt: skip
+"""Alarms that a computer too slow for its frames explains: readings are late, neighbouring frames are missing."""
 
 
 class SuppressionSettings(BaseModel):
@@ -38,12 +43,16 @@ class SuppressionSettings(BaseModel):
     cameras_off: tuple[AlarmKey, ...] = _OF_IMAGES
     """While the alarm cameras_off is on for a bank; alarms of single cameras only for those of the bank."""
 
+    frames_dropped: tuple[AlarmKey, ...] = _OF_DROPS
+    """While the alarm frames_dropped is on: what comes of frames that are not measured."""
+
     def by_state(self) -> dict[str, tuple[str, ...]]:
         """Return the alarms of every state."""
         return {
             MAINTENANCE: self.maintenance,
             BELT_STOPPED: self.belt_stopped,
             CAMERAS_OFF: self.cameras_off,
+            FRAMES_DROPPED: self.frames_dropped,
         }
 
 

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from beltscape.alarms.names import list_keys, split_name
 
 MAINTENANCE, BELT_STOPPED, CAMERAS_OFF = "maintenance", "belt_stopped", "cameras_off"
+FRAMES_DROPPED = "frames_dropped"
 """The states of the plant that suppress alarms."""
 
 

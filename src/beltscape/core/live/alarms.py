@@ -90,6 +90,10 @@ class Alarm:
     """Why it is not shown; ``state`` is "clear" meanwhile. None: it is shown."""
     hidden_state: AlarmState = "clear"
     """The state that a suppressed alarm would have; "clear" without a suppression."""
+    is_known: bool = True
+    """Whether what it rests on is measured now; an unknown value neither raises nor clears an alarm."""
+    consequences: tuple[str, ...] = ()
+    """Names of the alarms that it explains, which are hidden meanwhile."""
 
     @property
     def isa_state(self) -> IsaState:

@@ -15,6 +15,8 @@ from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 
 POSE = "camera_pose"
+UNCHECKED = "camera_pose_unchecked"
+"""Check whether the cameras' poses could be checked: not known is not moved."""
 _NAN = float("nan")
 
 
@@ -62,13 +64,19 @@ def make_unreliable_finding(text: str) -> Finding:
     return Finding(POSE, _NAN, _NAN, _NAN, "mm", "", message, "missing")
 
 
-def make_unchecked_finding() -> Finding:
-    """Return the finding of frames before the first that shows whether the cameras agree with the rig."""
+def make_unchecked_finding(frames: int, limit: int, *, is_open: bool) -> Finding:
+    """Return how many frames have passed since one last showed whether the cameras agree with the rig.
+
+    ``is_open``: so many that their poses are not known to be right; nothing says that they are wrong.
+    """
+    finding = Finding(UNCHECKED, float(frames), 0.0, float(limit), "")
+    if not is_open:
+        return finding
     text = Message(
         "no frame shows yet whether the cameras agree with the rig: two cameras share too few textured points",
         "camera_pose_unchecked",
     )
-    return Finding(POSE, _NAN, _NAN, _NAN, "mm", "", text, "degraded")
+    return replace(finding, text=text, effect="degraded")
 
 
 def repeat_faults(findings: Sequence[Finding]) -> tuple[Finding, ...]:

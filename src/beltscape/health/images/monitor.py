@@ -31,7 +31,11 @@ from beltscape.health.images.block_checks.obstruction import (
     learn_light,
     sample_light,
 )
-from beltscape.health.images.block_checks.projected_pattern import check_projected_pattern, measure_light
+from beltscape.health.images.block_checks.projected_pattern import (
+    check_projected_pattern,
+    is_partly_dark,
+    measure_light,
+)
 from beltscape.health.images.block_checks.repeated import check_repeated, measure_changes
 from beltscape.health.images.block_checks.sharpness import check_contrast
 from beltscape.health.reference import ImageReferences, Reference, learn_reference
@@ -80,6 +84,8 @@ class ImageMonitor:
         self._set_learned(learned)
         self._before: dict[str, ImageStatistics] = {}
         self._levels_before: dict[str, FloatArray] = {}
+        self._recorded = ""
+        """Of the frame before, the recorded frame that it shows."""
         self._lit_before: dict[str, ImageStatistics] = {}
         """The last frame whose exposure times are known."""
         self._lights: deque[float] = deque(maxlen=_FLICKER_FRAMES)
@@ -126,6 +132,9 @@ class ImageMonitor:
             )
             for name, level in levels.items()
         }
+        if frames.recorded and frames.recorded == self._recorded:
+            self._levels_before = {}  # a loop shows it again, with the frames between left out
+        self._recorded = frames.recorded
         findings = self._check(statistics, levels)
         is_sound = worst_effect(findings) == "none" and _has_known_exposure(statistics)
         if self._settings.learning and self._reference is None and is_sound:
@@ -181,14 +190,19 @@ class ImageMonitor:
         finite = [one.noise_ratio for one in changes.values() if np.isfinite(one.noise_ratio)]
         self._is_moving = bool(finite) and float(np.median(finite)) > _MOVING
         step_sigma, light, light_sigma = self._follow_light(statistics)
+        pattern = check_projected_pattern(statistics, reference, self._light, settings)
+        flicker = check_flicker(tuple(self._lights), step_sigma, settings)
+        # cameras see different shares of a dark part, and it comes at once
+        compared = (
+            [] if is_partly_dark(pattern) else [*check_contrast(statistics, reference, settings), flicker]
+        )
         findings = [
             *check_saturation(statistics, settings),
             *check_brightness(statistics, reference, settings),
-            *check_contrast(statistics, reference, settings),
+            *compared,
             *check_repeated(changes),
-            *check_projected_pattern(statistics, reference, self._light, settings),
+            *pattern,
             check_sunlight(statistics, reference, settings),
-            check_flicker(tuple(self._lights), step_sigma, settings),
             check_lamp(statistics, reference, light, light_sigma, settings),
         ]
         return tuple(findings)

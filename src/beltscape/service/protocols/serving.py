@@ -65,7 +65,7 @@ class ServedPlant:
         """Return the present state."""
         now = self._live_state.take_snapshot()
         flow, speed = now.flow, now.frames.speed_mm_s
-        is_current = now.frame_age_s < self._live_state.settings.stale_s
+        is_current = now.frame_age_s < now.stale_s
         totals = self._historian.totals  # number and totals of one instant
         return PlantState(
             wall_ns=now.wall_ns,

@@ -65,11 +65,8 @@ class _Strip:
 class FlowAverage:
     """Averages the strips of the last minute of belt travel. Not thread-safe."""
 
-    def __init__(
-        self, window_s: float, stale_s: float = 3.0, *, monotonic_s: Callable[[], float] = time.monotonic
-    ) -> None:
-        """Without a measured record for ``stale_s``, the flow is unknown."""
-        self._window_s, self._stale_s, self._monotonic_s = window_s, stale_s, monotonic_s
+    def __init__(self, window_s: float, *, monotonic_s: Callable[[], float] = time.monotonic) -> None:
+        self._window_s, self._monotonic_s = window_s, monotonic_s
         self._measured_s = -inf
         """Clock at the last measured record."""
         self._standing: Standing = "missing"
@@ -103,13 +100,14 @@ class FlowAverage:
         while self._strips and kept - self._strips[0].seconds > _TREND_S + self._window_s:
             kept -= self._strips.popleft().seconds
 
-    def compute(self, speed_mm_s: float) -> CurrentFlow:
+    def compute(self, speed_mm_s: float, stale_s: float = 3.0, depth_age_s: float = 0.0) -> CurrentFlow:
         """Return the flow, given the current speed of the belt (NaN: not known).
 
-        It is unknown without a measured record for ``stale_s``, whatever the belt does.
+        It is unknown without a measured record, or a frame with depth, for ``stale_s``, whatever the belt does.
+        Strips measured before go on arriving while the belt leaves the view; ``depth_age_s``: of the last depth.
         """
-        age_s = self._monotonic_s() - self._measured_s
-        if age_s > self._stale_s:
+        age_s = max(self._monotonic_s() - self._measured_s, depth_age_s)
+        if age_s > stale_s:
             return CurrentFlow(age_s=age_s)
         if speed_mm_s <= _STOPPED_MM_S:
             return CurrentFlow(0.0, 0.0, 0.0, 0.0, nan, nan, "steady", nan, self._standing, age_s)

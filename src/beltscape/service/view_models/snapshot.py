@@ -84,3 +84,5 @@ class Snapshot:
     """Frame name of the newest picture of every camera that has sent one."""
     maintenance: Maintenance | None
     """The present maintenance; None: there is none."""
+    stale_s: float
+    """Age from which a frame or a record is not current: the setting, or more for frames in longer intervals."""

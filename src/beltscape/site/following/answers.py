@@ -92,6 +92,8 @@ class MaintenanceAnswer(_Answer):
 class StateAnswer(_Answer):
     """GET /api/state."""
 
+    stale_s: float | None = None
+    """None: of a version that has it among the settings of the page only."""
     wall_ms: _WallMs
     frames: FramesAnswer
     flow: FlowAnswer

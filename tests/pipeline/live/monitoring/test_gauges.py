@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -20,6 +22,10 @@ def make_entry(standing: Standing) -> BeltRecord:
     return BeltRecord(1, 1, (0.0, 100.0), standing, "", 0, strip, 0.0, 5, None)
 
 
+MEASURED: Any = SimpleNamespace(coverage=0.9)
+"""Stands for a depth map."""
+
+
 def read(gauges: Gauges):
     return gauges.collect_readings(0)
 
@@ -30,7 +36,7 @@ def test_load_is_unknown_without_a_new_measured_record(monkeypatch: pytest.Monke
     gauges = Gauges(1e5, stale_s=3.0)
     assert math.isnan(read(gauges).area_mm2)
     gauges.add([make_entry("valid")])
-    gauges.update_frame(None, 600.0)
+    gauges.update_frame(MEASURED, 600.0)
     now_s = 52.9
     gauges.add([make_entry("missing")])
     assert read(gauges).area_mm2 == 2e4
@@ -38,8 +44,36 @@ def test_load_is_unknown_without_a_new_measured_record(monkeypatch: pytest.Monke
     now_s = 53.1
     assert math.isnan(read(gauges).area_mm2)
     assert math.isnan(read(gauges).volume_flow_m3_h)
+    gauges.update_frame(MEASURED, 600.0)
     gauges.add([make_entry("degraded")])
     assert read(gauges).area_mm2 == 2e4
+
+
+def test_strips_measured_before_do_not_keep_a_load_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slow belt leaves the view for long after the core camera has failed."""
+    now_s = 50.0
+    monkeypatch.setattr(module, "monotonic", lambda: now_s)
+    gauges = Gauges(1e5, stale_s=3.0)
+    gauges.update_frame(MEASURED, 600.0)
+    for _ in range(8):
+        now_s += 0.5
+        gauges.update_frame(None, 600.0)
+        gauges.add([make_entry("valid")])
+    assert math.isnan(read(gauges).area_mm2)
+
+
+def test_values_last_three_usual_intervals_of_the_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s = 50.0
+    monkeypatch.setattr(module, "monotonic", lambda: now_s)
+    gauges = Gauges(1e5, stale_s=3.0)
+    for _ in range(4):
+        now_s += 5.0
+        gauges.update_frame(MEASURED, 600.0)
+        gauges.add([make_entry("valid")])
+    now_s += 14.0
+    assert read(gauges).area_mm2 == 2e4
+    now_s += 2.0
+    assert math.isnan(read(gauges).area_mm2)
 
 
 def test_findings_reach_the_alarms_and_expire(monkeypatch: pytest.MonkeyPatch) -> None:

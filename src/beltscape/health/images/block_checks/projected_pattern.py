@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -13,6 +14,7 @@ from beltscape.health.image_statistics import ImageStatistics
 from beltscape.health.images.block_checks.exposure import compute_lit_ratios, estimate_mode
 from beltscape.health.images.block_checks.sharpness import FAINT_SIGNAL
 from beltscape.health.reference import (
+    LEAST_SPECKLE,
     CameraReference,
     FrameStatistics,
     Reference,
@@ -41,6 +43,15 @@ _BRIGHTER = 0.2
 """Least rise of the log brightness of the dark blocks by a veil; dust: 0.7, other faults up to 0.16."""
 _DARKEST = 0.1
 """Share of the blocks that count as dark: floor, belt's edges and shadows, in any scene."""
+_DARK_CONTRAST, _DARK_LEVEL = 0.5, 0.75
+"""Contrast and brightness of a block over the reference below which it is dark: material in the pattern keeps the
+contrast, a pattern out of focus the brightness. Chosen, far from sound captures' contrast (0.97)."""
+_LEAST_PART = 0.12
+"""Least share of the pattern's blocks that is called a dark part; shadows of a heap differ between cameras."""
+_SOUND_REST = 0.8
+"""Least contrast of the other blocks over the reference beside a dark part; else the whole pattern has changed."""
+_PER_PART = 0.2
+"""Relative error of the volume per share of the pattern that is dark, where heights are filled in. Chosen."""
 _SIGMA = 0.05
 """One standard deviation of the median log contrast of a sound system: other material reflects otherwise."""
 
@@ -60,6 +71,9 @@ def check_projected_pattern(
     change = _compare_with_reference(frame, reference, settings)
     if change is None:
         return _pass(("projector", "projector_focus", "dust"), limit)
+    part = _measure_dark_part(frame, reference)
+    if part > _LEAST_PART:
+        return [_describe_part(part, limit), *_pass(("projector_focus", "dust"), limit)]
     fault = _name_fault(change, light, settings)
     value = float(np.exp(change.contrast))
     return [
@@ -137,6 +151,41 @@ def _describe(check: str, contrast: float, light: float, limit: float, is_fault:
         light=round(100 * light),
     )
     return Finding(check, *values, "%", "", text, effect, 0.0, 0.03 - 0.02 * float(np.log(min(contrast, 1))))
+
+
+def _measure_dark_part(frame: FrameStatistics, reference: Reference) -> float:
+    """Return the share of the pattern that is dark in most cameras while the rest is sound; 0 where it is not."""
+    parts: list[float] = []
+    for name, one in frame.items():
+        known = reference.cameras.get(name)
+        if known is None or not np.isfinite(known.amplitude).all():
+            continue
+        usual = known.amplitude / np.maximum(known.level, 1)
+        lit = usual > LEAST_SPECKLE
+        if not lit.any():
+            continue
+        contrast = (one.contrasts / np.maximum(usual, 1e-3))[lit]
+        level = (one.level * (known.exposure_us / one.exposure_us) / np.maximum(known.level, 1))[lit]
+        dark = (contrast < _DARK_CONTRAST) & (level < _DARK_LEVEL)
+        is_rest_sound = not dark.all() and float(np.median(contrast[~dark])) > _SOUND_REST
+        parts.append(float(dark.mean()) if is_rest_sound else 0.0)
+    return median(parts) if parts else 0.0
+
+
+def _describe_part(part: float, limit: float) -> Finding:
+    text = Message(
+        f"{part:.0%} of the projected pattern is dark in the cameras, the rest is sound: check the projector's lamp, "
+        "its window and what stands before it",
+        "projector_part",
+        part=round(100 * part),
+    )
+    value = 100 * (1 - part)
+    return Finding("projector", value, 100 * _SIGMA, limit, "%", "", text, "degraded", 0.0, _PER_PART * part)
+
+
+def is_partly_dark(findings: Sequence[Finding]) -> bool:
+    """Return whether a part of the pattern is dark, which changes the contrast of the cameras' images."""
+    return any(one.cause == "projector_part" for one in findings)
 
 
 def _check_without_reference(frame: FrameStatistics, limit: float, settings: HealthSettings) -> Finding:

@@ -83,7 +83,9 @@ class ProjectorMonitor:
             self._forget()
         if depth is None or self._settings.projector == "no" or not self._is_due(frames):
             return self._fault
-        if has_fault(findings, "camera_pose", "", self._rig.core):
+        if has_fault(findings, "camera_pose", "", self._rig.core) or has_fault(
+            findings, "camera_pose_unchecked", ""
+        ):
             return self._fault
         view = self._grid.view(frames, depth)
         is_bare, height = self._find_bare_belt(view.surface)

@@ -115,7 +115,9 @@ class SynchronisationMonitor:
             self._before = now
             return self._faults
         findings = self._compare(before, now, along, distance)
-        if has_fault(others, "camera_pose", "", self._rig.core):
+        if has_fault(others, "camera_pose", "", self._rig.core) or has_fault(
+            others, "camera_pose_unchecked", ""
+        ):
             findings = [self._acquit(finding) for finding in findings]
         self._faults = tuple(finding for finding in findings if finding.is_fault)
         self._due = self._number + _EVERY

@@ -7,6 +7,8 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from statistics import median
 from time import monotonic
 
 from beltscape.alarms.readings import Readings
@@ -17,8 +19,29 @@ from beltscape.core.live.findings import Finding
 _NAN = float("nan")
 _MINUTE_S = 60.0
 """Dropped frames are counted over the last minute."""
+_PACE_FRAMES = 8
+"""Intervals of which the median is the usual one: a single late frame changes nothing."""
+_PACE_INTERVALS = 3.0
+"""Usual intervals without a value after which it is unknown: one frame may be lost and one late."""
 _FINDING_S = 60.0
 """A finding older than this is unknown; periodic checks are made more often."""
+
+
+class FramePace:
+    """The usual interval of the frames that are measured, by which their values last."""
+
+    def __init__(self) -> None:
+        self._times_s: deque[float] = deque(maxlen=_PACE_FRAMES + 1)
+
+    def add(self, time_s: float) -> None:
+        """Add a frame at a time of the monotonic clock."""
+        self._times_s.append(time_s)
+
+    def stretch(self, stale_s: float) -> float:
+        """Return the age, at least ``stale_s``, from which a value is unknown."""
+        times_s = list(self._times_s)
+        intervals_s = [later - earlier for earlier, later in pairwise(times_s)]
+        return max(stale_s, _PACE_INTERVALS * median(intervals_s)) if intervals_s else stale_s
 
 
 @dataclass(slots=True)
@@ -27,7 +50,9 @@ class Gauges:
 
     full_area_mm2: float
     stale_s: float = 3.0
-    """A value older than this is unknown."""
+    """A value older than this is unknown; frames in longer intervals lengthen it."""
+    pace: FramePace = field(default_factory=FramePace)
+    """Interval of the frames."""
     entry: BeltRecord | None = None
     """The last entry with a measured strip."""
     entry_s: float = float("-inf")
@@ -75,6 +100,7 @@ class Gauges:
     def update_frame(self, depth: DepthMap | None, speed_mm_s: float) -> None:
         """Take over the result of a frame."""
         self.last_frame_s = monotonic()
+        self.pace.add(self.last_frame_s)
         self.measured_s = self.last_frame_s if depth is not None else self.measured_s
         self.speed_mm_s, self.depth = speed_mm_s, depth
         self.coverage = 0.0 if depth is None else depth.coverage
@@ -101,9 +127,11 @@ class Gauges:
             }
             found |= self.new_faults
             self.new_faults = {}
-        is_measured = now - self.entry_s < self.stale_s
+        stale_s = self.pace.stretch(self.stale_s)
+        # strips that were measured before go on arriving while the belt leaves the view
+        is_measured = now - self.entry_s < stale_s and now - self.measured_s < stale_s
         area, area_sigma, density = self._load() if is_measured else (_NAN, _NAN, _NAN)
-        is_current = now - self.last_frame_s < self.stale_s
+        is_current = now - self.last_frame_s < stale_s
         speed = self.speed_mm_s if is_current else _NAN
         per_hour = speed * 3600e-9
         return Readings(

@@ -92,6 +92,6 @@ class CameraFindings:
         is_open = self._unconfirmed >= _LONGEST_UNCONFIRMED and not any(each.is_fault for each in poses)
         self.latest = (
             *poses,
-            *((make_unchecked_finding(),) if is_open else ()),
+            make_unchecked_finding(self._unconfirmed, _LONGEST_UNCONFIRMED, is_open=is_open),
             make_redundancy_finding(self._auxiliaries, used, self._consistency),
         )

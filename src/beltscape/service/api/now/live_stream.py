@@ -85,7 +85,9 @@ def collect_messages(live_state: LiveState, sent: SentState, max_silent_calls: i
 def _without_clock(state: str) -> str:
     """Return the state without the values that change with time alone."""
     parts = json.loads(state)
-    parts["wall_ms"] = parts["health_age_s"] = parts["frames"]["age_s"] = parts["flow"]["age_s"] = 0
+    parts["wall_ms"] = parts["health_age_s"] = parts["frames"]["age_s"] = parts["flow"]["age_s"] = parts[
+        "stale_s"
+    ] = 0
     return json.dumps(parts)
 
 

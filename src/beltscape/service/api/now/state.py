@@ -131,6 +131,7 @@ class StateOut(ResponseModel):
     hidden_alarms: Annotated[tuple[AlarmOut, ...], Field(description="Shelved or out of service")]
     notes: tuple[NoteOut, ...]
     record: Annotated[int | None, Field(description="Number of the newest record")]
+    stale_s: Annotated[float, Field(description="Age from which frames and records are not current")]
     health_age_s: Annotated[Number, Field(description="Since the cameras' health was reported")]
     maintenance: Annotated[MaintenanceOut | None, Field(description="null: there is none")]
 
@@ -174,6 +175,7 @@ class StateOut(ResponseModel):
             ),
             notes=tuple(NoteOut(wall_ms=wall_ms, text=text) for wall_ms, text in snapshot.notes),
             record=snapshot.record,
+            stale_s=snapshot.stale_s,
             health_age_s=snapshot.health_age_s,
             maintenance=None
             if present is None

@@ -74,7 +74,7 @@ function handle_message(data) {
   store.emit(header.kind, { ...header, counts: new Uint16Array(data, 4 + length) });
 }
 
-const is_older = (age_s) => age_s == null || age_s > (store.page?.stale_s ?? 5);
+const is_older = (age_s) => age_s == null || age_s > store.stale_s;
 
 /** Return whether no frame is newer than the allowed age. */
 export const is_frame_stale = () => is_older(store.age_s);

@@ -12,7 +12,7 @@ function render() {
   if (!state) return;
   const { frames } = state;
   const live = store.link === "live";
-  const is_old = store.flow_age_s == null || store.flow_age_s > (store.page?.stale_s ?? 5);
+  const is_old = store.flow_age_s == null || store.flow_age_s > store.stale_s;
   const flow = is_old ? { ...state.flow, ...UNKNOWN } : state.flow;
   if (live && flow.volume_m3_h != null) last = { value: flow.volume_m3_h, wall_ms: state.wall_ms };
   set_text($("flow-volume"), live ? format_significant(flow.volume_m3_h) : "–");
@@ -120,5 +120,5 @@ function show_ledger(box, totals, belt_m) {
 export function start() {
   store.on("state", throttle(render));
   for (const subject of ["link", "texts", "page"]) store.on(subject, render);
-  store.on("tick", () => { if (store.link === "live" && store.flow_age_s > (store.page?.stale_s ?? 5)) render(); });
+  store.on("tick", () => { if (store.link === "live" && store.flow_age_s > store.stale_s) render(); });
 }

@@ -11,6 +11,7 @@ import * as flow from "./flow.js";
 import * as health from "./health.js";
 import * as history from "./history.js";
 import * as maintenance from "./maintenance.js";
+import * as now from "./now.js";
 import * as production from "./production.js";
 import * as recording from "./recording.js";
 import * as keys from "./keys.js";
@@ -78,12 +79,13 @@ function show_view() {
 
 function start_section() {
   const plot = new SectionPlot($("section"));
+  const show_area = () => { if (plot.section) set_text($("section-area"), format_unit(format_number(compute_area_m2(plot.section), 4), "m2")); };
   store.on("section", throttle((message) => {
-    const section = read_section(message);
     $("section-none").hidden = true;
-    set_text($("section-area"), format_unit(format_number(compute_area_m2(section), 4), "m2"));
-    plot.show(section);
+    plot.show(read_section(message));
+    show_area();
   }));
+  store.on("texts", show_area);
   for (const subject of ["theme", "texts", "layout"]) store.on(subject, () => plot.draw());
 }
 
@@ -115,7 +117,7 @@ function go_to_login() {
 await load_page_settings();
 await load_texts(store.page?.language);
 start_tools();
-for (const part of [flow, alarms, cameras, chart, recording, maintenance, production, health, keys]) part.start();
+for (const part of [flow, alarms, now, cameras, chart, recording, maintenance, production, health, keys]) part.start();
 start_section();
 apply_texts(document);
 store.on("link", show_link);

@@ -17,6 +17,11 @@ export const store = {
     for (const listener of listeners.get(subject) ?? []) listener(detail);
   },
 
+  /** Seconds from which frames and records are not current; it follows the interval of the frames. */
+  get stale_s() {
+    return this.state?.stale_s ?? this.page?.stale_s ?? 5;
+  },
+
   /** Seconds since the last measured record, from the newest state; null: there was none. */
   get flow_age_s() {
     const age = this.state?.flow.age_s;

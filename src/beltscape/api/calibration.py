@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from beltscape.calibration.intrinsics.lens_choice import AUTO
 from beltscape.core.checks import require_choice, require_reporter, require_text, show_value
 from beltscape.core.errors import InputError
@@ -14,6 +16,8 @@ from beltscape.pipeline.calibrating.known_intrinsics import IntrinsicsUse, read_
 from beltscape.pipeline.calibrating.measuring_volume import read_measuring_volume
 from beltscape.target.board import Board, read_board
 
+LensChoice = Literal["auto", "brown", "rational", "thin_prism", "tilted", "fisheye"]
+
 
 def calibrate(
     capture: AnyPath,
@@ -22,11 +26,15 @@ def calibrate(
     *,
     intrinsics: AnyPath | None = None,
     intrinsics_as: IntrinsicsUse = "held",
-    lens_model: str = "auto",
+    lens_model: LensChoice = "auto",
     belt: AnyPath | None = None,
     reporter: Reporter | None = None,
 ) -> Calibration:
     """Calibrate the rig of a capture of board views (the paper's Section 2.2).
+
+    >>> calibration = bs.calibrate(demo / "calibration", board=demo / "board.toml", core="cam0")
+    >>> calibration.rig.core
+    'cam0'
 
     Parameters
     ----------

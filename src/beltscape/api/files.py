@@ -27,6 +27,8 @@ from beltscape.sources.folder import FolderSource
 def demo_folder() -> Path:
     """Return the folder of the small capture that ships with Beltscape.
 
+    >>> demo = bs.demo_folder()
+
     It holds the scenes ``calibration``, ``belt_empty``, ``belt_loaded`` and ``module``, ``board.toml``,
     ``module.toml``, and in ``truth`` the true rig and depths.
     """
@@ -35,6 +37,8 @@ def demo_folder() -> Path:
 
 def read_rig(path: AnyPath) -> Rig:
     """Return the calibrated rig of a rig.json.
+
+    >>> rig = bs.read_rig(demo / "truth/rig.json")
 
     Raises
     ------
@@ -45,13 +49,18 @@ def read_rig(path: AnyPath) -> Rig:
 
 
 def write_rig(rig: Rig, path: AnyPath) -> None:
-    """Write a rig as rig.json, atomically and with full float precision."""
+    """Write a rig as rig.json, atomically and with full float precision.
+
+    >>> bs.write_rig(rig, "rig.json")
+    """
     require_instance(rig, Rig, "rig", "bs.read_rig(path)")
     rig_json.write_rig(as_path(path, "path"), rig)
 
 
 def read_belt(path: AnyPath) -> Belt:
     """Return the empty belt of a belt.json.
+
+    >>> belt = bs.read_belt("belt.json")
 
     Raises
     ------
@@ -63,6 +72,8 @@ def read_belt(path: AnyPath) -> Belt:
 
 def write_belt(belt: Belt, path: AnyPath) -> None:
     """Write an empty belt, with the core camera that it was learned with, as belt.json.
+
+    >>> bs.write_belt(belt, "belt.json")
 
     Raises
     ------
@@ -116,6 +127,10 @@ def read_depth(folder: AnyPath) -> DepthMap:
 def read_capture(folder: AnyPath, rig: Rig | None = None, reporter: Reporter | None = None) -> FolderSource:
     """Return the frame sets of a capture folder, read one at a time while they are iterated over.
 
+    >>> for frame in bs.read_capture(demo / "belt_loaded", rig):
+    ...     print(frame)
+    FrameSet(000: cam0, cam1, cam2, cam3, cam4)
+
     With a ``rig``, its cameras are read and images of another size are left out; without one, all cameras of the
     folder are read, and images of another size than a camera's first are left out. Every image that is left out is
     reported.
@@ -161,6 +176,8 @@ def _read_size_px(path: AnyPath) -> tuple[int, int]:
 def write_ply(cloud: PointCloud, path: AnyPath) -> None:
     """Write a point cloud as a binary PLY file in mm, with normals, colours and σ.
 
+    >>> bs.write_ply(cloud, "cloud.ply")
+
     Raises
     ------
     InputError
@@ -174,6 +191,8 @@ def write_ply(cloud: PointCloud, path: AnyPath) -> None:
 
 def write_cloud(cloud: PointCloud, path: AnyPath) -> None:
     """Write a point cloud as PLY (mm), LAS or LAZ (m), by the file's ending.
+
+    >>> bs.write_cloud(cloud, "cloud.ply")
 
     LAS and LAZ need ``pip install 'beltscape[export]'``. They hold σ (mm), confidence and normals as extra
     dimensions, and the frame as a local coordinate system.

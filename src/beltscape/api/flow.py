@@ -20,7 +20,7 @@ from beltscape.measure.flow import meter
 from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
 from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.records.totals import FlowTotals
-from beltscape.measure.flow.settings import FlowSettings
+from beltscape.measure.flow.settings import Direction, FlowSettings
 from beltscape.pipeline.measuring.flow.checks import require_consistent_motion
 
 _ENCODER = Path("position_mm")
@@ -32,6 +32,10 @@ _LITRES_MM3 = 1e-6
 class FlowMeter(Displayed):
     """Measures what passes on a moving belt.
 
+    >>> meter = bs.FlowMeter(rig, belt, density_kg_m3=1600)
+    >>> records = meter.push(depth, time_ns=0, position_mm=0.0)
+    >>> records += meter.finish()
+
     Push the depth map of every frame, in order, then call `finish`. A record is returned some frames after its frame
     was pushed: when its strip of belt has left the view.
     """
@@ -40,7 +44,7 @@ class FlowMeter(Displayed):
         self,
         rig: Rig,
         belt: Belt,
-        direction: str | None = None,
+        direction: Direction | None = None,
         *,
         density_kg_m3: float | None = None,
         settings: FlowSettings | None = None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import TypedDict, TypeVar, Unpack
 
 from pydantic import BaseModel, ValidationError
 
@@ -35,6 +35,24 @@ Range = tuple[float, float]
 Settings = TypeVar("Settings", bound=BaseModel)
 
 
+class VolumeOptions(TypedDict, total=False):
+    """Further settings of `measure_volume`, which `VolumeSettings` describes."""
+
+    cell_mm: float | None
+    profile_every_mm: float
+    surcharge_deg: float
+
+
+class LumpOptions(TypedDict, total=False):
+    """Settings of `measure_lumps`, which `LumpSettings` describes."""
+
+    oversize_mm: float | None
+    sieves_mm: Sequence[float]
+    smallest_px: float
+    raster_pixels: int
+    split: float
+
+
 def learn_belt(
     depths: Sequence[DepthMap],
     rig: Rig,
@@ -44,6 +62,8 @@ def learn_belt(
     region_px: Sequence[Range] | None = None,
 ) -> Belt:
     """Return the model of the empty belt from one or more of its depth maps.
+
+    >>> belt = bs.learn_belt([empty], rig)
 
     Parameters
     ----------
@@ -84,9 +104,13 @@ def measure_volume(
     rig: Rig,
     across_mm: Range | None = None,
     along_mm: Range | None = None,
-    **settings: Any,
+    **settings: Unpack[VolumeOptions],
 ) -> Volume:
     """Measure the volume between the load and the empty belt in a box of the belt frame.
+
+    >>> volume = bs.measure_volume(depth, belt, rig, along_mm=(-200, 200))
+    >>> round(volume.volume_mm3 * 1e-6)
+    13
 
     Parameters
     ----------
@@ -126,8 +150,12 @@ def measure_volume(
     )
 
 
-def measure_lumps(depth: DepthMap, rig: Rig, belt: Belt | None = None, **settings: Any) -> Lumps:
+def measure_lumps(
+    depth: DepthMap, rig: Rig, belt: Belt | None = None, **settings: Unpack[LumpOptions]
+) -> Lumps:
     """Segment the lumps of a depth map and measure their sizes.
+
+    >>> lumps = bs.measure_lumps(depth, rig, belt=belt, oversize_mm=60)
 
     Without the empty ``belt``, positions are in the core camera's frame and fines are unknown. ``settings`` are those
     of `LumpSettings`, such as ``oversize_mm=150``.
@@ -152,6 +180,8 @@ def measure_features(
     plain: Image | None = None,
 ) -> MeasuredModule:
     """Measure the dimensions of the calibration module in a depth map.
+
+    >>> features = bs.measure_features(depth_module, rig, demo / "module.toml", image=image_module)
 
     Parameters
     ----------
@@ -197,7 +227,7 @@ def require_belt_of(belt: Belt, rig: Rig) -> None:
         )
 
 
-def _make_settings(kind: type[Settings], values: dict[str, Any]) -> Settings:
+def _make_settings(kind: type[Settings], values: object) -> Settings:
     try:
         return validate_strictly(kind, values, lambda key, value, oddity: f"{key} = {value:g}: {oddity}")
     except ValidationError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 from beltscape.core.arguments import require_depth_of, require_depth_range, require_image
 from beltscape.core.checks import require_instance, require_reporter, show_value
@@ -19,13 +20,14 @@ from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.pointcloud.cloud import cloud_from_depth
 
 Range = tuple[float, float]
+Preset = Literal["fast", "standard"]
 
 
 class Reconstructor:
     """The matcher of one rig: call it with the images of one instant.
 
-    >>> matcher = Reconstructor(rig, preset="fast")  # doctest: +SKIP
-    >>> depth = matcher({"cam0": image0, "cam1": image1})  # doctest: +SKIP
+    >>> matcher = bs.Reconstructor(rig, preset="fast")
+    >>> depth = matcher({"cam0": image0, "cam1": image1})
 
     Every frame is checked for cameras that do not fit the rig: one that moved is left out, or the depth's σ grows to
     cover its error, and `warnings` says so.
@@ -34,7 +36,7 @@ class Reconstructor:
     def __init__(
         self,
         rig: Rig,
-        preset: str = "standard",
+        preset: Preset = "standard",
         depth_range_mm: Range | None = None,
         threads: int = 0,
         *,
@@ -134,6 +136,8 @@ class Reconstructor:
 
 def point_cloud(depth: DepthMap, rig: Rig, image: Image | None = None) -> PointCloud:
     """Return the points of a depth map in the core camera's frame, with normals, colours and σ.
+
+    >>> cloud = bs.point_cloud(depth, rig, image=image0)
 
     Parameters
     ----------

@@ -214,6 +214,11 @@ def _read_faults(folder: Path) -> tuple[float, tuple[str, ...]]:
     return 0.0, ()
 
 
+def find_rig_file(frame: Path) -> Path:
+    """Return the rig.json beside a frame folder or the depth.tiff in one; it need not exist."""
+    return _reconstruction_folder(frame.resolve().parent if frame.is_file() else frame) / "rig.json"
+
+
 def _reconstruction_folder(folder: Path) -> Path:
     """Return the reconstruction's folder, also for a frame given as ``.`` or ``..``."""
     return folder.resolve().parent if folder.name in ("", "..") else folder.parent

@@ -1,4 +1,4 @@
-"""``beltscape evaluate depth DIR --truth TRUTH_DIR|NPZ``: compares a reconstruction with the true depth."""
+"""``beltscape evaluate depth DIR --truth TRUTH_DIR|NPZ|TIFF``: compares depths of any method with the true ones."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from beltscape.core.progress import Reporter
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument(
-        "folder", type=Path, metavar="DIR", help="a reconstruction, or one frame folder of it"
+        "folder", type=Path, metavar="DIR", help="a reconstruction, a frame folder, or a depth.tiff"
     )
     parser.add_argument(
-        "--truth", type=Path, required=True, help="truth folder of simulate, or its <scene>_depth.npz"
+        "--truth",
+        type=Path,
+        required=True,
+        help="truth folder of simulate, an npz file in it, or a TIFF",
     )
     parser.add_argument("--scene", help="which of a truth folder's scenes, where it has several")
     parser.add_argument(

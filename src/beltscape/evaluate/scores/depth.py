@@ -94,8 +94,14 @@ def score_depth(
         interior_robust_sigma_mm=compute_robust_sigma(dz),
         interior_p95_mm=float(np.percentile(np.abs(dz), 95)) if dz.size else np.nan,
         interior_gross=_share((np.abs(dz) > GROSS_MM).sum(), dz.size),
-        sigma_ratio=compute_robust_sigma(dz / depth.sigma_mm[inside]),
+        sigma_ratio=_compute_sigma_ratio(dz, depth.sigma_mm[inside]),
     )
+
+
+def _compute_sigma_ratio(error_mm: NDArray[np.float64], sigma_mm: NDArray[np.float32]) -> float:
+    """Return actual over predicted σ, of the pixels that have a σ."""
+    known = np.isfinite(sigma_mm)
+    return compute_robust_sigma(error_mm[known] / sigma_mm[known])
 
 
 def interior_mask(

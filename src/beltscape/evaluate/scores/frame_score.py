@@ -51,7 +51,7 @@ def score_frame(
 
     The truth may be on another core's grid; regions extend ``within_mm`` to each side of the rig along the belt.
     """
-    true = truth.resample_to(rig)
+    true = truth if rig is truth.rig else truth.resample_to(rig)
     return {
         name: _region(depth, rig, true, region)
         for name, region in true.region_masks(within_mm).items()

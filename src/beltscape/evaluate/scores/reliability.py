@@ -27,8 +27,10 @@ def compute_sigma_ratios(
 ) -> NDArray[np.float64]:
     """Return actual over predicted σ, (bins,), of equally large groups of ascending predicted σ.
 
-    ``error_mm`` and ``sigma_mm`` are (N,), finite. NaN for an empty group.
+    ``error_mm`` and ``sigma_mm`` are (N,); pixels without a finite σ are left out. NaN for an empty group.
     """
+    known = np.isfinite(sigma_mm)
+    error_mm, sigma_mm = error_mm[known], sigma_mm[known]
     groups = np.array_split(np.argsort(sigma_mm, kind="stable"), bins)
     return np.array([compute_robust_sigma(error_mm[group] / sigma_mm[group]) for group in groups])
 

@@ -19,6 +19,7 @@ from beltscape.evaluate.truth.occluded_pixels import occluded_mask
 from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
 from beltscape.files.arrays import DAMAGED
 from beltscape.files.documents.json_text import read_json
+from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load
 
@@ -38,7 +39,8 @@ class Truth:
 
     rig: Rig
     """The core camera is the grid's."""
-    core_from_world: Pose
+    core_from_world: Pose | None
+    """None: the belt's direction is not known, and every pixel with a depth is compared."""
     depth_mm: NDArray[np.float64]
     """(H, W) along the optical axis; NaN: none."""
     label: NDArray[np.uint8]
@@ -59,8 +61,15 @@ class Truth:
             occluded=resample_mask(rig, self.rig, self.occluded),
         )
 
+    @property
+    def is_placed(self) -> bool:
+        """Return whether its rig is a calibrated one, to whose grid and from which depths can be resampled."""
+        return self.rig.core != _UNKNOWN
+
     def near_mask(self, reach_mm: float = WITHIN_MM) -> NDArray[np.bool_]:
         """Return the mask (H, W) of pixels within ``reach_mm`` of the rig along the belt."""
+        if self.core_from_world is None:
+            return np.isfinite(self.depth_mm)
         depth = self.depth_mm[..., None]
         points = np.concatenate([self.rig.core_camera.rays() * depth, depth], axis=-1)
         with np.errstate(invalid="ignore"):
@@ -71,7 +80,8 @@ class Truth:
         near = self.near_mask(reach_mm)
         masks = {name: np.isin(self.label, labels) & near for name, labels in REGIONS.items()}
         masks = {name: region for name, region in masks.items() if region.any()}
-        return {**masks, "all": np.any([*masks.values()], axis=0) if masks else np.zeros_like(near)}
+        everything = near if self.core_from_world is None else np.zeros_like(near)
+        return {**masks, "all": np.any([*masks.values()], axis=0) if masks else everything}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,7 +114,7 @@ def read_truth(path: Path, scene: str | None = None) -> TruthFile:
     Parameters
     ----------
     path
-        The truth's folder, or the npz file of depths in it, with rig.json beside it.
+        The truth's folder, or the npz file of depths in it, with rig.json beside it; or a float32 TIFF of depths.
     scene
         Name of the scene, for a folder with several.
 
@@ -114,6 +124,8 @@ def read_truth(path: Path, scene: str | None = None) -> TruthFile:
         When a file is missing or incomplete.
     """
     file = _depth_file(path, scene)
+    if file.suffix.lower() in (".tif", ".tiff"):
+        return TruthFile(file, (_read_bare(file),))
     try:
         with file.open("rb") as stream, np.load(stream) as arrays:
             own = {name: arrays[name] for name in _WANTED if name in arrays.files}
@@ -140,6 +152,28 @@ def read_truth(path: Path, scene: str | None = None) -> TruthFile:
     )
 
 
+def _read_bare(file: Path) -> Truth:
+    """Return the truth of a TIFF of depths, with the rig.json beside it or, without one, on a grid of its own."""
+    depth = read_float_tiff(file).astype(np.float64)
+    label = np.zeros(depth.shape, np.uint8)
+    if (file.parent / "rig.json").is_file():
+        rig = read_rig(file.parent / "rig.json")
+        if depth.shape != rig.core_camera.size_px[::-1]:
+            width, height = rig.core_camera.size_px
+            raise InputError(
+                f"{file}: {depth.shape[1]}×{depth.shape[0]} px, but the core of the rig.json beside it has "
+                f"{width}×{height}; give the truth of one rig"
+            )
+        return Truth(rig, None, depth, label, occluded_mask(rig, depth, load()))
+    height, width = depth.shape
+    middle = np.array([(width - 1) / 2, (height - 1) / 2])
+    camera = Camera(_UNKNOWN, (width, height), np.full(2, float(width)), middle, np.zeros(5))
+    rig = Rig(_UNKNOWN, {_UNKNOWN: camera}, {_UNKNOWN: Pose.identity()})
+    return Truth(rig, None, depth, label, np.zeros(depth.shape, bool))
+
+
+_UNKNOWN = "unknown"
+"""Name of the core camera of a truth without a rig: only depths on the same grid are compared with it."""
 _WANTED = ("depth_mm", "label", "views", "z_pinhole", "label_pinhole")
 
 

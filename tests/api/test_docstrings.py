@@ -1,0 +1,86 @@
+"""The examples in the docstrings of the verbs run in one session, and a type checker flags wrong words."""
+
+from __future__ import annotations
+
+import doctest
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, get_args
+
+import pytest
+
+import beltscape as bs
+from beltscape.api.calibration import LensChoice
+from beltscape.api.measuring import LumpOptions, VolumeOptions
+from beltscape.api.reconstruction import Preset
+from beltscape.core.geometry.lens import MODELS
+from beltscape.measure.lumps.settings import LumpSettings
+from beltscape.measure.volume.settings import VolumeSettings
+from beltscape.stereo.multiview.settings import PRESETS
+from tests.synthetic.demo import DEMO
+
+VERBS = [
+    name
+    for name in bs.__all__
+    if callable(getattr(bs, name)) and (name[0].islower() or name in ("FlowMeter", "Reconstructor"))
+]
+CHECKER = Path(sys.executable).parent / "basedpyright"
+
+
+@pytest.fixture(scope="module")
+def found(rig: bs.Rig, scenes: dict[str, Any], belt: bs.Belt) -> dict[str, Any]:
+    """What the examples stand on: the demo's rig, images, depths and belt."""
+    loaded, module = scenes["belt_loaded"], scenes["module"]
+    return {
+        "bs": bs, "demo": DEMO, "rig": rig, "belt": belt, "depth": loaded.depth, "depth_mm": loaded.depth.depth_mm,
+        "empty": scenes["belt_empty"].depth, "image0": loaded.frame.images["cam0"],
+        "image1": loaded.frame.images["cam1"], "depth_module": module.depth,
+        "image_module": module.frame.images["cam0"], "cloud": bs.point_cloud(loaded.depth, rig),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_has_an_example_that_runs(
+    name: str, found: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    bs.write_rig(found["rig"], "rig.json")
+    bs.write_belt(found["belt"], "belt.json")
+    bs.write_depth(found["depth"], "depth_loaded/000")
+    text = getattr(bs, name).__doc__ or ""
+    assert ">>> " in text
+    test = doctest.DocTestParser().get_doctest(text, dict(found), name, None, 0)
+    told = list[str]()
+    runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
+    assert runner.run(test, out=told.append).failed == 0, "".join(told)
+
+
+def test_typed_words_are_those_that_are_taken() -> None:
+    assert set(get_args(Preset)) == set(PRESETS)
+    assert set(get_args(LensChoice)) == {"auto", *MODELS}
+    assert set(VolumeOptions.__annotations__) == set(VolumeSettings.model_fields)
+    assert set(LumpOptions.__annotations__) == set(LumpSettings.model_fields)
+
+
+@pytest.mark.skipif(not CHECKER.exists(), reason="basedpyright is not installed; `make dev` brings it")
+def test_a_type_checker_flags_wrong_words(tmp_path: Path) -> None:
+    (tmp_path / "caller.py").write_text(
+        "import beltscape as bs\n\n\n"
+        "def work(rig: bs.Rig, depth: bs.DepthMap, belt: bs.Belt) -> None:\n"
+        '    bs.Reconstructor(rig, preset="fast")\n'
+        "    bs.measure_lumps(depth, rig, oversize_mm=60)\n"
+        "    bs.measure_volume(depth, belt, rig, cell_mm=5)\n"
+        '    bs.FlowMeter(rig, belt, direction="+y")\n'
+        '    bs.Reconstructor(rig, preset="fats")\n'
+        "    bs.measure_lumps(depth, rig, oversize=60)\n"
+        "    bs.measure_volume(depth, belt, rig, cell=5)\n"
+        '    bs.FlowMeter(rig, belt, direction="y")\n'
+        '    bs.calibrate("a", "b", lens_model="fish")\n'
+    )
+    done = subprocess.run(
+        [str(CHECKER), "--level", "error", "--pythonpath", sys.executable, "caller.py"],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    lines = {int(line.split(":")[1]) for line in done.stdout.splitlines() if " - error: " in line}
+    assert lines == {9, 10, 11, 12, 13}, done.stdout

@@ -15,6 +15,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 from paho.mqtt.subscribeoptions import SubscribeOptions
 
+from beltscape.core.errors import describe_cause
 from beltscape.protocols.client_tls import make_client_context
 from beltscape.protocols.mqtt.settings import MqttSettings
 
@@ -87,7 +88,7 @@ class Connection:
                 self._settings.host, self._settings.broker_port, _KEEP_ALIVE_S, clean_start=True
             )
         except OSError as error:
-            return f"not connected ({error})"
+            return f"not connected ({describe_cause(error)})"
         self._client.loop_start()
         if not self._answered.wait(_CONNECT_S):
             return self.reason or f"not connected (no answer; {_NO_ANSWER})"

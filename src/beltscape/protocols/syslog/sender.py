@@ -9,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from time import monotonic, time_ns
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import InputError, describe_cause
 from beltscape.core.live.alarms import PRIORITIES, Alarm
 from beltscape.core.runtime.supervision import make_supervised_thread
 from beltscape.protocols.client_tls import make_client_context
@@ -113,7 +113,7 @@ class SyslogSender:
         try:
             connection = SyslogConnection(self._settings)
         except OSError as error:
-            return f"not connected ({error})"
+            return f"not connected ({describe_cause(error)})"
         try:
             self._set_trouble("")
             self._report_losses(connection)
@@ -127,7 +127,7 @@ class SyslogSender:
                         self._number += 1
             return ""
         except OSError as error:
-            return f"connection lost ({error})"
+            return f"connection lost ({describe_cause(error)})"
         finally:
             connection.close()
 

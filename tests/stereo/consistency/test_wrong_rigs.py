@@ -75,14 +75,22 @@ def test_error_across_the_rows_is_named_with_its_size(auxiliaries, error, size, 
 
 
 @pytest.mark.parametrize(
-    ("error", "size"), [("focal_y", 0.012), ("center_y", 6.0), ("roll", 0.6), ("scale", 0.02)]
+    ("error", "size", "named"),
+    [
+        ("focal_y", 0.012, "focal_px[1] is 0.988"),
+        ("center_y", 6.0, "center_px[1] is -6.0"),
+        ("roll", 0.6, "turned by -0.60°"),
+        ("scale", 0.02, "image scale is 0.98"),
+    ],
 )
-def test_one_wrong_camera_of_five_is_named_alone(error, size):
+def test_one_wrong_camera_of_five_is_named_alone(error, size, named):
     rig, frame = see(4)
     off = falsify(rig, error, size)
     consistency = check_consistency(frame, off, None)
     assert consistency.inconsistent == ("right",)
-    assert [fault.cameras for fault in diagnose_cameras(frame, off, consistency)] == [("right",)]
+    (fault,) = diagnose_cameras(frame, off, consistency)
+    assert fault.cameras == ("right",)
+    assert named in fault.text
 
 
 @pytest.mark.parametrize(("error", "size"), [("focal_x", 0.02), ("baseline_length", 0.04), ("center_x", 8.0)])

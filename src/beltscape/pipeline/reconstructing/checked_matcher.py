@@ -81,7 +81,7 @@ class CheckedMatcher:
         self._findings = CameraFindings(rig, auxiliaries)
         self._proposals = RigProposals(rig, propose_rig)
         self._systematic_px = 0.0
-        self._reported: tuple[tuple[str, ...], bool] = (), False
+        self._reported: tuple[tuple[str, ...], bool, bool] = (), False, False
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -92,7 +92,8 @@ class CheckedMatcher:
         """Return the depth of a frame; report its faults when they are new."""
         checked = self.measure(frame_set, reporter)
         if checked.consistency is not None:
-            state = checked.consistency.inconsistent, checked.consistency.core_moved
+            consistency = checked.consistency
+            state = consistency.inconsistent, consistency.core_moved, bool(checked.faults)
             if state != self._reported:
                 for line in checked.faults:
                     reporter.warn(line)

@@ -11,7 +11,8 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.stereo.consistency.faults.pose_change import apply_pose_change, stack_residuals
+from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
+from beltscape.stereo.consistency.residuals import compute_disparity_residuals, compute_pair_residuals
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tie_points.tie_points import Array
 
@@ -53,47 +54,60 @@ def find_wrong_quantities(consistency: RigConsistency, rig: Rig) -> tuple[WrongQ
     quantity of the core may be wrong the other way round.
     """
     names = tuple(each.camera for each in consistency.cameras if np.isfinite(each.epipolar_px))
-    suspects = [n for n in consistency.find_auxiliaries("contradicting") if n in names]
-    if not suspects or consistency.is_change or (consistency.core_moved and len(names) > 1):
+    if consistency.is_change or (consistency.core_moved and len(names) > 1):
         return ()
-    before = _measure_left(consistency, rig, names)
-    found = [
-        (left, WrongQuantity(camera, text))
-        for camera in suspects
-        for left, text in (_correct(consistency, rig, camera, names, one) for one in _QUANTITIES.values())
-    ]
-    least = min(left for left, _ in found)
-    noise = _NOISE_PX * consistency.tie_points.pixel_scale
-    explaining = sorted(
-        (one for one in found if one[0] <= min(_AS_GOOD * least + noise, _LEFT * before + noise)),
-        key=lambda one: one[0],
-    )
-    return tuple(one for _, one in explaining) if len(explaining) <= _MOST else ()
+    found: list[tuple[float, WrongQuantity]] = []
+    for camera in consistency.find_auxiliaries("contradicting"):
+        if camera in names:
+            residuals = _OwnResiduals(consistency, rig, camera, names)
+            found += _find_corrections(residuals, rig)
+    return tuple(one for _, one in sorted(found, key=lambda one: one[0])) if len(found) <= _MOST else ()
 
 
-def _measure_left(consistency: RigConsistency, rig: Rig, names: tuple[str, ...]) -> float:
-    """Return the robust RMS of all residuals under a rig, px."""
-    residuals = stack_residuals(consistency.tie_points, rig, names, None)
-    return MAD_TO_SIGMA * float(np.nanmedian(np.abs(residuals)))
+class _OwnResiduals:
+    """Residuals of one auxiliary: against the core, and against the depths of the others."""
+
+    def __init__(self, consistency: RigConsistency, rig: Rig, camera: str, names: tuple[str, ...]) -> None:
+        self.camera, self.pixel_scale = camera, consistency.tie_points.pixel_scale
+        self._tie_points = consistency.tie_points
+        sound = [name for name in consistency.find_auxiliaries("sound") if name in names]
+        others = sound or [name for name in names if name != camera]
+        self._others = [compute_pair_residuals(self._tie_points, rig, name) for name in others]
+
+    def compute(self, rig: Rig) -> Array:
+        """Return all residuals under a rig that differs in this camera, px; NaN: not found."""
+        own = compute_pair_residuals(self._tie_points, rig, self.camera)
+        return np.concatenate(
+            [own.epipolar_px, *(compute_disparity_residuals(own, other) for other in self._others)]
+        )
+
+    def measure(self, rig: Rig) -> float:
+        """Return the robust RMS of the residuals under a rig, px; infinite without any."""
+        found = self.compute(rig)
+        found = np.abs(found[np.isfinite(found)])
+        return MAD_TO_SIGMA * float(np.median(found)) if len(found) else float("inf")
 
 
-def _correct(
-    consistency: RigConsistency, rig: Rig, camera: str, names: tuple[str, ...], quantity: _Quantity
-) -> tuple[float, str]:
-    """Return what the best correction of a quantity leaves, px, and its text."""
+def _find_corrections(residuals: _OwnResiduals, rig: Rig) -> list[tuple[float, WrongQuantity]]:
+    """Return the quantities that explain the residuals, each with what its correction leaves, px."""
+    noise = _NOISE_PX * residuals.pixel_scale
+    found = [_correct(residuals, rig, one) for one in _QUANTITIES.values()]
+    limit = min(_AS_GOOD * min(left for left, _ in found) + noise, _LEFT * residuals.measure(rig) + noise)
+    return [one for one in found if one[0] <= limit]
 
-    def compute_residuals(value: float) -> Array:
-        return stack_residuals(consistency.tie_points, quantity.correct(rig, camera, value), names, None)
 
-    scale, value = _LOSS_PX * consistency.tie_points.pixel_scale, 0.0
+def _correct(residuals: _OwnResiduals, rig: Rig, quantity: _Quantity) -> tuple[float, WrongQuantity]:
+    """Return what the best correction of a quantity leaves, px, and the quantity with its correct value."""
+    scale, value, camera = _LOSS_PX * residuals.pixel_scale, 0.0, residuals.camera
     for loss in (10 * scale, 10 * scale, scale, scale):  # wide first, so that a large error is no outlier
-        residuals = compute_residuals(value)
-        slopes = (compute_residuals(value + quantity.step) - residuals) / quantity.step
-        weights = np.where(np.isfinite(residuals + slopes), 1 / (1 + np.square(residuals / loss)), 0.0)
+        before = residuals.compute(quantity.correct(rig, camera, value))
+        after = residuals.compute(quantity.correct(rig, camera, value + quantity.step))
+        slopes = (after - before) / quantity.step
+        weights = 1 / (1 + np.square(before / loss))
         curvature = float(np.nansum(weights * np.square(slopes)))
-        value -= float(np.nansum(weights * slopes * residuals)) / curvature if curvature > 0 else 0.0
-    left = _measure_left(consistency, quantity.correct(rig, camera, value), names)
-    return left, quantity.describe(camera, value)
+        value -= float(np.nansum(weights * slopes * before)) / curvature if curvature > 0 else 0.0
+    left = residuals.measure(quantity.correct(rig, camera, value))
+    return left, WrongQuantity(camera, quantity.describe(camera, value))
 
 
 def _change_camera(rig: Rig, name: str, change: Callable[[Camera], Camera]) -> Rig:

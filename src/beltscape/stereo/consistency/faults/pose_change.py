@@ -68,7 +68,7 @@ def fit_pose_change(
     from scipy.optimize import least_squares  # takes longer to import than a sound frame's whole check
 
     def compute_residuals(change: Array) -> Array:
-        return stack_residuals(tie_points, apply_pose_change(rig, camera, change), auxiliaries, reference)
+        return _stack_residuals(tie_points, apply_pose_change(rig, camera, change), auxiliaries, reference)
 
     found = np.isfinite(compute_residuals(np.zeros(6)))
     scale = np.array([1e-3, 1e-3, 1e-3, 1.0, 1.0, 1.0])
@@ -123,7 +123,7 @@ def _compute_length_sigma(vector: Array, covariance: Array) -> float:
     return float(np.sqrt(unit @ covariance @ unit))
 
 
-def stack_residuals(
+def _stack_residuals(
     tie_points: TiePoints, rig: Rig, auxiliaries: Sequence[str], reference: ResidualReference | None
 ) -> Array:
     """Return all epipolar residuals, and the disparity residuals of all pairs of auxiliaries, px; NaN: not found."""

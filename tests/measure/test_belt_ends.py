@@ -40,7 +40,7 @@ def beside(first: float, last: float, low: float, high: float, *sides: int) -> t
     )
 
 
-def look(scene: Scene, dark: Any = None, seed: int = 0) -> DepthMap:
+def measure_depth(scene: Scene, dark: Any = None, seed: int = 0) -> DepthMap:
     """Depth with a matcher's noise and holes; nothing is measured where ``dark`` (of world points) holds."""
     exact = scene.depth_mm()
     if dark is not None:
@@ -69,7 +69,7 @@ def ends_of(belt: Belt) -> tuple[str, str]:
 )
 def test_floor_on_both_sides_is_no_belt(section: np.ndarray, yaw_deg: float, floor_mm: float) -> None:
     scene = Scene(section, floor_mm=floor_mm, belt_yaw_deg=yaw_deg, **INCLINED)
-    belt = learn_belt([look(scene)], CORE)
+    belt = learn_belt([measure_depth(scene)], CORE)
     true = true_ends(scene, belt, (section[0, 0], section[-1, 0]))
     assert ends_of(belt) == ("seen", "seen")
     assert not describe_doubtful_ends(belt)
@@ -85,7 +85,7 @@ def test_trough_whose_middle_is_not_under_the_core_ends_at_its_own_ends() -> Non
     scene = Scene(
         TROUGH, floor_mm=-300.0, belt_yaw_deg=25.0, **{**INCLINED, "camera_mm": (280.0, 0.0, 1300.0)}
     )
-    belt = learn_belt([look(scene)], CORE)
+    belt = learn_belt([measure_depth(scene)], CORE)
     np.testing.assert_allclose(belt.across_mm, true_ends(scene, belt, (-END, END)), atol=NEAR_MM)
     assert ends_of(belt) == ("seen", "seen")
 
@@ -95,17 +95,17 @@ def test_trough_whose_middle_is_not_under_the_core_ends_at_its_own_ends() -> Non
 def test_rail_beside_the_belt_across_a_gap_is_no_belt(yaw_deg: float, rise_mm: float) -> None:
     rails = beside(END + 40, END + 120, RIM + rise_mm - 60, RIM + rise_mm)
     scene = Scene(TROUGH, rails, floor_mm=-300.0, belt_yaw_deg=yaw_deg, **INCLINED)
-    belt = learn_belt([look(scene)], CORE)
+    belt = learn_belt([measure_depth(scene)], CORE)
     true = true_ends(scene, belt, (-END, END))
     np.testing.assert_allclose(belt.across_mm, true, atol=NEAR_MM)
     assert ends_of(belt) == ("seen", "seen")
-    edges = find_belt_edges(look(scene, seed=5), CORE, belt)
+    edges = find_belt_edges(measure_depth(scene, seed=5), CORE, belt)
     assert abs(edges.offset_mm) < 4 * edges.sigma_mm
 
 
 def test_rail_level_with_a_flat_belt_across_a_gap_is_no_belt() -> None:
     scene = Scene(trough(600), beside(340, 420, -60, 0), floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
-    belt = learn_belt([look(scene)], CORE)
+    belt = learn_belt([measure_depth(scene)], CORE)
     true = true_ends(scene, belt, (-300.0, 300.0))
     np.testing.assert_allclose(belt.across_mm, true, atol=NEAR_MM)
     edges = require(belt.edges)
@@ -116,7 +116,7 @@ def test_rail_level_with_a_flat_belt_across_a_gap_is_no_belt() -> None:
 def test_skirt_board_on_one_side_ends_the_belt_and_is_named(section: np.ndarray) -> None:
     board = beside(250, 262, 0 if len(section) == 2 else 60, 260, 1)
     scene = Scene(section, board, floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
-    belt = learn_belt([look(scene)], CORE)
+    belt = learn_belt([measure_depth(scene)], CORE)
     true = true_ends(scene, belt, (section[0, 0], 250.0))
     np.testing.assert_allclose(belt.across_mm, true, atol=3 * NEAR_MM)
     assert belt.across_mm[1] < true[1] + NEAR_MM
@@ -129,7 +129,7 @@ def test_skirt_board_on_one_side_ends_the_belt_and_is_named(section: np.ndarray)
 
 def test_skirt_boards_on_both_sides_end_the_belt() -> None:
     scene = Scene(TROUGH, beside(250, 262, 60, 260), floor_mm=-300.0, **INCLINED)
-    belt = learn_belt([look(scene)], CORE)
+    belt = learn_belt([measure_depth(scene)], CORE)
     np.testing.assert_allclose(belt.across_mm, true_ends(scene, belt, (-250.0, 250.0)), atol=3 * NEAR_MM)
     assert ends_of(belt) == ("covered", "covered")
     warning = describe_doubtful_ends(belt)[0]
@@ -140,7 +140,7 @@ def test_skirt_boards_on_both_sides_end_the_belt() -> None:
 @pytest.mark.parametrize("yaw_deg", [0.0, 25.0, 60.0, 90.0])
 def test_belt_wider_than_the_view_has_no_ends_and_still_a_window(yaw_deg: float) -> None:
     scene = Scene(trough(700, (800, 25)), floor_mm=-300.0, belt_yaw_deg=yaw_deg, **INCLINED)
-    belt = learn_belt([look(scene)], CORE)
+    belt = learn_belt([measure_depth(scene)], CORE)
     assert ends_of(belt) == ("out of view", "out of view")
     assert "reaches the image's border" in describe_doubtful_ends(belt)[0]
     reference = make_reference(belt, CORE)
@@ -152,18 +152,18 @@ def test_belt_wider_than_the_view_has_no_ends_and_still_a_window(yaw_deg: float)
 def test_beam_across_the_view_cuts_no_belt() -> None:
     beam = Slab((-2000.0, 100.0, 300.0), (2000.0, 220.0, 380.0))
     scene = Scene(TROUGH, (beam,), floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
-    belt = learn_belt([look(scene)], CORE)
+    belt = learn_belt([measure_depth(scene)], CORE)
     np.testing.assert_allclose(belt.across_mm, true_ends(scene, belt, (-END, END)), atol=NEAR_MM)
     assert belt.along_mm[1] - belt.along_mm[0] > 1500
 
 
 def test_dark_floor_leaves_the_ends_unknown_and_a_dark_stripe_ends_no_belt() -> None:
     scene = Scene(TROUGH, floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
-    unlit = learn_belt([look(scene, lambda p: p[..., 2] < -200)], CORE)
+    unlit = learn_belt([measure_depth(scene, lambda p: p[..., 2] < -200)], CORE)
     assert ends_of(unlit) == ("unmeasured", "unmeasured")
     np.testing.assert_allclose(unlit.across_mm, true_ends(scene, unlit, (-END, END)), atol=NEAR_MM)
     striped = learn_belt(
-        [look(scene, lambda p: (p[..., 0] > 140) & (p[..., 0] < 180) & (p[..., 2] > -200))], CORE
+        [measure_depth(scene, lambda p: (p[..., 0] > 140) & (p[..., 0] < 180) & (p[..., 2] > -200))], CORE
     )
     np.testing.assert_allclose(striped.across_mm, true_ends(scene, striped, (-END, END)), atol=NEAR_MM)
 
@@ -171,7 +171,7 @@ def test_dark_floor_leaves_the_ends_unknown_and_a_dark_stripe_ends_no_belt() -> 
 def test_width_places_an_end_that_a_board_hides() -> None:
     board = beside(250, 262, 60, 260, 1)
     scene = Scene(TROUGH, board, floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
-    belt = learn_belt([look(scene)], CORE, GivenBelt(width_mm=916.0))
+    belt = learn_belt([measure_depth(scene)], CORE, GivenBelt(width_mm=916.0))
     assert ends_of(belt) == ("seen", "inferred")
     edges = require(belt.edges)
     true = true_ends(scene, belt, (-END, END))
@@ -183,7 +183,7 @@ def test_width_places_an_end_that_a_board_hides() -> None:
 
 def test_width_of_a_trough_wider_than_the_view_lies_about_its_middle() -> None:
     scene = Scene(trough(700, (800, 25)), floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
-    belt = learn_belt([look(scene)], CORE, GivenBelt(width_mm=1000.0))
+    belt = learn_belt([measure_depth(scene)], CORE, GivenBelt(width_mm=1000.0))
     assert ends_of(belt) == ("told", "told")
     reach = 350 + 150 * np.cos(np.deg2rad(25))
     np.testing.assert_allclose(belt.across_mm, true_ends(scene, belt, (-reach, reach)), atol=NEAR_MM)
@@ -193,8 +193,10 @@ def test_width_of_a_trough_wider_than_the_view_lies_about_its_middle() -> None:
 
 def test_width_that_fits_leaves_what_was_seen() -> None:
     scene = Scene(TROUGH, floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
-    plain, told = (learn_belt([look(scene)], CORE, GivenBelt(width_mm=width)) for width in (None, 920.0))
-    assert (plain.across_mm, plain.ends) == (told.across_mm, told.ends)
+    plain, given = (
+        learn_belt([measure_depth(scene)], CORE, GivenBelt(width_mm=width)) for width in (None, 920.0)
+    )
+    assert (plain.across_mm, plain.ends) == (given.across_mm, given.ends)
 
 
 def test_contradictory_widths_are_refused_with_the_fix() -> None:
@@ -202,26 +204,26 @@ def test_contradictory_widths_are_refused_with_the_fix() -> None:
     with pytest.raises(
         MeasureError, match=r"9[01]\d mm apart along its surface, but its width is given as 1200 mm"
     ):
-        learn_belt([look(scene)], CORE, GivenBelt(width_mm=1200.0))
+        learn_belt([measure_depth(scene)], CORE, GivenBelt(width_mm=1200.0))
     flat = Scene(trough(2600), **INCLINED)
     with pytest.raises(MeasureError, match=r"a flat belt .*; give --across A B"):
-        learn_belt([look(flat)], CORE, GivenBelt(width_mm=1000.0))
+        learn_belt([measure_depth(flat)], CORE, GivenBelt(width_mm=1000.0))
 
 
 def test_ends_that_are_given_limit_the_belt() -> None:
     scene = Scene(TROUGH, floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
-    belt = learn_belt([look(scene)], CORE, GivenBelt(across_mm=(-200.0, 300.0)))
+    belt = learn_belt([measure_depth(scene)], CORE, GivenBelt(across_mm=(-200.0, 300.0)))
     assert belt.across_mm == (-200.0, 300.0)
     assert (belt.x_mm[0], belt.x_mm[-1]) == (-200.0, 300.0)
     assert ends_of(belt) == ("told", "told")
     with pytest.raises(MeasureError, match="nothing was measured between x 2000 and 2400 mm"):
-        learn_belt([look(scene)], CORE, GivenBelt(across_mm=(2000.0, 2400.0)))
+        learn_belt([measure_depth(scene)], CORE, GivenBelt(across_mm=(2000.0, 2400.0)))
 
 
 def test_region_selects_the_belt_where_the_optical_axis_meets_a_platform_beside_it() -> None:
     # a wide platform as high as a flat belt, without a gap: only a person can tell them apart
     scene = Scene(trough(500), beside(250, 2000, -60, -0.01, 1), floor_mm=-300.0, **INCLINED)
-    merged = learn_belt([look(scene)], CORE)
+    merged = learn_belt([measure_depth(scene)], CORE)
     assert ends_of(merged)[1] == "out of view"
     corners = np.array(
         [[-330.0, -600.0, 0.0], [250.0, -600.0, 0.0], [250.0, 600.0, 0.0], [-330.0, 600.0, 0.0]]
@@ -229,7 +231,7 @@ def test_region_selects_the_belt_where_the_optical_axis_meets_a_platform_beside_
     seen = scene.core_from_world.apply(corners)
     pixels = seen[:, :2] / seen[:, 2:] * CORE.focal_px + CORE.center_px
     region = tuple((float(u), float(v)) for u, v in pixels)
-    belt = learn_belt([look(scene)], CORE, GivenBelt(region_px=region))
+    belt = learn_belt([measure_depth(scene)], CORE, GivenBelt(region_px=region))
     np.testing.assert_allclose(belt.across_mm, true_ends(scene, belt, (-250.0, 250.0)), atol=NEAR_MM)
     assert ends_of(belt) == ("seen", "told")
 
@@ -237,15 +239,15 @@ def test_region_selects_the_belt_where_the_optical_axis_meets_a_platform_beside_
 def test_region_beside_the_image_is_refused() -> None:
     scene = Scene(TROUGH, floor_mm=-300.0, **INCLINED)
     with pytest.raises(MeasureError, match=r"hardly anything was measured in the region u 2000 to 2100"):
-        learn_belt([look(scene)], CORE, GivenBelt(region_px=((2000, 0), (2100, 0), (2100, 90))))
+        learn_belt([measure_depth(scene)], CORE, GivenBelt(region_px=((2000, 0), (2100, 0), (2100, 90))))
 
 
 def test_volume_on_a_belt_with_floor_in_view_is_that_of_the_load() -> None:
     scene = Scene(TROUGH, floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
-    belt = learn_belt([look(scene)], CORE)
+    belt = learn_belt([measure_depth(scene)], CORE)
     load = Block((30.0, 20.0), (180.0, 150.0, 100.0), 20.0)
     volume = measure_volume(
-        look(replace(scene, solids=(load,)), seed=7),
+        measure_depth(replace(scene, solids=(load,)), seed=7),
         belt,
         CORE,
         VolumeSettings(),
@@ -261,7 +263,7 @@ def test_volume_on_a_belt_with_floor_in_view_is_that_of_the_load() -> None:
 
 def test_shape_that_holds_no_load_has_no_fill_level() -> None:
     scene = Scene(TROUGH, floor_mm=-300.0, **INCLINED)
-    belt = learn_belt([look(scene)], CORE)
+    belt = learn_belt([measure_depth(scene)], CORE)
     ridge = replace(belt, z_mm=-belt.z_mm)
     assert compute_capacity_mm2(belt, 0.3) > 1e4
     assert compute_capacity_mm2(ridge, 0.0) == 0.0

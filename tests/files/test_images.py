@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from io import BytesIO
+
 import cv2
 import numpy as np
 import PIL.Image
@@ -140,3 +143,53 @@ def test_no_format_drops_bits_in_silence(dtype, extension, message):
     with pytest.raises(InputError) as error:
         encode_image(np.zeros((4, 4), dtype), extension)
     assert str(error.value) == message
+
+
+@pytest.mark.parametrize("extension", [".pgm", ".ppm", ".pnm", ".webp", ".jp2"])
+def test_images_of_machine_vision_tools_are_read(tmp_path, extension):
+    image = cv2.GaussianBlur(noise(np.uint8, 64, 80), (0, 0), 6)
+    stored = image if extension == ".pgm" else np.dstack([image] * 3)
+    (tmp_path / f"a{extension}").write_bytes(cv2.imencode(extension, stored)[1].tobytes())
+    read = read_image(tmp_path / f"a{extension}")
+    assert np.abs(read.astype(int) - (image if read.ndim == 2 else image[..., None])).max() <= 2
+
+
+def test_a_16_bit_pgm_keeps_its_counts(tmp_path):
+    image = noise(np.uint16, 12, 9)
+    (tmp_path / "a.pgm").write_bytes(b"P5\n9 12\n65535\n" + image.astype(">u2").tobytes())
+    np.testing.assert_array_equal(read_image(tmp_path / "a.pgm"), image)
+
+
+@pytest.mark.parametrize("kind", ["TIFF", "GIF", "WEBP", "PNG"])
+@pytest.mark.parametrize("pages", [1, 3])
+def test_an_image_file_of_several_pages_is_refused_with_their_number(tmp_path, kind, pages):
+    frames = [PIL.Image.fromarray(np.full((8, 10), 60 * i, np.uint8)) for i in range(pages)]
+    frames[0].save(tmp_path / "a.tif", kind, save_all=pages > 1, append_images=frames[1:])
+    if pages == 1:
+        assert read_image(tmp_path / "a.tif").shape[:2] == (8, 10)
+        return
+    with pytest.raises(
+        InputError, match=f"a.tif: holds {pages} pages, and an image file is one frame; save each"
+    ):
+        read_image(tmp_path / "a.tif")
+
+
+def test_a_tiff_with_a_thumbnail_is_one_image(tmp_path):
+    import tifffile
+
+    image = noise(np.uint8, 40, 60)
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        file.write(image)
+        file.write(image[::4, ::4], subfiletype=1)
+    np.testing.assert_array_equal(read_image(tmp_path / "a.tif"), image)
+    buffer = BytesIO()
+    tifffile.imwrite(buffer, np.stack([image, image]), bigtiff=True)
+    (tmp_path / "b.tif").write_bytes(buffer.getvalue())
+    with pytest.raises(InputError, match="holds 2 pages"):
+        read_image(tmp_path / "b.tif")
+
+
+def test_a_pipe_is_refused_without_being_opened(tmp_path):
+    os.mkfifo(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"a\.png: is a pipe, socket or device, which is not opened"):
+        read_image(tmp_path / "a.png")

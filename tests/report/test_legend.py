@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from warnings import catch_warnings, simplefilter
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -23,6 +25,7 @@ from beltscape.report.drawing.legend import (
     round_above,
     round_below,
 )
+from beltscape.report.drawing.plots import WIDE, make_panels, to_png
 
 SCALES = [
     Scale(611.3, 742.8, UNCERTAINTY),
@@ -106,3 +109,22 @@ def test_texts_of_two_threads_do_not_take_each_others_size():
 
     with ThreadPoolExecutor(2) as pool:
         assert list(pool.map(draw, (13, 40))) == [1, 1]
+
+
+def test_names_in_other_scripts_are_drawn_without_warnings():
+    def draw(name: str) -> np.ndarray:
+        figure, (axis,) = make_panels(1, WIDE)
+        axis.set_title(name)
+        picture = cv2.imdecode(np.frombuffer(to_png(figure), np.uint8), cv2.IMREAD_GRAYSCALE)
+        assert picture is not None
+        return picture[: len(picture) // 5]
+
+    with catch_warnings():
+        simplefilter("error")
+        pictures = {
+            name: draw(name) for name in ("", "相机3", "机相3", "カメラ", "카메라", "камера", "cam $x$ 3")
+        }
+    assert all((picture < 128).sum() > 40 for name, picture in pictures.items() if name)
+    # boxes in place of the characters would look alike
+    assert not np.array_equal(pictures["相机3"], pictures["机相3"])
+    assert not np.array_equal(pictures["カメラ"], pictures["카메라"])

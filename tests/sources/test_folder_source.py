@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
 from beltscape.files.rasters.images import write_image
 from beltscape.sources import folder as folder_module
-from beltscape.sources.folder import FolderSource
+from beltscape.sources.folder import FolderSource, choose_image_size, scale_rig_to_images
+from tests.files.exchange.test_other_programs import make_rig
 
 SIZE = {"cam0": (30, 20), "cam1": (30, 20)}
 
@@ -87,3 +89,37 @@ def test_previewed_images_are_kept_up_to_a_limit(folder, monkeypatch):
     frames, _ = source(folder)
     list(frames.preview_frames(frames.frames))
     assert sum(image.nbytes for images in frames._kept.values() for image in images.values()) == 2 * 20 * 30
+
+
+def test_a_rig_is_scaled_to_binned_images_and_says_so():
+    reporter, rig = Silent(), make_rig("cam0", "cam1")
+    scaled = scale_rig_to_images(rig, {"cam0": (640, 360), "cam1": (640, 360)}, "capture", reporter)
+    assert {camera.size_px for camera in scaled.cameras.values()} == {(640, 360)}
+    assert reporter.warnings == [
+        "capture: images of 640×360 px, the rig's are 1280×720; the rig is scaled by 0.5"
+    ]
+    assert scale_rig_to_images(rig, {"cam0": (1280, 720)}, "capture", reporter) is rig
+
+
+def test_each_camera_is_scaled_to_its_own_images():
+    reporter = Silent()
+    scaled = scale_rig_to_images(
+        make_rig("cam0", "cam1"), {"cam0": (1280, 720), "cam1": (640, 360)}, "capture", reporter
+    )
+    assert [camera.size_px for camera in scaled.cameras.values()] == [(1280, 720), (640, 360)]
+    assert reporter.warnings[0].startswith("capture: cam1: images of 640×360 px")
+
+
+@pytest.mark.parametrize(
+    ("size", "reason"),
+    [((1200, 720), "they are cropped, or of another camera"), ((720, 1280), "turned by a quarter")],
+)
+def test_cropped_and_turned_images_are_refused_with_the_fix(size, reason):
+    with pytest.raises(InputError, match=f"capture/cam1: images are {size[0]}×{size[1]} px.*{reason}"):
+        scale_rig_to_images(make_rig("cam0", "cam1"), {"cam1": size}, "capture", Silent())
+
+
+def test_single_images_of_another_size_do_not_scale_the_rig():
+    assert choose_image_size([(50, 40), (30, 20)], (30, 20)) == (30, 20)
+    assert choose_image_size([(50, 40), (60, 48), (60, 48)], (30, 20)) == (60, 48)
+    assert choose_image_size([], (30, 20)) is None

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.calibration.detection.board_mismatch import describe_shown_board
+from beltscape.calibration.detection.board_mismatch import describe_contradiction, describe_shown_board
 from beltscape.target.board import CharucoBoard, Chessboard, PlanarBoard
 from tests.synthetic.boards import Print, board_poses, camera, view
 
@@ -71,3 +71,40 @@ def test_texture_is_not_reported_as_a_board(blur_px):
 def test_the_described_board_itself_is_not_reported():
     board = Chessboard(corners=(8, 5), square_mm=40)
     assert describe_shown_board(views(board), board) is None
+
+
+STATED = CharucoBoard(squares=(8, 6), square_mm=45, marker_mm=34, dictionary="DICT_5X5_100")
+
+
+@pytest.mark.parametrize(
+    ("changes", "how", "keys"),
+    [
+        ({}, Print(), None),
+        ({"legacy": True}, Print(legacy=True), None),
+        ({"legacy": True}, Print(), "legacy = false (or no such key)"),
+        ({"legacy": False}, Print(legacy=True), "legacy = true (or no such key)"),
+        ({"squares": (6, 8)}, Print(), "squares = [8, 6]"),
+        (
+            {"squares": (6, 8), "legacy": True},
+            Print(),
+            "squares = [8, 6] and legacy = false (or no such key)",
+        ),
+        ({"inverted": True}, Print(), "inverted = false (or no such key)"),
+    ],
+)
+def test_the_key_that_the_markers_contradict_is_named(changes, how, keys):
+    board = STATED.model_copy(update=changes)
+    named = describe_contradiction(
+        views(STATED, how), board, legacy=bool(board.legacy), inverted=bool(board.inverted)
+    )
+    assert named == keys
+
+
+@pytest.mark.parametrize("stated_mm", [20.0, 30.0, 38.0, 44.0])
+def test_a_wrong_marker_size_is_measured(stated_mm):
+    board = STATED.model_copy(update={"marker_mm": stated_mm})
+    named = describe_contradiction(views(STATED), board, legacy=False, inverted=False)
+    assert named is not None
+    key, _, value = named.partition(" = ")
+    assert key == "marker_mm"
+    assert float(value.partition(" ")[0]) == pytest.approx(STATED.marker_mm, rel=0.05)

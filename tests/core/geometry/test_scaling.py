@@ -12,7 +12,13 @@ from hypothesis import strategies as st
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import pinhole_scale, scale_camera, scale_rig
+from beltscape.core.geometry.scaling import (
+    fit_camera,
+    pinhole_scale,
+    replace_scaled_cameras,
+    scale_camera,
+    scale_rig,
+)
 
 CAMERA = Camera(
     "cam0",
@@ -69,3 +75,35 @@ def test_a_rig_keeps_its_poses():
     half = scale_rig(rig, 0.5)
     assert half.core_camera.size_px == (612, 512)
     assert half.cam_from_core == rig.cam_from_core
+
+
+@pytest.mark.parametrize("size_px", [(612, 512), (408, 341), (2448, 2048), (918, 768)])
+def test_a_camera_fits_binned_and_scaled_images(size_px):
+    fitted = fit_camera(CAMERA, size_px)
+    assert fitted is not None
+    assert fitted.size_px == size_px
+    factor = size_px[0] / CAMERA.size_px[0]
+    np.testing.assert_allclose(fitted.focal_px / CAMERA.focal_px, factor, rtol=2e-3)
+    np.testing.assert_allclose(fitted.center_px, (CAMERA.center_px + 0.5) * factor - 0.5, atol=0.7)
+
+
+def test_rows_and_columns_that_fill_no_bin_do_not_change_the_focal_length():
+    camera = replace(CAMERA, size_px=(1225, 1027))
+    fitted = fit_camera(camera, (306, 256))
+    assert fitted is not None
+    np.testing.assert_array_equal(fitted.focal_px, camera.focal_px / 4)
+    np.testing.assert_array_equal(fitted.center_px, (camera.center_px + 0.5) / 4 - 0.5)
+
+
+@pytest.mark.parametrize("size_px", [(1224, 900), (1000, 1024), (1024, 1224), (1216, 1017), (612, 400)])
+def test_a_camera_does_not_fit_cropped_or_turned_images(size_px):
+    assert fit_camera(CAMERA, size_px) is None
+
+
+def test_the_covariance_of_a_scaled_rig_is_in_its_own_pixels():
+    covariance = {"parameters": ["cam0.fx", "cam0.k1"], "matrix": [[4.0, 2.0], [2.0, 1.0]]}
+    quality = {"board": {"kind": "charuco"}, "held_out": {"rms_px": 0.1}}
+    rig = Rig("cam0", {"cam0": CAMERA}, {"cam0": Pose.identity()}, quality, covariance)
+    half = replace_scaled_cameras(rig, {"cam0": scale_camera(CAMERA, 0.5)})
+    assert half.covariance["matrix"] == [[1.0, 1.0], [1.0, 1.0]]
+    assert half.quality == {"board": {"kind": "charuco"}}

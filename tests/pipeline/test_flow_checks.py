@@ -78,6 +78,23 @@ def test_sound_or_slipping_encoder_is_accepted(factor: float) -> None:
     assert not reporter.warnings
 
 
+@pytest.mark.parametrize(
+    ("by_encoder", "words"),
+    [
+        (0, "the material's motion was used"),
+        (2, "the encoder's motion was used: there what the images show is no certain motion"),
+        (1, "the material's motion was used in 1, the encoder's in 1"),
+    ],
+)
+def test_a_conflict_names_whose_motion_was_used(by_encoder: int, words: str) -> None:
+    meter = meter_with("+y", [STEP_MM] * 9, [STEP_MM] * 7 + [3 * STEP_MM] * 2)
+    meter.evidence.by_encoder = by_encoder
+    reporter = Silent()
+    warn_of_motion_conflicts(meter, ENCODER, reporter)
+    assert "in 2 of 9 frame pairs" in reporter.warnings[0]
+    assert reporter.warnings[0].endswith(words) or f"{words}:" in reporter.warnings[0]
+
+
 def test_empty_or_ambiguous_belt_contradicts_nothing() -> None:
     require_consistent_motion(meter_with("-y", [], None), "-y", None, done=True)
     require_consistent_motion(

@@ -13,7 +13,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.faults.belt import CarryBack, Splice, TornEdge
 from beltscape.simulate.faults.cameras import MovedCamera, displace_image
-from beltscape.simulate.faults.delivery import MissingFrames
+from beltscape.simulate.faults.delivery import MissingFrames, RepeatedImages
 from beltscape.simulate.faults.encoder import EncoderFault
 from beltscape.simulate.faults.exposure import OverExposure
 from beltscape.simulate.faults.images import apply_to_images
@@ -26,6 +26,7 @@ from beltscape.simulate.rendering.sensor import Sensor, expose
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.simulate.solids.belt import BeltSettings
+from beltscape.simulate.truth.load_truth import compute_true_area_mm2
 from tests.simulate.tiny import tiny
 from tests.synthetic.light import DOWN, camera, plane, projector, station
 
@@ -191,6 +192,28 @@ def test_carry_back_and_splice_lie_on_the_belt():
         over = solid.vertices_mm[:, 2] - belt.height_at(*solid.vertices_mm[:, :2].T)
         assert over.max() == pytest.approx(height)
     assert CarryBack(first=3).make_solid(belt, 2) is None
+
+
+def test_an_object_over_the_belt_swings_and_is_no_load():
+    fault = {"size_mm": [100.0, 200.0, 5.0], "sway_mm": [80.0, 0.0], "period": 4, "first": 1, "last": 2}
+    scene = SimulatedScene(tiny("belt_moving", frames=4, faults={"foreign_object": [fault]}))
+    found = [
+        [solid for solid in scene.world_at(frame).solids if solid.name == "foreign_object"]
+        for frame in range(4)
+    ]
+    assert [len(solids) for solids in found] == [0, 1, 1, 0]
+    middle = [solids[0].vertices_mm.mean(axis=0) for solids in found[1:3]]
+    np.testing.assert_allclose(middle, [[0.0, 0.0, 162.5], [80.0, 0.0, 162.5]], atol=1e-9)
+    world = scene.world_at(1)
+    sound = World(tuple(one for one in world.solids if one.name != "foreign_object"), world.projector)
+    y = np.array([0.0, 40.0])
+    areas = [compute_true_area_mm2(one, y, (-60.0, 60.0), 4.0) for one in (world, sound)]
+    np.testing.assert_array_equal(*areas)
+
+
+def test_images_repeat_in_turn_and_come_back():
+    fault = RepeatedImages(first=4, every=2, last=7)
+    assert [fault.source_frame(frame) for frame in range(3, 10)] == [3, 4, 4, 6, 6, 8, 9]
 
 
 def test_torn_edge_is_missing_at_its_place_and_passes_with_the_belt():

@@ -199,8 +199,9 @@ class MaterialObserver:
             least_overlap=self._settings.least_overlap,
             near_mm=self.direction * near_mm,
         )
-        is_confirmed = shift is not None and not differ(self.direction * shift.along_mm, near_mm)
-        return shift if is_confirmed and shift.support >= LEAST_SUPPORT else None
+        if shift is None or differ(self.direction * shift.along_mm, near_mm):
+            return None
+        return shift if shift.support >= LEAST_SUPPORT else None
 
     def _is_credible(self, frame: PushedFrame, shift: Shift, expected: _Expectation) -> bool:
         """Return whether a registration is the material's motion and not a match by chance."""

@@ -73,7 +73,7 @@ class FlowMeter:
         self._profile = Profile(reference.cell_mm, self.settings.bridge_mm)
         self._buffer = LayerBuffer(reference, self.settings, RowFiller(reference, self.settings, watch_belt))
         self._foreign = ForeignObjectCheck(
-            _COARSE_CELLS * reference.cell_mm, reference.seen_mm[1] - reference.seen_mm[0]
+            _COARSE_CELLS * reference.cell_mm, float(np.ptp(reference.seen_mm))
         )
         self._faults = FaultAttribution(self._strips, self._buffer)
         self._tracker = MotionTracker(reference, self.settings, self._buffer.step_mm, self._foreign)
@@ -94,8 +94,8 @@ class FlowMeter:
         last, motion = self.motion.last, self.prediction
         if last is None or motion is None:
             return np.inf
-        step = motion.predict_step_mm(last, clock, encoder_mm)
-        return last.position_mm + 2 * step + self._convert_range(window_mm)[0]
+        ahead = 2 * motion.predict_step_mm(last, clock, encoder_mm)
+        return last.position_mm + ahead + self._convert_range(window_mm)[0]
 
     @property
     def direction(self) -> int:
@@ -223,8 +223,7 @@ class FlowMeter:
             self._strips.add(self._cutter.make_unplaced_strip(frame))
             return self._pop_finished()
         if self._watch_step is not None:
-            trusted = location.is_encoder_trusted
-            self._watch_step(FramePlacement(frame.frame, place, location.shift, trusted))
+            self._watch_step(FramePlacement(frame.frame, place, location.shift, location.is_encoder_trusted))
         view_start = np.inf
         if location.is_stalled and location.finding is not None:
             frame.findings.append(location.finding)
@@ -275,10 +274,9 @@ class FlowMeter:
 
     def _add_encoder_finding(self, frame: PushedFrame, location: Location) -> None:
         """Attribute the encoder's finding to the frame's strip and to those before it that it concerns."""
-        if location.finding is None:
-            return
-        self.findings = (*self.findings, location.finding)
-        if location.is_stalled:
+        if location.finding is not None:
+            self.findings = (*self.findings, location.finding)
+        if location.finding is None or location.is_stalled:
             return
         contradiction = location.contradiction
         first = frame.number if contradiction is None else min(contradiction.first, frame.number)

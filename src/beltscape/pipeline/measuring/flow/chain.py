@@ -25,6 +25,8 @@ from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.pipeline.measuring.flow.same_rig import require_same_rig
 from beltscape.pipeline.reconstructing.monitored_matcher import SequenceMatcher
 
+_OF_VIEW = ("foreign_object", "foreign_object_alone", "thin_overlap", "encoder_stalled")
+"""Causes of the meter's findings that are warned of; `checks` judges other contradictions over all frames."""
 _MARGIN = 0.02
 """Relative margin of the searched depth range around the empty belt's depths."""
 
@@ -136,8 +138,9 @@ class FlowChain:
         return records
 
     def _report(self, reporter: Reporter) -> None:
-        """Warn of the first fault of every check of the last measured frame's images, of every camera."""
-        for one in self._image_findings:
+        """Warn of the first fault of every check of the last measured frame, of every camera."""
+        of_view = (one for one in self.meter.findings if one.cause in _OF_VIEW)
+        for one in (*self._image_findings, *of_view):
             if one.is_fault and (one.check, one.subject) not in self._reported:
                 self._reported.add((one.check, one.subject))
                 reporter.warn(one.text)

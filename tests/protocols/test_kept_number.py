@@ -80,9 +80,9 @@ def test_a_damaged_number_gives_no_wrong_pulse(io: IoModule, tmp_path: Path, kin
     def run(until_kg: float) -> None:
         writer = OutputWriter(make_settings(io, kind), plant, tmp_path, messages.append)
         writer.start()
-        wait_until(lambda: (tmp_path / lost).exists() and read_given(tmp_path) >= 0)
+        wait_until(lambda: (tmp_path / lost).exists() and read_given(tmp_path) >= 0, 120)
         weigh(plant, until_kg)
-        wait_until(lambda: read_given(tmp_path) == round(until_kg / 25) - 40)
+        wait_until(lambda: read_given(tmp_path) == round(until_kg / 25) - 40, 120)
         writer.close()
 
     run(1250.0)
@@ -159,7 +159,7 @@ def test_a_damaged_cursor_loses_no_record(tmp_path: Path) -> None:
     (tmp_path / "mqtt.json").write_bytes(b"")
     publisher = Publisher(MqttSettings(host="127.0.0.1", port=1), plant, tmp_path, messages.append)
     publisher.start()
-    wait_until((tmp_path / "mqtt.json").exists)
+    wait_until((tmp_path / "mqtt.json").exists, 120)
     assert publisher.waiting == 5  # although a first start would publish from now on only
     publisher._publish_records(channel)  # pyright: ignore[reportPrivateUsage, reportArgumentType]
     assert channel.numbers == [1, 2, 3, 4, 5]

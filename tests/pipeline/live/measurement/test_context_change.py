@@ -124,7 +124,7 @@ def test_the_engine_exchanges_all_parts_with_an_event(tmp_path: Path) -> None:
         7.0,
     )
     engine.start()
-    assert engine.wait(30)
+    assert engine.wait(300)
     assert engine.stop() == 0
     records = list(everything(historian))
     check(records)

@@ -120,7 +120,7 @@ def test_the_engine_begins_and_ends_it_with_events(tmp_path: Path) -> None:
     while len(watcher.frames) < 30:
         time.sleep(0.01)
     assert engine.end_maintenance("ben") and not engine.end_maintenance("ben")
-    assert engine.wait(30)
+    assert engine.wait(300)
     engine.stop()
     kept = everything(historian)
     check(kept)

@@ -117,7 +117,7 @@ def test_the_engine_sets_it_with_an_event(tmp_path: Path) -> None:
     proposal = engine.measure_zero()
     assert abs(proposal.offset_mm) < 0.1
     assert not engine.set_zero(proposal.number + 1, "eva") and engine.set_zero(proposal.number, "eva")
-    assert engine.wait(30)
+    assert engine.wait(300)
     engine.stop()
     check(everything(historian))
     (event,) = [one for one in historian.events(0, time.time_ns() + 10**9) if one.kind == "zero"]

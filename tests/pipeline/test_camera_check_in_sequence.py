@@ -123,7 +123,7 @@ def test_frames_are_not_valid_before_the_cameras_were_checked(frame):
     matcher = make_matcher()
     plain = with_images(frame, lambda _, image: np.full_like(image, 90))
     matcher.reconstruct(plain, Silent())
-    assert ("camera_pose", "", "degraded") in faults_of(matcher)
+    assert ("camera_pose_unchecked", "", "degraded") in faults_of(matcher)
     for _ in range(EVERY):
         matcher.reconstruct(frame, Silent())
     assert not faults_of(matcher)

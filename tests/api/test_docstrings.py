@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -20,11 +21,7 @@ from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.stereo.multiview.settings import PRESETS
 from tests.synthetic.demo import DEMO
 
-VERBS = [
-    name
-    for name in bs.__all__
-    if callable(getattr(bs, name)) and (name[0].islower() or name in ("FlowMeter", "Reconstructor"))
-]
+VERBS = [name for name in bs.__all__ if name[0].islower() or name in ("FlowMeter", "Reconstructor")]
 CHECKER = Path(sys.executable).parent / "basedpyright"
 
 
@@ -84,3 +81,10 @@ def test_a_type_checker_flags_wrong_words(tmp_path: Path) -> None:
     )  # fmt: skip
     lines = {int(line.split(":")[1]) for line in done.stdout.splitlines() if " - error: " in line}
     assert lines == {9, 10, 11, 12, 13}, done.stdout
+
+
+def test_the_manual_lists_every_public_name() -> None:
+    tool = runpy.run_path(str(Path(__file__).resolve().parents[2] / "tools/write_python_reference.py"))
+    text = tool["PAGE"].read_text("utf-8")
+    assert tool["fill_page"](text) == text, "run python tools/write_python_reference.py"
+    assert all(f"`bs.{name}" in text for name in bs.__all__)

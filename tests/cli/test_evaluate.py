@@ -61,6 +61,49 @@ def test_one_frame_folder_and_the_text(folders, capsys):
     assert "nan" not in text
 
 
+@pytest.mark.parametrize("given", ["{found}", "{found}/000", "{found}/000/depth.tiff"])
+def test_depths_of_any_method_are_scored_without_rig_and_sigma(folders, capsys, given):
+    found, truth = folders
+    words = ["evaluate", "depth", given.format(found=found), "--truth", str(truth), "--json"]
+    assert main(words) == 0
+    whole = json.loads(capsys.readouterr().out)["frames"]
+    (found / "rig.json").unlink()
+    (found / "000" / "sigma.tiff").unlink()
+    assert main(words) == 0
+    (frame,) = json.loads(capsys.readouterr().out)["frames"]
+    own, before = frame["regions"]["belt"], whole[0]["regions"]["belt"]
+    assert frame["frame"] == "000"
+    for key in ("coverage", "within_1mm", "within_quarter_mm", "gross", "interior_median_mm"):
+        assert own[key] == pytest.approx(before[key]), key
+    assert before["sigma_ratio"] is not None
+    assert own["sigma_ratio"] is None and own["sigma_ratio_low"] is None
+    assert main(words[:-1]) == 0
+    assert "nan" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("with_rig", [True, False])
+def test_the_truth_may_be_a_tiff(folders, capsys, with_rig):
+    found, truth = folders
+    write_float_tiff(truth / "depth.tiff", np.full(SIZE[::-1], 700.0, np.float32))
+    if not with_rig:
+        (truth / "rig.json").unlink()
+    assert main(["evaluate", "depth", str(found), "--truth", str(truth / "depth.tiff"), "--json"]) == 0
+    regions = json.loads(capsys.readouterr().out)["frames"][0]["regions"]
+    assert set(regions) == {"all"}
+    assert regions["all"]["within_quarter_mm"] == pytest.approx(0.5)
+
+
+def test_depths_of_another_size_than_the_truth_are_named(folders, capsys):
+    found, truth = folders
+    (found / "rig.json").unlink()
+    write_float_tiff(found / "000" / "depth.tiff", np.full((10, 12), 700.0, np.float32))
+    (found / "000" / "sigma.tiff").unlink()
+    assert main(["evaluate", "depth", str(found), "--truth", str(truth)]) == 2
+    assert (
+        "12×10 px, but the core camera of the truth has 40×30; give depths on its" in capsys.readouterr().err
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

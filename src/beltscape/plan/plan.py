@@ -122,7 +122,7 @@ def _geometry_warnings(plan: Plan) -> list[str]:
     camera = settings.camera
     warnings: list[str] = []
     stated, lens = np.rad2deg(camera.angle_rad), np.rad2deg(camera.lens_angle_rad)
-    if abs(stated - lens) > _ANGLE_DEG:
+    if camera.angle_deg is not None and abs(stated - lens) > _ANGLE_DEG:
         warnings.append(
             f"the stated angle of view is {stated:.1f}°, but {camera.size_px[0]} pixels of "
             f"{camera.pitch_um:g} µm behind "

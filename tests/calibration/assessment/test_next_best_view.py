@@ -52,6 +52,16 @@ def test_many_views_leave_less_improvement(rig, board, poses, few):
     assert now.sigma_then_mm / now.sigma_now_mm > before.sigma_then_mm / before.sigma_now_mm
 
 
+def test_the_two_sigmas_differ_in_what_is_shown(rig, board, few):
+    following = require(find_next_best_view(few, compute_rig_covariance(few)))
+    for now, then, shown in (
+        (0.0034, 0.0027, "from 0.00340 to 0.00270 mm"),
+        (0.2, 0.1, "from 0.200 to 0.100 mm"),
+    ):
+        said = replace(following, sigma_now_mm=now, sigma_then_mm=then).describe()
+        assert said.endswith(f"the depth σ would fall {shown}.")
+
+
 def test_sufficient_views_are_reported(rig, board, few):
     following = require(find_next_best_view(few, compute_rig_covariance(few)))
     little = replace(following, sigma_then_mm=0.98 * following.sigma_now_mm)

@@ -52,7 +52,7 @@ def _read_frame(frame: Path, truth: Truth) -> tuple[DepthMap, Rig]:
         own = f"{depth.depth_mm.shape[1]}×{depth.depth_mm.shape[0]}"
         of = path if rig is not truth.rig else "the truth"
         raise InputError(
-            f"{frame}: {own} px, but the core camera of {of} has {width}×{height}; give depths on its undistorted grid, "
-            "or the rig.json of another beside them"
+            f"{frame}: {own} px, but the core camera of {of} has {width}×{height}; give depths on its "
+            "undistorted grid, or the rig.json of another beside them"
         )
     return depth, rig

@@ -64,9 +64,10 @@ class NextBestView:
         if self.is_sufficient:
             gain = 1 - self.sigma_then_mm / self.sigma_now_mm
             return f"Enough views: the most useful further one would lower the depth σ by {gain:.1%} only."
+        digits = max(3, 2 - int(np.floor(np.log10(self.sigma_then_mm))))  # three that count: the two differ
         return (
             f"Next, hold the board {self.placement}, so that {', '.join(self.seen_by)} see it: the depth σ would "
-            f"fall from {self.sigma_now_mm:.3f} to {self.sigma_then_mm:.3f} mm."
+            f"fall from {self.sigma_now_mm:.{digits}f} to {self.sigma_then_mm:.{digits}f} mm."
         )
 
 

@@ -135,7 +135,7 @@ def sync_files() -> None:
 def release_memory() -> None:
     """Give freed memory back to the system where the C library keeps it, as glibc does; elsewhere do nothing.
 
-    Arrays of many sizes leave holes between them; without this a process grows for hours, by a tenth in ten minutes.
+    Arrays of many sizes leave holes between them: a running system had 375 MiB after 25 minutes, with this 310.
     """
     import ctypes
 

@@ -236,6 +236,16 @@ def test_region_selects_the_belt_where_the_optical_axis_meets_a_platform_beside_
     assert ends_of(belt) == ("seen", "told")
 
 
+@pytest.mark.parametrize("share", [0.0, 0.06, 0.3])
+def test_sparse_depth_is_refused_or_measured_but_no_crash(share: float) -> None:
+    scene = Scene(TROUGH, floor_mm=-300.0, **INCLINED)
+    exact = scene.depth_mm()
+    rng = np.random.default_rng(4)
+    sparse = np.where(rng.random(exact.shape) < share, exact, np.nan)
+    with pytest.raises(MeasureError, match=r"project speckle|give"):
+        learn_belt([depth_map(sparse, noise_mm=0.5)], CORE)
+
+
 def test_region_beside_the_image_is_refused() -> None:
     scene = Scene(TROUGH, floor_mm=-300.0, **INCLINED)
     with pytest.raises(MeasureError, match=r"hardly anything was measured in the region u 2000 to 2100"):

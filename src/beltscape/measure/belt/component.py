@@ -68,8 +68,10 @@ def find_component(
     Neighbouring blocks are one surface where their planes meet, or fold upwards between them. A step to a floor, a
     frame or a board separates them, whatever its area. All blocks are returned where the surface is too small.
     """
+    if len(planes.rms_mm) < _LEAST_BLOCKS:
+        return np.ones(len(planes.rms_mm), bool)
     block_mm = side_px * planes.centers_mm[:, 2] / float(camera.focal_px.mean())
-    usual = float(np.median(planes.rms_mm)) if len(planes.rms_mm) else 0.0
+    usual = float(np.median(planes.rms_mm))
     even = planes.rms_mm <= 3 * usual + _UNEVEN_SHARE * block_mm
     label = _label_components(_link_blocks(planes, even, usual), len(even))
     count = np.bincount(label[even], minlength=len(even))

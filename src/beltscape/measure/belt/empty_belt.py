@@ -40,6 +40,8 @@ _MIN_COVERAGE = 0.05
 """Least measured share of the image."""
 _MAX_ROUGHNESS = 0.004
 """Largest scatter of a belt about an even surface, as a share of its distance; heaped material has more."""
+_LEAST_NODES = 12
+"""Measured nodes of the cross-section, of at least 40, without which it shows no belt; chosen."""
 _MIN_EVEN_SHARE = 0.6
 """Least share of a belt's points that lie on it: a beam across the view and 2 % of gross errors leave 0.8; a heap of
 balls has 0.2."""
@@ -144,6 +146,10 @@ def _find_section(
     points = _sample_points(surface, camera)
     start = find_initial_frame(depth, camera, blocks.select(own), points)
     section = fit_cross_section(points, start.rotation, turn_yaw=start.troughed)
+    if np.isfinite(section.z_mm).sum() < _LEAST_NODES:
+        raise MeasureError(
+            "empty belt: too few measured points across; project speckle or give a better frame"
+        )
     stride = max(1, round(np.sqrt(depth.depth_mm.size / _SAMPLE_COUNT)))
     extent = find_extent(depth, camera, section, stride)
     if extent.even_share < _MIN_EVEN_SHARE:

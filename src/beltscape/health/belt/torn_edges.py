@@ -25,7 +25,7 @@ _LEAST_FRAMES = 2
 
 @dataclass(frozen=True, slots=True)
 class EdgeRow:
-    """One edge in one row of the belt, judged."""
+    """One edge in one row of the belt, assessed."""
 
     number: int
     """Of the row."""
@@ -37,7 +37,7 @@ class EdgeRow:
 
 @dataclass(slots=True)
 class _Waiting:
-    """A row that is not judged yet."""
+    """A row that is not assessed yet."""
 
     cells: list[float]
     """Recessions in the frames so far; NaN: hidden."""
@@ -58,7 +58,7 @@ class EdgeHistory:
     _usual: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     """(n,) number of cells missing before the belt in each row of the view; NaN: not seen yet."""
     _waiting: dict[int, _Waiting] = field(default_factory=dict[int, _Waiting])
-    """Rows in view that are not judged yet, by their numbers."""
+    """Rows in view that are not assessed yet, by their numbers."""
 
     def add(
         self,
@@ -81,9 +81,9 @@ class EdgeHistory:
         for number, empty in zip(numbers[new].tolist(), is_empty[new].tolist(), strict=True):
             self._waiting[number] = _Waiting([by_number[number]], empty)
         left = sorted(number for number in self._waiting if number < int(numbers.min()))
-        return [self._judge(number, self._waiting.pop(number)) for number in left]
+        return [self._assess(number, self._waiting.pop(number)) for number in left]
 
-    def _judge(self, number: int, one: _Waiting) -> EdgeRow:
+    def _assess(self, number: int, one: _Waiting) -> EdgeRow:
         known = sorted(cells for cells in one.cells if not np.isnan(cells))
         is_known = len(known) >= min(len(one.cells), _LEAST_FRAMES)
         size = known[int(_AGREEING * (len(known) - 1))] * self.side_mm if is_known else np.nan
@@ -94,7 +94,7 @@ class EdgeHistory:
         self._usual = np.empty(0)
 
     def clear(self) -> None:
-        """Drop the rows that are not judged yet: rows between them and the next were not seen."""
+        """Drop the rows that are not assessed yet: rows between them and the next were not seen."""
         self._waiting.clear()
 
     def _measure(

@@ -68,7 +68,7 @@ class AlarmOut(ResponseModel):
     isa_state: Annotated[IsaState, Field(description="State by ANSI/ISA-18.2")]
     hidden_state: Annotated[AlarmState, Field(description="State that a suppressed alarm would have")]
     suppression: Annotated[SuppressionOut | None, Field(description="null: it is shown")]
-    known: Annotated[bool, Field(description="false: what it rests on is not measured now")]
+    is_known: Annotated[bool, Field(description="false: what it rests on is not measured now")]
     consequences: Annotated[tuple[str, ...], Field(description="Alarms that it explains and hides")]
     consequence: Annotated[Consequence, Field(description="What the default priority expects if nobody acts")]
     response: Annotated[Response, Field(description="Time that it expects until then")]
@@ -97,7 +97,7 @@ class AlarmOut(ResponseModel):
             isa_state=alarm.isa_state,
             hidden_state=alarm.hidden_state,
             suppression=None if hidden is None else SuppressionOut.from_suppression(hidden),
-            known=alarm.is_known,
+            is_known=alarm.is_known,
             consequences=alarm.consequences,
             consequence=rationale.consequence,
             response=rationale.response,

@@ -54,7 +54,7 @@ export function translate_cause(cause, values) {
 export function explain(alarm) {
   if (alarm.state === "gone") return t("alarms.over");
   if (alarm.state === "latched") return t("alarms.over_reset");
-  if (alarm.known === false && alarm.limit != null && has_text(`alarm.${alarm.name.split(":")[0]}`)) return t("alarms.not_known_help");
+  if (alarm.is_known === false && alarm.limit != null && has_text(`alarm.${alarm.name.split(":")[0]}`)) return t("alarms.not_known_help");
   const own = find_own(alarm.name, "detail");
   if (!own) return explain_by_page(alarm);
   if (get_language() === "en" && alarm.detail) return alarm.detail; // the program has filled it in already

@@ -18,7 +18,7 @@ export function compare_alarms(a, b) {
   return ((b.consequences?.length > 0) - (a.consequences?.length > 0)) || (is_unacknowledged(b) - is_unacknowledged(a)) || PRIORITY_ORDER[a.priority] - PRIORITY_ORDER[b.priority] || SEVERITY_ORDER[a.severity] - SEVERITY_ORDER[b.severity] || STATE_ORDER[a.state] - STATE_ORDER[b.state] || b.since_ms - a.since_ms;
 }
 
-const is_alike = (a, b) => a.state === b.state && a.severity === b.severity && a.known === b.known;
+const is_alike = (a, b) => a.state === b.state && a.severity === b.severity && a.is_known === b.is_known;
 
 /** Return the present alarms in their order, each with its title; the same fault of all cameras is one, with their names in `of`. */
 export function list_shown() {
@@ -55,7 +55,7 @@ function update_item(item, alarm) {
   set_text(heading, alarm.title);
   const by = alarm.by && (alarm.state === "acknowledged" || alarm.state === "latched") ? t("alarms.by", { name: alarm.by, time: format_moment(alarm.acknowledged_ms) }) : "";
   set_text(when, alarm.since_ms ? t("alarms.since", { time: format_moment(alarm.since_ms) }) : "");
-  set_text(value.firstChild, [t(`severity.${alarm.severity}`), t(`alarm.${alarm.state}`), ...(alarm.known === false ? [t("alarms.not_known")] : [])].join(" · "));
+  set_text(value.firstChild, [t(`severity.${alarm.severity}`), t(`alarm.${alarm.state}`), ...(alarm.is_known === false ? [t("alarms.not_known")] : [])].join(" · "));
   set_text(value.lastChild, ["", format_value_and_limit(alarm), by].filter((part, i) => part || !i).join(" · "));
   set_text(item.querySelector(".priority"), t("alarms.priority", { priority: t(`priority.${alarm.priority}`) }));
   const first = item.querySelector(".first");

@@ -13,7 +13,7 @@ from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.meter import FlowMeter
 from tests.measure.flow.moving_belt import COARSE_CAMERA, HEIGHT_MM, Heap, depth_map, make_empty_belt
 
-Array = NDArray[np.float64]
+Array = NDArray[np.floating]
 CELL_MM, ROWS, COLUMNS = 5.0, 124, 120
 X, Y = np.meshgrid(CELL_MM * (np.arange(COLUMNS) - 59.5), CELL_MM * (np.arange(ROWS) - 61.5))
 BEGIN, END, COUNT = 6, 12, 18
@@ -77,7 +77,7 @@ OBJECTS: dict[str, tuple[Load, Objects]] = {
 }
 
 
-def look(
+def make_heights(
     load: Load, position_mm: float, objects: Array | None, seed: int, direction: int = 1
 ) -> NDArray[np.float32]:
     """Return the heights of a frame."""
@@ -97,7 +97,7 @@ def run(
     for frame in range(count):
         own = objects(frame) if objects is not None and BEGIN <= frame < END else None
         position = frame * step_mm
-        heights = look(load, position, own, frame, direction)
+        heights = make_heights(load, position, own, frame, direction)
         found = check.check(frame, position, direction, heights, is_proven=load is not empty)
         findings.append(found.finding)
         masks |= found.masks
@@ -155,7 +155,7 @@ def test_a_motion_that_most_of_the_load_contradicts_is_not_judged() -> None:
     bumpy = Heap(start_mm=-20_000, end_mm=20_000, half_width_mm=280.0, hills_mm=40.0)
     for frame in range(6):
         position = 75.0 * frame + (140.0 if frame > 3 else 0.0)
-        heights = look(bumpy.height_mm, 75.0 * frame, None, frame)
+        heights = make_heights(bumpy.height_mm, 75.0 * frame, None, frame)
         found = check.check(frame, position, 1, heights, is_proven=frame <= 3)
         assert not found.finding.is_fault
 

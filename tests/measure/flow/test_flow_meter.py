@@ -263,7 +263,7 @@ def test_an_encoder_that_counts_in_reverse_over_a_load_is_no_roll_back(step_mm: 
 
 def test_steps_that_hardly_overlap_are_not_valid_and_named() -> None:
     low, high = floor().seen_mm
-    meter = FlowMeter(floor())
+    meter = FlowMeter(floor(), FlowSettings(direction="+y"))
     records: list[FlowRecord] = []
     named: list[int] = []
     for k in range(6):

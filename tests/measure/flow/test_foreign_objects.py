@@ -14,42 +14,43 @@ from beltscape.measure.flow.meter import FlowMeter
 from tests.measure.flow.moving_belt import COARSE_CAMERA, HEIGHT_MM, Heap, depth_map, make_empty_belt
 
 Array = NDArray[np.float64]
+Heights = NDArray[np.floating]
 CELL_MM, ROWS, COLUMNS = 5.0, 124, 120
 X, Y = np.meshgrid(CELL_MM * (np.arange(COLUMNS) - 59.5), CELL_MM * (np.arange(ROWS) - 61.5))
 BEGIN, END, COUNT = 6, 12, 18
 """The object is there from frame BEGIN to before END."""
 HEAP = Heap(start_mm=-20_000, end_mm=20_000, half_width_mm=220.0, hills_mm=9.0)
-Load = Callable[[Array, Array], Array]
+Load = Callable[[Array, Array], Heights]
 """Height at x and the belt's own y."""
-Objects = Callable[[int], Array]
+Objects = Callable[[int], Heights]
 """Height of the objects over the static grid in a frame; NaN where there is none."""
 
 
-def heap(x: Array, y: Array) -> Array:
+def heap(x: Array, y: Array) -> Heights:
     return HEAP.height_mm(x, y)
 
 
-def empty(x: Array, _: Array) -> Array:
+def empty(x: Array, _: Array) -> Heights:
     return np.zeros_like(x)
 
 
-def ridge(x: Array, _: Array) -> Array:
+def ridge(x: Array, _: Array) -> Heights:
     """A strand that looks alike at every instant."""
     return np.clip(60.0 - 0.4 * np.abs(x), 0, None)
 
 
-def corrugated(x: Array, y: Array) -> Array:
+def corrugated(x: Array, y: Array) -> Heights:
     """A load that repeats itself every 75 mm."""
     return np.clip(60.0 - 0.3 * np.abs(x), 0, None) * (1 + 0.3 * np.sin(2 * np.pi * y / 75))
 
 
-def worn(x: Array, y: Array) -> Array:
+def worn(x: Array, y: Array) -> Heights:
     """Carry-back in patches and a splice."""
     patches = 4.0 * (np.sin(x / 40) * np.sin(y / 55) > 0.3)
     return patches + 3.0 * (np.abs(y % 1600 - 800) < 120)
 
 
-def lumps(x: Array, y: Array) -> Array:
+def lumps(x: Array, y: Array) -> Heights:
     """Single lumps of 80 mm on a bare belt, 700 mm apart."""
     return 80.0 * ((np.abs(x - 30) < 50) & (np.abs((y + 5000) % 700 - 350) < 60))
 
@@ -57,7 +58,7 @@ def lumps(x: Array, y: Array) -> Array:
 def make_box(
     width: float, length: float, top: float, path: Callable[[int], tuple[float, float]] = lambda _: (0.0, 0.0)
 ) -> Objects:
-    def heights(frame: int) -> Array:
+    def heights(frame: int) -> Heights:
         x, y = path(frame)
         inside = (np.abs(X - x) <= width / 2) & (np.abs(Y - y) <= length / 2)
         return np.where(inside, top, np.nan)
@@ -77,11 +78,11 @@ OBJECTS: dict[str, tuple[Load, Objects]] = {
 }
 
 
-def look(
-    load: Load, position_mm: float, objects: Array | None, seed: int, direction: int = 1
+def make_heights(
+    load: Load, position_mm: float, objects: Heights | None, seed: int, direction: int = 1
 ) -> NDArray[np.float32]:
     """Return the heights of a frame."""
-    height = load(X, Y - direction * position_mm)
+    height = load(np.asarray(X, np.float64), np.asarray(Y - direction * position_mm, np.float64))
     if objects is not None:
         height = np.fmax(height, objects)
     return (height + np.random.default_rng(seed).normal(0, 0.4, height.shape)).astype(np.float32)
@@ -97,7 +98,7 @@ def run(
     for frame in range(count):
         own = objects(frame) if objects is not None and BEGIN <= frame < END else None
         position = frame * step_mm
-        heights = look(load, position, own, frame, direction)
+        heights = make_heights(load, position, own, frame, direction)
         found = check.check(frame, position, direction, heights, is_proven=load is not empty)
         findings.append(found.finding)
         masks |= found.masks
@@ -155,7 +156,7 @@ def test_a_motion_that_most_of_the_load_contradicts_is_not_judged() -> None:
     bumpy = Heap(start_mm=-20_000, end_mm=20_000, half_width_mm=280.0, hills_mm=40.0)
     for frame in range(6):
         position = 75.0 * frame + (140.0 if frame > 3 else 0.0)
-        heights = look(bumpy.height_mm, 75.0 * frame, None, frame)
+        heights = make_heights(bumpy.height_mm, 75.0 * frame, None, frame)
         found = check.check(frame, position, 1, heights, is_proven=frame <= 3)
         assert not found.finding.is_fault
 

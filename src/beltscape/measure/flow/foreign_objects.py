@@ -105,7 +105,7 @@ class ForeignObjectCheck:
         ``is_proven``: the load's own motion confirms the position.
         """
         now = self._make_view(number, position_mm, height_mm)
-        return self._judge(now, self._compare(now, direction), direction, is_proven=is_proven)
+        return self._decide(now, self._compare(now, direction), direction, is_proven=is_proven)
 
     def preview(self, position_mm: float, direction: int, height_mm: Heights) -> tuple[Mask, dict[int, Mask]]:
         """Return the cells that would be foreign in a frame at this position, and by number those of earlier ones."""
@@ -130,7 +130,7 @@ class ForeignObjectCheck:
             vanished.append((before, self._find_higher(before, now, -rows)))
         return vanished
 
-    def _judge(
+    def _decide(
         self, now: _View, vanished: list[tuple[_View, Mask]], direction: int, *, is_proven: bool
     ) -> ForeignObjects:
         """Return what is foreign by what the earlier frames show and this one does not, and the reverse."""

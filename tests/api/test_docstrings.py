@@ -48,9 +48,9 @@ def test_every_verb_has_an_example_that_runs(
     text = getattr(bs, name).__doc__ or ""
     assert ">>> " in text
     test = doctest.DocTestParser().get_doctest(text, dict(found), name, None, 0)
-    told = list[str]()
+    output = list[str]()
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
-    assert runner.run(test, out=told.append).failed == 0, "".join(told)
+    assert runner.run(test, out=output.append).failed == 0, "".join(output)
 
 
 def test_typed_words_are_those_that_are_taken() -> None:

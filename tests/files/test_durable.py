@@ -58,7 +58,7 @@ def test_a_damaged_file_is_named_and_set_aside(tmp_path: Path, damage: str) -> N
     assert len(list((tmp_path / "damaged").rglob("state.json"))) == 2
 
 
-def test_a_folder_of_its_name_is_set_aside_and_the_reason_is_told(tmp_path: Path) -> None:
+def test_a_folder_of_its_name_is_set_aside_and_the_reason_is_named(tmp_path: Path) -> None:
     path = tmp_path / "state.json"
     path.mkdir()
     (message,) = read(path)

@@ -216,7 +216,7 @@ def test_what_cannot_be_answered_is_an_exception_and_the_next_request_is_answere
     assert answers[2][1][:2] == b"\x03\x04"
 
 
-def test_a_state_that_cannot_be_read_is_an_exception_and_told_once(
+def test_a_state_that_cannot_be_read_is_an_exception_and_reported_once(
     serve, plant: FakePlant, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     server, _ = serve()

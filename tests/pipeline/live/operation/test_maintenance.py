@@ -73,11 +73,11 @@ def test_a_damaged_file_is_no_maintenance(tmp_path: Path, text: str) -> None:
 def test_a_damaged_file_is_made_anew_from_the_history(tmp_path: Path) -> None:
     clock, folder = Clock(), tmp_path / "data"
     folder.mkdir()
-    begun = open_mode(folder, clock).begin("cleaning", 10, "ana")
+    started = open_mode(folder, clock).begin("cleaning", 10, "ana")
     begin = {"action": "begin", "reason": "cleaning", "minutes": 10.0}
     events = [
-        Event(3, begun.since_ns, "alarm", "empty", "raised", ""),
-        Event(2, begun.since_ns, "maintenance", "begin", "x", "ana", json.dumps(begin)),
+        Event(3, started.since_ns, "alarm", "empty", "raised", ""),
+        Event(2, started.since_ns, "maintenance", "begin", "x", "ana", json.dumps(begin)),
         Event(1, 5, "maintenance", "end", "x", "ana"),
     ]
     (folder / "maintenance.json").write_bytes(b"")
@@ -85,8 +85,8 @@ def test_a_damaged_file_is_made_anew_from_the_history(tmp_path: Path) -> None:
     again = MaintenanceMode(
         folder, clock.monotonic_s, clock.wall_ns, print, lambda: recover_maintenance(events)
     )
-    assert again.current == begun
-    assert open_mode(folder, clock).current == begun  # it is on the disk again
+    assert again.current == started
+    assert open_mode(folder, clock).current == started  # it is on the disk again
     clock.now_s += 541
     assert again.is_over
     for ended in ([], events[2:], [Event(4, 9, "maintenance", "begin", "x", "", "{")]):

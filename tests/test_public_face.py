@@ -15,7 +15,8 @@ PUBLIC = [
     "Belt", "BeltProfile", "BeltscapeError", "Camera", "DepthMap", "FlowMeter", "FlowRecord", "FrameSet", "HeightMap",
     "PointCloud", "Pose", "Reconstructor", "Rig", "calibrate", "demo_folder", "learn_belt",
     "measure_features", "measure_lumps", "measure_volume", "point_cloud", "read_belt",
-    "read_capture", "read_depth", "read_rig", "scale_rig", "write_belt", "write_cloud", "write_depth", "write_ply", "write_rig",
+    "read_capture", "read_depth", "read_rig", "scale_rig", "write_belt",
+    "write_cloud", "write_depth", "write_ply", "write_rig",
 ]  # fmt: skip
 
 HEAVY = ["cv2", "scipy", "pydantic", "matplotlib", "rich", "jinja2", "tifffile"]

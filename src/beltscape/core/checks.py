@@ -33,8 +33,8 @@ def require_number(value: Any, argument: str, least: float = -math.inf, *, above
 
 
 def require_text(value: Any, argument: str) -> None:
-    """Raise ArgumentError unless ``value`` is a text that is not empty."""
-    if not isinstance(value, str) or not value:
+    """Raise ArgumentError unless ``value`` is a text; a camera that is alone needs no name, so it may be empty."""
+    if not isinstance(value, str):
         raise ArgumentError(f"{argument} = {show_value(value)}: must be a text")
 
 

@@ -248,11 +248,10 @@ def test_belt_of_a_dark_start_is_missing_while_it_passes(state: LedgerState, dir
     stopped = measurement.finish().entries  # the program is stopped, and started in the light
     check([*entries, *stopped])
     again = MeasurementRun(context, reopened([*entries, *stopped], 2), CAMERAS, lambda: 17, Silent())
-    lit = [e for place in positions(9000, 10200) for e in again.push(frames(place, 4000 + place)).entries]
+    light = positions(9000, 10200)
+    lit = [e for place in light for e in again.push(frames(place, 4000 + place)).entries]
     check(everything := [*entries, *stopped, *lit, *again.finish().entries])
-    travelled = (
-        12000 - STEP_MM + 2 * reach if state.end_mm is None else everything[-1].belt_mm[1] - state.end_mm
-    )
+    travelled = light[-1] + 2 * reach if state.end_mm is None else everything[-1].belt_mm[1] - state.end_mm
     assert everything[-1].belt_mm[1] - everything[0].belt_mm[0] == pytest.approx(travelled, abs=10.0)
     missing = sum(e.length_mm for e in everything if e.standing == "missing")
     assert missing == pytest.approx(9000, abs=2 * reach)

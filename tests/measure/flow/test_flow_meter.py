@@ -275,13 +275,17 @@ def test_steps_that_hardly_overlap_are_not_valid_and_named() -> None:
     assert "measured" not in {record.quality for record in records}
 
 
-def test_a_sudden_speed_on_a_bare_belt_is_not_valid_until_material_confirms_it() -> None:
+@pytest.mark.parametrize("sudden", [1, 2, 6])
+def test_a_sudden_speed_on_a_bare_belt_is_not_valid_until_it_returns(sudden: int) -> None:
+    """Material, which could confirm it, does not come."""
     meter = FlowMeter(floor(), FlowSettings(direction="+y"))
     records: list[FlowRecord] = []
     for k in range(12):
-        records += meter.push(depth_map(None, 0.0), k * 10**8, 100.0 * k + 100.0 * max(k - 5, 0))
+        ahead = 100.0 * min(max(k - 5, 0), sudden)
+        records += meter.push(depth_map(None, 0.0), k * 10**8, 100.0 * k + ahead)
     records += meter.finish()
-    assert [record.quality for record in records] == ["measured"] * 6 + ["degraded"] * 6
+    after = ["measured"] * (6 - sudden)
+    assert [record.quality for record in records] == ["measured"] * 6 + ["degraded"] * sudden + after
 
 
 def test_readings_that_no_belt_can_follow_do_not_enlarge_sigma() -> None:

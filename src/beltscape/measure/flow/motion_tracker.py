@@ -42,8 +42,8 @@ class MotionTracker(MaterialObserver):
         self._key_step_mm = key_step_mm
         self._first = FirstMotion(settings.least_overlap)
         self._readings = ReadingCheck()
-        self._is_sudden = False
-        """Whether the encoder's speed changed faster than a belt's since the material last showed its motion."""
+        self._undisputed_speed: float | None = None
+        """Speed before the encoder's changed faster than a belt's; None once material or the old speed is back."""
 
     @property
     def prediction(self) -> MotionPrediction | None:
@@ -123,19 +123,20 @@ class MotionTracker(MaterialObserver):
             contradiction,
             finding,
             has_turned,
-            self._is_sudden,
+            self._undisputed_speed is not None,
             observed.is_stalled,
             tuple(relocated),
         )
 
     def _check_speed(self, frame: PushedFrame, observed: Observation) -> None:
-        """Note a change of the encoder's speed that only material can confirm."""
+        """Note a change of the encoder's speed that only material can confirm, until the speed returns."""
         last = self.motion.last
-        if observed.shift is not None or last is None or last.encoder_mm is None or frame.encoder_mm is None:
-            self._is_sudden &= observed.shift is None
-            return
-        step = frame.encoder_mm - last.encoder_mm
-        self._is_sudden |= is_sudden(self.motion.speed, step, frame.clock - last.clock)
+        if observed.shift is not None:
+            self._undisputed_speed = None
+        elif last is not None and last.encoder_mm is not None and frame.encoder_mm is not None:
+            before = self.motion.speed if self._undisputed_speed is None else self._undisputed_speed
+            step, elapsed = frame.encoder_mm - last.encoder_mm, frame.clock - last.clock
+            self._undisputed_speed = before if is_sudden(before, step, elapsed) else None
 
     def _place(self, frame: PushedFrame, observed: Observation) -> BeltPosition | None:
         """Return the frame's position from the best observation; None if unknown."""

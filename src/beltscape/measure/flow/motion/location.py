@@ -30,7 +30,7 @@ class Location:
     has_turned: bool
     """Whether the direction of travel, which was only assumed before, turned out to be the other one."""
     is_sudden: bool = False
-    """Whether the encoder's speed changed faster than a belt's, and no material has confirmed it since."""
+    """Whether the encoder's speed changed faster than a belt's, and neither returned nor was confirmed since."""
     is_stalled: bool = False
     """Whether the frame shows the material where the frame before showed it, while a trusted encoder counts."""
     relocated: tuple[LocatedFrame, ...] = ()

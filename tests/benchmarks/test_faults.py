@@ -88,9 +88,16 @@ def test_every_row_is_a_fault_that_the_simulator_knows():
         started = [fault.first for _, fault in make_faults(case.faults, 60).list_faults()]
         assert started == [60] * len(started)
         assert case.is_sound or case.named_by or case.replaced
-        assert bool(started) or case.zero_faults or case.is_sound or case.replaced or case.disturbed
+        assert (
+            bool(started)
+            or case.zero_faults
+            or case.is_sound
+            or case.replaced
+            or case.disturbed
+            or case.step_mm
+        )
         assert not case.replaced or case.replaced in replacements
-        assert not case.disturbed or case.disturbed in disturbances
+        assert not case.disturbed or case.disturbed or case.step_mm in disturbances
 
 
 def test_results_of_parts_add_up_to_one_table(tmp_path):

@@ -23,8 +23,8 @@ BOARD = 'kind = "charuco"\nsquares = [8, 6]\nsquare_mm = 40\nmarker_mm = 29\ndic
     [
         (("[8, 6]", "[3, 3]"), "squares = [3, 3] have 2×2 inner corners; a camera needs 8 at least"),
         (("[8, 6]", "[2, 20]"), "squares = [2, 20] have 1×19 inner corners"),
-        (("40", "1e-9"), "square_mm = 1e-09: must be greater than or equal to 0.01"),
-        (("40", "40000"), "square_mm = 40000: must be less than or equal to 10000"),
+        (("40", "1e-9"), "square_mm = 1e-09: cannot be the edge of a board's square in mm (0.6 to 1000)"),
+        (("40", "40000"), "square_mm = 40000: cannot be the edge of a board's square in mm (0.6 to 1000)"),
         (("40", "inf"), "square_mm = inf: must be a finite number"),
     ],
 )  # fmt: skip

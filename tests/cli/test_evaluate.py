@@ -109,7 +109,7 @@ def test_depths_of_another_size_than_the_truth_are_named(folders, capsys):
     [
         (["depth", "{found}", "--truth", "{found}"], "no *_depth.npz"),
         (["depth", "{truth}", "--truth", "{truth}"], "no frame with depth.tiff"),
-        (["depth", "{found}", "--truth", "{truth}", "--within", "-1"], "--within -1: must be positive"),
+        (["depth", "{found}", "--truth", "{truth}", "--within", "-1"], "--within -1: must be greater than 0"),
         (["paper", "--captures", "{found}", "--out", "{found}/out"], "no such capture"),
     ],
 )

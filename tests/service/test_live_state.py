@@ -188,6 +188,7 @@ def test_the_flow_is_known_while_no_record_can_be_stored():
     before, records = live_state.take_snapshot(), len(live_state.list_records())
     for number in range(last.number + 1, last.number + 41):  # 8 s
         clock.now_s += 0.2
+        live_state.on_frame(FrameEvent(FrameSet(str(number), {}), number, 0, 0, 0.1, 0.96, 1000.0))
         live_state.on_measured([replace(last, number=number)])
     now = live_state.take_snapshot()
     assert now.flow.volume_m3_h > 0 and now.flow.age_s == 0

@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from numbers import Real
-from typing import Any, TypeGuard
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, TypeGuard
 
 from beltscape.core.errors import ArgumentError
 from beltscape.core.type_guards import is_list_or_tuple
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 _MOST_SHOWN = 60
 """Characters of a value that an error shows: it names the value, and the line stays readable."""
@@ -75,6 +75,8 @@ def require_like(value: Any, argument: str, other: NDArray[Any], named: str) -> 
 
 def is_array(value: Any) -> TypeGuard[NDArray[Any]]:
     """Return whether a value is an array."""
+    import numpy as np  # only here: the command line's help checks paths, and loads no numpy
+
     return isinstance(value, np.ndarray)
 
 

@@ -55,10 +55,10 @@ def validate_strictly(
 
 
 def _to_json(value: Any) -> Any:
-    """Return a path or a NumPy number for JSON; a date becomes a table, which no setting takes in its place."""
+    """Return a path, a NumPy number or array for JSON; all else becomes a table, which no setting takes instead."""
     if isinstance(value, Path):
         return str(value)
-    return value.item() if hasattr(value, "item") else {"date": str(value)}
+    return value.tolist() if hasattr(value, "tolist") else {type(value).__name__: str(value)}
 
 
 def describe_first_error(model: type[BaseModel], error: ValidationError) -> str:

@@ -11,7 +11,7 @@ from beltscape.service.project import ProjectSettings
 from beltscape.service.protocols.serving import STARTERS
 
 Effect = Literal["at once", "restart"]
-MEASURING = ("rig", "empty", "matching", "flow", "density", "watch", "health")
+MEASURING = ("rig", "empty", "belt", "matching", "flow", "density", "watch", "health")
 """Exchanged together between two records."""
 CERTIFICATE = ("web.tls_certificate", "web.tls_key")
 SINKS = ("history", "csv", "recording")

@@ -94,24 +94,24 @@ def test_a_core_without_a_readable_image(calibrate, charuco_capture):
         (
             ("4X4_50", "5X5_100"),
             "8×6, DICT_5X5_100",
-            "markers DICT_4X4_50 with ids up to 23 on a board of 8 columns",
+            "they show markers DICT_4X4_50 with ids up to 23 on a board of 8 columns",
         ),
         (
             ("[8, 6]", "[9, 6]"),
             "9×6, DICT_4X4_50",
-            "markers DICT_4X4_50 with ids up to 23 on a board of 8 columns",
+            "they show markers DICT_4X4_50 with ids up to 23 on a board of 8 columns",
         ),
         (
             ("[8, 6]", "[6, 8]"),
             "6×8, DICT_4X4_50",
-            "markers DICT_4X4_50 with ids up to 23 on a board of 8 columns",
+            "the markers fit squares = [8, 6]",
         ),
     ],
     ids=["dictionary", "squares", "squares the other way round"],
 )
 def test_a_board_toml_of_another_charuco_board(calibrate, two_images, change, board, shown):
     assert calibrate(board=BOARD.replace(*change)) == (
-        2, [f"beltscape: {NOT_SHOWN.format(board)}; they show {shown}: correct board.toml"],
+        2, [f"beltscape: {NOT_SHOWN.format(board)}; {shown}: correct board.toml"],
     )  # fmt: skip
 
 
@@ -151,13 +151,11 @@ def test_charuco_board_instead_of_the_described_chessboard(calibrate, two_images
     ("legacy", "inverted"), [("true", "false"), ("false", "true"), ("true", "true")], ids=str
 )
 def test_wrong_flags_of_the_board(calibrate, two_images, legacy, inverted):
+    wrong = [key for key, value in (("legacy", legacy), ("inverted", inverted)) if value == "true"]
+    fit = " and ".join(f"{key} = false (or no such key)" for key in wrong)
     assert calibrate(board=f"{BOARD}legacy = {legacy}\ninverted = {inverted}\n") == (
-        2,
-        [
-            f"beltscape: {NOT_SHOWN.format('8×6, DICT_4X4_50')}, legacy = {legacy}, inverted = {inverted}; "
-            "the images fit legacy = false, inverted = false: correct board.toml"
-        ],
-    )
+        2, [f"beltscape: {NOT_SHOWN.format('8×6, DICT_4X4_50')}; the markers fit {fit}: correct board.toml"],
+    )  # fmt: skip
 
 
 def test_images_without_any_board(calibrate, two_images):
@@ -190,14 +188,18 @@ def test_too_few_views(calibrate):
     )
 
 
+LETTERS = str.maketrans("0123456789", "abcdefghij")
+"""For names without a number, by which frames would be matched."""
+
+
 def test_no_shared_view(calibrate):
     for path in sorted(Path("capture/cam1").iterdir()):
-        path.rename(path.with_name(f"later{path.name}"))
+        path.rename(path.with_name(f"later_{path.stem.translate(LETTERS)}.png"))
     code, lines = calibrate()
     assert (code, lines[-1]) == (
         2,
-        "beltscape: cam0, cam1: no view of the board is shared with another camera; "
-        "show the board to two cameras in the same frame",
+        "beltscape: capture: no frame is of two cameras (cam0 has 00 … 04 (5); cam1 has later_aa … later_ae (5)); "
+        "give the images of one instant the same name in every camera's folder",
     )
 
 
@@ -252,8 +254,9 @@ def test_a_rig_of_another_image_size(run, charuco_capture):
     code, lines = run("check", "capture", "--rig=rig.json", "--board=board.toml")
     assert (code, lines[-1]) == (
         2,
-        "beltscape: capture/cam0: images are 480×390 px, the rig's cam0 has 480×400; "
-        "check with images of the size the rig was calibrated with",
+        "beltscape: capture/cam0: images are 480×390 px, the rig's cam0 has 480×400: they are cropped, or of another "
+        "camera; images of the whole sensor, or binned in both directions alike, fit the rig; for these, calibrate with "
+        "images of the same region",
     )
 
 

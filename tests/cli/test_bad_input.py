@@ -255,8 +255,8 @@ def test_a_rig_of_another_image_size(run, charuco_capture):
     assert (code, lines[-1]) == (
         2,
         "beltscape: capture/cam0: images are 480×390 px, the rig's cam0 has 480×400: they are cropped, or of another "
-        "camera; images of the whole sensor, or binned in both directions alike, fit the rig; for these, calibrate with "
-        "images of the same region",
+        "camera; images of the whole sensor, or binned in both directions alike, fit the rig; for these, calibrate "
+        "with images of the same region",
     )
 
 

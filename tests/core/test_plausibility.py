@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from itertools import product
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -103,19 +104,22 @@ def test_a_board_in_another_unit_makes_no_rig_that_cannot_be_read(factor, guess)
     scaled = SimpleNamespace(
         cameras=rig.cameras, core=rig.core, auxiliaries=rig.auxiliaries, cam_from_core=poses
     )
-    board = SimpleNamespace(square_mm=30 * factor)
-    geometry = SimpleNamespace(board_translation_mm=np.array([[0.0, 0.0, 700.0 * factor]]))
+    board: Any = SimpleNamespace(square_mm=30 * factor)
+    geometry: Any = SimpleNamespace(board_translation_mm=np.array([[0.0, 0.0, 700.0 * factor]]))
+    adjusted: Any = SimpleNamespace(geometry=geometry)
     with pytest.raises(CalibrationError, match="was it given in") as caught:
-        check_scale(board, SimpleNamespace(geometry=geometry), scaled, Silent())
+        check_scale(board, adjusted, scaled, Silent())
     assert guess in str(caught.value)
 
 
 def test_a_rig_in_mm_is_not_remarked_on():
     reporter = RecordingReporter(Silent())
-    geometry = SimpleNamespace(board_translation_mm=np.array([[0.0, 0.0, 700.0]]))
+    adjustment: Any = SimpleNamespace(
+        geometry=SimpleNamespace(board_translation_mm=np.array([[0.0, 0.0, 700.0]]))
+    )
     check_scale(
         Chessboard(corners=(8, 5), square_mm=34),
-        SimpleNamespace(geometry=geometry),
+        adjustment,
         read_rig(TRUE_RIG),
         reporter,
     )

@@ -80,6 +80,7 @@ def test_the_layout_by_camera(tmp_path, ours):
     np.savez(by_camera / "belt_loaded_depth_cam0.npz", z_pinhole=depth, label_pinhole=label)
     truth, same = read_truth(by_camera, "belt_loaded").truths[0], read_truth(ours).truths[0]
     np.testing.assert_array_equal(truth.depth_mm, same.depth_mm)
+    assert truth.core_from_world is not None
     np.testing.assert_allclose(truth.core_from_world.translation_mm, WORLD_UP.translation_mm)
     # cast from the found depth: what the auxiliary has left of its image, and behind the box
     assert truth.occluded.any()

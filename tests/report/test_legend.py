@@ -115,7 +115,7 @@ def test_names_in_other_scripts_are_drawn_without_warnings():
     def draw(name: str) -> np.ndarray:
         figure, (axis,) = make_panels(1, WIDE)
         axis.set_title(name)
-        picture = cv2.imdecode(np.frombuffer(to_png(figure), np.uint8), cv2.IMREAD_GRAYSCALE)
+        picture = cv2.imdecode(np.frombuffer(to_png(figure), np.uint8), 0)
         assert picture is not None
         return picture[: len(picture) // 5]
 

@@ -208,7 +208,7 @@ def test_an_object_over_the_belt_swings_and_is_no_load():
     sound = World(tuple(one for one in world.solids if one.name != "foreign_object"), world.projector)
     y = np.array([0.0, 40.0])
     areas = [compute_true_area_mm2(one, y, (-60.0, 60.0), 4.0) for one in (world, sound)]
-    np.testing.assert_array_equal(*areas)
+    np.testing.assert_array_equal(areas[0], areas[1])
 
 
 def test_images_repeat_in_turn_and_come_back():

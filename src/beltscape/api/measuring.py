@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypedDict, TypeVar, Unpack
 
 from pydantic import BaseModel, ValidationError
@@ -227,7 +227,7 @@ def require_belt_of(belt: Belt, rig: Rig) -> None:
         )
 
 
-def _make_settings(kind: type[Settings], values: object) -> Settings:
+def _make_settings(kind: type[Settings], values: Mapping[str, object]) -> Settings:
     try:
         return validate_strictly(kind, values, lambda key, value, oddity: f"{key} = {value:g}: {oddity}")
     except ValidationError as error:

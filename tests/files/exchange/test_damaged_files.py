@@ -103,7 +103,7 @@ def load_yaml(text: str) -> Any:
 
 
 def write(folder: Path, name: str, document: Any) -> Path:
-    text = json.dumps(document) if name.endswith("json") else yaml.safe_dump(document)
+    text = json.dumps(document) if name.endswith("json") else yaml.safe_dump(document)  # pyright: ignore[reportAttributeAccessIssue]
     (folder / name).write_text(text)
     return folder / name
 

@@ -18,7 +18,7 @@ from beltscape.stereo.consistency.diagnosis.fault_texts import describe_undecide
 from beltscape.stereo.consistency.row_fit import NO_FIT, fit_rows
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.settings import MultiviewSettings
-from tests.synthetic.dotted_room import compute_room_depth, falsify, make_room_rig, render_room
+from tests.synthetic.dotted_room import Arrangement, compute_room_depth, falsify, make_room_rig, render_room
 
 WIDTH_PX = 760
 RANGE_MM = 1150.0, 2600.0
@@ -27,7 +27,7 @@ OTHER_PLACE_MM = -420.0
 
 
 @cache
-def see(auxiliaries, arrangement="jittered", late=()):
+def see(auxiliaries, arrangement: Arrangement = "jittered", late=()):
     rig = make_room_rig(auxiliaries, width_px=WIDTH_PX)
     frame = render_room(rig, arrangement, shifts_mm=dict.fromkeys(late, OTHER_PLACE_MM))
     return rig, frame

@@ -44,7 +44,7 @@ def validate(path: Path, model: type[Model], values: dict[str, Any]) -> Model:
 
 
 def validate_strictly(
-    model: type[Model], values: Mapping[str, Any], describe_oddity: Callable[[str, float, str], str]
+    model: type[Model], values: Mapping[str, object], describe_oddity: Callable[[str, float, str], str]
 ) -> Model:
     """Return ``values`` as ``model``, without taking texts or truth values as numbers; pydantic's ValidationError.
 

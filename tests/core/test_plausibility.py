@@ -101,7 +101,7 @@ def test_the_rig_that_a_board_makes_shows_its_unit(unit):
 def test_a_board_in_another_unit_makes_no_rig_that_cannot_be_read(factor, guess):
     rig = read_rig(TRUE_RIG)
     poses = {name: Pose(p.rotation, factor * p.translation_mm) for name, p in rig.cam_from_core.items()}
-    scaled = SimpleNamespace(
+    scaled: Any = SimpleNamespace(
         cameras=rig.cameras, core=rig.core, auxiliaries=rig.auxiliaries, cam_from_core=poses
     )
     board: Any = SimpleNamespace(square_mm=30 * factor)

@@ -67,7 +67,7 @@ def make_unreliable_finding(text: str) -> Finding:
 def make_unchecked_finding(frames: int, limit: int, *, is_open: bool) -> Finding:
     """Return how many frames have passed since one last showed whether the cameras agree with the rig.
 
-    ``is_open``: so many that their poses are not known to be right, although nothing shows that they are wrong.
+    ``is_open``: the poses are not known to be right, although nothing shows that they are wrong.
     """
     finding = Finding(UNCHECKED, float(frames), 0.0, float(limit), "")
     if not is_open:

@@ -40,7 +40,7 @@ _VIEWS = 8
 _SAME_PLACE = 0.5
 """Share of an area that was there in the frame before, from which on it stands at the same place. Chosen."""
 _LARGE_LOAD = 0.25
-"""Share of the view from which on a load would have been registered: if it was not, the motion is doubtful."""
+"""Share of the view from which on a load would have been registered: if it was not, the motion is uncertain."""
 _LEAST_LOAD_MM = 3.0
 """What is higher counts as load, as in the registration."""
 _LEFT_SHARE, _UNPROVEN_SHARE = 0.25, 1.0

@@ -37,6 +37,8 @@ class Case:
     """Rounds after the fault that the row needs, also where fewer are asked for."""
     step_mm: float | None = None
     """Travel of the belt between frame sets from the fault on: only so many are delivered; None: all."""
+    rolls_back_mm: float = 0.0
+    """Distance by which the belt rolls back, after it stood for some frames; then it runs on. No fault: belts do."""
     begins_after: float = 0.0
     """Share of a round after which the fault begins: where nothing is in view, or a heap."""
     from_start: bool = False

@@ -20,6 +20,21 @@ from faults.case import Case
 
 _LOST_S = 1.5
 """Time without an image after which the camera source calls a camera lost."""
+_STANDING_FRAMES = 5
+"""Frames for which a belt stands before it rolls back, and before it runs on. Chosen: 0.6 s."""
+_NOISE = 1.5
+"""Noise of images of a belt that is seen again, grey values of 255: that of the rows with repeated images."""
+
+
+def find_shown_frame(capture: RoundCapture, case: Case, onset: int, number: int) -> int:
+    """Return the frame of the endless belt that is seen in a delivered one: another where the belt rolled back."""
+    since = number - onset
+    back = round(case.rolls_back_mm * capture.frames / capture.round_mm)
+    if since < 0 or back == 0:
+        return number
+    rolled = min(max(since - _STANDING_FRAMES, 0), back)
+    run_on = max(since - 2 * _STANDING_FRAMES - back, 0)
+    return onset - rolled + run_on + (back if onset < back else 0)
 
 
 class Feed:
@@ -32,7 +47,9 @@ class Feed:
         self._sound = lru_cache(maxsize=2 * capture.frames)(capture.images)
         self._last_s = dict.fromkeys(capture.rig.cameras, 0.0)
         self._now_s = 0.0
-        position = np.array([capture.position_mm(number) for number in range(count)])
+        shown = [find_shown_frame(capture, case, onset, number) for number in range(count)]
+        self._shown = shown
+        position = np.array([capture.position_mm(frame) for frame in shown])
         for fault in self.faults.encoder:
             position = fault.apply(position)
         self._position_mm = position
@@ -63,8 +80,8 @@ class Feed:
 
     def frame(self, number: int) -> FrameSet:
         """Return a frame set as the plant with its fault delivers it."""
-        frames = self._sound(number)
-        sources = self._list_source_frames(number)
+        frames = replace(self._sound(self._shown[number]), time_ns=round(number / FRAMES_PER_S * 1e9))
+        sources = {name: self._shown[source] for name, source in self._list_source_frames(number).items()}
         images = {
             name: self._sound(sources[name]).images[name]
             for name in self.cameras
@@ -101,8 +118,9 @@ class Feed:
         """End the source; there is nothing to end."""
 
     def _add_noise(self, image: Image, camera: str, number: int) -> Image:
-        """Return a repeated image with the noise that its fault adds."""
-        sigma = max((fault.noise for fault in self.faults.repeated_images), default=0.0)
+        """Return a repeated image with the noise that its fault adds, or that a camera adds to a belt seen again."""
+        own = _NOISE if self._case.rolls_back_mm else 0.0
+        sigma = max((fault.noise for fault in self.faults.repeated_images), default=own)
         if sigma == 0:
             return image
         rng = np.random.default_rng([crc32(camera.encode()), number])

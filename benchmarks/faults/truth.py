@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,22 +54,28 @@ class Selection:
         return abs(self.volume_mm3 - self.true_mm3) <= factor * self.sigma_mm3 + 1e5
 
 
-def compare(capture: RoundCapture, records: Sequence[BeltRecord], sound: int) -> Comparison:
+def compare(
+    capture: RoundCapture, records: Sequence[BeltRecord], sound: int, show: Callable[[int], int] = int
+) -> Comparison:
     """Return the true belt and volume of every record; the first ``sound`` ones were measured before the fault.
+
+    ``show`` gives the frame of the endless belt that a delivered one shows.
 
     A record stands for the belt that became new in its frame, whose true position is known. Where the heap lies in
     the ledger's positions is fitted to the sound records.
     """
-    ends = _true_ends(capture, records, sound)
+    ends = _true_ends(capture, records, sound, show)
     starts = np.concatenate([[records[0].belt_mm[0] + ends[0] - records[0].belt_mm[1]], ends[:-1]])
     shift = _fit_shift(capture, records[:sound], starts[:sound], ends[:sound])
     return Comparison(records, ends - starts, _true_volumes(capture, starts, ends, shift))
 
 
-def _true_ends(capture: RoundCapture, records: Sequence[BeltRecord], sound: int) -> np.ndarray:
+def _true_ends(
+    capture: RoundCapture, records: Sequence[BeltRecord], sound: int, show: Callable[[int], int]
+) -> np.ndarray:
     """Return (N,) the true belt position of each record's end."""
     travel = np.array(
-        [np.nan if r.strip is None else capture.position_mm(int(r.strip.frame)) for r in records]
+        [np.nan if r.strip is None else capture.position_mm(show(int(r.strip.frame))) for r in records]
     )
     ledger = np.array([r.belt_mm[1] for r in records])
     view = float(np.nanmedian((ledger - travel)[: max(sound, 1)]))

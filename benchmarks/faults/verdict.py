@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from faults.capture import FRAMES_PER_S, RoundCapture
+from faults.feed import find_shown_frame
 from faults.player import Played
 from faults.truth import Comparison, Selection, compare
 
@@ -52,7 +54,7 @@ def assess(capture: RoundCapture, played: Played) -> RowResult:
     sound = int(before.sum())
     if case.is_wrong_from_start:  # the ledger is wrong from the start: only its place is fitted
         before, sound = np.zeros(len(records), bool), len(records)
-    comparison = compare(capture, records, sound)
+    comparison = compare(capture, records, sound, partial(find_shown_frame, capture, case, played.onset))
     since = ~before
     late = since & (numbers >= played.onset + math.ceil(case.within_s * FRAMES_PER_S))
     noticed, is_in_time = _describe_notice(played)

@@ -10,6 +10,7 @@ import re
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from unittest.mock import patch
 
@@ -145,6 +146,9 @@ class Reader:
         if words[0] == "cameras" and answer.code == 2:  # without the library or without the network's cameras
             demand("ravis" in answer.err or "camera" in answer.err, answer.err)
             return ""
+        if words[:2] == ["run", "--check"] and answer.code == 2 and not find_spec("gi"):
+            demand("cameras: Aravis cannot be used" in answer.err, answer.err)  # as the run would refuse
+            return ""
         demand(answer.code == 0, f"exit code {answer.code}: {answer.err.strip().splitlines()[-1:]}")
         self.done.append(asked)
         return answer.out
@@ -157,7 +161,7 @@ class Reader:
             small[1] = f"scenes/{words[1]}.toml"
         elif words[0] == "simulate" and 'kind = "belt_moving"' in (self.folder / words[1]).read_text():
             small += ["--frames", "3"]  # of eight
-        if words[0] == "run" and "--check" not in words:
+        if words[0] == "replay" or (words[0] == "run" and "--check" not in words):
             return [word.replace("project.toml", "recorded.toml") for word in small]
         if words[0] in ("run", "users", "backup"):
             small = [word.removeprefix("/etc/beltscape/") for word in small]

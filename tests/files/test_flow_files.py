@@ -92,6 +92,9 @@ def test_a_wrong_encoder_file_is_refused_in_one_line(tmp_path: Path, text: str, 
     assert "\n" not in str(error.value)
 
 
+MOVED_BY_HAND = GOOD + "a,0,0\nb,31,80\nc,58,175\nd,97,240\ne,123,330\nf,152,395\n"
+
+
 @pytest.mark.parametrize(
     ("text", "oddity"),
     [
@@ -104,6 +107,7 @@ def test_a_wrong_encoder_file_is_refused_in_one_line(tmp_path: Path, text: str, 
         ),
         (GOOD + "a,0,0\nb,1,2\nc,2,4\n", "few belts have rows every 1 s at 2 mm/s"),
         (belt(scale_mm=10), "few belts have rows every 0.05 s at 20000 mm/s"),
+        (MOVED_BY_HAND, "few belts have rows every 29 s at 2.581 mm/s; timestamp_s in milliseconds?"),
     ],
 )
 def test_an_unusual_motion_is_read_with_a_remark(tmp_path: Path, text: str, oddity: str) -> None:

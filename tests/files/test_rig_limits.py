@@ -75,9 +75,11 @@ def test_a_lens_that_turns_back_is_read_with_its_stated_domain(tmp_path):
 def test_unusual_rig_is_read_with_a_warning(tmp_path):
     small = read_rig(edited(tmp_path, lambda c: scale_translations(c, 0.02)))
     assert find_refusal(small) is None
-    assert any(
-        "unusually near; are the units mm; in centimetres? multiply" in line for line in find_oddities(small)
-    )
+    lines = find_oddities(small)
+    assert len(lines) == len(small.auxiliaries)
+    for line in lines:
+        assert "unusually near; are the units mm; in metres? multiply" in line
+        assert "; in centimetres? multiply its translations by 10" in line
 
 
 def test_plausible_rig_is_neither_refused_nor_odd(tmp_path):

@@ -10,6 +10,7 @@ import pytest
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
+from beltscape.files.rasters.images import write_image
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.files.rig_limits import find_corner_radius_px
 from beltscape.pipeline.calibrating.extension import extend_rig
@@ -101,6 +102,11 @@ def test_a_camera_without_common_views_is_named(charuco_capture, tmp_path):
         for frame in chosen:
             shutil.copy(charuco_capture.folder / name / frame.name, tmp_path / name)
     rig = part_of(charuco_capture.rig, "cam0", "cam1")
+    with pytest.raises(InputError, match="no frame is of two cameras"):
+        extend_rig(tmp_path, rig, charuco_capture.board, Silent())
+    dark = np.zeros(rig.core_camera.size_px[::-1], dtype=np.uint8)
+    for frame in frames[:4]:
+        write_image(tmp_path / "cam2" / frame.name, dark)
     with pytest.raises(
         CalibrationError, match="camera cam2: shares no view of the board with cam0, which keep"
     ):

@@ -105,8 +105,11 @@ def test_image_of_another_size_causes_a_warning(run, capture, tmp_path):
     code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
     assert code == 0
     assert warnings(err) == [
+        f"warning: {folder / 'cam4'}: images are 120×100 px, the rig's cam4 has 612×512: they are cropped, or of "
+        "another camera; images of the whole sensor, or binned in both directions alike, fit the rig; for these, "
+        "calibrate with images of the same region; going on without these images",
         f"warning: {folder / 'cam4' / '000.png'}: 120×100 px, but the rig's cam4 has 612×512; "
-        "going on without this image"
+        "going on without this image",
     ]
 
 

@@ -19,6 +19,7 @@ import pytest
 from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter
+from beltscape.measure.belt.settings import GivenBelt
 from beltscape.reprocessing import parcel
 from beltscape.reprocessing import run as module
 from beltscape.reprocessing.results import PieceResult, PieceTimes
@@ -90,8 +91,8 @@ def test_a_run_goes_on_on_a_processor_that_fits_the_empty_belt_with_other_last_b
     reprocess()
     fit = parcel.read_empty_belt
 
-    def fit_elsewhere(path: Path, reporter: Reporter) -> tuple[Belt, Camera]:
-        belt, camera = fit(path, reporter)
+    def fit_elsewhere(path: Path, reporter: Reporter, given: GivenBelt) -> tuple[Belt, Camera]:
+        belt, camera = fit(path, reporter, given)
         return replace(belt, noise_mm=float(np.nextafter(belt.noise_mm, np.inf))), camera
 
     monkeypatch.setattr(parcel, "read_empty_belt", fit_elsewhere)

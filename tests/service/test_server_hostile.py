@@ -212,16 +212,13 @@ def test_no_frame_is_missed_under_attack(running):
         "-c",
         f"import time; e = time.monotonic() + {SECONDS}\nwhile time.monotonic() < e: pass",
     ]
-    used = time.pthread_getcpuclockid(running._thread.ident)
     missed = 0
     for _ in range(3):
-        before = time.clock_gettime(used)
         done, missed, output = run_and_count_frames(command)
         counts = json.loads(output)
         assert sum(counts["made"].values()) > 150
         assert len(counts["answers"]) > 5
         assert not any(answer.startswith("5") for answer in counts["answers"]), counts["answers"]
-        assert time.clock_gettime(used) - before < 0.5 * SECONDS, "the web takes less than half a core"
         assert fetch_login(running) == 200
         print(done, missed, counts)
         if missed == 0:

@@ -114,9 +114,15 @@ def test_each_camera_is_scaled_to_its_own_images():
     ("size", "reason"),
     [((1200, 720), "they are cropped, or of another camera"), ((720, 1280), "turned by a quarter")],
 )
-def test_cropped_and_turned_images_are_refused_with_the_fix(size, reason):
-    with pytest.raises(InputError, match=f"capture/cam1: images are {size[0]}×{size[1]} px.*{reason}"):
-        scale_rig_to_images(make_rig("cam0", "cam1"), {"cam1": size}, "capture", Silent())
+def test_cropped_and_turned_images_of_the_core_camera_are_refused_and_of_others_left_out(size, reason):
+    rig, reporter = make_rig("cam0", "cam1"), Silent()
+    with pytest.raises(InputError, match=f"capture/cam0: images are {size[0]}×{size[1]} px.*{reason}"):
+        scale_rig_to_images(rig, {"cam0": size}, "capture", reporter)
+    assert scale_rig_to_images(rig, {"cam1": size}, "capture", reporter) is rig
+    (line,) = reporter.warnings
+    assert line.startswith(f"capture/cam1: images are {size[0]}×{size[1]} px")
+    assert reason in line
+    assert line.endswith("; going on without these images")
 
 
 def test_single_images_of_another_size_do_not_scale_the_rig():

@@ -194,7 +194,9 @@ _STILL_MM_S, _FAST_MM_S, _IMPOSSIBLE_MM_S = 10.0, 15_000.0, 50_000.0
 """Below the first no conveyor moves, the second is beyond the fastest, the third beyond any encoder's slip. A belt of
 up to 10 m/s with times in ms, or positions in m, is below the first."""
 _SELDOM_S = 8.0
-"""Frames this far apart come from no moving belt; up to 125 a second their times in ms are farther apart. Chosen."""
+"""Frames this far apart come from no running belt; up to 125 a second their times in ms are farther apart. Chosen."""
+_REGULAR = 0.1
+"""Intervals and speeds of a running belt differ by less, as a share; a belt that people move by hand differs by more."""
 _SHORT_S, _LONG_S = 0.005, 0.5
 """Frames farther apart than the second may have times in ms, nearer than the first in minutes or hours. Chosen."""
 _LIKELY_S, _LIKELY_MM_S = (0.001, 5.0), (30.0, 12_000.0)
@@ -203,10 +205,11 @@ _POSITIONS = tuple(unit for unit in UNITS["mm"] if unit[0] != "inches")
 """Units in which positions of a belt may be given; inches are too near to centimetres to be told by a speed."""
 
 
-def find_motion_faults(interval_s: float, speed_mm_s: float) -> tuple[str, str]:
+def find_motion_faults(interval_s: float, speed_mm_s: float, spread: float) -> tuple[str, str]:
     """Return why frames at an interval of a belt at a speed cannot be, and what is unusual in them; empty if nothing.
 
-    ``speed_mm_s`` is that of the moving belt; 0: it never moves.
+    ``speed_mm_s`` is that of the moving belt; 0: it never moves. ``spread`` is the share by which intervals or speeds
+    differ, whichever is more: a belt that is moved by hand from frame to frame is as slow as one with times in ms.
     """
     if speed_mm_s == 0 or _STILL_MM_S <= speed_mm_s <= _FAST_MM_S:
         return "", ""
@@ -224,7 +227,7 @@ def find_motion_faults(interval_s: float, speed_mm_s: float) -> tuple[str, str]:
     if speed_mm_s > _FAST_MM_S and not times:
         fixes.append("; belt_position_mm in pulses? multiply by the mm of a pulse")
     text = f"rows every {_round(interval_s)} s at {_round(speed_mm_s)} mm/s{''.join(fixes[:2])}"
-    if speed_mm_s > _IMPOSSIBLE_MM_S or (times and interval_s > _SELDOM_S):
+    if speed_mm_s > _IMPOSSIBLE_MM_S or (times and interval_s > _SELDOM_S and spread < _REGULAR):
         return f"no belt has {text}", ""
     return "", f"few belts have {text}"
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from io import BytesIO
 from pathlib import Path
 from typing import IO, Any, cast
 
@@ -21,6 +22,13 @@ def write_arrays(path: Path, /, **arrays: NDArray[Any]) -> None:
     """Write named arrays, atomically; OutputError where the disk does not take them."""
     with atomic_replacement(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **cast("dict[str, Any]", arrays))
+
+
+def encode_arrays(**arrays: NDArray[Any]) -> bytes:
+    """Return what `write_arrays` writes, for a file that has to be written in another way."""
+    file = BytesIO()
+    np.savez_compressed(file, **cast("dict[str, Any]", arrays))
+    return file.getvalue()
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:

@@ -16,6 +16,8 @@ from beltscape.files.rasters.images import EXTENSIONS, KINDS
 _LAYOUT = "a capture is <capture>/<camera>/<frame>.png"
 TRUTH = "truth"
 """Folder of a simulated capture beside those of its cameras, which holds no images of them."""
+_SIMULATED = (TRUTH, "tof", "preview.png")
+"""What `simulate` writes beside the cameras' folders; no image of a camera is lost with it."""
 _LEFT_BY_SYSTEMS = ("thumbs.db", "desktop.ini", "__macosx", "@eadir", "lost+found", "$recycle.bin")
 """Names, in small letters, that Windows, macOS, ext4 and file servers leave in folders."""
 _TEMPORARY = ("~", ".tmp", ".part", ".partial", ".crdownload")
@@ -112,7 +114,7 @@ def list_capture(folder: AnyPath) -> Capture:
             images, line = list_camera(folder / name)
             if images:
                 files[name] = images
-            if line and name != TRUTH:
+            if line and name not in _SIMULATED:
                 omissions[name] = (line,)
     loose = list_loose_files(content)
     if not files:
@@ -153,11 +155,11 @@ def list_folder(folder: Path) -> FolderContent:
 
 
 def list_loose_files(content: FolderContent) -> list[str]:
-    """Return the files of a capture's own folder that are neither tables nor texts nor an operating system's."""
+    """Return the files of a capture's own folder but for tables, texts, `simulate`'s and an operating system's."""
     return [
         name
         for name in (*content.files, *content.others)
-        if not is_system_entry(name) and not name.lower().endswith(_DOCUMENTS)
+        if not is_system_entry(name) and name not in _SIMULATED and not name.lower().endswith(_DOCUMENTS)
     ]
 
 

@@ -155,23 +155,26 @@ def scale_rig_to_images(
 ) -> Rig:
     """Return the rig with its cameras scaled to images of the sizes (width, height); a warning says so.
 
-    Cameras without a size take that of the core's factor, so that all others can still be compared.
+    Cameras without a size take that of the core's factor, so that all others can still be compared. An auxiliary
+    camera whose images are cropped or turned keeps its size, so that they are left out; a warning names it.
 
     Raises
     ------
     InputError
-        When a camera's images have another aspect ratio than the rig's camera: they are cropped or turned.
+        When the core camera's images have another aspect ratio than the rig's: they are cropped or turned.
     """
     changed = {name: size for name, size in sizes_px.items() if size != rig.cameras[name].size_px}
-    if not changed:
-        return rig
     scaled: dict[str, Camera] = {}
     texts: dict[str, list[str]] = {}
     for name, size in changed.items():
         camera = rig.cameras[name]
         fitted = fit_camera(camera, size)
         if fitted is None:
-            raise InputError(f"{place}/{name}: {_describe_crop(name, size, camera.size_px)}")
+            text = f"{place}/{name}: {_describe_crop(name, size, camera.size_px)}"
+            if name == rig.core:
+                raise InputError(text)
+            reporter.warn(f"{text}; going on without these images")
+            continue
         scaled[name] = fitted
         texts.setdefault(
             f"images of {_format(size)} px, the rig's are {_format(camera.size_px)}; the rig is scaled by "
@@ -182,6 +185,8 @@ def scale_rig_to_images(
         factor = scaled[rig.core].focal_px[0] / rig.core_camera.focal_px[0]
         others = {name: rig.cameras[name] for name in rig.cameras if name not in sizes_px}
         scaled |= {name: scale_camera(camera, factor) for name, camera in others.items()}
+    if not scaled:
+        return rig
     for text, names in texts.items():
         is_whole = set(names) == set(sizes_px)
         reporter.warn(f"{place}: {text}" if is_whole else f"{place}: {', '.join(names)}: {text}")

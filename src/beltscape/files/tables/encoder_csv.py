@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 from pathlib import Path
 from statistics import median
 
@@ -20,6 +21,8 @@ _LATEST_NS = 4_102_444_800 * 10**9
 HEADER = ("frame", "timestamp_s", "belt_position_mm")
 LONGEST_ROLL_BACK_MM = 3000.0
 """Longest distance by which a stopped belt rolls back: some metres on a steep belt without a back stop. Chosen."""
+_FEWEST_STEPS = 4
+"""Steps that tell a regular motion from one by hand. Chosen."""
 _FIX = "positions must grow with the travel (--direction sets its sense)"
 
 
@@ -97,8 +100,18 @@ def _check_motion(file: str, readings: Sequence[BeltReading]) -> None:
     moving = [length / seconds for seconds, length in steps if length > 0]
     if not moving:
         return
-    refusal, oddity = find_motion_faults(median(seconds for seconds, _ in steps), median(moving))
+    intervals = [seconds for seconds, _ in steps]
+    spread = max(_find_spread(intervals), _find_spread(moving))
+    refusal, oddity = find_motion_faults(median(intervals), median(moving), spread)
     if refusal:
         raise InputError(f"{file}: {refusal}")
     if oddity:
         report_oddity(f"{file}: {oddity}")
+
+
+def _find_spread(values: Sequence[float]) -> float:
+    """Return the median deviation of some values from their median, as a share of it; infinite for too few of them."""
+    if len(values) < _FEWEST_STEPS:
+        return inf
+    middle = median(values)
+    return median(abs(value - middle) for value in values) / middle

@@ -12,7 +12,8 @@ import numpy as np
 
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
-from beltscape.files.arrays import read_arrays, write_arrays
+from beltscape.files.arrays import encode_arrays, read_arrays
+from beltscape.files.folders.durable import keep_state
 from beltscape.health.images.surface_checks.projector_position import LearnedPattern
 from beltscape.pipeline.live.images.optional_file import read_optional_file
 
@@ -54,7 +55,7 @@ def _write(path: Path, key: Mapping[str, Any], reporter: Reporter, learned: Lear
     textures = {f"{_TEXTURE}{name}": texture for name, texture in learned.textures.items()}
     described = {_KEY: np.array(json.dumps(_to_plain(key))), _HEIGHT: np.array(learned.height_mm)}
     try:
-        write_arrays(path, **described, **textures)
+        keep_state(path, encode_arrays(**described, **textures))
     except BeltscapeError as error:
         reporter.warn(f"{error}; the projector's pattern is not kept")
 

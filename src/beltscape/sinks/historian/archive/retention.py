@@ -14,6 +14,7 @@ from pathlib import Path
 
 from beltscape.core.errors import BeltscapeError, OutputError
 from beltscape.files.documents.digest import hash_file
+from beltscape.files.folders.durable import move_aside
 from beltscape.sinks.days import compute_day_range_ns
 from beltscape.sinks.historian.archive.closed_days import Archive, select_files
 from beltscape.sinks.historian.storage.day_files import DayFile
@@ -108,7 +109,7 @@ class Retention:
             self._delete_records(file)
             return
         if path.exists():
-            path.rename(path.with_name(f"{path.name}.damaged"))
+            move_aside(path)
         self._store.transact(lambda c: c.execute("DELETE FROM files WHERE name = ?", (file.name,)))
         raise OutputError(
             f"{path}: it was damaged or removed too early; it is written again from the database"

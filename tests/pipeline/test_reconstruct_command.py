@@ -101,14 +101,14 @@ def test_empty_image_causes_a_warning(run, capture, tmp_path):
 
 def test_image_of_another_size_causes_a_warning(run, capture, tmp_path):
     folder = capture("module")
-    cv2.imwrite(str(folder / "cam4" / "000.png"), np.zeros((100, 120), np.uint8))
+    cv2.imwrite(str(folder / "cam4" / "000.png"), np.zeros((80, 120), np.uint8))
     code, _, err = run("reconstruct", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
     assert code == 0
     assert warnings(err) == [
-        f"warning: {folder / 'cam4'}: images are 120×100 px, the rig's cam4 has 612×512: they are cropped, or of "
+        f"warning: {folder / 'cam4'}: images are 120×80 px, the rig's cam4 has 612×512: they are cropped, or of "
         "another camera; images of the whole sensor, or binned in both directions alike, fit the rig; for these, "
         "calibrate with images of the same region; going on without these images",
-        f"warning: {folder / 'cam4' / '000.png'}: 120×100 px, but the rig's cam4 has 612×512; "
+        f"warning: {folder / 'cam4' / '000.png'}: 120×80 px, but the rig's cam4 has 612×512; "
         "going on without this image",
     ]
 

@@ -196,7 +196,7 @@ up to 10 m/s with times in ms, or positions in m, is below the first."""
 _SELDOM_S = 8.0
 """Frames this far apart come from no running belt; up to 125 a second their times in ms are farther apart. Chosen."""
 _REGULAR = 0.1
-"""Intervals and speeds of a running belt differ by less, as a share; a belt that people move by hand differs by more."""
+"""Intervals and speeds of a running belt differ by a smaller share; those of a belt moved by hand by more."""
 _SHORT_S, _LONG_S = 0.005, 0.5
 """Frames farther apart than the second may have times in ms, nearer than the first in minutes or hours. Chosen."""
 _LIKELY_S, _LIKELY_MM_S = (0.001, 5.0), (30.0, 12_000.0)

@@ -110,7 +110,7 @@ def _check_motion(file: str, readings: Sequence[BeltReading]) -> None:
 
 
 def _find_spread(values: Sequence[float]) -> float:
-    """Return the median deviation of some values from their median, as a share of it; infinite for too few of them."""
+    """Return the median deviation of some values from their median as a share; infinite for too few values."""
     if len(values) < _FEWEST_STEPS:
         return inf
     middle = median(values)

@@ -13,7 +13,7 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.type_guards import is_mapping
 from beltscape.files.documents.json_text import read_json
 from beltscape.measure.features.result import MeasuredModule
-from beltscape.report.drawing.scene_solids import Lines, outline_solid
+from beltscape.report.drawing.scene_solids import DRAWN_KINDS, Lines, outline_solid
 from beltscape.target.module import Cube, Sphere
 
 
@@ -76,6 +76,7 @@ def read_solid_outlines(path: Path) -> list[tuple[str, Lines]]:
             for solid in document["solids"]
         ]
     except (KeyError, TypeError, ValueError) as error:
-        raise InputError(
-            f"{path}: its pose or a solid lacks a key or has another form; run beltscape measure features again"
-        ) from error
+        kinds = [solid.get("kind") for solid in document["solids"] if is_mapping(solid)]
+        odd = next((f"a solid is of kind {kind!r}" for kind in kinds if kind not in DRAWN_KINDS), None)
+        reason = odd or "its pose or a solid lacks a key or has another form"
+        raise InputError(f"{path}: {reason}; run beltscape measure features again") from error

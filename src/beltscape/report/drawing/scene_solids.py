@@ -34,6 +34,10 @@ def make_belt_triangles(
     return triangles[np.isfinite(triangles).all(axis=(1, 2))]
 
 
+DRAWN_KINDS = ("box", "cylinder", "sphere")
+"""Kinds of solids that `outline_solid` draws."""
+
+
 def outline_solid(solid: Mapping[str, Any]) -> Lines:
     """Return the polylines, (n, 3) in mm, that draw a box, a sphere or a cylinder about its ``center_mm``.
 

@@ -1,6 +1,6 @@
 """Move modules by a map: joins files, and rewrites every import, name, dotted text and path that follows from it.
 
-    python tools/house/move_modules.py MAP… [--check]
+    pip install libcst && python tools/house/move_modules.py MAP… [--check]
 
 ``--check`` changes nothing and lists what is in the way: names that two joined modules bind to different things,
 circles of the new imports, and modules that the rule of sizes and levels does not allow.
@@ -32,12 +32,26 @@ from libcst.metadata import (
     Scope,
     ScopeProvider,
 )
-
 from module_map import ROOT, ModuleMap, list_modules, read_maps
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 CODE = ("src", "tests", "benchmarks", "tools", "docs", "deploy", "examples")
-TEXTS = (".pyi", ".md", ".toml", ".txt", ".yml", ".yaml", ".json", ".cmake", ".ipynb", ".cfg", ".service", ".sh", ".hpp", ".cpp")
+TEXTS = (
+    ".pyi",
+    ".md",
+    ".toml",
+    ".txt",
+    ".yml",
+    ".yaml",
+    ".json",
+    ".cmake",
+    ".ipynb",
+    ".cfg",
+    ".service",
+    ".sh",
+    ".hpp",
+    ".cpp",
+)
 
 
 @dataclass(slots=True)
@@ -111,7 +125,9 @@ class Rewriter(cst.CSTTransformer):
 
     METADATA_DEPENDENCIES = (ScopeProvider, ParentNodeProvider)
 
-    def __init__(self, world: World, old: str, own: str, place: str, tree: cst.Module, wrapper: MetadataWrapper) -> None:
+    def __init__(
+        self, world: World, old: str, own: str, place: str, tree: cst.Module, wrapper: MetadataWrapper
+    ) -> None:
         super().__init__()
         self.world, self.old, self.own, self.place = world, old, own, place
         self.replaced: dict[int, cst.CSTNode] = {}
@@ -183,7 +199,9 @@ class Rewriter(cst.CSTTransformer):
             node = access.node
             full = get_full_name_for_node(node)
             if full:
-                self.replaced[id(node)] = make_dotted(self.world.moves.rename_dotted(full, self.world.modules))
+                self.replaced[id(node)] = make_dotted(
+                    self.world.moves.rename_dotted(full, self.world.modules)
+                )
 
     def _plan_module_references(self, assignment: ImportAssignment, module: str, found: Imported) -> None:
         for access in assignment.references:
@@ -202,7 +220,9 @@ class Rewriter(cst.CSTTransformer):
                         value=cst.Name(found.new_local), attr=cst.Name(attribute)
                     )
             elif found.is_own:
-                self.world.problems.append(f"{self.place}: {module} is used as an object in its own new module")
+                self.world.problems.append(
+                    f"{self.place}: {module} is used as an object in its own new module"
+                )
             else:
                 self.replaced[id(node)] = cst.Name(found.new_local)
 
@@ -223,7 +243,9 @@ class Rewriter(cst.CSTTransformer):
         world, (module, name) = self.world, origin
         if not name and "." not in module:
             return None
-        if module.split(".")[0] != ROOT or (module not in world.modules and f"{module}.{name}" not in world.modules):
+        if module.split(".")[0] != ROOT or (
+            module not in world.modules and f"{module}.{name}" not in world.modules
+        ):
             return None
         whole = f"{module}.{name}" if name else module
         if whole in world.modules:
@@ -248,42 +270,42 @@ class Rewriter(cst.CSTTransformer):
         return Imported(local, new_local, new, new_name, is_own)
 
     # ---- rewriting
-    def on_leave(self, original_node, updated_node):  # noqa: ANN001, ANN201
+    def on_leave(self, original_node, updated_node):
         if id(original_node) in self.replaced:
             return self.replaced[id(original_node)]
         return super().on_leave(original_node, updated_node)
 
-    def leave_FunctionDef(self, original_node, updated_node):  # noqa: ANN001, ANN201, N802
+    def leave_FunctionDef(self, original_node, updated_node):  # noqa: N802
         return self._named(original_node, updated_node)
 
-    def leave_ClassDef(self, original_node, updated_node):  # noqa: ANN001, ANN201, N802
+    def leave_ClassDef(self, original_node, updated_node):  # noqa: N802
         return self._named(original_node, updated_node)
 
-    def _named(self, original_node, updated_node):  # noqa: ANN001, ANN202
+    def _named(self, original_node, updated_node):
         new = self.renamed.get(id(original_node))
         return updated_node.with_changes(name=cst.Name(new)) if new else updated_node
 
-    def leave_Name(self, original_node, updated_node):  # noqa: ANN001, ANN201, N802
+    def leave_Name(self, original_node, updated_node):  # noqa: N802
         new = self.renamed.get(id(original_node))
         return updated_node.with_changes(value=new) if new else updated_node
 
-    def leave_Global(self, original_node, updated_node):  # noqa: ANN001, ANN201, N802
+    def leave_Global(self, original_node, updated_node):  # noqa: N802
         names = [
             item.with_changes(name=cst.Name(self.world.moves.rename(self.old, item.name.value)))
             for item in updated_node.names
         ]
         return updated_node.with_changes(names=names)
 
-    def leave_SimpleString(self, original_node, updated_node):  # noqa: ANN001, ANN201, N802
+    def leave_SimpleString(self, original_node, updated_node):  # noqa: N802
         return updated_node.with_changes(value=self.world.rewrite(updated_node.value))
 
-    def leave_FormattedStringText(self, original_node, updated_node):  # noqa: ANN001, ANN201, N802
+    def leave_FormattedStringText(self, original_node, updated_node):  # noqa: N802
         return updated_node.with_changes(value=self.world.rewrite(updated_node.value))
 
-    def leave_Comment(self, original_node, updated_node):  # noqa: ANN001, ANN201, N802
+    def leave_Comment(self, original_node, updated_node):  # noqa: N802
         return updated_node.with_changes(value=self.world.rewrite(updated_node.value))
 
-    def leave_SimpleStatementLine(self, original_node, updated_node):  # noqa: ANN001, ANN201, N802
+    def leave_SimpleStatementLine(self, original_node, updated_node):  # noqa: N802
         if len(original_node.body) != 1 or not isinstance(original_node.body[0], cst.ImportFrom | cst.Import):
             return updated_node
         node = original_node.body[0]
@@ -313,7 +335,9 @@ class Rewriter(cst.CSTTransformer):
         if not is_changed:
             return updated_node
         statements = [
-            cst.parse_statement(head + ", ".join(dict.fromkeys(names))) if names else cst.parse_statement(head)
+            cst.parse_statement(head + ", ".join(dict.fromkeys(names)))
+            if names
+            else cst.parse_statement(head)
             for head, names in lines.items()
         ]
         if not statements:
@@ -360,8 +384,14 @@ def read_reexports(world: World) -> None:
         if path.name != "__init__.py":
             continue
         for statement in cst.parse_module(path.read_text()).body:
-            for node in getattr(statement, "body", ()) if isinstance(statement, cst.SimpleStatementLine) else ():
-                if isinstance(node, cst.ImportFrom) and not isinstance(node.names, cst.ImportStar) and node.module:
+            for node in (
+                getattr(statement, "body", ()) if isinstance(statement, cst.SimpleStatementLine) else ()
+            ):
+                if (
+                    isinstance(node, cst.ImportFrom)
+                    and not isinstance(node.names, cst.ImportStar)
+                    and node.module
+                ):
                     module = get_full_name_for_node(node.module) or ""
                     if module in world.modules:
                         for one in node.names:
@@ -411,7 +441,10 @@ def _is_import(statement: cst.BaseStatement) -> bool:
 
 
 def _is_typing(statement: cst.If) -> bool:
-    return get_full_name_for_node(statement.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING") and not statement.orelse
+    return (
+        get_full_name_for_node(statement.test) in ("TYPE_CHECKING", "typing.TYPE_CHECKING")
+        and not statement.orelse
+    )
 
 
 def iterate_bindings(statement: cst.BaseStatement) -> Iterator[tuple[str, str]]:
@@ -424,7 +457,10 @@ def iterate_bindings(statement: cst.BaseStatement) -> Iterator[tuple[str, str]]:
             if isinstance(node, cst.ImportFrom) and not isinstance(node.names, cst.ImportStar):
                 module = get_full_name_for_node(node.module) if node.module else ""
                 for one in node.names:
-                    yield one.evaluated_alias or one.evaluated_name, f"from {module} import {one.evaluated_name}"
+                    yield (
+                        one.evaluated_alias or one.evaluated_name,
+                        f"from {module} import {one.evaluated_name}",
+                    )
             elif isinstance(node, cst.Import):
                 for one in node.names:
                     local = one.evaluated_alias or one.evaluated_name.split(".")[0]
@@ -489,9 +525,18 @@ def join(world: World, name: str, parts: Sequence[Part], docstring: str, place: 
             if not is_repeated:
                 body.append(statement)
     seen: dict[str, str] = {}
-    runtime = _collect_imports(world, name, place, [(p.source, s) for p in parts for s in p.imports], kept, seen)
-    typing = _collect_imports(world, name, place, [(p.source, s) for p in parts for s in p.typing_imports], kept, seen)
-    text = [f'"""{docstring}"""' if "\n" not in docstring else f'"""{docstring.rstrip()}\n"""', "", "from __future__ import annotations", ""]
+    runtime = _collect_imports(
+        world, name, place, [(p.source, s) for p in parts for s in p.imports], kept, seen
+    )
+    typing = _collect_imports(
+        world, name, place, [(p.source, s) for p in parts for s in p.typing_imports], kept, seen
+    )
+    text = [
+        f'"""{docstring}"""' if "\n" not in docstring else f'"""{docstring.rstrip()}\n"""',
+        "",
+        "from __future__ import annotations",
+        "",
+    ]
     text += runtime
     if typing:
         if "from typing import TYPE_CHECKING" not in runtime:
@@ -530,7 +575,12 @@ def _collect_imports(
                     continue
                 seen[bound] = what
                 last = what.rsplit(" ", 1)[1]
-                alias = f" as {bound}" if bound != last and not (what.startswith("import ") and "." not in last and bound == last) else ""
+                alias = (
+                    f" as {bound}"
+                    if bound != last
+                    and not (what.startswith("import ") and "." not in last and bound == last)
+                    else ""
+                )
                 lines.append(f"{what}{alias}{tail}")
             if isinstance(node, cst.Import):
                 for one in node.names:
@@ -551,7 +601,9 @@ def find_dependencies(modules: Mapping[str, Path]) -> dict[str, set[str]]:
         text = path.read_text()
         used: set[str] = set()
         for match in pattern.finditer(text):
-            names = re.findall(r"(\w+)(?: as \w+)?\s*(?:,|$|\)|\n|#)", re.sub(r"#.*", "", match[2]).strip("()"))
+            names = re.findall(
+                r"(\w+)(?: as \w+)?\s*(?:,|$|\)|\n|#)", re.sub(r"#.*", "", match[2]).strip("()")
+            )
             for one in names:
                 whole = f"{match[1]}.{one}"
                 used.add(whole if whole in modules else match[1])
@@ -576,11 +628,17 @@ def check_map(world: World) -> list[str]:
         for circle in find_circles(graph)
         if packages & {name.split(".")[1] for name in circle}
     ]
-    sizes = Counter({new: size for new, size in sizes.items() if new.count(".") and new.split(".")[1] in packages})
+    sizes = Counter(
+        {new: size for new, size in sizes.items() if new.count(".") and new.split(".")[1] in packages}
+    )
     before = sum(name.count(".") > 0 and name.split(".")[1] in packages for name in world.modules)
     for new, size in sorted(sizes.items()):
         depth = new.count(".")
-        is_package = new in world.modules and world.modules[new].name == "__init__.py" and new not in world.moves.targets
+        is_package = (
+            new in world.modules
+            and world.modules[new].name == "__init__.py"
+            and new not in world.moves.targets
+        )
         if depth > 3 and not is_package:
             lines.append(f"level: {new}")
         if size > 480 and not is_package:
@@ -705,7 +763,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("maps", nargs="+", type=Path)
     parser.add_argument("--check", action="store_true", help="change nothing; say what is in the way")
-    parser.add_argument("--rules", action="store_true", help="as --check, without the names that two modules bind")
+    parser.add_argument(
+        "--rules", action="store_true", help="as --check, without the names that two modules bind"
+    )
     arguments = parser.parse_args()
     modules = list_modules(REPOSITORY / "src")
     world = World(modules, read_maps(arguments.maps, modules))

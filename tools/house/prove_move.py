@@ -38,31 +38,31 @@ class Normaliser(ast.NodeTransformer):
                 return scope[name]
         return None
 
-    def visit_Name(self, node: ast.Name) -> ast.AST:  # noqa: N802
+    def visit_Name(self, node: ast.Name) -> ast.AST:
         found = self._look_up(node.id)
         return ast.Name(found, node.ctx) if found else node
 
-    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:  # noqa: N802
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
         value = self.visit(node.value)
         if isinstance(value, ast.Name) and value.id.startswith("module "):
             return ast.Name(self.tree.identify(value.id.removeprefix("module "), node.attr), node.ctx)
         return ast.Attribute(value, node.attr, node.ctx)
 
-    def visit_Global(self, node: ast.Global) -> ast.AST:  # noqa: N802
+    def visit_Global(self, node: ast.Global) -> ast.AST:
         return ast.Global([self._look_up(name) or name for name in node.names])
 
-    def visit_Constant(self, node: ast.Constant) -> ast.AST:  # noqa: N802
+    def visit_Constant(self, node: ast.Constant) -> ast.AST:
         if isinstance(node.value, str):
             return ast.Constant(" ".join(self.tree.rewrite(node.value).split()))
         return node
 
-    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:  # noqa: N802
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.AST:
         return self._visit_scope(node)
 
-    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:  # noqa: N802
+    def visit_AsyncFunctionDef(self, node: ast.AsyncFunctionDef) -> ast.AST:
         return self._visit_scope(node)
 
-    def visit_Lambda(self, node: ast.Lambda) -> ast.AST:  # noqa: N802
+    def visit_Lambda(self, node: ast.Lambda) -> ast.AST:
         return self._visit_scope(node)
 
     def _visit_scope(self, node: ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda) -> ast.AST:
@@ -91,7 +91,9 @@ class Normaliser(ast.NodeTransformer):
         for field in ("body", "orelse", "finalbody"):
             statements = getattr(node, field, None)
             if isinstance(statements, list):
-                setattr(node, field, [s for s in statements if not isinstance(s, ast.Import | ast.ImportFrom)])
+                setattr(
+                    node, field, [s for s in statements if not isinstance(s, ast.Import | ast.ImportFrom)]
+                )
         return super().generic_visit(node)
 
 
@@ -205,7 +207,7 @@ def main() -> int:
         for text, one, other in (("lost", a, b), ("new", b, a)):
             for dump in one.keys() - other.keys():
                 wrong += 1
-                print(f"{module}: {text}: {dump[:2000 if '-v' in sys.argv else 160]}")
+                print(f"{module}: {text}: {dump[: 2000 if '-v' in sys.argv else 160]}")
     print(f"{total} definitions, {wrong} changed, {repeated} that two joined modules had alike")
     return bool(wrong)
 

@@ -22,6 +22,8 @@ from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 
 FRAMES_PER_S = 8.0
+_GAP_MM = 300.0
+"""Belt between two heaps beyond their fines, so that all rocks of one have left the view when it comes again."""
 _PLATE_MM = 15.0
 """Depth of the cover plate below the middle of a belt whose edges are in view: within the range that is measured."""
 
@@ -126,10 +128,16 @@ def open_capture(
     out = folder / (f"{sizes.name}-{seed}" + ("" if belt_width_mm is None else f"-{belt_width_mm:g}mm"))
     capture = RoundCapture(out, sizes, seed, belt_width_mm)
     plant = _describe_plant(capture)
-    moving = {**plant, "kind": "belt_moving", "seed": seed + 1, "frames": sizes.frames}
+    moving = {
+        **plant,
+        "kind": "belt_moving",
+        "seed": seed + 1,
+        "frames": sizes.frames,
+        "motion": {"gap_mm": _GAP_MM},
+    }
     if not (out / "moving" / "encoder.csv").is_file():
         speed = _choose_speed(Scenario.model_validate(moving), sizes.frames)
-        motion = {"speed_mm_s": speed, "frames_per_s": FRAMES_PER_S}
+        motion = {"speed_mm_s": speed, "frames_per_s": FRAMES_PER_S, "gap_mm": _GAP_MM}
         if belt_width_mm is not None:
             moving["belt"] = {**plant["belt"], "length_mm": speed / FRAMES_PER_S * sizes.frames}
         simulate(Scenario.model_validate({**moving, "motion": motion}), out / "moving", reporter)

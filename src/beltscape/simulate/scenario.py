@@ -156,6 +156,8 @@ class MotionSpec(_Part):
     """Exposure time that blurs the moving load; 0: none, as with a flash."""
     start_mm: Place | None = None
     """Position of the heap's centre in the first frame; None: the heap is about to enter the view."""
+    gap_mm: Annotated[float, Field(ge=0, le=1e5)] = 0.0
+    """Empty belt before the heap comes again, beyond the length of its fines; rocks lie up to 120 mm beyond them."""
     encoder_scale: Annotated[float, Field(gt=0, le=10)] = 1.0
     """The encoder's travel over the belt's travel."""
 

@@ -199,10 +199,14 @@ class SimulatedScene:
 
     @cached_property
     def _far_mm(self) -> float:
-        """Return the distance of the heap's centre at which its end leaves the core's view of the level middle."""
+        """Return the distance of the heap's centre at which it comes again.
+
+        The end of its fines has left the core's view of the level middle then, and half of the gap.
+        """
         camera = self.station.rig.core_camera
         view = camera.size_px[1] / 2 / camera.focal_px[1] * self.station.core_from_world.center_mm[2]
-        return float(max(abs(end) for end in self.scenario.heap.fines.along_mm) + view)
+        fines = max(abs(end) for end in self.scenario.heap.fines.along_mm)
+        return float(fines + view + self.scenario.motion.gap_mm / 2)
 
     def _solids_at(self, frame: float) -> tuple[Solid, ...]:
         if self.board is not None:  # the calibration takes place without the belt

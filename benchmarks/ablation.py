@@ -23,16 +23,16 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.depth import GROSS_MM, interior_mask, score_depth
-from beltscape.evaluate.scores.reliability import compute_false_fill, compute_sigma_ratios
+from beltscape.evaluate.depth_scores import GROSS_MM, interior_mask, score_depth
+from beltscape.evaluate.frame_scores import compute_false_fill, compute_sigma_ratios
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import measure_volume
-from beltscape.stereo.multiview.confidence import estimate
-from beltscape.stereo.multiview.confidence.estimate import OFFSETS
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
-from beltscape.stereo.multiview.optimisation.textureless import FilledDiscs
+from beltscape.stereo.multiview import estimate
+from beltscape.stereo.multiview.depth_range import find_depth_range
+from beltscape.stereo.multiview.estimate import OFFSETS
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.multiview.textureless import FilledDiscs
+from beltscape.stereo.settings import MultiviewSettings
 from matching.scenes import AblationScene, make_scene_parser, read_scenes
 from tables import format_cells, format_head
 

@@ -11,13 +11,13 @@ import json
 import time
 from pathlib import Path
 
-from beltscape.calibration.assessment.validation.cross_validation import cross_validate
+from beltscape.calibration.assessment.cross_validation import cross_validate
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.detect_capture import detect_board
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.rig import score_rig_against_truth
+from beltscape.evaluate.depth_scores import score_rig_against_truth
 from beltscape.files.capture import read_capture
 from beltscape.kernels import load
 from beltscape.target.board import Board, CharucoBoard, Chessboard, read_board

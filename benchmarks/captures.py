@@ -17,14 +17,12 @@ import beltscape
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import scale_rig
-from beltscape.evaluate.truth.occluded_pixels import occluded_mask
-from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
-from beltscape.files.documents.json_text import read_json
-from beltscape.files.rasters.depth_tiff import read_float_tiff
-from beltscape.files.rasters.images import read_image
+from beltscape.core.geometry.rig import Rig, scale_rig
+from beltscape.evaluate.truth import occluded_mask, resample_depth, resample_mask
+from beltscape.files.images import read_image
+from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig
+from beltscape.files.tiff import read_float_tiff
 from beltscape.kernels import load
 
 REGION_MM = 240.0

@@ -26,12 +26,12 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.core.progress import Silent
-from beltscape.stereo.multiview.confidence.estimate import estimate_depth
-from beltscape.stereo.multiview.confidence.features import ConfidenceInputs, compute_selection_features
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+from beltscape.stereo.multiview.candidates import CandidateSelector
+from beltscape.stereo.multiview.depth_range import find_depth_range
+from beltscape.stereo.multiview.estimate import estimate_depth
+from beltscape.stereo.multiview.features import ConfidenceInputs, compute_selection_features
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.selection.candidates import CandidateSelector
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
 from captures import Scene
 from matching.scenes import AblationScene, make_scene_parser, read_scenes
 from matching.visibility import CLASSES

@@ -16,10 +16,9 @@ from time import perf_counter
 import cv2
 import numpy as np
 
-from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import scale_rig
+from beltscape.core.geometry.rig import Rig, scale_rig
 from beltscape.files.capture import read_capture
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.files.rig_json import write_rig
 from timing import memory_mb
 

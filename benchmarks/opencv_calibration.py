@@ -17,22 +17,22 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.validation.folds import list_folds
+from beltscape.calibration.assessment.cross_validation import list_folds
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import calibrate_with_model
 from beltscape.calibration.network.resection import fit_board_pose
-from beltscape.calibration.network.two_sided.two_sides import number_sides
-from beltscape.calibration.solver.deterministic import single_thread
+from beltscape.calibration.network.two_sides import number_sides
+from beltscape.calibration.solver.levenberg_marquardt import single_thread
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
-from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
-from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
+from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.views import detect_rig_board
 from beltscape.target.board import Board, BoardSet, CharucoBoard, Chessboard, corner_points_mm
 
 Array = NDArray[np.float64]

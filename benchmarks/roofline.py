@@ -28,9 +28,9 @@ from beltscape.kernels import Kernels
 from beltscape.kernels.backend import Backend
 from beltscape.kernels.native import NativeBackend, levels
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+from beltscape.stereo.multiview.depth_range import find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
+from beltscape.stereo.settings import PRESETS, MultiviewSettings
 from matching.operations import OPERATIONS
 
 _COPY_BYTES = 256 << 20

@@ -31,13 +31,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from beltscape.files.documents.json_text import write_json
+from beltscape.files.json_text import write_json
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
-from beltscape.sources.genicam.fake.camera import COUNTER
-from beltscape.sources.genicam.fake.capture import read_pictures
-from beltscape.sources.genicam.fake.network import add_addresses
-from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
+from beltscape.sources.fake_genicam.camera import COUNTER
+from beltscape.sources.fake_genicam.simulated_cameras import SimulatedCameras, add_addresses, read_pictures
 
 PORT = 8470
 MM_PER_COUNT = 0.01

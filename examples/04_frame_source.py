@@ -9,8 +9,8 @@ from itertools import islice
 
 from beltscape.simulate.rendering.render import RenderSettings
 from beltscape.simulate.scenario import MotionSpec, RigSpec, Scenario
+from beltscape.simulate.scene_assembly import SimulatedSource
 from beltscape.simulate.solids.heap import HeapSettings
-from beltscape.simulate.source import SimulatedSource
 
 # Small and rough, so that it takes seconds; left out, each is as the paper has it.
 PLANT = Scenario(

@@ -8,13 +8,12 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.core.geometry.pose import Pose
-from beltscape.simulate.geometry.world import World
 from beltscape.simulate.rig_and_projector import DOWN
 from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
 from beltscape.simulate.solids.heap import HeapSettings, make_heap
-from beltscape.simulate.time_of_flight.camera import simulate_tof_frame
-from beltscape.simulate.time_of_flight.settings import TofSettings
-from beltscape.simulate.time_of_flight.view import trace_tof_truth
+from beltscape.simulate.time_of_flight import simulate_tof_frame, trace_tof_truth
+from beltscape.simulate.time_of_flight_signal import TofSettings
+from beltscape.simulate.world import World
 
 SAMPLES = 3  # rays per pixel in each direction: pixels on a step mix what they see
 IDEAL = {"harmonics": (0.0, 0.0), "intensity_error_mm": 0.0, "scatter": 0.0, "multipath": False}

@@ -15,8 +15,8 @@ from pydantic import BaseModel
 
 from beltscape.cli.catalogue import COMMANDS, load_command
 from beltscape.cli.main import OneLineParser
-from beltscape.files.documents.toml_text import read_toml
 from beltscape.files.rig_json import read_rig
+from beltscape.files.toml_text import read_toml
 from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
 from beltscape.simulate.scenario import Scenario

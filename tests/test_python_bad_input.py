@@ -15,18 +15,15 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import BeltscapeError, InputError, ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.files import belt_json, exchange, rig_json
+from beltscape.files import belt_json, encoder_csv, exchange, images, ply, rig_json, stl, tiff
+from beltscape.files import ply as ply_points
 from beltscape.files.capture import read_capture
-from beltscape.files.meshes import ply, ply_points, stl
-from beltscape.files.rasters import height_tiff, images
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.files.tables import encoder_csv
 from beltscape.measure.belt.empty_belt import find_belt, learn_belt
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor
-from beltscape.stereo.pairwise.settings import PairwiseSettings
+from beltscape.stereo.settings import PRESETS, MultiviewSettings, PairwiseSettings
 from beltscape.target.board import read_board
 from beltscape.target.module import read_module
 from tests.synthetic.boards import row_of_cameras
@@ -36,7 +33,7 @@ WIDTH, HEIGHT = RIG.core_camera.size_px
 RANGE_MM = (500.0, 900.0)
 READERS = [
     read_rig, read_board, read_module, read_capture, read_frame, belt_json.read_belt, encoder_csv.read_encoder,
-    images.read_image, ply_points.read_cloud, stl.read_stl, height_tiff.read_height_tiff, exchange.read_intrinsics,
+    images.read_image, ply_points.read_cloud, stl.read_stl, tiff.read_height_tiff, exchange.read_intrinsics,
 ]  # fmt: skip
 
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator
 from textwrap import wrap
 from typing import Any
 
-from beltscape.cli.catalogue import COMMANDS, load_command
-from beltscape.cli.examples import EXAMPLES
+from beltscape.cli.catalogue import COMMANDS, EXAMPLES, load_command
 
 PLACE = "<!-- commands -->"
 """Line of the page that the reference replaces."""

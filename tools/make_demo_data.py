@@ -20,10 +20,10 @@ from beltscape.core.frames import to_grey
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.rasters.depth_tiff import write_float_tiff
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
+from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
+from beltscape.files.tiff import write_float_tiff
 
 OUT = Path(__file__).parents[1] / "src" / "beltscape" / "data" / "demo"
 SCENES = ("belt_empty", "belt_loaded", "module")

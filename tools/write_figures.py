@@ -9,8 +9,7 @@ import math
 import re
 from pathlib import Path
 
-from beltscape.plan.document import plan_to_document
-from beltscape.plan.plan import Plan, make_plan
+from beltscape.plan.plan import Plan, make_plan, plan_to_document
 from beltscape.plan.settings import PlanSettings
 
 ROOT = Path(__file__).parents[1]

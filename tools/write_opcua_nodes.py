@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from beltscape.protocols.opcua.model.belt import FACTS
-from beltscape.protocols.opcua.model.quantities import QUANTITIES, RECORD_QUANTITIES
+from beltscape.protocols.opcua.belt import FACTS
+from beltscape.protocols.opcua.quantities import QUANTITIES, RECORD_QUANTITIES
 
 PAGE = Path(__file__).parents[1] / "docs/howto/opcua.md"
 _MARKED = re.compile(r"(<!-- nodes -->\n).*?(?=<!-- end -->)", re.S)

@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from beltscape.protocols.modbus.registers import place_registers
-from beltscape.protocols.modbus.settings import ModbusSettings
+from beltscape.protocols.modbus_registers import place_registers
+from beltscape.protocols.settings import ModbusSettings
 
 PAGE = Path(__file__).parents[1] / "docs/howto/modbus.md"
 _MARKED = re.compile(r"(<!-- registers -->\n).*?(?=<!-- end -->)", re.S)

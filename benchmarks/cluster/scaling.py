@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.core.progress import Silent
-from beltscape.reprocessing.history.entries_file import decode_result
+from beltscape.reprocessing.history import decode_result
 from beltscape.reprocessing.manifest import Manifest, WorkSpan
 from cluster.model import Costs, predict, simulate
 from faults.capture import FRAMES_PER_S, SHORT, RoundCapture, open_capture

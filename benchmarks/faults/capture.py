@@ -13,8 +13,8 @@ import numpy as np
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.files.documents.json_text import read_json
-from beltscape.files.rasters.images import read_image, write_image
+from beltscape.files.images import read_image, write_image
+from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.faults.settings import Faults

@@ -10,11 +10,10 @@ from zlib import crc32
 
 import numpy as np
 
+from beltscape.core.events import CameraHealth
 from beltscape.core.frames import FrameSet, Image
-from beltscape.core.live.events import CameraHealth
-from beltscape.files.rasters.images import read_image
-from beltscape.simulate.faults.images import apply_to_images
-from beltscape.simulate.faults.settings import Faults
+from beltscape.files.images import read_image
+from beltscape.simulate.faults.settings import Faults, apply_to_images
 from faults.capture import FRAMES_PER_S, RoundCapture, render_cameras
 from faults.case import Case
 

@@ -16,11 +16,11 @@ import cv2
 import numpy as np
 
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.geometry.scaling import scale_rig
+from beltscape.core.geometry.rig import scale_rig
 from beltscape.core.progress import Reporter
 from beltscape.files.belt_json import write_belt
-from beltscape.files.documents.json_text import read_json, write_json
-from beltscape.files.rasters.images import read_image, write_image
+from beltscape.files.images import read_image, write_image
+from beltscape.files.json_text import read_json, write_json
 from beltscape.files.rig_json import write_rig
 from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.simulate.faults.settings import Faults

@@ -12,14 +12,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from beltscape.core.belt.ledger_entries import BeltRecord, Totals
 from beltscape.core.errors import BeltscapeError
-from beltscape.core.live.findings import Finding
+from beltscape.core.findings import Finding
+from beltscape.core.ledger import BeltRecord, Totals
 from beltscape.core.progress import Silent
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.live.engine import Engine
 from beltscape.pipeline.live.engine_components import EngineComponents
-from beltscape.pipeline.live.measurement.measurement_run import Outcome
+from beltscape.pipeline.live.measurement_run import Outcome
 from beltscape.pipeline.live.project import RunSettings, read_project
 from faults.capture import FRAMES_PER_S, RoundCapture
 from faults.case import Case

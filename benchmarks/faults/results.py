@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from beltscape.files.documents.json_text import read_json, write_json
+from beltscape.files.json_text import read_json, write_json
 from faults.verdict import RowResult
 
 

@@ -12,7 +12,7 @@ from beltscape.core.progress import Silent
 from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import measure_volume
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+from beltscape.stereo.multiview.depth_range import find_depth_range
 from captures import Scene, read_rendered
 from matching.methods import MULTIVIEW, Range, Result, run
 from tables import format_cells, format_head

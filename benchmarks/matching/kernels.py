@@ -14,18 +14,17 @@ from scipy import ndimage
 from beltscape.kernels import Kernels, load
 from beltscape.kernels.native import levels
 from beltscape.learned.registry import load_network
-from beltscape.stereo.multiview.confidence.estimate import (
+from beltscape.stereo.multiview.estimate import (
     assign_addresses,
     gather_neighbour_addresses,
     load_message_rounds,
     split_states,
 )
-from beltscape.stereo.multiview.frame.context import MatchContext
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
-from beltscape.stereo.multiview.frame.surface import OCCLUDER_PX
-from beltscape.stereo.multiview.optimisation.propagation import list_propagation_offsets
-from beltscape.stereo.multiview.selection.gain import compute_difference_variance
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, prepare_frame
+from beltscape.stereo.multiview.optimisation import list_propagation_offsets
+from beltscape.stereo.multiview.photoconsistency import compute_difference_variance
+from beltscape.stereo.multiview.surface import OCCLUDER_PX
+from beltscape.stereo.settings import MultiviewSettings
 from captures import Scene
 from matching.triangulation import random_points
 from tables import format_head

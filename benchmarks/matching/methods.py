@@ -11,17 +11,12 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.depth import GROSS_MM, DepthScore, interior_mask, score_depth
-from beltscape.evaluate.scores.reliability import (
-    compute_false_fill,
-    compute_pixel_locking,
-    compute_sigma_ratios,
-)
+from beltscape.evaluate.depth_scores import GROSS_MM, DepthScore, interior_mask, score_depth
+from beltscape.evaluate.frame_scores import compute_false_fill, compute_pixel_locking, compute_sigma_ratios
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor, find_horizontal_auxiliary
 from beltscape.stereo.pairwise.rectification import rectify_pair
-from beltscape.stereo.pairwise.settings import PairwiseSettings
+from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings
 from captures import Scene
 from timing import Cost, measure_cost
 

@@ -17,10 +17,10 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import BeltscapeError
+from beltscape.evaluate.depth_scores import compute_robust_sigma
 from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
 from beltscape.evaluate.real_pairs.read_pairs import METHODS, read_dice_auto, read_dice_gt4, read_motorcycle
 from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair
-from beltscape.evaluate.scores.depth import compute_robust_sigma
 
 PAIRS = {
     "dice_gt4_speckle": read_dice_gt4,

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.empty_belt import Belt
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.evaluate.truth.true_belt import find_true_belt
-from beltscape.files.documents.json_text import read_json
-from beltscape.files.rasters.images import read_image
+from beltscape.evaluate.truth import find_true_belt
+from beltscape.files.images import read_image
+from beltscape.files.json_text import read_json
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene

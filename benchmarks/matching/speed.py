@@ -36,13 +36,13 @@ from beltscape.core.frames import Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.sources.folder import FolderSource
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+from beltscape.stereo.multiview.depth_range import find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair
+from beltscape.stereo.settings import PRESETS, MultiviewSettings
 
 ASKED = {"standard": 0.5, "fast": 0.12, "two cores": 1.9}
 _THREADS = 2

@@ -11,8 +11,8 @@ import numpy as np
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.evaluate.scores.depth import interior_mask
-from beltscape.evaluate.truth.occluded_pixels import occluded_mask
+from beltscape.evaluate.depth_scores import interior_mask
+from beltscape.evaluate.truth import occluded_mask
 from beltscape.kernels import load
 from captures import parse_true_camera
 

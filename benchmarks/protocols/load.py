@@ -27,18 +27,21 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection
+from beltscape.core.events import FrameEvent
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.events import FrameEvent
+from beltscape.core.ledger import BeltRecord, CrossSection, FlowRecord
 from beltscape.pipeline.live.writer import Writer, notify_records
-from beltscape.protocols.modbus.settings import ModbusSettings
-from beltscape.protocols.mqtt.settings import MqttSettings
-from beltscape.protocols.opcua.settings import OpcUaSettings
-from beltscape.protocols.outputs.settings import AnalogueSettings, OutputSettings, PulseSettings
-from beltscape.protocols.syslog.settings import SyslogSettings
+from beltscape.protocols.settings import (
+    AnalogueSettings,
+    ModbusSettings,
+    MqttSettings,
+    OpcUaSettings,
+    OutputSettings,
+    PulseSettings,
+    SyslogSettings,
+)
 from beltscape.service.live_state import LiveState
-from beltscape.service.protocols.serving import ProtocolSettings, ServedPlant, ServedProtocols
+from beltscape.service.protocols import ProtocolSettings, ServedPlant, ServedProtocols
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from protocols.clients import CLIENTS, READ

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.core.geometry.pose import Pose
-from beltscape.evaluate.scores.rig import score_rig_against_truth
-from beltscape.files.documents.json_text import read_json
+from beltscape.evaluate.depth_scores import score_rig_against_truth
+from beltscape.files.json_text import read_json
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig
 from beltscape.kernels import load

@@ -1,7 +1,7 @@
 """Beltscape: a few synchronised cameras over a conveyor belt become a metrology-grade 3-D sensor.
 
-``import beltscape as bs`` gives the verbs: read a rig, reconstruct images, measure a belt. Names are loaded on first
-use, so that the import stays fast; their types stand in ``__init__.pyi``.
+``import beltscape as bs`` gives the verbs: read a rig, reconstruct images, measure a belt. Names are loaded
+on first use, so that the import stays fast; their types stand in ``__init__.pyi``.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from beltscape.core.display import register_drawings
 __version__ = "0.1.0"
 
 _HOME = {
-    "Belt": "beltscape.core.belt.empty_belt",
-    "BeltProfile": "beltscape.core.belt.height_map",
+    "Belt": "beltscape.core.empty_belt",
+    "BeltProfile": "beltscape.core.height_map",
     "BeltscapeError": "beltscape.core.errors",
     "Camera": "beltscape.core.geometry.camera",
     "DepthMap": "beltscape.core.depth",
     "FlowMeter": "beltscape.api.flow",
-    "FlowRecord": "beltscape.core.belt.flow_record",
+    "FlowRecord": "beltscape.core.ledger",
     "FrameSet": "beltscape.core.frames",
-    "HeightMap": "beltscape.core.belt.height_map",
+    "HeightMap": "beltscape.core.height_map",
     "PointCloud": "beltscape.core.cloud",
     "Pose": "beltscape.core.geometry.pose",
     "Reconstructor": "beltscape.api.reconstruction",
@@ -38,7 +38,7 @@ _HOME = {
     "read_capture": "beltscape.api.files",
     "read_depth": "beltscape.api.files",
     "read_rig": "beltscape.api.files",
-    "scale_rig": "beltscape.core.geometry.scaling",
+    "scale_rig": "beltscape.core.geometry.rig",
     "write_belt": "beltscape.api.files",
     "write_cloud": "beltscape.api.files",
     "write_depth": "beltscape.api.files",

@@ -21,17 +21,16 @@ from beltscape.api.measuring import (
     measure_volume,
 )
 from beltscape.api.reconstruction import Reconstructor, point_cloud
-from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.height_map import BeltProfile, HeightMap
 from beltscape.core.cloud import PointCloud
 from beltscape.core.depth import DepthMap
+from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import BeltscapeError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import scale_rig
+from beltscape.core.geometry.rig import Rig, scale_rig
+from beltscape.core.height_map import BeltProfile, HeightMap
+from beltscape.core.ledger import FlowRecord
 
 __version__: str
 __all__ = [

@@ -7,7 +7,7 @@ from dataclasses import replace
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.settings import AlarmSettings, OversizeLump
-from beltscape.core.live.events import CameraHealth, CameraState
+from beltscape.core.events import CameraHealth, CameraState
 
 NAN = float("nan")
 SECOND = 1_000_000_000

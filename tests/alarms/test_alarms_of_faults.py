@@ -10,9 +10,9 @@ import pytest
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.settings import AlarmSettings, Fault
 from beltscape.core.errors import InputError
-from beltscape.core.live.findings import Finding
-from beltscape.core.live.translatable_message import Message, get_key
-from beltscape.files.documents.toml_text import validate
+from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message, get_key
+from beltscape.files.toml_text import validate
 from tests.alarms.plant import GOOD, Plant, camera
 
 

@@ -17,7 +17,7 @@ from beltscape.alarms.rules import RULES
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.alarms.texts import TEXTS
 from beltscape.core.errors import InputError
-from beltscape.files.documents.toml_text import validate
+from beltscape.files.toml_text import validate
 from tests.alarms.plant import BAD, GOOD, SECOND, SETTINGS, Plant
 from tests.strategies import floats
 

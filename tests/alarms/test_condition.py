@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.alarms.condition import (
+from beltscape.alarms.state_machine import (
     AlarmCondition,
     compare_lower,
     compare_upper,

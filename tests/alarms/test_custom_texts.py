@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.alarms.board import AlarmBoard
-from beltscape.alarms.management.custom_texts import AlarmText, CustomTexts, read_custom_texts
+from beltscape.alarms.texts import AlarmText, CustomTexts, read_custom_texts
 from beltscape.core.errors import InputError
-from beltscape.core.live.findings import Finding
-from beltscape.core.live.translatable_message import Message, get_key
+from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message, get_key
 from tests.alarms.plant import BAD, GOOD, SETTINGS, Plant
 
 TEXTS = """

@@ -7,7 +7,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.alarms.management.groups import GROUPS, FirstOut, Member, find_group
+from beltscape.alarms.management import GROUPS, FirstOut, Member, find_group
 from beltscape.alarms.names import require_alarm
 from beltscape.alarms.settings import AlarmSettings
 from tests.alarms.plant import BAD, GOOD, Plant, camera

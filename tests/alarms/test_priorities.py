@@ -7,8 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from beltscape.alarms.checks import CHECKS
-from beltscape.alarms.management.priorities import (
+from beltscape.alarms.management import (
     MATRIX,
     RATIONALES,
     Consequence,
@@ -16,9 +15,9 @@ from beltscape.alarms.management.priorities import (
     get_rationale,
     select_priority,
 )
-from beltscape.alarms.names import KINDS, require_alarm
+from beltscape.alarms.names import CHECKS, KINDS, require_alarm
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.core.live.alarms import PRIORITIES
+from beltscape.core.alarms import PRIORITIES
 from tests.alarms.plant import BAD, GOOD, Plant
 
 TIMES: tuple[Response, ...] = ("slow", "soon", "prompt")

@@ -10,7 +10,7 @@ import pytest
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.health.cameras.poses import make_unchecked_finding
+from beltscape.health.camera_poses import make_unchecked_finding
 from tests.alarms.plant import BAD, GOOD, NAN, SECOND, Plant, camera
 
 

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.alarms.management.snapshot import format_snapshot, parse_snapshot
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.core.live.alarms import Alarm, Suppression
-from beltscape.core.live.translatable_message import Message, get_key, get_values
+from beltscape.alarms.snapshot import format_snapshot, parse_snapshot
+from beltscape.core.alarms import Alarm, Suppression
+from beltscape.core.translatable_message import Message, get_key, get_values
 from tests.alarms.plant import BAD, GOOD, SETTINGS, Plant, camera
 
 OVERLOADED = replace(GOOD, **BAD["overload"])

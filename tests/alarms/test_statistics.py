@@ -7,14 +7,8 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.alarms.management.statistics import (
-    FLOOD_BEGINS,
-    FLOOD_ENDS,
-    WINDOW_NS,
-    Annunciation,
-    compute_statistics,
-)
-from beltscape.core.live.alarms import Alarm
+from beltscape.alarms.statistics import FLOOD_BEGINS, FLOOD_ENDS, WINDOW_NS, Annunciation, compute_statistics
+from beltscape.core.alarms import Alarm
 
 MINUTE_NS = 60_000_000_000
 NAN = float("nan")

@@ -8,7 +8,7 @@ import pytest
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.core.live.alarms import Suppression
+from beltscape.core.alarms import Suppression
 from tests.alarms.plant import BAD, GOOD, NAN, SETTINGS, Plant, camera
 
 STOPPED = replace(GOOD, speed_mm_s=0.0)

@@ -18,7 +18,7 @@ from beltscape.api.reconstruction import Preset
 from beltscape.core.geometry.lens import MODELS
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.measure.volume.settings import VolumeSettings
-from beltscape.stereo.multiview.settings import PRESETS
+from beltscape.stereo.settings import PRESETS
 from tests.synthetic.demo import DEMO
 
 VERBS = [name for name in bs.__all__ if name[0].islower() or name in ("FlowMeter", "Reconstructor")]

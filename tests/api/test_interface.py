@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import beltscape as bs
-from beltscape.files.meshes.ply_points import read_cloud
+from beltscape.files.ply import read_cloud
 from tests.synthetic.demo import DEMO
 
 

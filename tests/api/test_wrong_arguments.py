@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import beltscape as bs
-from beltscape.core.belt.flow_record import FlowRecord
+from beltscape.core.ledger import FlowRecord
 from tests.report.material import belt as make_belt
 
 WRONG: tuple[Any, ...] = (

@@ -12,21 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.live.findings import Finding
+from beltscape.core.ledger import BeltRecord
 from beltscape.core.progress import Reporter, Silent
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.belt.empty_belt import find_belt
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
-from beltscape.measure.flow.records.density import Density
+from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
+from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from tests.health.images.speckled_belt import make_frame, make_rig
 from tests.measure.flow.moving_belt import CAMERA, COARSE_CAMERA, HEIGHT_MM, Heap, depth_map
 

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig
+from beltscape.files.tiff import read_float_tiff
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
 from tests.synthetic.demo import DEMO, TRUE_RIG
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
@@ -50,7 +50,7 @@ def scene(ablation):
 
 
 def test_rows_name_what_is_there_and_leave_nothing_changed(ablation):
-    from beltscape.stereo.multiview.confidence import estimate
+    from beltscape.stereo.multiview import estimate
 
     def snapshot() -> list[object]:
         return [

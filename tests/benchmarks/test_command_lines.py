@@ -13,8 +13,8 @@ from pathlib import Path
 import cv2
 import pytest
 
-from beltscape.core.geometry.scaling import scale_rig
-from beltscape.files.rasters.images import read_image
+from beltscape.core.geometry.rig import scale_rig
+from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig, write_rig
 from tests.docs.program import parser_of
 from tests.synthetic.demo import DEMO, TRUE_RIG

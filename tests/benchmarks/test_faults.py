@@ -9,8 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.ledger import BeltRecord, FlowRecord
 
 ROOT = Path(__file__).resolve().parents[2]
 STEP_MM, ROUND = 50.0, 20

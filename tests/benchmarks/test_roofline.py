@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import beltscape.kernels.networks.message_passing as messages
-import beltscape.kernels.networks.network as networks
+from beltscape.kernels import networks
+from beltscape.kernels import networks as messages
 from tests.synthetic.demo import DEMO, TRUE_RIG
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"

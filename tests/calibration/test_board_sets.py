@@ -15,7 +15,7 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
-from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
 from beltscape.target.board import BoardSet, corner_points_mm, parse_board
 from tests.synthetic.boards import row_of_cameras
 

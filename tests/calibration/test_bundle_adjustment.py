@@ -5,14 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.uncertainty.covariance import (
-    compute_depth_sigma,
-    compute_rig_covariance,
-)
+from beltscape.calibration.assessment.covariance import compute_depth_sigma, compute_rig_covariance
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.rig import score_rig_against_truth
+from beltscape.evaluate.depth_scores import score_rig_against_truth
 from beltscape.kernels import load
 from tests.synthetic.detections import make_detections, replace_view
 

@@ -15,8 +15,8 @@ from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.files.documents.json_text import to_json
-from beltscape.files.rasters.images import read_image, write_image
+from beltscape.files.images import read_image, write_image
+from beltscape.files.json_text import to_json
 from beltscape.files.rig_json import rig_document
 from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.calibration_files import make_calibration_document

@@ -7,15 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.domain.lens_domain import describe_domains, limit_domains
-from beltscape.calibration.assessment.uncertainty.covariance import (
-    compute_depth_jacobian,
-    compute_rig_covariance,
-)
+from beltscape.calibration.assessment.covariance import compute_depth_jacobian, compute_rig_covariance
+from beltscape.calibration.assessment.lens_domain import describe_domains, limit_domains
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.hierarchy import solve_hierarchy
-from beltscape.calibration.solver.lens import list_parameters, stack_intrinsics, unpack_intrinsics
-from beltscape.calibration.solver.projection import group_by_model, project_points, project_with_jacobians
+from beltscape.calibration.solver.lens import (
+    group_by_model,
+    list_parameters,
+    project_points,
+    project_with_jacobians,
+    stack_intrinsics,
+    unpack_intrinsics,
+)
 from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent

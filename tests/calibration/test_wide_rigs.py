@@ -9,12 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.calibration.assessment.domain.lens_domain import limit_domains
-from beltscape.calibration.assessment.findings.fit_findings import list_network_findings
-from beltscape.calibration.assessment.validation.cross_validation import cross_validate
+from beltscape.calibration.assessment.cross_validation import cross_validate
+from beltscape.calibration.assessment.findings import list_network_findings
+from beltscape.calibration.assessment.lens_domain import limit_domains
 from beltscape.calibration.bundle_adjustment import adjust_bundle
-from beltscape.calibration.detection.corners import BoardDetections, Corners
-from beltscape.calibration.detection.domain import drop_beyond_domains
+from beltscape.calibration.detection.corners import BoardDetections, Corners, drop_beyond_domains
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.core.errors import CalibrationError
 from beltscape.core.frames import FrameSet
@@ -23,8 +22,8 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.pairwise.rectification import rectify_pair
+from beltscape.stereo.settings import MultiviewSettings
 from tests.stereo.scenes import DEPTH_MM, make_ring, plane, quantise, render_images
 from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.detections import make_detections

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.files.rasters.images import KINDS, write_image
+from beltscape.files.images import KINDS, write_image
 from beltscape.files.rig_json import write_rig
 from beltscape.target.board import Chessboard
 from tests.cli.conftest import BOARD

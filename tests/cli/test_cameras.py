@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from beltscape.cli.commands.operating import cameras
+from beltscape.cli.commands import cameras
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 
@@ -44,7 +44,7 @@ def test_summary_without_cameras_states_the_fix():
 
 
 def test_project_without_cameras_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("beltscape.sources.genicam.access.aravis.find_cameras", list)
+    monkeypatch.setattr("beltscape.sources.genicam.aravis.find_cameras", list)
     (tmp_path / "project.toml").write_text("[web]\n")
     with pytest.raises(InputError, match=r"it has no table \[cameras\]"):
         cameras.run(parsed("--check", str(tmp_path / "project.toml")), Silent())

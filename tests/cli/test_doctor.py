@@ -7,13 +7,13 @@ import json
 import pytest
 
 from beltscape.cli.main import main
-from beltscape.pipeline.installation.machine import (
+from beltscape.pipeline.installation import (
     check_clock,
     check_disk,
+    check_kernels,
     check_network_cards,
     check_socket_buffers,
 )
-from beltscape.pipeline.installation.software import check_kernels
 
 
 def test_every_line_is_ok_or_says_the_fix(capsys, tmp_path):
@@ -44,7 +44,7 @@ def test_small_packets_and_cards_that_are_down(tmp_path):
 
 @pytest.mark.parametrize(("answer", "state"), [("yes", "ok"), ("no", "warning"), (None, "warning")])
 def test_a_clock_of_which_nothing_is_known_is_not_ok(monkeypatch, answer, state):
-    monkeypatch.setattr("beltscape.pipeline.installation.machine._run", lambda *_: answer)
+    monkeypatch.setattr("beltscape.pipeline.installation._run_program", lambda *_: answer)
     assert check_clock().state == state
 
 

@@ -11,9 +11,9 @@ from beltscape.cli.main import main
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.rasters.depth_tiff import write_float_tiff
+from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
+from beltscape.files.tiff import write_float_tiff
 
 SIZE = (40, 30)
 

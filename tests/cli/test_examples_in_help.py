@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from beltscape.cli.catalogue import COMMANDS
-from beltscape.cli.examples import EXAMPLES
+from beltscape.cli.catalogue import COMMANDS, EXAMPLES
 from beltscape.cli.main import main
 from tests.docs.program import parser_of
 

@@ -18,7 +18,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.files.belt_json import write_belt
 from beltscape.files.reconstruction import write_frame, write_reconstruction
 from beltscape.files.rig_json import write_rig
-from beltscape.stereo.pointcloud.cloud import cloud_from_depth
+from beltscape.stereo.pointcloud import cloud_from_depth
 from tests.report.material import belt
 
 CAMERA = Camera("cam0", (40, 30), np.full(2, 50.0), np.array([19.5, 14.5]), np.zeros(5))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.core.runtime.extras import EXTRAS, describe_missing_library
+from beltscape.core.errors import EXTRAS, describe_missing_library
 from tests.synthetic.demo import DEMO
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,7 +39,7 @@ apart = (
     "beltscape.service", "beltscape.simulate", "beltscape.kernels._native",
     "beltscape.protocols.mqtt.connection", "beltscape.protocols.mqtt.publisher",
     "beltscape.protocols.mqtt.json_channel", "beltscape.protocols.mqtt.sparkplug", "beltscape.protocols.opcua",
-    "beltscape.protocols.outputs.module", "beltscape.protocols.outputs.writer", "beltscape.site",
+    "beltscape.protocols.outputs", "beltscape.protocols.outputs", "beltscape.site",
 )
 for module in pkgutil.walk_packages(beltscape.__path__, "beltscape."):
     if not module.name.startswith(apart):

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from beltscape.cli.commands.designing import plan
+from beltscape.cli.commands import plan
 from beltscape.cli.main import main
 
 

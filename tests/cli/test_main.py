@@ -54,7 +54,7 @@ def test_error_gives_an_exit_code_and_a_line(monkeypatch, capsys, error, code, l
     def fail(arguments, reporter):
         raise error
 
-    monkeypatch.setattr("beltscape.cli.commands.calibrating.check.run", fail)
+    monkeypatch.setattr("beltscape.cli.commands.check.run", fail)
     assert main(["check", "c", "--rig=r", "--board=b"]) == code
     assert capsys.readouterr() == ("", line)
 
@@ -63,6 +63,6 @@ def test_internal_error_has_its_own_exit_code(monkeypatch, capsys):
     def fail(arguments, reporter):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("beltscape.cli.commands.calibrating.check.run", fail)
+    monkeypatch.setattr("beltscape.cli.commands.check.run", fail)
     assert main(["check", "c", "--rig=r", "--board=b"]) == 70
     assert "internal error" in capsys.readouterr().err

@@ -79,7 +79,7 @@ def test_options_go_before_the_file(capsys):
 
 
 def test_every_option_reaches_a_setting(capsys):
-    from beltscape.cli.commands.designing.plan import _OPTIONS
+    from beltscape.cli.commands.plan import _OPTIONS
     from beltscape.plan.settings import PlanSettings
 
     known = PlanSettings().model_dump()
@@ -121,7 +121,7 @@ def test_help_imports_nothing_heavy():
     import sys
 
     code = (
-        "import argparse, sys\nimport beltscape.cli.commands.designing.plan as p\n"
+        "import argparse, sys\nimport beltscape.cli.commands.plan as p\n"
         "p.add_arguments(argparse.ArgumentParser())\n"
         "print(sorted({'numpy', 'pydantic', 'cv2'} & set(sys.modules)))"
     )

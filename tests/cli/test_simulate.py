@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.cli.commands.designing.simulate import SCENES, SIZES
+from beltscape.cli.commands.simulate import SCENES, SIZES
 from beltscape.cli.main import main
 from beltscape.files.rig_json import read_rig
 from beltscape.simulate.scenario import KINDS
@@ -101,7 +101,7 @@ def test_every_size_merges_a_whole_number_of_pixels():
 
 def test_help_imports_nothing_heavy():
     code = (
-        "import argparse, sys\nimport beltscape.cli.commands.designing.simulate as s\n"
+        "import argparse, sys\nimport beltscape.cli.commands.simulate as s\n"
         "s.add_arguments(argparse.ArgumentParser())\n"
         "print(sorted({'numpy', 'pydantic', 'cv2', 'mitsuba'} & set(sys.modules)))"
     )

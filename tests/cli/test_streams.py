@@ -13,8 +13,7 @@ from typing import Any
 
 import pytest
 
-from beltscape.cli.catalogue import COMMANDS, load_command
-from beltscape.cli.examples import EXAMPLES
+from beltscape.cli.catalogue import COMMANDS, EXAMPLES, load_command
 from beltscape.cli.main import main
 from beltscape.core.errors import InputError
 

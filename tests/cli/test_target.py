@@ -6,13 +6,13 @@ import argparse
 
 import pytest
 
-from beltscape.cli.commands.designing import target
+from beltscape.cli.commands import target
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.progress import Silent
-from beltscape.files.documents.json_text import to_json
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
+from beltscape.files.json_text import to_json
 from beltscape.target.board import CharucoBoard, Chessboard, read_board
-from beltscape.target.speckle.pattern_json import read_pattern
+from beltscape.target.pattern_formats import read_pattern
 
 CHARUCO = ["--squares=5", "4", "--square=30", "--marker=22", "--dictionary=DICT_5X5_100"]
 
@@ -44,7 +44,7 @@ def test_pattern_writes_its_files_and_a_summary(tmp_path):
 @pytest.mark.parametrize(("preset", "dots"), [("paper", 25_000), ("fine", 50_000), ("dense", 100_000)])
 def test_presets_are_numbers_of_dots(tmp_path, monkeypatch, preset, dots):
     asked = []
-    monkeypatch.setattr("beltscape.target.speckle.pattern.make_pattern", lambda s: asked.append(s) or 1 / 0)
+    monkeypatch.setattr("beltscape.target.pattern.make_pattern", lambda s: asked.append(s) or 1 / 0)
     with pytest.raises(ZeroDivisionError):
         run("pattern", "--out", tmp_path, "--preset", preset)
     assert asked[0].count == dots

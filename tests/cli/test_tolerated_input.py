@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.files.rasters.images import write_image
+from beltscape.files.images import write_image
 from beltscape.files.rig_json import read_rig, write_rig
 
 pytestmark = pytest.mark.usefixtures("desk")

@@ -7,10 +7,10 @@ import json
 
 import pytest
 
-import beltscape.cli.main as program
+from beltscape.cli import main as program
 from beltscape.service.access import Access
-from beltscape.service.access.identity import accounts as accounts_module
-from beltscape.service.access.identity.passwords import ScryptCost
+from beltscape.service.access import accounts as accounts_module
+from beltscape.service.access.passwords import ScryptCost
 
 PASSWORD = "coal on the belt"
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltscape.core.live.findings import (
+from beltscape.core.findings import (
     Finding,
     combine_relative_sigma,
     combine_systematic_mm,

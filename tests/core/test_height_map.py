@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.belt.height_map import HeightMap
+from beltscape.core.height_map import HeightMap
 
 
 def test_cells_are_placed_by_their_centres():

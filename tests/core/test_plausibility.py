@@ -13,11 +13,19 @@ import pytest
 from beltscape.core import quantities
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.plausibility import UNITS, Quantity, find_unit, guess_unit_of_board, suggest_unit
 from beltscape.core.progress import RecordingReporter, Silent
-from beltscape.core.quantities import BELT_WIDTH, DENSITY, LOAD_HEIGHT
+from beltscape.core.quantities import (
+    BELT_WIDTH,
+    DENSITY,
+    LOAD_HEIGHT,
+    UNITS,
+    Quantity,
+    find_unit,
+    guess_unit_of_board,
+    suggest_unit,
+)
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.calibrating.plausibility import check_scale
+from beltscape.pipeline.calibrating.calibration import check_scale
 from beltscape.target.board import Chessboard
 from tests.synthetic.demo import TRUE_RIG
 

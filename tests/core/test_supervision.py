@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import beltscape
-from beltscape.core.runtime import supervision
-from beltscape.core.runtime.supervision import log_uncaught_errors, make_supervised_thread
+from beltscape.core import supervision
+from beltscape.core.supervision import log_uncaught_errors, make_supervised_thread
 
 UNSUPERVISED = {
     ("supervision.py", "name"),

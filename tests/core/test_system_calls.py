@@ -13,7 +13,7 @@ import pytest
 
 import beltscape
 from beltscape.core.errors import SettingsError
-from beltscape.core.runtime.system_calls import (
+from beltscape.core.system_calls import (
     CORES,
     count_usable_cores,
     lock_file,
@@ -56,7 +56,7 @@ for name in CALLS:
     delattr(os, name)
 sys.modules["msvcrt"] = Console("msvcrt")
 here, sys.platform = sys.platform, "win32"
-import beltscape.core.runtime.system_calls as calls
+import beltscape.core.system_calls as calls
 sys.platform = here
 """
 )
@@ -143,7 +143,7 @@ assert main(["export", rig, "--format", "ros", "--out", "ros"]) == 0
 )
 def test_processes_take_different_cores_and_free_them(tmp_path):
     code = "import os, sys, pathlib; "
-    code += "from beltscape.core.runtime.system_calls import bind_to_free_core as bind; "
+    code += "from beltscape.core.system_calls import bind_to_free_core as bind; "
     code += "core = bind(pathlib.Path(sys.argv[1])); "
     code += "print(core, sorted(os.sched_getaffinity(0)), flush=True); input()"
     cores = sorted(os.sched_getaffinity(0))
@@ -174,7 +174,7 @@ def find_posix_names(path: Path) -> set[str]:
 def test_no_other_module_calls_what_windows_lacks():
     source = Path(beltscape.__file__).parent
     allowed = {
-        "core/runtime/system_calls.py": {
+        "core/system_calls.py": {
             "fcntl",
             "termios",
             "tty",
@@ -185,7 +185,7 @@ def test_no_other_module_calls_what_windows_lacks():
             "os.statvfs",
             "os.sync",
         },
-        "sources/genicam/fake/instants.py": {"fcntl"},  # Aravis, which simulates cameras, is Linux's
+        "sources/fake_genicam/camera.py": {"fcntl"},  # Aravis, which simulates cameras, is Linux's
     }
     found = {str(path.relative_to(source)): find_posix_names(path) for path in source.rglob("*.py")}
     assert {name: names for name, names in found.items() if names} == allowed
@@ -207,7 +207,7 @@ def test_a_process_uses_no_more_cores_than_it_was_given(monkeypatch):
 def test_freed_memory_goes_back_to_the_system():
     code = """
 from pathlib import Path
-from beltscape.core.runtime.system_calls import release_memory
+from beltscape.core.system_calls import release_memory
 def resident_mib():
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
 blocks = [bytearray(16 << 10) for _ in range(10_000)]

@@ -17,7 +17,7 @@ from unittest.mock import patch
 import yaml
 
 from beltscape.cli.catalogue import COMMANDS
-from beltscape.files.tables.encoder_csv import read_encoder
+from beltscape.files.encoder_csv import read_encoder
 from tests.docs.blocks import Block, read_blocks, read_spans, split_commands
 from tests.docs.plant import find_newest, make_history
 from tests.docs.program import call, narrowed, parser_of, unknown_options

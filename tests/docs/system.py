@@ -17,7 +17,7 @@ from pathlib import Path
 
 import yaml
 
-from beltscape.files.documents.toml_text import read_toml
+from beltscape.files.toml_text import read_toml
 from tests.docs.program import unknown_options
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -88,7 +88,7 @@ def python(words: Sequence[str], folder: Path) -> None:
     elif words[1:3] == ["-m", "pytest"]:
         pytest_call(words[3:])
     elif words[1] == "-m":
-        demand(words[2] == "beltscape.sources.genicam.fake", f"module {words[2]}")
+        demand(words[2] == "beltscape.sources.fake_genicam", f"module {words[2]}")
         done = subprocess.run(
             [sys.executable, "-m", words[2], "--help"], capture_output=True, text=True, check=False
         )

@@ -8,13 +8,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.alarms.management.custom_texts import read_custom_texts
-from beltscape.files.documents.toml_text import validate
-from beltscape.pipeline.measuring.flow.density import read_product_density
+from beltscape.alarms.texts import read_custom_texts
+from beltscape.files.toml_text import validate
+from beltscape.pipeline.live.project import read_product_density
 from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
-from beltscape.service.languages import list_languages
 from beltscape.service.project import ProjectSettings
+from beltscape.service.settings import list_languages
 from beltscape.site.settings import SiteSettings
 from beltscape.target.board import read_board
 from beltscape.target.module import read_module

@@ -8,8 +8,7 @@ import shlex
 
 import pytest
 
-from beltscape.cli.catalogue import COMMANDS
-from beltscape.cli.examples import EXAMPLES
+from beltscape.cli.catalogue import COMMANDS, EXAMPLES
 from tests.docs.conftest import page_text
 from tests.docs.program import narrowed, parser_of
 from tests.docs.reader import split_redirection

@@ -7,7 +7,7 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
-from beltscape.evaluate.scores.depth import compute_robust_sigma, interior_mask, score_depth
+from beltscape.evaluate.depth_scores import compute_robust_sigma, interior_mask, score_depth
 
 
 def depth_map(z: np.ndarray, sigma_mm: float = 0.1) -> DepthMap:

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.evaluate.scores.lumps import compute_overlap, score_lumps
-from beltscape.measure.lumps.distribution import compute_distribution
-from beltscape.measure.lumps.lumps import Lumps
-from beltscape.measure.lumps.shape import Lump
+from beltscape.evaluate.lump_scores import compute_overlap, score_lumps
+from beltscape.measure.lumps.lumps import Lump, Lumps, compute_distribution
 
 SIZES = np.array([80.0, 40.0, 70.0, 5.0])
 VOLUMES = 0.5 * SIZES**3

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from beltscape.core.depth import DepthMap
-from beltscape.evaluate.scores.lumps import score_lumps
+from beltscape.evaluate.lump_scores import score_lumps
 from beltscape.measure.lumps.lumps import measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.pipeline.simulation import read_scenario
+from beltscape.simulate.core_truth import label_rocks, trace_core_view
 from beltscape.simulate.scene_assembly import SimulatedScene
-from beltscape.simulate.truth.core_truth import label_rocks, trace_core_view
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from beltscape.cli.main import main
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.rig_json import write_rig
+from beltscape.files.tiff import write_float_tiff
 
 SIZE = (300, 240)
 SPHERES = [(70, 60, 40.0), (220, 70, 35.0), (90, 170, 30.0), (230, 170, 45.0)]

@@ -12,19 +12,21 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.evaluate.paper.density import compute_density_gains
-from beltscape.evaluate.paper.dimensions import tabulate_dimensions
+from beltscape.evaluate.depth_scores import RigScore
+from beltscape.evaluate.frame_scores import score_frame
+from beltscape.evaluate.paper.dimensions import read_paper_numbers, tabulate_dimensions
 from beltscape.evaluate.paper.experiments import TRAVELS_MM, Paper, make_paper_document
 from beltscape.evaluate.paper.laboratory import Laboratory, Scene
-from beltscape.evaluate.paper.numbers import read_paper_numbers
-from beltscape.evaluate.paper.other_sensors import BASELINES
-from beltscape.evaluate.paper.pages.page import render_paper_page
-from beltscape.evaluate.paper.surfaces import METHODS, ScoredDepth, make_empty_depth_map
-from beltscape.evaluate.paper.tof import TOF
-from beltscape.evaluate.scores.frame_score import score_frame
-from beltscape.evaluate.scores.rig import RigScore
-from beltscape.evaluate.truth.simulated import Truth
-from beltscape.files.documents.json_text import to_json
+from beltscape.evaluate.paper.other_sensors import BASELINES, TOF
+from beltscape.evaluate.paper.page import render_paper_page
+from beltscape.evaluate.paper.surfaces import (
+    METHODS,
+    ScoredDepth,
+    compute_density_gains,
+    make_empty_depth_map,
+)
+from beltscape.evaluate.truth import Truth
+from beltscape.files.json_text import to_json
 
 SIZE = (48, 36)
 WORLD_UP = Pose(np.diag([1.0, -1, -1]), np.array([0.0, 0.0, 700.0]))

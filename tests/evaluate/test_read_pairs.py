@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
+from beltscape.evaluate.depth_scores import compute_robust_sigma
 from beltscape.evaluate.real_pairs.read_pairs import (
     METHODS,
     read_dice_auto,
@@ -15,7 +16,6 @@ from beltscape.evaluate.real_pairs.read_pairs import (
     read_motorcycle,
 )
 from beltscape.evaluate.real_pairs.subsets import find_subsets
-from beltscape.evaluate.scores.depth import compute_robust_sigma
 
 
 class Points(NamedTuple):

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.depth import DepthMap
-from beltscape.evaluate.scores.reliability import (
-    compute_false_fill,
-    compute_pixel_locking,
-    compute_sigma_ratios,
-)
+from beltscape.evaluate.frame_scores import compute_false_fill, compute_pixel_locking, compute_sigma_ratios
 
 
 def depth_map(z: np.ndarray) -> DepthMap:

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.evaluate.truth.resampling import resample_depth, resample_mask
+from beltscape.evaluate.truth import resample_depth, resample_mask
 
 
 def rig(focal: float = 300.0, center: tuple[float, float] = (79.5, 59.5)) -> Rig:

@@ -11,8 +11,8 @@ from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.evaluate.truth.simulated import read_truth
-from beltscape.files.documents.json_text import write_json
+from beltscape.evaluate.truth import read_truth
+from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
 
 SIZE = (40, 30)

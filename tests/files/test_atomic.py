@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from beltscape.core.errors import OutputError
-from beltscape.files.documents.json_text import read_json, write_json
-from beltscape.files.folders.atomic import atomic_replacement, ensure_output_folder, write_bytes, write_text
+from beltscape.files.atomic import atomic_replacement, ensure_output_folder, write_bytes, write_text
+from beltscape.files.json_text import read_json, write_json
 
 
 def test_text_is_utf_8_with_plain_line_ends(tmp_path):

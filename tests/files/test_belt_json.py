@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
+from beltscape.core.empty_belt import Belt, BeltDeviation, BeltEdges
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose

@@ -8,8 +8,8 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.files.camera_types import FORMAT, CameraType, read_camera_types, write_camera_types
-from beltscape.pipeline.recording.camera_types import list_camera_types
-from beltscape.sources.genicam.access.aravis import FoundCamera
+from beltscape.pipeline.recording.project import list_camera_types
+from beltscape.sources.genicam.aravis import FoundCamera
 from beltscape.sources.genicam.settings import CamerasSettings
 
 TYPES = {"a": CameraType("maker C-5, 8 mm", "tilted"), "b": CameraType("maker C-5")}

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import InputError
 from beltscape.files.capture import list_capture, read_capture
 from beltscape.files.frame_names import natural_key
-from beltscape.files.rasters.images import KINDS
+from beltscape.files.images import KINDS
 
 
 def make(folder, *names: str) -> None:

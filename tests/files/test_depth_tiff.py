@@ -8,7 +8,7 @@ import pytest
 import tifffile
 
 from beltscape.core.errors import InputError
-from beltscape.files.rasters.depth_tiff import read_float_tiff, write_float_tiff
+from beltscape.files.tiff import read_float_tiff, write_float_tiff
 
 
 def depth() -> np.ndarray:

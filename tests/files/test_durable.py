@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.files.folders import durable
-from beltscape.files.folders.durable import describe_refusal, keep_state, move_aside, read_state
+from beltscape.files import atomic
+from beltscape.files.atomic import describe_refusal, keep_state, move_aside, read_state
 from tests.files.damages import DAMAGES, check_set_aside
 
 
@@ -79,7 +79,7 @@ def test_one_that_cannot_be_moved_stops_nobody(tmp_path: Path, monkeypatch: pyte
     def refuse(*_: object) -> Path:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(durable, "move_aside", refuse)
+    monkeypatch.setattr(atomic, "move_aside", refuse)
     (message,) = read(path)
     assert message == f"{path}: is empty and cannot be moved away (No space left on device); it begins anew"
 

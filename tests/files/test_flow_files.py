@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.errors import InputError
-from beltscape.core.plausibility import receive_oddities
-from beltscape.files.tables.density import find_product, read_density_table
-from beltscape.files.tables.encoder_csv import read_encoder
-from beltscape.files.tables.flow_csv import HEADER, format_flow_row, write_flow
+from beltscape.core.ledger import FlowRecord
+from beltscape.core.quantities import receive_oddities
+from beltscape.files.density import find_product, read_density_table
+from beltscape.files.encoder_csv import read_encoder
+from beltscape.files.flow_csv import HEADER, format_flow_row, write_flow
 
 GOOD = "frame,timestamp_s,belt_position_mm\n"
 

@@ -7,10 +7,9 @@ import pytest
 import rasterio
 import tifffile
 
-from beltscape.core.belt.height_map import HeightMap
 from beltscape.core.errors import InputError
-from beltscape.files.rasters.depth_tiff import write_float_tiff
-from beltscape.files.rasters.height_tiff import read_height_tiff, write_height_tiff
+from beltscape.core.height_map import HeightMap
+from beltscape.files.tiff import read_height_tiff, write_float_tiff, write_height_tiff
 
 HEIGHT = np.arange(12.0).reshape(3, 4)
 HEIGHT[1, 2] = np.nan

@@ -11,7 +11,7 @@ import PIL.Image
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.files.rasters.images import KINDS, encode_image, read_image, write_image
+from beltscape.files.images import KINDS, encode_image, read_image, write_image
 
 RED, BLUE = (255, 0, 0), (0, 128, 255)
 

@@ -15,8 +15,8 @@ from rasterio.crs import CRS
 
 import beltscape as bs
 from beltscape.core.errors import InputError
-from beltscape.files.meshes.clouds import write_cloud
-from beltscape.files.meshes.las import RECORD_ID, USER_ID
+from beltscape.files.clouds import write_cloud
+from beltscape.files.las import RECORD_ID, USER_ID
 from tests.files.clouds import make_cloud
 
 

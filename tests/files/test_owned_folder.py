@@ -11,10 +11,17 @@ from pathlib import Path
 import pytest
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.files.folders import owned_folder as module
-from beltscape.files.folders.atomic import output_error, write_text
-from beltscape.files.folders.manifest import MANIFEST, STAGING, read_manifest, require_finished
-from beltscape.files.folders.owned_folder import add_file, continued_folder, owned_folder
+from beltscape.files import output_folder as module
+from beltscape.files.atomic import output_error, write_text
+from beltscape.files.output_folder import (
+    MANIFEST,
+    STAGING,
+    add_file,
+    continued_folder,
+    owned_folder,
+    read_manifest,
+    require_finished,
+)
 
 
 def put(out: Path, *names: str, command: str = "reconstruct", text: str = "new") -> None:
@@ -137,8 +144,8 @@ def test_a_damaged_manifest_is_named(tmp_path, manifest):
 KILLED = """
 import os, sys
 from pathlib import Path
-from beltscape.files.folders import owned_folder as module
-from beltscape.files.folders.atomic import write_text
+from beltscape.files import output_folder as module
+from beltscape.files.atomic import write_text
 out, moment = Path(sys.argv[1]), sys.argv[2]
 replaced = []
 replace = Path.replace

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.files.meshes.ply import write_ply
-from beltscape.files.meshes.ply_points import read_cloud
+from beltscape.files.ply import read_cloud, write_ply
 from tests.files.clouds import make_cloud
 
 TYPES = {"float": "<f4", "uchar": "u1"}

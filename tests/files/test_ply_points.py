@@ -7,8 +7,7 @@ import pytest
 
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
-from beltscape.files.meshes.ply import write_ply
-from beltscape.files.meshes.ply_points import image_from_cloud, read_cloud
+from beltscape.files.ply import image_from_cloud, read_cloud, write_ply
 
 
 def cloud(count: int) -> PointCloud:

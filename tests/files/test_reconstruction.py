@@ -13,9 +13,9 @@ from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.rasters.depth_tiff import write_float_tiff
 from beltscape.files.reconstruction import read_frame, write_frame
 from beltscape.files.rig_json import write_rig
+from beltscape.files.tiff import write_float_tiff
 
 SIZE = (6, 4)
 

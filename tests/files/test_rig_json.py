@@ -15,7 +15,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.documents.json_text import to_json
+from beltscape.files.json_text import to_json
 from beltscape.files.rig_json import read_rig, rig_document, write_rig
 from beltscape.files.rig_limits import LEAST_BASELINE_MM
 from tests.strategies import rigs

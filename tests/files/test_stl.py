@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.files.meshes.stl import read_stl, write_stl
+from beltscape.files.stl import read_stl, write_stl
 
 VERTICES = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], float)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

@@ -7,7 +7,7 @@ import socket
 
 import pytest
 
-from beltscape.files.systemd import notify, watchdog_s
+from beltscape.core.system_calls import notify, watchdog_s
 
 
 @pytest.fixture

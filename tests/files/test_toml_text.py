@@ -9,9 +9,8 @@ import pytest
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.core.errors import InputError
-from beltscape.core.plausibility import receive_oddities
-from beltscape.core.quantities import LOAD_HEIGHT
-from beltscape.files.documents.toml_text import read_toml, validate
+from beltscape.core.quantities import LOAD_HEIGHT, receive_oddities
+from beltscape.files.toml_text import read_toml, validate
 
 
 class Ring(BaseModel):

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltscape.core.live.findings import Finding
-from beltscape.health.belt.belt_findings import make_beside_finding, make_event_findings
-from beltscape.health.belt.monitor import BeltMonitor
+from beltscape.core.findings import Finding
+from beltscape.health.belt.monitor import BeltMonitor, make_beside_finding, make_event_findings
 from beltscape.health.belt.passes import BeltEvent, BeltPasses
 from beltscape.health.belt.residue import BeltRows
-from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.splices import find_splice
+from beltscape.health.settings import BeltLimits
 from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, make_empty_belt
 
 LENGTH_MM, STEP_MM = 4000.0, 160.0

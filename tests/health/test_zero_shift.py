@@ -10,14 +10,14 @@ import pytest
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.geometry.scaling import scale_camera
+from beltscape.core.geometry.rig import scale_camera
 from beltscape.health.belt.cells import compute_belt_cells
 from beltscape.health.belt.monitor import BeltMonitor
-from beltscape.health.belt.settings import BeltLimits
-from beltscape.health.belt.zero_history import ZeroHistory, update_zero_history
+from beltscape.health.belt.zero_finding import ZeroHistory, update_zero_history
 from beltscape.health.belt.zero_setting import zero_offset
 from beltscape.health.belt.zero_shift import ZeroShift, estimate_zero_shift
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
+from beltscape.health.settings import BeltLimits
+from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
 from beltscape.measure.flow.meter import FlowMeter
 from tests.measure.flow.moving_belt import CAMERA, HEIGHT_MM, Heap, depth_map, make_empty_belt, trough_mm
 

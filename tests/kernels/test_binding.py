@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltscape.kernels.geometry.visibility import VisibleInput
-from beltscape.kernels.images.gathering import GatherInput
+from beltscape.kernels.geometry import VisibleInput
+from beltscape.kernels.images import GatherInput
 from beltscape.kernels.native import NativeBackend, levels
 from tests.kernels.grids import surface, view_of_seed
 

@@ -14,9 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.learned.network import Network, compute_probability
+from beltscape.learned.network import Network, compute_probability, read_network, write_network
 from beltscape.learned.registry import PURPOSES, load_network
-from beltscape.learned.weights_file import read_network, write_network
 from tests.strategies import seeds
 
 

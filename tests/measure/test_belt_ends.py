@@ -8,16 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.depth import DepthMap
+from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
 from beltscape.measure.belt.edges import find_belt_edges
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.measure.belt.given import describe_doubtful_ends, measure_width_mm
+from beltscape.measure.belt.reference import make_reference
 from beltscape.measure.belt.settings import GivenBelt
-from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
-from beltscape.measure.volume.capacity import compute_capacity_mm2
+from beltscape.measure.volume.load import compute_capacity_mm2
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import measure_volume
 from tests.measure.belt_scenes import Block, Scene, Slab, depth_map, trough, world_points_mm

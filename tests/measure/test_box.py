@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError, MeasureError
 from beltscape.measure.surface import Grid, average_blocks
-from beltscape.measure.volume.box import Box, compute_profiles, select_box
+from beltscape.measure.volume.load import Box, compute_profiles, select_box
 
 GRID = Grid.over((-10.0, 12.0), (-8.0, 9.0), 0.7)
 EDGES = st.floats(-9.9, 11.9)

@@ -7,9 +7,8 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
-from beltscape.measure.belt.average import average_depth_maps
 from beltscape.measure.belt.edges import find_belt_edges
-from beltscape.measure.belt.empty_belt import learn_belt
+from beltscape.measure.belt.empty_belt import average_depth_maps, learn_belt
 from tests.measure.belt_scenes import Block, Scene, depth_map, trough
 
 TROUGH = trough(300, (190, 25))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltscape.measure.belt.empty_belt import learn_belt
-from beltscape.measure.volume.capacity import compute_capacity_mm2
+from beltscape.measure.volume.load import compute_capacity_mm2
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.solid import build_load_mesh, build_surface_mesh
 from beltscape.measure.volume.volume import Volume, measure_volume

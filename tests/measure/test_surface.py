@@ -6,8 +6,7 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.measure.belt.empty_belt import find_belt
-from beltscape.measure.reliable_pixels import reliable_mask
-from beltscape.measure.surface import Grid, compute_height_map, compute_sampling
+from beltscape.measure.surface import Grid, compute_height_map, compute_sampling, reliable_mask
 from tests.measure.belt_scenes import Ball, Scene, depth_map, trough
 
 FLAT = trough(900)

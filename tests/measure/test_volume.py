@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.depth import DepthMap
+from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import InputError, MeasureError
 from beltscape.measure.belt.empty_belt import learn_belt
 from beltscape.measure.volume.settings import VolumeSettings

@@ -8,7 +8,7 @@ import pytest
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.files.belt_json import read_belt
-from beltscape.files.meshes.stl import read_stl
+from beltscape.files.stl import read_stl
 from beltscape.measure.belt.settings import GivenBelt
 from beltscape.pipeline.measuring.belt import (
     measure_empty_belt,

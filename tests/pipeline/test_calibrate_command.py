@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.calibrating import calibration
 from beltscape.target.board import read_board

@@ -10,7 +10,7 @@ import pytest
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.cli.main import main
-from beltscape.files.rasters.images import write_image
+from beltscape.files.images import write_image
 from beltscape.pipeline.calibrating import calibration
 from tests.synthetic.camera_arrays import BOARD, boards_before, detect, like_cameras
 

@@ -10,14 +10,13 @@ import pytest
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, ReconstructionError
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.pipeline.measuring.flow.same_rig import require_same_rig
-from beltscape.pipeline.reconstructing.camera_checks.rig_proposal import make_rig_writer
-from beltscape.pipeline.reconstructing.camera_checks.schedule import CheckSchedule
+from beltscape.files.tiff import read_float_tiff
+from beltscape.pipeline.measuring.flow_chain import require_same_rig
+from beltscape.pipeline.reconstructing.camera_checks import CheckSchedule, make_rig_writer
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
-from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
+from beltscape.stereo.consistency.pose_change import apply_pose_change
 from tests.synthetic.demo import DEMO, TRUE_RIG
 
 TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")

@@ -12,12 +12,12 @@ import pytest
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.files.tiff import read_float_tiff
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
-from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
+from beltscape.stereo.consistency.pose_change import apply_pose_change
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")
@@ -149,7 +149,7 @@ def test_narrow_box_causes_a_warning_and_a_larger_sigma(run, small_frames, tmp_p
     frame = read_frame(tmp_path / "r" / "000")
     depth = frame.depth.depth_mm.copy()
     depth[:, :250], depth[:, 360:] = np.nan, np.nan
-    from beltscape.files.rasters.depth_tiff import write_float_tiff
+    from beltscape.files.tiff import write_float_tiff
 
     for name, values in (
         ("depth", depth),

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from beltscape.cli.main import main
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from tests.once import make_once
 from tests.report.layout import browser, layout_faults, needs_browser, text_faults
 

@@ -10,12 +10,11 @@ import pytest
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import scale_rig
+from beltscape.core.geometry.rig import Rig, scale_rig
 from beltscape.core.progress import Silent
 from beltscape.files.belt_json import write_belt
 from beltscape.measure.belt.empty_belt import learn_belt
-from beltscape.pipeline.measuring.flow.chain import read_reference
+from beltscape.pipeline.measuring.flow_chain import read_reference
 from tests.measure.flow.moving_belt import CAMERA, depth_map
 
 LENS = replace(CAMERA, distortion=np.array([-0.12, 0.08, 5e-4, -3e-4, 0.0]))

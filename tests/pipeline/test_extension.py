@@ -10,7 +10,7 @@ import pytest
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.images import write_image
+from beltscape.files.images import write_image
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.files.rig_limits import find_corner_radius_px
 from beltscape.pipeline.calibrating.extension import extend_rig

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from beltscape.core.depth import DepthMap
-from beltscape.files.rasters.images import read_image, write_image
+from beltscape.files.images import read_image, write_image
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
-from beltscape.stereo.pointcloud.cloud import cloud_from_depth
+from beltscape.stereo.pointcloud import cloud_from_depth
 from tests.report.layout import text_faults
 from tests.synthetic.demo import parse_json
 from tests.synthetic.modules import DepthCameraView, module, module_pose, rig

@@ -9,9 +9,9 @@ import pytest
 from beltscape.core.errors import MeasureError
 from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.measure.flow.motion.registration.shift import Shift
+from beltscape.measure.flow.registration import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
-from beltscape.pipeline.measuring.flow.checks import (
+from beltscape.pipeline.measuring.flow_checks import (
     describe_motion,
     require_consistent_motion,
     warn_of_motion_conflicts,

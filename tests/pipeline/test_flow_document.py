@@ -10,13 +10,12 @@ from typing import Any
 
 import pytest
 
-from beltscape.cli.quantities.flow import summary
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.measure.flow.fusion.picture import BeltPicture
+from beltscape.cli.commands.measure_flow import summary
+from beltscape.core.ledger import FlowRecord
+from beltscape.measure.flow.density import Density, make_unknown_density
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
-from beltscape.measure.flow.records.density import Density, make_unknown_density
-from beltscape.pipeline.measuring.flow.capture import Flow
-from beltscape.pipeline.measuring.flow.files import write_flow_result
+from beltscape.measure.flow.rows import BeltPicture
+from beltscape.pipeline.measuring.flow import Flow, write_flow_result
 from tests.measure.flow.moving_belt import COARSE_CAMERA, Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-900, end_mm=-300)

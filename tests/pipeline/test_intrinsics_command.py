@@ -14,7 +14,7 @@ from beltscape.files.intrinsics_json import read_intrinsics_file
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.files.rig_limits import find_corner_radius_px
 from beltscape.pipeline.calibrating.calibration import calibrate
-from beltscape.pipeline.calibrating.known_intrinsics import read_known_intrinsics
+from beltscape.pipeline.calibrating.intrinsics import read_known_intrinsics
 from tests.synthetic.demo import parse_json
 
 BOARD = 'kind = "charuco"\nsquares = [8, 6]\nsquare_mm = 40\nmarker_mm = 29\ndictionary = "DICT_4X4_50"\n'

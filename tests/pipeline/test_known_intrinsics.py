@@ -16,7 +16,7 @@ from beltscape.core.progress import Silent
 from beltscape.files.capture import Capture
 from beltscape.files.exchange import FORMATS, export_rig, read_intrinsics
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
 from beltscape.target.board import CharucoBoard
 from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json

@@ -11,15 +11,13 @@ import numpy as np
 import pytest
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.geometry.scaling import scale_rig
+from beltscape.core.geometry.rig import scale_rig
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.reconstructing import reconstruction
-from beltscape.pipeline.reconstructing.matcher_factory import MatcherFactory
-from beltscape.pipeline.reconstructing.sequence import match_on_workers
-from beltscape.pipeline.reconstructing.sequence.match_on_workers import MatchTask
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.pipeline.reconstructing import match_ahead, reconstruction
+from beltscape.pipeline.reconstructing.match_ahead import MatcherFactory, MatchTask
+from beltscape.stereo.settings import MultiviewSettings
 from beltscape.workers.call import Completed
 from beltscape.workers.options import WorkerOptions
 from tests.optional import require
@@ -88,8 +86,8 @@ def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path) 
 def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkeypatch) -> None:
     marks = tmp_path / "marks"
     marks.mkdir()
-    killing = KillOnce(match_on_workers.match_frame, str(marks))
-    monkeypatch.setattr(match_on_workers, "match_frame", killing)
+    killing = KillOnce(match_ahead.match_frame, str(marks))
+    monkeypatch.setattr(match_ahead, "match_frame", killing)
     files, warnings = reconstruct(capture, tmp_path / "r", WorkerOptions(workers=2))
     assert [name for name in alone[0] if files[name] != alone[0][name]] == []
     assert warnings == alone[1]
@@ -104,9 +102,7 @@ def test_images_are_sent_to_workers_that_do_not_see_them(capture, tmp_path, else
     frame = replace(frame, images={name: frame.images[name] for name in files})
     factory = MatcherFactory(RIG, RANGE_MM, MultiviewSettings.preset("fast"))
     reporter = Silent()
-    with match_on_workers.open_workers(
-        factory, WorkerOptions(workers=2), lambda _: files, reporter
-    ) as workers:
+    with match_ahead.open_workers(factory, WorkerOptions(workers=2), lambda _: files, reporter) as workers:
         pending = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
         assert pending.task.files.keys() == files.keys()
         first = require(pending.result())
@@ -135,7 +131,7 @@ class DeadPool:
 
 
 def test_frames_ahead_keep_every_worker_busy_within_the_memory() -> None:
-    workers = match_on_workers.MatchWorkers(DeadPool(64), lambda _: {}, Silent())
+    workers = match_ahead.MatchWorkers(DeadPool(64), lambda _: {}, Silent())
     assert workers.count_frames_ahead((612, 512), 5) == 128
     assert workers.count_frames_ahead((4096, 3000), 5) * 4096 * 3000 * 18 <= 4 << 30
 
@@ -143,7 +139,7 @@ def test_frames_ahead_keep_every_worker_busy_within_the_memory() -> None:
 def test_a_frame_that_no_worker_survives_is_matched_here(capture) -> None:
     reporter = Silent()
     frame = next(iter(reconstruction.open_capture(capture, RIG, Silent())))
-    workers = match_on_workers.MatchWorkers(DeadPool(2), lambda _: {}, reporter)
+    workers = match_ahead.MatchWorkers(DeadPool(2), lambda _: {}, reporter)
     assert workers.submit(frame, RIG.auxiliaries, lambda: pytest.fail("made here")).result() is None
     assert reporter.warnings == [
         "frame 000: its worker died 11 times (WorkerCrashedError); it is matched by this process"

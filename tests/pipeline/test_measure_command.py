@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from beltscape.files.documents.json_text import read_json
+from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig, write_rig
 from tests.synthetic.demo import parse_json
 

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from beltscape.calibration.assessment.domain.coverage_findings import UncoveredVolumeError
+from beltscape.calibration.assessment.coverage import UncoveredVolumeError
 from beltscape.core.errors import InputError
 from beltscape.files.belt_json import write_belt
 from beltscape.pipeline.calibrating import calibration

@@ -8,13 +8,13 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter, Silent
 from beltscape.files.rig_json import read_rig
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
-from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
+from beltscape.pipeline.reconstructing.checked_matcher import MonitoredMatcher
 from tests.synthetic.demo import TRUE_RIG
 
 

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.pipeline.pattern_files import write_pattern_files
-from beltscape.target.speckle.pattern import PatternSettings, make_pattern
-from beltscape.target.speckle.pattern_image import draw_pattern
-from beltscape.target.speckle.pattern_json import read_pattern
-from beltscape.target.speckle.pattern_svg import pattern_to_svg
+from beltscape.target.pattern import PatternSettings, make_pattern
+from beltscape.target.pattern_formats import draw_pattern, pattern_to_svg, read_pattern
 
 PATTERN = make_pattern(PatternSettings(size_px=(160, 128), count=150, seed=7, grey=(0.2, 1)))
 

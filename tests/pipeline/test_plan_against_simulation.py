@@ -7,12 +7,12 @@ import pytest
 
 from beltscape.core.progress import Silent
 from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.files.tiff import read_float_tiff
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 from beltscape.pipeline.simulation import read_scenario, simulate
 from beltscape.plan.plan import make_plan
-from beltscape.plan.precision import predict_sigma_map
+from beltscape.plan.planned_rig import predict_sigma_map
 from beltscape.plan.settings import PlanSettings, PrecisionSettings
 
 SETTINGS = {

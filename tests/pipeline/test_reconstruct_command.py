@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import tifffile
 
-from beltscape.files.meshes.ply_points import read_cloud
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
+from beltscape.files.ply import read_cloud
 from beltscape.files.rig_json import read_rig
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from beltscape.core.geometry.pose import Pose
-from beltscape.files.rasters.images import read_image, write_image
+from beltscape.files.images import read_image, write_image
 from beltscape.files.rig_json import read_rig, write_rig
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from beltscape.core.frames import FrameSet
-from beltscape.files.rasters.images import read_image, write_image
+from beltscape.files.images import read_image, write_image
 from beltscape.files.rig_json import read_rig
-from beltscape.pipeline.reconstructing.sequence.regions import write_regions
+from beltscape.pipeline.reconstructing.frame_writer import write_regions
 from beltscape.stereo.markers.grid import detect_marker_grid
 from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 

@@ -10,13 +10,13 @@ import pytest
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.measure.belt.empty_belt import find_belt
-from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
+from beltscape.measure.belt.reference import make_reference
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
 from tests.stereo.rendered import RENDERED, needs_rendered, read_halved_frames, read_halved_rig
 
 FRAMES = ("008", "009", "010")

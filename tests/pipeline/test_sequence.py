@@ -10,17 +10,17 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import OutputError, ReconstructionError
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.depth_tiff import read_float_tiff
 from beltscape.files.rig_json import read_rig
+from beltscape.files.tiff import read_float_tiff
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
+from beltscape.pipeline.reconstructing import match_ahead as ahead
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth, CheckedMatcher
+from beltscape.pipeline.reconstructing.frame_writer import Frame, FrameWriter
 from beltscape.pipeline.reconstructing.reconstruction import open_capture, reconstruct
-from beltscape.pipeline.reconstructing.sequence import match_ahead as ahead
-from beltscape.pipeline.reconstructing.sequence.frame_writer import Frame, FrameWriter
 from tests.synthetic.demo import DEMO, TRUE_RIG
 
 RIG = read_rig(TRUE_RIG)

@@ -13,10 +13,10 @@ from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.files.documents.json_text import read_json
-from beltscape.files.rasters.depth_tiff import read_float_tiff
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
+from beltscape.files.json_text import read_json
 from beltscape.files.rig_json import read_rig
+from beltscape.files.tiff import read_float_tiff
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene

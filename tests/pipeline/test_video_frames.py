@@ -8,8 +8,8 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.images import read_image
-from beltscape.pipeline.calibrating.views.video_frames import extract_frames, select_frames
+from beltscape.files.images import read_image
+from beltscape.pipeline.calibrating.views import extract_frames, select_frames
 from tests.synthetic.demo import parse_json
 
 REPEATS = 5

@@ -13,7 +13,7 @@ import pytest
 from beltscape.core.cloud import PointCloud
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.documents.json_text import write_json
+from beltscape.files.json_text import write_json
 from beltscape.files.reconstruction import write_frame
 from beltscape.files.rig_json import write_rig
 from tests.synthetic.packings import camera, make_ellipsoids, render_depth_map

@@ -8,10 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.plan.coverage import compute_coverage, compute_plane_coverage
-from beltscape.plan.footprint import area_mm2, clip, clip_to_strip, overlap_shares, project_footprint
-from beltscape.plan.planned_rig import make_planned_rig
-from beltscape.plan.precision import predict_sigma_mm, projection_jacobian
+from beltscape.plan.coverage import (
+    area_mm2,
+    clip,
+    clip_to_strip,
+    compute_coverage,
+    compute_plane_coverage,
+    overlap_shares,
+    project_footprint,
+)
+from beltscape.plan.planned_rig import make_planned_rig, predict_sigma_mm, projection_jacobian
 from beltscape.plan.settings import CameraSettings, PlanSettings, RigSettings
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.plan.mounting import compute_mounting, mounting_height_mm
+from beltscape.plan.plan import compute_mounting, mounting_height_mm
 from beltscape.plan.settings import BeltSettings, CameraSettings, PlanSettings, RigSettings
 
 

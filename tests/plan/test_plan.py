@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.files.documents.toml_text import validate
+from beltscape.files.toml_text import validate
 from beltscape.plan.baseline import choose_baseline, list_alternatives
 from beltscape.plan.plan import make_plan
 from beltscape.plan.settings import BeltSettings, CameraSettings, LightSettings, PlanSettings, RigSettings
@@ -114,7 +114,7 @@ def test_any_number_of_auxiliaries_has_an_acceptable_baseline(auxiliaries):
     ],
 )
 def test_unusual_plants_are_planned_and_reported(settings):
-    from beltscape.report.planning.plan import render_plan_page
+    from beltscape.report.plan import render_plan_page
 
     plan = make_plan(settings)
     assert "Rig plan" in render_plan_page(plan)

@@ -9,15 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from beltscape.plan.baseline import visible_shares
 from beltscape.plan.light import (
+    blur_mm,
     compute_light_budget,
+    compute_motion,
     defocus_px,
     electrons_per_lux_s,
+    frames_per_second,
     matching_sigma_px,
+    max_exposure_us,
     needed_contrast_e,
 )
-from beltscape.plan.motion import blur_mm, compute_motion, frames_per_second, max_exposure_us
-from beltscape.plan.occlusion import visible_shares
 from beltscape.plan.settings import (
     BeltSettings,
     CameraSettings,

@@ -18,8 +18,7 @@ from beltscape.production.settings import (
     TimetableSettings,
     check_products,
 )
-from beltscape.production.shifts import list_production_days, list_shifts
-from beltscape.production.timetable import find_due_change
+from beltscape.production.shifts import find_due_change, list_production_days, list_shifts
 
 BERLIN, LORD_HOWE = ZoneInfo("Europe/Berlin"), ZoneInfo("Australia/Lord_Howe")
 SHIFTS = tuple(

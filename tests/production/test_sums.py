@@ -8,10 +8,9 @@ from functools import reduce
 import numpy as np
 import pytest
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord
-from beltscape.measure.flow.records.profile import Stretch
-from beltscape.measure.flow.records.totals import Sums
+from beltscape.core.ledger import BeltRecord, FlowRecord
+from beltscape.measure.flow.profile import Stretch
+from beltscape.measure.flow.strips import Sums
 from beltscape.production.sums import ProductionSums, sum_record
 
 DENSITY = (1600.0, 80.0)

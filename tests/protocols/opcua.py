@@ -19,8 +19,8 @@ from cryptography.x509.oid import NameOID
 
 from beltscape.core.errors import InputError
 from beltscape.protocols.opcua.server import OpcUaServer
-from beltscape.protocols.opcua.settings import OpcUaSettings
 from beltscape.protocols.plant import UserRole
+from beltscape.protocols.settings import OpcUaSettings
 from tests.protocols.plant import FakePlant
 
 APPLICATION = "urn:test:client"

@@ -6,10 +6,9 @@ import threading
 from collections.abc import Sequence
 from dataclasses import replace
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord, Standing, Totals
-from beltscape.core.live.alarms import Alarm
-from beltscape.core.live.events import CameraHealth
+from beltscape.core.alarms import Alarm
+from beltscape.core.events import CameraHealth
+from beltscape.core.ledger import BeltRecord, FlowRecord, Standing, Totals
 from beltscape.protocols.plant import PlantState
 
 

@@ -10,18 +10,17 @@ from typing import Any
 
 import pytest
 
-from beltscape.core.belt.ledger_entries import BeltRecord
-from beltscape.protocols.modbus.pulses import PulseCount
-from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.writing import store
+from beltscape.core.ledger import BeltRecord
+from beltscape.protocols.modbus import PulseCount
+from beltscape.sinks.historian import Historian, store
 from beltscape.sinks.settings import HistorySettings
 
 pytest.importorskip("paho", reason="paho-mqtt is not installed; pip install 'beltscape[mqtt]' brings it")
 pytest.importorskip("pymodbus", reason="pymodbus is not installed; pip install 'beltscape[modbus]' brings it")
 
 from beltscape.protocols.mqtt.publisher import Publisher, read_cursor
-from beltscape.protocols.mqtt.settings import MqttSettings
-from beltscape.protocols.outputs.writer import OutputWriter
+from beltscape.protocols.outputs import OutputWriter
+from beltscape.protocols.settings import MqttSettings
 from tests.files.damages import DAMAGES, check_set_aside, damage_values
 from tests.protocols.broker import wait_until
 from tests.protocols.io_module import IoModule

@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
+from beltscape.core import supervision
 from beltscape.core.errors import InputError
-from beltscape.core.runtime import supervision
 from beltscape.protocols.listening import ListeningThread
 
 

@@ -14,18 +14,17 @@ from typing import Any
 
 import pytest
 
-from beltscape.core.belt.ledger_entries import Totals
+from beltscape.core.alarms import Alarm
 from beltscape.core.errors import InputError
-from beltscape.core.live.alarms import Alarm
+from beltscape.core.ledger import Totals
 
 pytest.importorskip("pymodbus", reason="pymodbus is not installed; pip install 'beltscape[modbus]' brings it")
 
 from pymodbus.client import ModbusTcpClient
 
-from beltscape.protocols.modbus.pulses import PulseCount
-from beltscape.protocols.modbus.registers import REGISTERS, Reading, place_registers, write_csv
-from beltscape.protocols.modbus.server import ModbusServer
-from beltscape.protocols.modbus.settings import ModbusSettings
+from beltscape.protocols.modbus import ModbusServer, PulseCount
+from beltscape.protocols.modbus_registers import REGISTERS, Reading, place_registers, write_csv
+from beltscape.protocols.settings import ModbusSettings
 from tests.protocols.plant import FakePlant
 
 FORMS = {"uint16": ">H", "uint32": ">I", "uint64": ">Q", "int64": ">q", "float32": ">f"}

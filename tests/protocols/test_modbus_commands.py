@@ -16,10 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymodbus.client import ModbusTcpClient
 
-from beltscape.protocols.modbus.commands import NAME_WORDS, Commands, place_commands
-from beltscape.protocols.modbus.registers import place_registers, write_csv
-from beltscape.protocols.modbus.server import ModbusServer
-from beltscape.protocols.modbus.settings import ModbusSettings
+from beltscape.protocols.modbus import NAME_WORDS, Commands, ModbusServer, place_commands
+from beltscape.protocols.modbus_registers import place_registers, write_csv
+from beltscape.protocols.settings import ModbusSettings
 from tests.protocols.plant import FakePlant
 
 SETTINGS = ModbusSettings.model_validate({"port": 0, "commands": {"first": 100}})

@@ -14,9 +14,9 @@ from beltscape.core.errors import InputError
 
 pytest.importorskip("paho", reason="paho-mqtt is not installed; pip install 'beltscape[mqtt]' brings it")
 
-from beltscape.protocols.mqtt.payloads import format_alarm, format_record, format_state
+from beltscape.protocols.mqtt.json_channel import format_alarm, format_record, format_state
 from beltscape.protocols.mqtt.publisher import Publisher, check_settings, read_cursor
-from beltscape.protocols.mqtt.settings import MqttSettings
+from beltscape.protocols.settings import MqttSettings
 from tests.protocols.broker import (
     MQTT_3_REFUSAL,
     Broker,

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-from beltscape.core.belt.ledger_entries import Totals
 from beltscape.core.errors import OutputError
-from beltscape.core.live.findings import Finding
+from beltscape.core.findings import Finding
+from beltscape.core.ledger import Totals
 
 pytest.importorskip("asyncua", reason="asyncua is not installed; pip install 'beltscape[opcua]' brings it")
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from beltscape.core.live.alarms import Alarm
+from beltscape.core.alarms import Alarm
 
 pytest.importorskip("asyncua", reason="asyncua is not installed; pip install 'beltscape[opcua]' brings it")
 

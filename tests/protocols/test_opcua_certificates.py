@@ -18,8 +18,8 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
 from beltscape.protocols.listening import list_own_addresses
-from beltscape.protocols.opcua.security.certificates import ClientCertificates, open_own_certificate
-from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.opcua.certificates import ClientCertificates, open_own_certificate
+from beltscape.protocols.settings import OpcUaSettings
 from tests.protocols.opcua import APPLICATION
 
 
@@ -94,7 +94,7 @@ def test_the_made_certificate_names_every_address_by_which_clients_connect(
     moved = OpcUaSettings(host="192.0.2.99", hosts=("BELT4",))
     assert kept.list_missing_hosts(moved) == ["192.0.2.99"]
     monkeypatch.setattr(
-        "beltscape.protocols.opcua.security.certificates.find_routed_addresses", lambda: {"192.0.2.50"}
+        "beltscape.protocols.opcua.certificates.find_routed_addresses", lambda: {"192.0.2.50"}
     )
     assert kept.list_missing_hosts(everywhere) == ["192.0.2.50"]
 

@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
-from beltscape.core.belt.ledger_entries import STANDINGS, BeltRecord
+from beltscape.core.ledger import STANDINGS, BeltRecord
 
 pytest.importorskip("asyncua", reason="asyncua is not installed; pip install 'beltscape[opcua]' brings it")
 

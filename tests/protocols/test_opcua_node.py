@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.core.live.alarms import Alarm
+from beltscape.core.alarms import Alarm
 
 pytest.importorskip("asyncua", reason="asyncua is not installed; pip install 'beltscape[opcua]' brings it")
 

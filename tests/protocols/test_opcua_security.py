@@ -18,9 +18,9 @@ pytest.importorskip("asyncua", reason="asyncua is not installed; pip install 'be
 
 from asyncua import Client, ua
 
-from beltscape.protocols.opcua.security.certificates import open_own_certificate
+from beltscape.protocols.opcua.certificates import open_own_certificate
 from beltscape.protocols.opcua.server import OpcUaServer
-from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.settings import OpcUaSettings
 from tests.protocols.opcua import APPLICATION, CommandedPlant, Running, call, find, make_certificate, wait_for
 
 VOLUME = "Belt.Totals.Volume"

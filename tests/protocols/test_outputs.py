@@ -15,20 +15,17 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from beltscape.core.belt.ledger_entries import Totals
 from beltscape.core.errors import OutputError
+from beltscape.core.ledger import Totals
 
 pytest.importorskip("pymodbus", reason="pymodbus is not installed; pip install 'beltscape[modbus]' brings it")
 
 from beltscape.protocols import kept_number
-from beltscape.protocols.outputs import module as module_module
-from beltscape.protocols.outputs import writer as writer_module
-from beltscape.protocols.outputs.analogue import compute_current_ma
-from beltscape.protocols.outputs.module import ModuleAwayError
-from beltscape.protocols.outputs.pulse_target import PulseTarget
-from beltscape.protocols.outputs.pulses import CoilOutput, CounterOutput, PulseOutput, read_steps
-from beltscape.protocols.outputs.settings import AnalogueSettings, OutputSettings, PulseSettings
-from beltscape.protocols.outputs.writer import OutputWriter
+from beltscape.protocols import outputs as module_module
+from beltscape.protocols import outputs as writer_module
+from beltscape.protocols.output_pulses import CoilOutput, CounterOutput, PulseOutput, PulseTarget, read_steps
+from beltscape.protocols.outputs import ModuleAwayError, OutputWriter, compute_current_ma
+from beltscape.protocols.settings import AnalogueSettings, OutputSettings, PulseSettings
 from tests.protocols.broker import wait_until
 from tests.protocols.io_module import COIL, COUNTER, IoModule
 from tests.protocols.plant import FakePlant
@@ -166,8 +163,8 @@ PROGRAM = """
 import sys, time
 sys.path.insert(0, {root!r})
 from dataclasses import replace
-from beltscape.protocols.outputs.settings import OutputSettings
-from beltscape.protocols.outputs.writer import OutputWriter
+from beltscape.protocols.settings import OutputSettings
+from beltscape.protocols.outputs import OutputWriter
 from tests.protocols.plant import FakePlant
 from tests.protocols.test_outputs import weigh
 plant = FakePlant()

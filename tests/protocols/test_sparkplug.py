@@ -15,11 +15,11 @@ pytest.importorskip(
     "google.protobuf", reason="protobuf is not installed; pip install 'beltscape[mqtt]' brings it"
 )
 
-from beltscape.core.live.alarms import Alarm
+from beltscape.core.alarms import Alarm
 from beltscape.protocols.mqtt.publisher import Publisher
-from beltscape.protocols.mqtt.settings import MqttSettings
-from beltscape.protocols.mqtt.sparkplug.payload import REBIRTH, Metric, encode, is_rebirth
-from beltscape.protocols.mqtt.sparkplug.primary_host import PrimaryHost
+from beltscape.protocols.mqtt.sparkplug import PrimaryHost
+from beltscape.protocols.mqtt.sparkplug_payload import REBIRTH, Metric, encode, is_rebirth
+from beltscape.protocols.settings import MqttSettings
 from tests.protocols.broker import Broker, find_port, wait_until, with_broker
 from tests.protocols.plant import FakePlant
 from tests.protocols.sparkplug_host import Host, decode

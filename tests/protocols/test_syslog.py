@@ -14,18 +14,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from beltscape.core.alarms import Alarm, Suppression
 from beltscape.core.errors import InputError
-from beltscape.core.live.alarms import Alarm, Suppression
-from beltscape.protocols.syslog.rfc5424 import (
+from beltscape.protocols.settings import SyslogSettings
+from beltscape.protocols.syslog import (
     UDP_BYTES,
     Origin,
     SyslogMessage,
+    SyslogSender,
+    check_settings,
     describe_change,
     format_message,
     frame_octets,
 )
-from beltscape.protocols.syslog.sender import SyslogSender, check_settings
-from beltscape.protocols.syslog.settings import SyslogSettings
 from tests.protocols.broker import wait_until
 from tests.protocols.syslog_server import Server, parse, split_frames
 from tests.service.access.certificates import make_certificate

@@ -12,13 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.alarms.checks import CHECKS
-from beltscape.alarms.management.priorities import MATRIX, get_rationale
-from beltscape.alarms.names import KINDS
-from beltscape.core.live.alarms import Alarm
-from beltscape.protocols.syslog.rfc5424 import Origin, describe_change, format_message
-from beltscape.protocols.syslog.sender import SyslogSender
-from beltscape.protocols.syslog.settings import SyslogSettings
+from beltscape.alarms.management import MATRIX, get_rationale
+from beltscape.alarms.names import CHECKS, KINDS
+from beltscape.core.alarms import Alarm
+from beltscape.protocols.settings import SyslogSettings
+from beltscape.protocols.syslog import Origin, SyslogSender, describe_change, format_message
 from tests.protocols.broker import find_port
 from tests.protocols.syslog_server import parse
 

@@ -6,13 +6,13 @@ from functools import cache
 
 import numpy as np
 
-from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges
-from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
-from beltscape.core.belt.height_map import HeightMap
+from beltscape.core.empty_belt import Belt, BeltDeviation, BeltEdges
 from beltscape.core.geometry.pose import Pose
+from beltscape.core.height_map import HeightMap
+from beltscape.core.ledger import QUALITIES, FlowRecord
+from beltscape.measure.flow.belt_motion import BeltPosition
 from beltscape.measure.flow.meter import FramePlacement
-from beltscape.measure.flow.motion.belt_motion import BeltPosition
-from beltscape.measure.flow.records.totals import FlowTotals
+from beltscape.measure.flow.strips import FlowTotals
 from beltscape.measure.lumps.lumps import measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.plan.plan import Plan, make_plan
@@ -20,9 +20,9 @@ from beltscape.plan.settings import PlanSettings
 from beltscape.report.measuring.belt import render_belt_page
 from beltscape.report.measuring.flow import FlowReport, render_flow_page
 from beltscape.report.measuring.lumps import render_lumps_page
-from beltscape.report.planning.plan import render_plan_page
+from beltscape.report.plan import render_plan_page
 from beltscape.reprocessing.comparison.comparison import Comparison
-from beltscape.reprocessing.comparison.presentation.page import render_comparison
+from beltscape.reprocessing.comparison.page import render_comparison
 from tests.evaluate.test_page import paper
 from tests.reprocessing.comparison.histories import (
     OTHER_RIG,
@@ -110,7 +110,7 @@ def comparison() -> Comparison:
 
 def pages() -> dict[str, str]:
     """Name → the report as text."""
-    from beltscape.evaluate.paper.pages.page import render_paper_page
+    from beltscape.evaluate.paper.page import render_paper_page
 
     return {
         "plan": render_plan_page(plan()),

@@ -8,15 +8,14 @@ from functools import partial
 import numpy as np
 import pytest
 
-from beltscape.core.belt.flow_record import QUALITIES
+from beltscape.core.ledger import QUALITIES
 from beltscape.measure.lumps.lumps import FINES
 from beltscape.report.drawing import legend, palette
 from beltscape.report.drawing.charts import Chart, Entry, Key
 from beltscape.report.drawing.legend import CERTAINTY, HEIGHT, UNCERTAINTY, Scale, Swatches
 from beltscape.report.drawing.plots import NARROW, WIDE, Form, make_panels, to_svg
-from beltscape.report.measuring.flow import render_flow_page
-from beltscape.report.measuring.flow_charts import make_flow_chart
-from beltscape.report.measuring.lumps_pictures import (
+from beltscape.report.measuring.flow import make_flow_chart, render_flow_page
+from beltscape.report.measuring.lumps import (
     BELT,
     OVERSIZE,
     color_by_size,
@@ -25,7 +24,7 @@ from beltscape.report.measuring.lumps_pictures import (
     make_lump_panels,
 )
 from beltscape.report.page import Section, Table, Tile, Tiles, render
-from beltscape.report.planning.plan_drawing import draw_side_view, make_side_charts, make_top_chart
+from beltscape.report.plan_drawing import draw_side_view, make_side_charts, make_top_chart
 from tests.report.layout import browser, layout_faults, needs_browser, text_faults
 from tests.report.material import belt, flow, lumps, pages, plan
 

@@ -15,20 +15,19 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 import beltscape as bs
-from beltscape.calibration.assessment.domain.coverage import CameraCoverage, Coverage
-from beltscape.calibration.assessment.domain.volume import MeasuringVolume
+from beltscape.calibration.assessment.coverage import CameraCoverage, Coverage, MeasuringVolume
 from beltscape.core.frames import FrameSet
-from beltscape.files.rasters.depth_tiff import read_float_tiff
-from beltscape.files.rasters.images import decode_image
+from beltscape.files.images import decode_image
+from beltscape.files.tiff import read_float_tiff
 from beltscape.report.blue_noise import draw_quality
-from beltscape.report.calibration_coverage import STATES, coverage_picture, draw_coverage
+from beltscape.report.calibration_plots import STATES, coverage_picture, draw_coverage
+from beltscape.report.control_pictures import draw_simulated_frame
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.plots import WIDE, draw_dots, draw_lines, make_panels, to_png
 from beltscape.report.notebook import plot, plot_records
-from beltscape.report.simulation import draw_simulated_frame
-from beltscape.target.speckle.blue_noise import measure_blue_noise
-from beltscape.target.speckle.pattern import PatternSettings, make_pattern
-from beltscape.target.speckle.pattern_image import draw_pattern
+from beltscape.target.blue_noise import measure_blue_noise
+from beltscape.target.pattern import PatternSettings, make_pattern
+from beltscape.target.pattern_formats import draw_pattern
 from tests.report.material import belt, flow, lumps
 from tests.synthetic.boards import row_of_cameras
 from tests.synthetic.demo import TRUE_RIG

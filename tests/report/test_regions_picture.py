@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from beltscape.core.frames import FrameSet
+from beltscape.report.control_pictures import draw_camera_regions, draw_regions
 from beltscape.report.drawing.pictures import PANEL_PX
-from beltscape.report.regions import draw_camera_regions, draw_regions
 from beltscape.stereo.markers.grid import detect_marker_grid
 from tests.stereo.projected import make_view, render_pattern
 

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from beltscape.reprocessing.recordings.place import Place
-from beltscape.reprocessing.recordings.recording import RecordedFrame, Recording
+from beltscape.reprocessing.recordings.recording import Place, RecordedFrame, Recording
 
 STEP_MM = 50.0
 FRAME_NS = 125_000_000

@@ -9,15 +9,10 @@ from dataclasses import astuple, replace
 import numpy as np
 import pytest
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, RecordTag
-from beltscape.core.belt.sigma_parts import SigmaParts
-from beltscape.measure.flow.records.density import Density
-from beltscape.reprocessing.history.entries_file import decode_result, encode_result
-from beltscape.reprocessing.history.joining import LedgerJoiner
-from beltscape.reprocessing.history.products import find_no_product
-from beltscape.reprocessing.pieces import Overlap, Piece, cut_into_pieces
-from beltscape.reprocessing.results import PieceResult, PieceTimes
+from beltscape.core.ledger import BeltRecord, CrossSection, FlowRecord, RecordTag, SigmaParts
+from beltscape.measure.flow.density import Density
+from beltscape.reprocessing.history import LedgerJoiner, decode_result, encode_result, find_no_product
+from beltscape.reprocessing.pieces import Overlap, Piece, PieceResult, PieceTimes, cut_into_pieces
 from tests.reprocessing.recordings_made import STEP_MM, make_recording
 
 HIGH_MM = 250.0

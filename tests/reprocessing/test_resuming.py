@@ -16,13 +16,13 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.empty_belt import Belt
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter
 from beltscape.measure.belt.settings import GivenBelt
-from beltscape.reprocessing import parcel
+from beltscape.reprocessing import measuring
 from beltscape.reprocessing import run as module
-from beltscape.reprocessing.results import PieceResult, PieceTimes
+from beltscape.reprocessing.pieces import PieceResult, PieceTimes
 from beltscape.sinks.historian.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.reprocessing.conftest import FRAMES, RECORDINGS, STEP_MM
@@ -89,13 +89,13 @@ def test_a_run_goes_on_on_a_processor_that_fits_the_empty_belt_with_other_last_b
     reprocess, monkeypatch
 ) -> None:
     reprocess()
-    fit = parcel.read_empty_belt
+    fit = measuring.read_empty_belt
 
     def fit_elsewhere(path: Path, reporter: Reporter, given: GivenBelt) -> tuple[Belt, Camera]:
         belt, camera = fit(path, reporter, given)
         return replace(belt, noise_mm=float(np.nextafter(belt.noise_mm, np.inf))), camera
 
-    monkeypatch.setattr(parcel, "read_empty_belt", fit_elsewhere)
+    monkeypatch.setattr(measuring, "read_empty_belt", fit_elsewhere)
     again = reprocess()
     assert (again["changed"], again["measured_now"]) == (False, 0)
 

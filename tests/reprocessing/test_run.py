@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.ledger import BeltRecord
 from beltscape.sinks.historian.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.reprocessing.conftest import FRAMES, STEP_MM

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from beltscape.reprocessing.manifest import WorkSpan
-from beltscape.reprocessing.timeline import _cut_pauses, make_timeline
+from beltscape.reprocessing.report import _cut_pauses, make_timeline
 
 
 def test_a_pause_between_two_runs_is_cut_out() -> None:

@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from beltscape.core.alarms import Alarm, Suppression
 from beltscape.core.errors import InputError
-from beltscape.core.live.alarms import Alarm, Suppression
 
 
 class SimulatedAlarmControls:
-    """See core.live.alarms.AlarmControls: hides the alarms of a dictionary and sends them."""
+    """See core.alarms.AlarmControls: hides the alarms of a dictionary and sends them."""
 
     shelving_max_min = 480.0
 

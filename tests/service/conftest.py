@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from beltscape.service.access import Access, AccessSettings
-from beltscape.service.hosting.server import serve
+from beltscape.service.hosting import serve
 from tests.service.access.sample_app import CHEAP, PASSWORD, make_application
 from tests.service.running import Web
 

@@ -10,14 +10,13 @@ from typing import Protocol
 
 import numpy as np
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, Standing, Totals
+from beltscape.core.alarms import Alarm
 from beltscape.core.errors import MeasureError
+from beltscape.core.events import BeltStretch, CameraHealth, FrameEvent, Maintenance, ZeroProposal
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.alarms import Alarm
-from beltscape.core.live.events import BeltStretch, CameraHealth, FrameEvent, Maintenance, ZeroProposal
-from beltscape.core.live.findings import Finding
-from beltscape.core.live.interfaces import Observer
+from beltscape.core.interfaces import Observer
+from beltscape.core.ledger import BeltRecord, CrossSection, FlowRecord, Standing, Totals
 from tests.service.alarm_controls import SimulatedAlarmControls
 
 CAMERAS = ("cam1", "cam2", "cam3", "cam4", "cam5")
@@ -170,7 +169,7 @@ class SimulatedPlant:
         for observer in self.observers:
             observer.on_health(cameras)
 
-    # core.live.interfaces.Controls
+    # core.interfaces.Controls
 
     def raise_alarm(self, alarm: Alarm) -> None:
         """Raise an alarm."""
@@ -178,7 +177,7 @@ class SimulatedPlant:
         self._send_alarms()
 
     def acknowledge(self, alarm: str, by: str) -> bool:
-        """See core.live.interfaces.Controls."""
+        """See core.interfaces.Controls."""
         current = self.alarms.get(alarm)
         if current is None or current.state not in ("raised", "gone"):
             return False
@@ -188,12 +187,12 @@ class SimulatedPlant:
         return True
 
     def keep_recording(self, reason: str, by: str) -> bool:
-        """See core.live.interfaces.Controls."""
+        """See core.interfaces.Controls."""
         self.kept.append((reason, by))
         return True
 
     def begin_maintenance(self, reason: str, minutes: float, by: str) -> bool:
-        """See core.live.interfaces.Controls."""
+        """See core.interfaces.Controls."""
         now_ns = time.time_ns()
         self.maintenance = Maintenance(reason, by, now_ns, now_ns + round(minutes * 60e9))
         for observer in self.observers:
@@ -201,25 +200,25 @@ class SimulatedPlant:
         return True
 
     def end_maintenance(self, by: str) -> bool:
-        """See core.live.interfaces.Controls."""
+        """See core.interfaces.Controls."""
         was, self.maintenance = self.maintenance, None
         for observer in self.observers:
             observer.on_maintenance(None)
         return was is not None
 
     def learn_images(self, by: str) -> bool:
-        """See core.live.interfaces.Controls."""
+        """See core.interfaces.Controls."""
         self.learned_by.append(by)
         return True
 
     def measure_zero(self) -> ZeroProposal:
-        """See core.live.interfaces.Controls."""
+        """See core.interfaces.Controls."""
         if self.zero_refusal:
             raise MeasureError(self.zero_refusal)
         return ZeroProposal(7, 0.42, 0.05, -0.61, 5, 2.0)
 
     def set_zero(self, number: int, by: str) -> bool:
-        """See core.live.interfaces.Controls."""
+        """See core.interfaces.Controls."""
         self.zeros.append((number, by))
         return number == 7
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from beltscape.core.live.findings import Finding
-from beltscape.core.live.translatable_message import Message
+from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
 
 PLACE = (0.5, 0.2, 0.75, 0.5)
 """Left, top, right, bottom."""

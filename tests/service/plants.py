@@ -9,19 +9,19 @@ from typing import Literal
 
 from fastapi import FastAPI
 
-from beltscape.core.belt.ledger_entries import BeltRecord, Totals
 from beltscape.core.errors import InputError
-from beltscape.pipeline.live.measurement.ledger import add_tag
-from beltscape.pipeline.live.operation.production import ProductionControl
+from beltscape.core.ledger import BeltRecord, Totals
+from beltscape.pipeline.live.ledger import add_tag
+from beltscape.pipeline.live.production import ProductionControl
 from beltscape.service.access import Access, AccessSettings
-from beltscape.service.access.identity.roles import Role
+from beltscape.service.access.accounts import Role
 from beltscape.service.app import create_app
-from beltscape.service.changes.differences import Changed
-from beltscape.service.changes.reloader import Reload
+from beltscape.service.changes import Changed
 from beltscape.service.live_state import LiveState
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.reports import ReportWriter
 from beltscape.service.production.serving import ReportStatus, ServedProduction
+from beltscape.service.reloader import Reload
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings

@@ -17,13 +17,12 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from beltscape.protocols.modbus.settings import ModbusSettings
-from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.settings import ModbusSettings, OpcUaSettings
 from beltscape.service.access import Access, AccessSettings
 from beltscape.service.app import create_app
-from beltscape.service.hosting.server import serve
+from beltscape.service.hosting import serve
 from beltscape.service.live_state import LiveState
-from beltscape.service.protocols.serving import ProtocolSettings, ServedPlant, serve_protocols
+from beltscape.service.protocols import ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings

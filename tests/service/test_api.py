@@ -12,9 +12,9 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from beltscape.core.live.alarms import Alarm, AlarmState
-from beltscape.core.live.events import CameraHealth
-from beltscape.core.live.translatable_message import Message
+from beltscape.core.alarms import Alarm, AlarmState
+from beltscape.core.events import CameraHealth
+from beltscape.core.translatable_message import Message
 from tests.service.feeder import make_heights
 from tests.service.plants import BEGIN_NS, OPEN, STEP_NS, make_service
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import pytest
 
-from beltscape.core.live.alarms import Alarm
+from beltscape.core.alarms import Alarm
 from tests.service.plants import make_service
 
 NAN = float("nan")

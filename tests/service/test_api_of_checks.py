@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import nan
 
-from beltscape.core.live.findings import Finding
-from beltscape.core.live.translatable_message import Message
+from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
 from beltscape.sinks.historian import StoredFinding
 from tests.service.findings import DIRT, PLACE
 from tests.service.plants import BEGIN_NS, make_service

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.core.live.events import BeltStretch
-from beltscape.service.view_models.belt import FILLED, UNKNOWN, BeltWindow, decode_heights, encode_heights
+from beltscape.core.events import BeltStretch
+from beltscape.service.belt_surface import FILLED, UNKNOWN, BeltWindow, decode_heights, encode_heights
 
 X = np.arange(-100, 101, 5).astype(np.float32)
 

@@ -7,9 +7,8 @@ from math import isnan, nan
 
 import pytest
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord, Standing
-from beltscape.service.view_models.flow import FlowAverage
+from beltscape.core.ledger import BeltRecord, FlowRecord, Standing
+from beltscape.service.view_models import FlowAverage
 
 
 def make_record(

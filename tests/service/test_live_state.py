@@ -9,13 +9,13 @@ from math import inf, nan
 import cv2
 import numpy as np
 
-from beltscape.core.belt.ledger_entries import Totals
+from beltscape.core.events import CameraHealth, FrameEvent, Maintenance
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.events import CameraHealth, FrameEvent, Maintenance
-from beltscape.core.live.findings import Finding
+from beltscape.core.ledger import Totals
 from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
-from beltscape.service.view_models.picture import convert_to_8_bit, encode_thumbnail
+from beltscape.service.view_models import convert_to_8_bit, encode_thumbnail
 from tests.service.feeder import CAMERAS, SimulatedPlant, SummingLedger
 
 

@@ -9,12 +9,12 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from beltscape.service.access.identity.roles import User
-from beltscape.service.api.now.live_stream import SentState, collect_messages
-from beltscape.service.hosting.server import serve
+from beltscape.service.access.accounts import User
+from beltscape.service.api.live_stream import SentState, collect_messages
+from beltscape.service.belt_surface import UNKNOWN, decode_heights
+from beltscape.service.hosting import serve
 from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings
-from beltscape.service.view_models.belt import UNKNOWN, decode_heights
 from tests.service.feeder import SimulatedPlant, SummingLedger, make_heights
 from tests.service.plants import make_service
 

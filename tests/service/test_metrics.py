@@ -8,10 +8,10 @@ from math import nan
 
 import pytest
 
-from beltscape.core.live.alarms import Alarm
-from beltscape.core.live.events import CameraHealth
-from beltscape.core.live.findings import Finding
-from beltscape.service.api.now.metrics import MEDIA_TYPE, format_metrics
+from beltscape.core.alarms import Alarm
+from beltscape.core.events import CameraHealth
+from beltscape.core.findings import Finding
+from beltscape.service.api.metrics import MEDIA_TYPE, format_metrics
 from tests.service.plants import OPEN, make_service
 
 SAMPLE = re.compile(r"([a-z_:][a-z0-9_:]*)(?:\{(.*)\})? (\S+)")

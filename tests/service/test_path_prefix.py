@@ -9,8 +9,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-from beltscape.service.access.settings import LimitSettings
-from beltscape.service.hosting.server import serve
+from beltscape.service.hosting import serve
+from beltscape.service.settings import LimitSettings
 from beltscape.site.settings import BeltSettings
 from tests.docs.blocks import read_blocks
 from tests.docs.conftest import page_text
@@ -110,7 +110,7 @@ def test_a_cookie_of_a_path_belongs_to_tls(portal):
 
 
 def test_a_site_follows_a_belt_below_a_path(portal, tmp_path: Path):
-    from beltscape.site.following.client import BeltClient
+    from beltscape.site.client import BeltClient
 
     address, parts = portal
     (tmp_path / "key").write_text(parts[0].access.keys.create("site"))

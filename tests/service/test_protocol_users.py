@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beltscape.core.alarms import Alarm
+from beltscape.core.events import FrameEvent
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.alarms import Alarm
-from beltscape.core.live.events import FrameEvent
 from beltscape.service.access import Access
 from beltscape.service.live_state import LiveState
-from beltscape.service.protocols.checks import CHECKS
-from beltscape.service.protocols.serving import ProtocolSettings, ServedPlant, serve_protocols
-from beltscape.service.protocols.users import NoUsers, ServedUsers
+from beltscape.service.protocol_checks import CHECKS
+from beltscape.service.protocols import NoUsers, ProtocolSettings, ServedPlant, ServedUsers, serve_protocols
 from beltscape.service.settings import WebSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
@@ -70,7 +69,7 @@ def test_a_user_reads_history_and_acknowledges_by_opcua(tmp_path: Path, access: 
     from asyncua import Client
     from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
-    from beltscape.protocols.opcua.settings import OpcUaSettings
+    from beltscape.protocols.settings import OpcUaSettings
     from tests.protocols.opcua import APPLICATION, call, find, make_certificate
 
     live_state = LiveState(WebSettings(stale_s=60))

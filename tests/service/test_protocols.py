@@ -11,15 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from beltscape.core.alarms import Alarm
 from beltscape.core.errors import InputError, OutputError
-from beltscape.core.live.alarms import Alarm
-from beltscape.protocols.modbus.settings import ModbusSettings
-from beltscape.protocols.mqtt.settings import MqttSettings
-from beltscape.protocols.opcua.settings import OpcUaSettings
-from beltscape.protocols.outputs.settings import OutputSettings
+from beltscape.protocols.settings import ModbusSettings, MqttSettings, OpcUaSettings, OutputSettings
 from beltscape.service.live_state import LiveState
-from beltscape.service.protocols.checks import check_modbus, check_mqtt, check_outputs
-from beltscape.service.protocols.serving import STARTERS, ProtocolSettings, ServedPlant, serve_protocols
+from beltscape.service.protocol_checks import check_modbus, check_mqtt, check_outputs
+from beltscape.service.protocols import STARTERS, ProtocolSettings, ServedPlant, serve_protocols
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.protocols.broker import find_port, wait_until

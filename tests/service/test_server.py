@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 
 from beltscape.core.errors import OutputError, SettingsError
 from beltscape.service.access import LimitSettings
-from beltscape.service.hosting.server import serve
+from beltscape.service.hosting import serve
 from tests.service.access.certificates import make_certificate
 from tests.service.running import Web, get_host_and_port, make_cookie_header, open_session, send_raw
 

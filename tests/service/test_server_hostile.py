@@ -21,7 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from beltscape.service.access import Access, LimitSettings
-from beltscape.service.hosting.server import serve
+from beltscape.service.hosting import serve
 from tests.service.access import attack
 from tests.service.access.sample_app import CHEAP, PASSWORD, make_application
 from tests.service.running import Web, get_host_and_port, make_cookie_header, open_session, send_raw

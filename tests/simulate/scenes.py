@@ -7,9 +7,9 @@ import numpy as np
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.simulate.geometry.shapes import Mesh
-from beltscape.simulate.geometry.world import Label, Projector, Solid, Station, World
+from beltscape.simulate.shapes import Mesh
 from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
+from beltscape.simulate.world import Label, Projector, Solid, Station, World
 
 SIZE_PX = (160, 130)
 BELT = BeltSettings(length_mm=1200)

@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from beltscape.simulate.geometry.shapes import Mesh
-from beltscape.simulate.geometry.world import Label
+from beltscape.simulate.shapes import Mesh
 from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
+from beltscape.simulate.world import Label
 
 belts = st.builds(
     BeltSettings,

@@ -9,10 +9,10 @@ import pytest
 from beltscape.core.errors import SettingsError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-from beltscape.simulate.geometry.ray_casting import RayScene
-from beltscape.simulate.geometry.shapes import Mesh
+from beltscape.simulate.core_truth import compute_pixel_rays
+from beltscape.simulate.ray_casting import RayScene
+from beltscape.simulate.shapes import Mesh
 from beltscape.simulate.solids.board import BLACK, WHITE, make_board_solid
-from beltscape.simulate.truth.visibility import compute_pixel_rays
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm
 from tests.optional import require
 

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.simulate.board_poses import sample_board_poses
-from beltscape.simulate.rig_and_projector import make_station
+from beltscape.simulate.rig_and_projector import make_station, sample_board_poses
 from beltscape.simulate.scenario import BoardSpec, RigSpec
 from beltscape.target.board import CharucoBoard, corner_points_mm
 

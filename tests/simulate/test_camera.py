@@ -12,16 +12,20 @@ from pydantic import ValidationError
 
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.pose import Pose
-from beltscape.simulate.time_of_flight.camera import (
+from beltscape.simulate.time_of_flight import (
     TofTruth,
     compute_subpixel_rays,
     compute_wiggling_mm,
+    integrate_irradiance,
     make_tof_camera,
     simulate_tof_frame,
 )
-from beltscape.simulate.time_of_flight.multipath import integrate_irradiance
-from beltscape.simulate.time_of_flight.phase import combine_phases, common_range_mm, unambiguous_range_mm
-from beltscape.simulate.time_of_flight.settings import TofSettings
+from beltscape.simulate.time_of_flight_signal import (
+    TofSettings,
+    combine_phases,
+    common_range_mm,
+    unambiguous_range_mm,
+)
 
 IDEAL = partial(
     TofSettings,
@@ -265,8 +269,8 @@ def test_settings_have_bounds(wrong):
 
 
 def test_frame_of_a_world_uses_cast_rays():
-    from beltscape.simulate.geometry.world import Label, Solid, World
-    from beltscape.simulate.time_of_flight.view import render_tof
+    from beltscape.simulate.time_of_flight import render_tof
+    from beltscape.simulate.world import Label, Solid, World
 
     square = np.array([[-900.0, -900, 0], [900, -900, 0], [900, 900, 0], [-900, 900, 0]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])

@@ -5,17 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.simulate.geometry.ray_casting import RayScene
-from beltscape.simulate.geometry.shapes import make_box, make_sphere
-from beltscape.simulate.geometry.world import Label
+from beltscape.simulate.core_truth import label_rocks, measurable_shares, trace_core_truth, trace_core_view
+from beltscape.simulate.ray_casting import RayScene
+from beltscape.simulate.shapes import make_box, make_sphere
 from beltscape.simulate.solids.heap import HeapSettings, make_heap
-from beltscape.simulate.truth.core_truth import (
-    label_rocks,
-    measurable_shares,
-    trace_core_truth,
-    trace_core_view,
-)
-from beltscape.simulate.truth.load_truth import compute_true_area_mm2, compute_true_load
+from beltscape.simulate.truth_files import compute_true_area_mm2, compute_true_load
+from beltscape.simulate.world import Label
 from tests.simulate.scenes import BELT, SIZE_PX, load, station, world
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from beltscape.core.errors import SettingsError
-from beltscape.simulate.rendering import engine as renderer
+from beltscape.simulate.rendering import render as renderer
 from beltscape.simulate.rendering.render import RenderSettings
 
 

@@ -13,20 +13,17 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.faults.belt import CarryBack, Splice, TornEdge
 from beltscape.simulate.faults.cameras import MovedCamera, displace_image
-from beltscape.simulate.faults.delivery import MissingFrames, RepeatedImages
-from beltscape.simulate.faults.encoder import EncoderFault
-from beltscape.simulate.faults.exposure import OverExposure
-from beltscape.simulate.faults.images import apply_to_images
-from beltscape.simulate.faults.lighting import ProjectorFault
+from beltscape.simulate.faults.delivery import EncoderFault, MissingFrames, RepeatedImages
+from beltscape.simulate.faults.lighting import OverExposure, ProjectorFault
 from beltscape.simulate.faults.obstruction import Dirt
-from beltscape.simulate.faults.settings import Faults
-from beltscape.simulate.geometry.shapes import Mesh
-from beltscape.simulate.geometry.world import World
+from beltscape.simulate.faults.settings import Faults, apply_to_images
 from beltscape.simulate.rendering.sensor import Sensor, expose
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
+from beltscape.simulate.shapes import Mesh
 from beltscape.simulate.solids.belt import BeltSettings
-from beltscape.simulate.truth.load_truth import compute_true_area_mm2
+from beltscape.simulate.truth_files import compute_true_area_mm2
+from beltscape.simulate.world import World
 from tests.simulate.tiny import tiny
 from tests.synthetic.light import DOWN, camera, plane, projector, station
 

@@ -8,11 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import SettingsError
-from beltscape.simulate.geometry.ray_casting import RayScene
-from beltscape.simulate.geometry.shapes import Mesh, make_sphere, triangulate_height_field
-from beltscape.simulate.geometry.world import Label
+from beltscape.simulate.ray_casting import RayScene
+from beltscape.simulate.shapes import Mesh, make_sphere, triangulate_height_field
 from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
-from beltscape.simulate.solids.deposition import rasterise_rocks
 from beltscape.simulate.solids.fines import (
     FinesSettings,
     HeightField,
@@ -20,9 +18,9 @@ from beltscape.simulate.solids.fines import (
     make_fines,
     make_fines_mesh,
 )
-from beltscape.simulate.solids.heap import HeapSettings, make_heap, shift_solids
-from beltscape.simulate.solids.rock_sizes import SizeSettings
-from beltscape.simulate.solids.rocks import Rock
+from beltscape.simulate.solids.heap import HeapSettings, make_heap, rasterise_rocks, shift_solids
+from beltscape.simulate.solids.rocks import Rock, SizeSettings
+from beltscape.simulate.world import Label
 from tests.strategies import seeds
 
 BELT = BeltSettings(length_mm=600)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.simulate.geometry.shapes import make_box
-from beltscape.simulate.sensors.lidar import LidarSettings, scan_lidar
+from beltscape.simulate.profile_scanners import LidarSettings, scan_lidar
+from beltscape.simulate.shapes import make_box
 from tests.simulate import scenes
 
 WORLD = scenes.world(scenes.load(make_box((100.0, 400.0, 50.0))), lit=False)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.simulate.geometry.ray_casting import RayScene
-from beltscape.simulate.geometry.shapes import Mesh
-from beltscape.simulate.geometry.world import Label
-from beltscape.simulate.solids.module import make_module_solids, place_module
+from beltscape.simulate.ray_casting import RayScene
+from beltscape.simulate.shapes import Mesh
+from beltscape.simulate.solids.board import make_module_solids, place_module
+from beltscape.simulate.world import Label
 from beltscape.target.module import Base, Cube, Cylinder, Module, Sphere
 
 MODULE = Module(

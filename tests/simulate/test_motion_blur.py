@@ -5,10 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.simulate.geometry.world import Label, World
-from beltscape.simulate.rendering.motion_blur import render_exposure, sample_exposure, shift_labelled
 from beltscape.simulate.rendering.optics import Optics
-from beltscape.simulate.rendering.render import RenderSettings
+from beltscape.simulate.rendering.render import (
+    RenderSettings,
+    render_exposure,
+    sample_exposure,
+    shift_labelled,
+)
+from beltscape.simulate.world import Label, World
 from tests.synthetic.light import camera, plane, station
 
 

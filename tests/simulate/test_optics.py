@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.simulate.rendering.optics import Lens, Optics
-from beltscape.simulate.rendering.pinhole import make_pinholes
+from beltscape.simulate.rendering.optics import Lens, Optics, make_pinholes
 from tests.synthetic.light import camera
 
 

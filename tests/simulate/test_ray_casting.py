@@ -8,16 +8,10 @@ from hypothesis import given, settings
 
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-from beltscape.simulate.geometry.ray_casting import RayScene
-from beltscape.simulate.geometry.shapes import (
-    Mesh,
-    make_box,
-    make_cylinder,
-    make_sphere,
-    triangulate_height_field,
-)
-from beltscape.simulate.geometry.world import Solid
-from beltscape.simulate.truth.visibility import compute_pixel_rays, is_in_image
+from beltscape.simulate.core_truth import compute_pixel_rays, is_in_image
+from beltscape.simulate.ray_casting import RayScene
+from beltscape.simulate.shapes import Mesh, make_box, make_cylinder, make_sphere, triangulate_height_field
+from beltscape.simulate.world import Solid
 from tests.strategies import cameras, poses, seeds
 
 LENS = Camera(

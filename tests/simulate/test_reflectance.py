@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.simulate.geometry.ray_casting import RayScene
-from beltscape.simulate.geometry.reflectance import reflectance_at
-from beltscape.simulate.geometry.world import Label, Solid
+from beltscape.simulate.ray_casting import RayScene, reflectance_at
+from beltscape.simulate.world import Label, Solid
 
 CORNERS = np.array([[0.0, 0, 0], [8, 0, 0], [8, 4, 0], [0, 4, 0]])
 FACES = np.array([[0, 1, 2], [0, 2, 3]])

@@ -10,10 +10,9 @@ from scipy.ndimage import map_coordinates
 
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.pose import Pose
-from beltscape.simulate.geometry.world import World
-from beltscape.simulate.rendering.engine import resolve_engine
 from beltscape.simulate.rendering.optics import Optics
-from beltscape.simulate.rendering.render import RenderSettings, render
+from beltscape.simulate.rendering.render import RenderSettings, render, resolve_engine
+from beltscape.simulate.world import World
 from tests.synthetic.light import DOWN, camera, plane, projector, station
 
 SCALAR = RenderSettings(engine="scalar")

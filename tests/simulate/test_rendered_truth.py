@@ -11,11 +11,11 @@ import pytest
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.simulate.geometry.world import Station, World
+from beltscape.simulate.core_truth import trace_core_view
 from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
-from beltscape.simulate.solids.module import make_module_solids
-from beltscape.simulate.truth.core_truth import trace_core_view
-from beltscape.simulate.truth.load_truth import compute_true_load
+from beltscape.simulate.solids.board import make_module_solids
+from beltscape.simulate.truth_files import compute_true_load
+from beltscape.simulate.world import Station, World
 from beltscape.target.module import read_module
 
 RENDERED = Path(__file__).parents[3] / "shared/data/rendered"

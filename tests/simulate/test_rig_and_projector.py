@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.core.geometry.scaling import scale_camera
+from beltscape.core.geometry.rig import scale_camera
 from beltscape.files.rig_json import write_rig
 from beltscape.simulate.rig_and_projector import make_projector, make_station
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
-from beltscape.target.speckle.pattern import PatternSettings, make_pattern
-from beltscape.target.speckle.pattern_json import write_pattern
+from beltscape.target.pattern import PatternSettings, make_pattern
+from beltscape.target.pattern_formats import write_pattern
 from tests.strategies import cameras
 
 DRAWN = RigSpec(scatter=0.0, scale=1.0)

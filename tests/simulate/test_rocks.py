@@ -8,9 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from beltscape.simulate.geometry.shapes import make_box, make_cylinder
-from beltscape.simulate.solids.rock_sizes import SizeSettings, draw_sizes
-from beltscape.simulate.solids.rocks import ShapeSettings, compute_centroid, make_rock
+from beltscape.simulate.shapes import make_box, make_cylinder
+from beltscape.simulate.solids.rocks import (
+    ShapeSettings,
+    SizeSettings,
+    compute_centroid,
+    draw_sizes,
+    make_rock,
+)
 from tests.strategies import seeds
 
 LAWS = [

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.simulate.geometry.shapes import (
+from beltscape.simulate.shapes import (
     Mesh,
     extrude,
     join_meshes,

@@ -8,9 +8,9 @@ import numpy as np
 
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.pipeline.simulation import simulate
-from beltscape.simulate.source import SimulatedSource
+from beltscape.simulate.scene_assembly import SimulatedSource
 from tests.simulate.tiny import tiny
 
 SCENE = tiny("belt_moving", frames=2, speckle=False, motion={"start_mm": 0.0, "speed_mm_s": 400.0})

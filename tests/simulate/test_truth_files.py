@@ -9,9 +9,9 @@ import pytest
 
 from beltscape.core.geometry.pose import Pose
 from beltscape.files.rig_json import read_rig
+from beltscape.simulate.solids.board import make_module_solids, place_module
 from beltscape.simulate.solids.heap import HeapSettings, make_heap
-from beltscape.simulate.solids.module import make_module_solids, place_module
-from beltscape.simulate.truth.truth_files import SceneDetails, write_boards, write_truth
+from beltscape.simulate.truth_files import SceneDetails, write_boards, write_truth
 from beltscape.target.board import Chessboard, corner_points_mm
 from beltscape.target.module import Base, Cube, Cylinder, Module, Sphere
 from tests.simulate.scenes import BELT, station, world

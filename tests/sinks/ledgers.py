@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, standing_from_quality
+from beltscape.core.ledger import QUALITIES, BeltRecord, CrossSection, FlowRecord, standing_from_quality
 
 START_NS = 1_790_000_000_000_000_000
 """2026-09-21T14:13:20Z."""

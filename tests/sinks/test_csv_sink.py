@@ -12,10 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.files.tables.flow_csv import HEADER as FLOW_HEADER
-from beltscape.files.tables.flow_csv import format_flow_row
-from beltscape.sinks.csv_rows import FIRST_HEADER, read_last_number, read_records
-from beltscape.sinks.csv_sink import HEADER, CsvSink
+from beltscape.files.flow_csv import HEADER as FLOW_HEADER
+from beltscape.files.flow_csv import format_flow_row
+from beltscape.sinks.csv_sink import FIRST_HEADER, HEADER, CsvSink, read_last_number, read_records
 from beltscape.sinks.settings import CsvSettings
 from tests.optional import require
 from tests.sinks.ledgers import START_NS, ledger

@@ -8,10 +8,9 @@ from math import nan
 import numpy as np
 import pytest
 
-from beltscape.core.live.findings import Effect, Finding
-from beltscape.sinks.historian import CheckKey, Historian, StoredFinding
-from beltscape.sinks.historian.storage import schema
-from beltscape.sinks.historian.storage.finding_files import read_findings
+from beltscape.core.findings import Effect, Finding
+from beltscape.sinks.historian import CheckKey, Historian, StoredFinding, database
+from beltscape.sinks.historian.findings import read_findings
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import ledger
 
@@ -144,8 +143,8 @@ def test_files_of_a_lost_database_are_adopted(tmp_path):
 
 def test_a_database_of_an_older_version_keeps_records_and_events(tmp_path, monkeypatch):
     with monkeypatch.context() as older:
-        older.setattr(schema, "MIGRATIONS", schema.MIGRATIONS[:2])
-        connection = schema.open_writer(tmp_path / "history.db")
+        older.setattr(database, "MIGRATIONS", database.MIGRATIONS[:2])
+        connection = database.open_writer(tmp_path / "history.db")
     connection.execute(
         "INSERT INTO events (wall_ns, kind, name, text, by) VALUES (1, 'alarm', 'slip', 'raised', '')"
     )

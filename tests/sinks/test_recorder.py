@@ -7,7 +7,7 @@ import time
 
 from beltscape.files.capture import read_capture
 from beltscape.sinks.recorder import Recorder
-from beltscape.sinks.recording.capture_writer import CaptureWriter
+from beltscape.sinks.recording import CaptureWriter
 from tests.sinks.recordings import frames, holds, settings, settled
 
 

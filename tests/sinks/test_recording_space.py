@@ -14,7 +14,7 @@ import pytest
 from beltscape.files.capture import read_capture
 from beltscape.sinks import recorder as recorder_module
 from beltscape.sinks.recorder import Recorder
-from beltscape.sinks.recording.capture_writer import CaptureWriter
+from beltscape.sinks.recording import CaptureWriter
 from tests.sinks.namespaces import run_with_small_disk
 from tests.sinks.recordings import frames, holds, settings, settled
 
@@ -134,7 +134,7 @@ def test_a_folder_that_cannot_be_entered_pauses_recording_only():
     "error", [PermissionError(13, "Permission denied"), RuntimeError("no idea"), KeyError("x")]
 )
 def test_no_error_ends_the_recorder(tmp_path, monkeypatch, error):
-    monkeypatch.setattr("beltscape.core.runtime.supervision.RESTART_S", 0.01)
+    monkeypatch.setattr("beltscape.core.supervision.RESTART_S", 0.01)
     recorder = Recorder(tmp_path, settings(mode="all"))
 
     def fail(*_):

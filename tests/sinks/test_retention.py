@@ -10,7 +10,7 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.storage.day_files import read_day, read_summary
+from beltscape.sinks.historian.day_files import read_day, read_summary
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import START_NS, ledger, same, same_section
 

@@ -8,11 +8,10 @@ from dataclasses import replace
 import pyarrow.parquet as pq
 import pytest
 
-from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.storage import schema
-from beltscape.sinks.historian.storage.day_files import read_day
-from beltscape.sinks.historian.storage.rows import COLUMNS, to_row
-from beltscape.sinks.historian.writing.sums import Sums
+from beltscape.sinks.historian import Historian, database
+from beltscape.sinks.historian.day_files import read_day
+from beltscape.sinks.historian.ledger import Sums
+from beltscape.sinks.historian.records import COLUMNS, to_row
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import ledger, same
 
@@ -22,8 +21,8 @@ ALWAYS = (0, 1 << 62)
 def test_database_of_the_first_version_continues(tmp_path, monkeypatch):
     records = [replace(r, offset_mm=0.0, section=None) for r in ledger(5)]
     with monkeypatch.context() as older:
-        older.setattr(schema, "MIGRATIONS", schema.MIGRATIONS[:1])
-        connection = schema.open_writer(tmp_path / "history.db")
+        older.setattr(database, "MIGRATIONS", database.MIGRATIONS[:1])
+        connection = database.open_writer(tmp_path / "history.db")
     old = COLUMNS[: COLUMNS.index("offset_mm")]
     sums = Sums()
     for record in records:
@@ -74,12 +73,12 @@ def test_day_file_without_a_later_column_reads(tmp_path):
 
 
 def test_a_migration_that_fails_changes_nothing(tmp_path, monkeypatch):
-    schema.open_writer(tmp_path / "history.db").close()
+    database.open_writer(tmp_path / "history.db").close()
     broken = "CREATE TABLE further (x); INSERT INTO nowhere VALUES (1)"
-    monkeypatch.setattr(schema, "MIGRATIONS", (*schema.MIGRATIONS, broken))
+    monkeypatch.setattr(database, "MIGRATIONS", (*database.MIGRATIONS, broken))
     with pytest.raises(sqlite3.OperationalError, match="nowhere"):
-        schema.open_writer(tmp_path / "history.db")
+        database.open_writer(tmp_path / "history.db")
     monkeypatch.undo()
-    connection = schema.open_writer(tmp_path / "history.db")
+    connection = database.open_writer(tmp_path / "history.db")
     assert connection.execute("SELECT count(*) FROM sqlite_master WHERE name = 'further'").fetchone() == (0,)
     connection.close()

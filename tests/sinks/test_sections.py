@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from beltscape.sinks.historian.storage.sections import STEP_MM, pack_heights, round_heights, unpack_heights
+from beltscape.sinks.historian.records import STEP_MM, pack_heights, round_heights, unpack_heights
 from tests.sinks.ledgers import section
 
 heights = arrays(

@@ -8,7 +8,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.sinks.historian.writing.sums import Sums, add_compensated, read_sums
+from beltscape.sinks.historian.ledger import Sums, add_compensated, read_sums
 from tests.optional import require
 from tests.sinks.ledgers import ledger
 

@@ -6,8 +6,7 @@ import random
 from typing import Any
 
 from beltscape import __version__
-from beltscape.site.following.answers import PageAnswer, RecordAnswer, StateAnswer
-from beltscape.site.following.faults import BeltFaultError, Fault
+from beltscape.site.client import BeltFaultError, Fault, PageAnswer, RecordAnswer, StateAnswer
 from beltscape.site.settings import SiteSettings
 
 START_MS = 1_790_000_040_000

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.service.app import create_app
-from beltscape.service.hosting.server import RunningServer, serve
+from beltscape.service.hosting import RunningServer, serve
 from beltscape.site.run import RunningSite, serve_site
 from beltscape.site.settings import read_site
 from tests.protocols.broker import find_port

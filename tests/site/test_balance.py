@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from beltscape.site.balancing import Balancer
-from beltscape.site.following.catch_up import Gap, sum_records
+from beltscape.site.catch_up import Gap, sum_records
 from beltscape.site.settings import SiteSettings
 from beltscape.site.store import SiteStore
 from tests.site.belts import START_MS, make_record, make_site

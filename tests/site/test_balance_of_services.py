@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.ledger import BeltRecord, FlowRecord
 from beltscape.site.balance import BalanceResult
 from beltscape.site.run import RunningSite
 from tests.protocols.broker import wait_until

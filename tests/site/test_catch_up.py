@@ -13,10 +13,9 @@ from pydantic import ValidationError
 
 from beltscape.core.errors import OutputError
 from beltscape.site import follower as follower_module
+from beltscape.site.catch_up import Batch, Cursor, Gap, Sums
+from beltscape.site.client import BeltFaultError, RecordAnswer
 from beltscape.site.follower import BeltFollower
-from beltscape.site.following.answers import RecordAnswer
-from beltscape.site.following.catch_up import Batch, Cursor, Gap, Sums
-from beltscape.site.following.faults import BeltFaultError
 from beltscape.site.store import SiteStore
 from tests.protocols.broker import wait_until
 from tests.site.belts import START_MS, FakeBelt, make_record, make_site

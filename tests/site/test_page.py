@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from beltscape.service.access import Access, AccessSettings
-from beltscape.service.access.identity.roles import User
-from beltscape.service.hosting.server import serve
-from beltscape.service.languages import list_languages, read_texts
+from beltscape.service.access.accounts import User
+from beltscape.service.hosting import serve
+from beltscape.service.settings import list_languages, read_texts
 from beltscape.site.run import serve_site
 from beltscape.site.settings import read_site
 from tests.protocols.broker import find_port

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.site.following.faults import BeltFaultError
+from beltscape.site.client import BeltFaultError
 from beltscape.site.run import RunningSite, check_site
 from beltscape.site.settings import BeltSettings, read_site
 from tests.protocols.broker import find_port, wait_until
@@ -18,7 +18,7 @@ from tests.site.services import Belt, run, serve_belts, write_site
 
 pytest.importorskip("httpx", reason="httpx is not installed; pip install 'beltscape[site]' brings it")
 
-from beltscape.site.following.client import BeltClient
+from beltscape.site.client import BeltClient
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.site.periods import list_periods
+from beltscape.site.app import list_periods
 from beltscape.site.settings import read_site
 from tests.site.belts import make_site
 

@@ -8,7 +8,7 @@ import pytest
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.files.rasters.images import write_image
+from beltscape.files.images import write_image
 from beltscape.sources import folder as folder_module
 from beltscape.sources.folder import FolderSource, choose_image_size, scale_rig_to_images
 from tests.files.exchange.test_other_programs import make_rig

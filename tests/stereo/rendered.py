@@ -13,7 +13,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 
 RENDERED = Path(__file__).resolve().parents[3] / "shared/data/rendered"
 needs_rendered = pytest.mark.skipif(

@@ -14,14 +14,10 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.features import ConfidenceInputs
-from beltscape.stereo.multiview.frame.context import MatchContext
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
-from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale
-from beltscape.stereo.multiview.frame.windows import scale_boxes
-from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult
-from beltscape.stereo.multiview.optimisation.propagation import PropagationResult
-from beltscape.stereo.multiview.state import MatcherState
+from beltscape.stereo.multiview.features import ConfidenceInputs, MatcherState
+from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, prepare_frame, scale_boxes
+from beltscape.stereo.multiview.optimisation import LeastSquaresResult, PropagationResult
+from beltscape.stereo.multiview.surface import compute_inverse_depth_scale
 from tests.stereo.raycast import look_at, make_camera, make_speckle
 
 Solid = Callable[[np.ndarray, np.ndarray], np.ndarray]

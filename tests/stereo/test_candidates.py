@@ -7,10 +7,7 @@ import pytest
 
 from beltscape.kernels import load
 from beltscape.learned.registry import load_network
-from beltscape.stereo.multiview.confidence.features import compute_initial_confidence_features
-from beltscape.stereo.multiview.confidence.image_features import compute_image_features
-from beltscape.stereo.multiview.frame.surface import Surface, detect_depth_steps, fit_slopes
-from beltscape.stereo.multiview.selection.candidates import (
+from beltscape.stereo.multiview.candidates import (
     PIXEL_FEATURES,
     RELIABLE,
     UNCERTAIN,
@@ -18,6 +15,8 @@ from beltscape.stereo.multiview.selection.candidates import (
     Selection,
     select_candidates,
 )
+from beltscape.stereo.multiview.features import compute_image_features, compute_initial_confidence_features
+from beltscape.stereo.multiview.surface import Surface, detect_depth_steps, fit_slopes
 from tests.stereo.scenes import Scene, make_scene, mask_inner, patch, plane, with_context, with_scale
 
 STEP = (plane(760), patch(640, (-90, 90), (-130, 130)))

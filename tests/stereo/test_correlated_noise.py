@@ -9,10 +9,10 @@ import pytest
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.depth import compute_robust_sigma
-from beltscape.stereo.multiview.confidence import estimate as estimate_module
+from beltscape.evaluate.depth_scores import compute_robust_sigma
+from beltscape.stereo.multiview import estimate as estimate_module
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
 from tests.stereo.scenes import compute_depth_mm, make_ring, plane, quantise, render_images
 
 SOLID = plane(700, 0.2, 0.1)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.stereo.multiview.frame.defocus import estimate_defocus, match_defocus
+from beltscape.stereo.multiview.photometry import estimate_defocus, match_defocus
 from tests.strategies import seeds
 
 

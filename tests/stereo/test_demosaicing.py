@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.frames import FrameSet
-from beltscape.stereo.multiview.frame.demosaicing import are_demosaiced, compute_phase_ratio
-from beltscape.stereo.multiview.frame.photometry import compute_grey_levels
+from beltscape.stereo.multiview.photometry import are_demosaiced, compute_grey_levels, compute_phase_ratio
 from tests.stereo.scenes import make_ring, make_scene, plane, prepare_scene, quantise, render_images
 
 METHODS = {

@@ -8,7 +8,7 @@ import pytest
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+from beltscape.stereo.multiview.depth_range import find_depth_range
 from tests.stereo import raycast
 from tests.stereo.raycast import compute_true_depth, make_world_rig, render_frame
 from tests.stereo.rendered import needs_rendered, read_halved_frames, read_halved_rig, read_halved_truth

@@ -10,20 +10,19 @@ import pytest
 
 from beltscape.kernels import load
 from beltscape.learned.registry import load_network
-from beltscape.stereo.multiview.confidence.estimate import DepthEstimate, estimate_depth
-from beltscape.stereo.multiview.confidence.features import (
+from beltscape.stereo.multiview.candidates import CandidateSelector, Selection
+from beltscape.stereo.multiview.estimate import DepthEstimate, estimate_depth
+from beltscape.stereo.multiview.features import (
     ConfidenceInputs,
+    MatcherState,
+    compute_image_features,
     compute_initial_features,
     compute_selection_features,
 )
-from beltscape.stereo.multiview.confidence.image_features import compute_image_features
-from beltscape.stereo.multiview.confidence.refined_features import RefinementInputs
-from beltscape.stereo.multiview.frame.surface import fit_slopes
-from beltscape.stereo.multiview.optimisation.least_squares import solve_least_squares
-from beltscape.stereo.multiview.optimisation.propagation import propagate
-from beltscape.stereo.multiview.selection.candidates import CandidateSelector, Selection
-from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.multiview.state import MatcherState
+from beltscape.stereo.multiview.optimisation import propagate, solve_least_squares
+from beltscape.stereo.multiview.refined_features import RefinementInputs
+from beltscape.stereo.multiview.surface import fit_slopes
+from beltscape.stereo.settings import MultiviewSettings
 from tests.stereo.scenes import (
     cast_rays,
     compute_depth_mm,

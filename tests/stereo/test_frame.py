@@ -10,8 +10,8 @@ import pytest
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.pose import Pose
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import Noise, downsample
-from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale
+from beltscape.stereo.multiview.frame import Noise, downsample
+from beltscape.stereo.multiview.surface import compute_inverse_depth_scale
 from tests.stereo.scenes import (
     DEPTH_MM,
     DOT_PX,

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.inverse_depth import subsample_projection
-from beltscape.stereo.multiview.frame.surface import compute_visibility
-from beltscape.stereo.multiview.selection.gain import compute_difference_variance, estimate_gain_maps
+from beltscape.stereo.multiview.photoconsistency import compute_difference_variance, estimate_gain_maps
+from beltscape.stereo.multiview.surface import compute_visibility, subsample_projection
 from tests.stereo.scenes import Scene, make_scene, mask_inner, patch, plane, with_scale
 
 STEP = (plane(820), patch(560, (-90, 90), (-130, 130)))

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.stereo.multiview.initialisation import initialise
-from beltscape.stereo.multiview.initialisation.initialise import SweepResolution, initialise_inverse_depth
+from beltscape.stereo.multiview import pyramid
+from beltscape.stereo.multiview.pyramid import SweepResolution, initialise_inverse_depth
 from tests.stereo.scenes import Scene, make_ring, make_scene, mask_inner, patch, plane
 
 RIG = make_ring(size_px=(360, 300))
@@ -35,8 +35,8 @@ def swept(monkeypatch) -> list[tuple[float, float]]:
         ranges.append(s_range)
         return original(prepared, s_range, *more)
 
-    original = initialise.sweep_planes
-    monkeypatch.setattr(initialise, "sweep_planes", spy)
+    original = pyramid.sweep_planes
+    monkeypatch.setattr(pyramid, "sweep_planes", spy)
     return ranges
 
 

@@ -12,7 +12,7 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import load
 from beltscape.kernels.reference.view import project
-from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale, pack_projection
+from beltscape.stereo.multiview.surface import compute_inverse_depth_scale, pack_projection
 from tests.strategies import looking_rigs, seeds
 
 steps = st.sampled_from([1, 2, 4])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import Noise
-from beltscape.stereo.multiview.frame.surface import fit_slopes
-from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
+from beltscape.stereo.multiview.frame import Noise
+from beltscape.stereo.multiview.optimisation import LeastSquaresResult, solve_least_squares
+from beltscape.stereo.multiview.surface import fit_slopes
 from tests.stereo.scenes import (
     DEPTH_MM,
     make_ring,

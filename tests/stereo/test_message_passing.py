@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from beltscape.kernels import load
 from beltscape.learned.network import Network
 from beltscape.learned.registry import load_network
-from beltscape.stereo.multiview.confidence.estimate import (
+from beltscape.stereo.multiview.estimate import (
     ACCEPTED,
     FIRST_UNCERTAIN,
     OFFSETS,

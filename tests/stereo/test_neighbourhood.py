@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.refined_features import Neighbourhood, sample_planes
-from beltscape.stereo.multiview.frame.context import MatchContext
-from beltscape.stereo.multiview.frame.frame import Noise, PreparedFrame
+from beltscape.stereo.multiview.frame import MatchContext, Noise, PreparedFrame
+from beltscape.stereo.multiview.refined_features import Neighbourhood, sample_planes
 from tests.stereo.scenes import make_ring
 
 SHAPE = (20, 30)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import Noise
-from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
-from beltscape.stereo.multiview.optimisation.noise import estimate_noise
+from beltscape.stereo.multiview.frame import Noise
+from beltscape.stereo.multiview.pyramid import estimate_noise
+from beltscape.stereo.multiview.surface import Surface, fit_slopes
 from tests.stereo.scenes import DEPTH_MM, make_ring, make_scene, plane
 
 SLANTED = plane(DEPTH_MM, 0.2, 0.1)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.stereo.multiview.frame.photometry import (
+from beltscape.stereo.multiview.photometry import (
     WINDOW_PX,
     compute_grey_levels,
     compute_local_mean,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.stereo.multiview.frame.surface import enlarge_blocks
-from beltscape.stereo.multiview.initialisation.plane_sweep import shrink_frame, sweep_planes
+from beltscape.stereo.multiview.depth_range import shrink_frame, sweep_planes
+from beltscape.stereo.multiview.surface import enlarge_blocks
 from tests.stereo.scenes import (
     DEPTH_MM,
     make_ring,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.stereo.multiview.frame.surface import fill_nan
+from beltscape.stereo.multiview.surface import fill_nan
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

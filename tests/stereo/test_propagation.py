@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.surface import fit_slopes
-from beltscape.stereo.multiview.optimisation.propagation import (
-    PropagationResult,
-    list_propagation_offsets,
-    propagate,
-)
+from beltscape.stereo.multiview.optimisation import PropagationResult, list_propagation_offsets, propagate
+from beltscape.stereo.multiview.surface import fit_slopes
 from tests.stereo.scenes import DEPTH_MM, make_ring, make_scene, mask_inner, patch, plane, sphere
 
 DISTANCES = (2, 5)

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
+from beltscape.stereo import settings as multiview_settings
 from beltscape.stereo.multiview import pyramid
-from beltscape.stereo.multiview import settings as multiview_settings
-from beltscape.stereo.multiview.frame.frame import halve_frame
-from beltscape.stereo.multiview.frame.surface import Surface, double_surface
+from beltscape.stereo.multiview.frame import halve_frame
 from beltscape.stereo.multiview.pyramid import PyramidSolver, _compute_changed_share
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.multiview.surface import Surface, double_surface
+from beltscape.stereo.settings import MultiviewSettings
 from tests.stereo.scenes import (
     DEPTH_MM,
     make_ring,

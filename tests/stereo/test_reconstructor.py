@@ -11,12 +11,12 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.depth import score_depth
+from beltscape.evaluate.depth_scores import score_depth
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from beltscape.stereo.multiview import settings as multiview_settings
+from beltscape.stereo import settings as multiview_settings
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
 from tests.kernels.rounding import first_alike
 from tests.stereo.raycast import compute_true_depth, make_camera, make_world_rig, render_frame
 from tests.stereo.scenes import compute_depth_mm, make_ring, patch, plane, quantise, render_images

@@ -10,9 +10,9 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.depth import GROSS_MM, score_depth
+from beltscape.evaluate.depth_scores import GROSS_MM, score_depth
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
 from tests.stereo.raycast import compute_true_depth, make_world_rig, render_frame
 
 AUXILIARIES = ("cam1", "cam2", "cam3", "cam4")

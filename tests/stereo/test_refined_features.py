@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.features import compute_initial_confidence_features
-from beltscape.stereo.multiview.confidence.refined_features import compute_reliability_features
-from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
-from beltscape.stereo.multiview.frame.windows import choose_windows
-from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult
-from beltscape.stereo.multiview.selection.gain import estimate_gain
-from beltscape.stereo.multiview.selection.photoconsistency import (
+from beltscape.stereo.multiview.features import compute_initial_confidence_features
+from beltscape.stereo.multiview.frame import choose_windows
+from beltscape.stereo.multiview.optimisation import LeastSquaresResult
+from beltscape.stereo.multiview.photoconsistency import (
     PHOTOMETRIC_LIMIT,
     PhotoConsistencyModel,
     compute_photometric_features,
+    estimate_gain,
 )
+from beltscape.stereo.multiview.refined_features import compute_reliability_features
+from beltscape.stereo.multiview.surface import Surface, fit_slopes
 from tests.stereo.scenes import (
     Scene,
     make_inputs,

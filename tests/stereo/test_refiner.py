@@ -11,22 +11,16 @@ import pytest
 import beltscape
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.depth_tiff import read_float_tiff
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
+from beltscape.files.tiff import read_float_tiff
 from beltscape.kernels import load
 from beltscape.learned.registry import load_network
-from beltscape.stereo.multiview.confidence.estimate import (
-    MOST_PX,
-    Prediction,
-    mask_uncertain,
-    refine_uncertain_pixels,
-)
-from beltscape.stereo.multiview.confidence.features import ConfidenceInputs, compute_initial_features
-from beltscape.stereo.multiview.confidence.refined_features import TRIED_PX, RefinementInputs
+from beltscape.stereo.multiview.estimate import MOST_PX, Prediction, mask_uncertain, refine_uncertain_pixels
+from beltscape.stereo.multiview.features import ConfidenceInputs, MatcherState, compute_initial_features
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.multiview.state import MatcherState
+from beltscape.stereo.multiview.refined_features import TRIED_PX, RefinementInputs
+from beltscape.stereo.settings import MultiviewSettings
 from tests.stereo.scenes import Scene, make_scene, mask_away_from_steps, mask_inner, with_context, with_scale
 from tests.stereo.test_estimate import STEP, run_stages, with_selection
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.confidence.refined_features import compute_roughness_features
-from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
-from beltscape.stereo.multiview.frame.windows import choose_windows
-from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
+from beltscape.stereo.multiview.frame import choose_windows
+from beltscape.stereo.multiview.optimisation import LeastSquaresResult, solve_least_squares
+from beltscape.stereo.multiview.refined_features import compute_roughness_features
+from beltscape.stereo.multiview.surface import Surface, fit_slopes
 from tests.stereo.scenes import make_inputs, make_scene, plane, sphere, with_scale
 
 SHAPE = (120, 160)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from beltscape.core.errors import SettingsError
-from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
+from beltscape.stereo.settings import PRESETS, MultiviewSettings
 
 
 def test_default_of_the_two_presets_is_standard():

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from beltscape.core.frames import FrameSet
-from beltscape.stereo.multiview.confidence.correlated_noise import Inflation, estimate_inflation
-from beltscape.stereo.multiview.frame.frame import Noise
-from beltscape.stereo.multiview.frame.inverse_depth import compute_inverse_depth_scale
-from beltscape.stereo.multiview.frame.surface import detect_depth_steps
+from beltscape.stereo.multiview.correlated_noise import Inflation, estimate_inflation
+from beltscape.stereo.multiview.frame import Noise
+from beltscape.stereo.multiview.surface import compute_inverse_depth_scale, detect_depth_steps
 from tests.stereo.scenes import (
     Scene,
     compute_depth_mm,

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes, upsample_surface
+from beltscape.stereo.multiview.surface import Surface, fit_slopes, upsample_surface
 from tests.strategies import seeds
 
 slopes = st.floats(-0.25, 0.25)

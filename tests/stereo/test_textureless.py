@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.frame import PreparedFrame
-from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
-from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
+from beltscape.stereo.multiview.frame import PreparedFrame
+from beltscape.stereo.multiview.surface import Surface, fit_slopes
+from beltscape.stereo.multiview.textureless import fill_textureless_discs
 from tests.stereo.scenes import DEPTH_MM, Scene, make_ring, make_scene, patch, plane, sphere, with_scale
 
 SIZE_PX = (160, 140)

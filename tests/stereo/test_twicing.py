@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import load
-from beltscape.stereo.multiview.frame.surface import Surface, fit_slopes
-from beltscape.stereo.multiview.frame.windows import choose_windows
-from beltscape.stereo.multiview.optimisation.least_squares import solve_least_squares
-from beltscape.stereo.multiview.optimisation.twicing import apply_twicing
+from beltscape.stereo.multiview.frame import choose_windows
+from beltscape.stereo.multiview.optimisation import apply_twicing, solve_least_squares
+from beltscape.stereo.multiview.surface import Surface, fit_slopes
 from tests.stereo.scenes import (
     Scene,
     make_scene,

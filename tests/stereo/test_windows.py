@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.kernels.arrays import WINDOW_LIMIT
-from beltscape.kernels.least_squares.local_fit import fit_windows
-from beltscape.stereo.multiview.frame.windows import choose_windows
+from beltscape.kernels.least_squares import fit_windows
+from beltscape.stereo.multiview.frame import choose_windows
 
 widths = st.integers(1, 20_000)
 

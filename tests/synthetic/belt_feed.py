@@ -10,10 +10,10 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
-from beltscape.measure.flow.records.density import Density
+from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from tests.measure.flow.moving_belt import COARSE_CAMERA, Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-2600, end_mm=-450)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.rasters.images import write_image
+from beltscape.files.images import write_image
 from beltscape.target.planar_boards import AprilGrid, CharucoBoard, PlanarBoard
 
 SIZE_PX = (480, 400)

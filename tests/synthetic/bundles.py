@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibration.solver.bundle import BundlePrior, Geometry, Observations
 from beltscape.calibration.solver.lens import pack_intrinsics
 from beltscape.target.board import corner_points_mm
 from tests.synthetic.detections import make_detections

@@ -7,7 +7,7 @@ import numpy as np
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.simulate.geometry.world import Label, Projector, Solid, Station
+from beltscape.simulate.world import Label, Projector, Solid, Station
 
 DOWN = Pose.of([np.pi, 0, 0], [0, 0, 700])
 """A camera or projector 700 mm above the belt that looks straight down."""

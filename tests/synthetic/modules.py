@@ -9,10 +9,10 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.simulate.geometry.ray_casting import RayScene
-from beltscape.simulate.geometry.shapes import make_box
-from beltscape.simulate.geometry.world import Label, Solid
-from beltscape.simulate.solids.module import make_module_solids
+from beltscape.simulate.ray_casting import RayScene
+from beltscape.simulate.shapes import make_box
+from beltscape.simulate.solids.board import make_module_solids
+from beltscape.simulate.world import Label, Solid
 from beltscape.target.module import Module
 
 CENTER_MM = 730.0

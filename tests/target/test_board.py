@@ -7,13 +7,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.target.board import (
-    CharucoBoard,
-    Chessboard,
-    adjacent_corners,
-    corner_points_mm,
-    read_board,
-)
+from beltscape.target.board import CharucoBoard, Chessboard, adjacent_corners, corner_points_mm, read_board
 
 CHARUCO = """kind = "charuco"
 squares = [5, 4]

@@ -9,8 +9,14 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 from scipy.stats import chi2
 
-from beltscape.target.speckle.darts import GRAINS, _resolve_conflicts, throw_darts
-from beltscape.target.speckle.packing import MAX_SHARE, find_largest_d_min, saturated_count
+from beltscape.target.pattern import (
+    GRAINS,
+    MAX_SHARE,
+    _resolve_conflicts,
+    find_largest_d_min,
+    saturated_count,
+    throw_darts,
+)
 
 NO_DISCS = np.empty((0, 3))
 

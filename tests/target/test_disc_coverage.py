@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.target.speckle.disc_coverage import compute_disc_coverage
+from beltscape.target.pattern_formats import compute_disc_coverage
 
 CENTERS = st.floats(40, 50)
 

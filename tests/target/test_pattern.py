@@ -11,9 +11,9 @@ from pydantic import ValidationError
 from scipy.spatial import KDTree
 
 from beltscape.core.errors import SettingsError
-from beltscape.target.speckle.blue_noise import measure_blue_noise
-from beltscape.target.speckle.pattern import Pattern, PatternSettings, make_pattern, resolve_settings
-from beltscape.target.speckle.pattern_image import draw_pattern
+from beltscape.target.blue_noise import measure_blue_noise
+from beltscape.target.pattern import Pattern, PatternSettings, make_pattern, resolve_settings
+from beltscape.target.pattern_formats import draw_pattern
 from tests.optional import require
 
 SMALL: dict[str, Any] = {"size_px": (640, 400), "count": 2000}

@@ -13,14 +13,17 @@ import pytest
 
 from beltscape.calibration.detection.detector import PrintVariant, make_detector
 from beltscape.core.errors import SettingsError
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.target.board import AprilGrid, CharucoBoard, Chessboard, corner_points_mm, read_board
-from beltscape.target.printing.paper import PAPERS_MM, choose_page
-from beltscape.target.printing.print_board import RULER_MM, lay_out, make_ruler, write_board_files
-from beltscape.target.printing.sheet import Sheet
-from beltscape.target.printing.sheet_pdf import sheet_to_pdf
-from beltscape.target.printing.sheet_png import draw_sheet
-from beltscape.target.printing.sheet_svg import sheet_to_svg
+from beltscape.target.print_board import (
+    PAPERS_MM,
+    RULER_MM,
+    choose_page,
+    lay_out,
+    make_ruler,
+    write_board_files,
+)
+from beltscape.target.sheet import Sheet, draw_sheet, sheet_to_pdf, sheet_to_svg
 from tests.optional import require
 
 CHARUCO = CharucoBoard(squares=(12, 9), square_mm=30, marker_mm=22, dictionary="DICT_5X5_100")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from beltscape.workers.ray_connection import set_authentication
+from beltscape.workers.ray_cluster import set_authentication
 
 
 def start_cluster() -> Iterator[None]:

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 
 from beltscape.core.errors import InputError
-from beltscape.core.runtime.system_calls import count_usable_cores
+from beltscape.core.system_calls import count_usable_cores
 
 
 def multiply(factor: int, number: int) -> int:

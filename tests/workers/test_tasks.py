@@ -8,9 +8,8 @@ from collections.abc import Iterator
 import pytest
 
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.workers.collecting import collect_values
 from beltscape.workers.options import WorkerOptions
-from beltscape.workers.tasks import run_tasks
+from beltscape.workers.tasks import collect_values, run_tasks
 from tests.workers.cluster import start_cluster
 from tests.workers.functions import count_cores, die_at_first, multiply, sleep
 

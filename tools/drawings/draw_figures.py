@@ -13,8 +13,8 @@ import numpy as np
 from sheet import AXIS, BELT, BOX, CAMERA, LIGHT, Point, Sheet, document
 
 from beltscape.simulate.scenario import RigSpec
-from beltscape.stereo.multiview.optimisation.propagation import list_propagation_offsets
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.multiview.optimisation import list_propagation_offsets
+from beltscape.stereo.settings import MultiviewSettings
 
 OUT = Path(__file__).parents[2] / "docs/images"
 PALE = {CAMERA: "#e6effa", LIGHT: "#fbf0d4", BOX: "#e2f2e8", BELT: "#efefef"}

@@ -23,9 +23,8 @@ import numpy as np
 
 import beltscape
 from beltscape.core.progress import Reporter
-from beltscape.learned.network import Network
+from beltscape.learned.network import Network, write_network
 from beltscape.learned.registry import PURPOSES, use_networks
-from beltscape.learned.weights_file import write_network
 from beltscape.workers.options import HERE, WorkerOptions
 from training.assessment import assess_networks, assess_reconstruction
 from training.cache import SampleCache

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.stats import rankdata
 
 from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.evaluate.scores.depth import GROSS_MM, interior_mask, score_depth
-from beltscape.evaluate.scores.reliability import compute_sigma_ratios
+from beltscape.evaluate.depth_scores import GROSS_MM, interior_mask, score_depth
+from beltscape.evaluate.frame_scores import compute_sigma_ratios
 from beltscape.learned.registry import load_network
 from training.cache import SampleCache
 from training.confidence import collect_candidates, collect_pixels, mask_measured, mask_right

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.learned.registry import use_networks
-from beltscape.workers.collecting import collect_values
 from beltscape.workers.options import HERE, WorkerOptions
+from beltscape.workers.tasks import collect_values
 
 
 @dataclass(frozen=True)

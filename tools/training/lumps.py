@@ -11,8 +11,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
 from beltscape.files.rig_json import read_rig
 from beltscape.learned.network import Network
-from beltscape.measure.lumps.features import compute_features
-from beltscape.measure.lumps.raster import make_raster
+from beltscape.measure.lumps.features import compute_features, make_raster
 from training.cache import SampleCache
 from training.losses import make_cross_entropy
 from training.perceptron import Schedule, fit_perceptron

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from beltscape.learned.network import read_network
 from beltscape.learned.registry import PURPOSES
-from beltscape.learned.weights_file import read_network
 from training.scenarios import HELD_OUT
 
 MADE_WITH = "numpy", "scipy", "opencv-python-headless", "embreex", "mitsuba", "torch"

@@ -8,9 +8,9 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+from beltscape.stereo.multiview.depth_range import find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
 from training.samples.augmentation import read_simulated
 
 

@@ -12,7 +12,7 @@ from torch.nn import functional
 from beltscape.core.progress import Reporter
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.learned.network import Network
-from beltscape.stereo.multiview.confidence.estimate import OFFSETS
+from beltscape.stereo.multiview.estimate import OFFSETS
 from training.cache import SampleCache
 from training.confidence import ACCEPTED, GROSS_MM, MOST_MM, ROUND
 from training.losses import huber

@@ -7,26 +7,26 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from threading import Lock
 
-from beltscape.alarms.checks import CHECKS
-from beltscape.alarms.condition import AlarmCondition, condition_from_finding
 from beltscape.alarms.entry import Entry, make_name
-from beltscape.alarms.management.custom_texts import CustomTexts
-from beltscape.alarms.management.groups import FirstOut, Member, find_group
-from beltscape.alarms.management.priorities import select_priority
-from beltscape.alarms.management.snapshot import BoardSnapshot, SavedAlarm
-from beltscape.alarms.management.suppression import (
+from beltscape.alarms.management import (
     BELT_STOPPED,
     CAMERAS_OFF,
     FRAMES_DROPPED,
     MAINTENANCE,
+    FirstOut,
+    Member,
+    find_group,
+    select_priority,
     select_state,
 )
-from beltscape.alarms.names import split_name
+from beltscape.alarms.names import CHECKS, split_name
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES, Conditions
 from beltscape.alarms.settings import AlarmSettings, CommonSettings, NoMeasurement
-from beltscape.alarms.state_machine import Elapsed
-from beltscape.core.live.alarms import Alarm, Suppression
+from beltscape.alarms.snapshot import BoardSnapshot, SavedAlarm
+from beltscape.alarms.state_machine import AlarmCondition, Elapsed, condition_from_finding
+from beltscape.alarms.texts import CustomTexts
+from beltscape.core.alarms import Alarm, Suppression
 
 _NAN = float("nan")
 _State = tuple[str, str]

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from beltscape.alarms.condition import AlarmCondition
-from beltscape.alarms.management.custom_texts import CustomTexts
-from beltscape.alarms.management.snapshot import SavedAlarm, SavedText
 from beltscape.alarms.settings import CommonSettings, Fault, LoadSettings
-from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
-from beltscape.alarms.texts import format_amount, format_detail, format_over, format_unknown
-from beltscape.core.live.alarms import Alarm, AlarmState, Priority, Severity, Suppression
+from beltscape.alarms.snapshot import SavedAlarm, SavedText
+from beltscape.alarms.state_machine import AlarmCondition, AlarmStateMachine, Delay, Elapsed
+from beltscape.alarms.texts import CustomTexts, format_amount, format_detail, format_over, format_unknown
+from beltscape.core.alarms import Alarm, AlarmState, Priority, Severity, Suppression
 
 _PERIODIC = ("oversize_lump", "misaligned_belt")
 """Kinds whose values are measured periodically."""

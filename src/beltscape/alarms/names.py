@@ -1,4 +1,4 @@
-"""The names by which settings refer to alarms: a kind, a check, or one of them for a subject, such as a camera."""
+"""The names of all alarms: kinds, and the system's checks; settings refer to one of them, also for a subject."""
 
 from __future__ import annotations
 
@@ -6,8 +6,51 @@ from typing import Annotated
 
 from pydantic import AfterValidator
 
-from beltscape.alarms.checks import CHECKS
 from beltscape.core.errors import suggest_name
+
+CHECKS = (
+    "camera_pose",
+    "camera_pose_unchecked",
+    "camera_redundancy",
+    "camera_sync",
+    "carry_back",
+    "carry_back_stuck",
+    "carry_back_total",
+    "condensation",
+    "defocus",
+    "dirt",
+    "dust",
+    "encoder_motion",
+    "exposure",
+    "flicker",
+    "foreign_object",
+    "frozen_image",
+    "lamp",
+    "lens_covered",
+    "maintenance",
+    "overexposure",
+    "projector",
+    "projector_focus",
+    "projector_moved",
+    "splice",
+    "sunlight",
+    "thin_overlap",
+    "torn_edge_left",
+    "torn_edge_right",
+    "zero_drift",
+    "zero_shift",
+    "zero_tilt",
+)
+"""Names of all checks in alphabetical order; a test compares them with the source."""
+
+
+def require_check(name: str) -> str:
+    """Return the name of a check; ValueError with the most similar one if there is none of that name."""
+    if name in CHECKS:
+        return name
+    hint = suggest_name(name, CHECKS) or f"give one of {', '.join(CHECKS)}"
+    raise ValueError(f"no check is called {name!r}; {hint}")
+
 
 KINDS = (
     "no_measurement",

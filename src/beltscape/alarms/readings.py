@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beltscape.core.live.events import CameraHealth
-from beltscape.core.live.findings import Finding
+from beltscape.core.events import CameraHealth
+from beltscape.core.findings import Finding
 
 _NAN = float("nan")
 
@@ -22,7 +22,7 @@ class Readings:
     area_sigma_mm2: float = _NAN
     """One standard deviation of it; an unknown σ counts as 0."""
     full_area_mm2: float = _NAN
-    """Cross-section of the fully loaded belt (`measure.capacity.full_area_mm2`)."""
+    """Cross-section of the fully loaded belt (`measure.volume.load.compute_capacity_mm2`)."""
     volume_flow_m3_h: float = _NAN
     volume_flow_sigma_m3_h: float = _NAN
     mass_flow_t_h: float = _NAN

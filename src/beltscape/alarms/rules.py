@@ -6,7 +6,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
-from beltscape.alarms.condition import (
+from beltscape.alarms.readings import Readings
+from beltscape.alarms.settings import AlarmSettings
+from beltscape.alarms.state_machine import (
     AlarmCondition,
     ConditionState,
     compare_lower,
@@ -14,9 +16,7 @@ from beltscape.alarms.condition import (
     condition_from_text,
     select_worst,
 )
-from beltscape.alarms.readings import Readings
-from beltscape.alarms.settings import AlarmSettings
-from beltscape.core.live.events import CameraHealth
+from beltscape.core.events import CameraHealth
 
 Conditions = Mapping[str, AlarmCondition]
 """By subject: a camera or a quantity; "" for the alarms that have only one subject."""

@@ -7,20 +7,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.checks import require_array, require_instance, require_reporter
 from beltscape.core.cloud import PointCloud
 from beltscape.core.depth import DepthMap
+from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
-from beltscape.files import belt_json, reconstruction, rig_json
+from beltscape.files import belt_json, clouds, reconstruction, rig_json
 from beltscape.files.capture import Capture
 from beltscape.files.capture import read_capture as list_capture
-from beltscape.files.folders.paths import AnyPath, as_path
-from beltscape.files.meshes import clouds
-from beltscape.files.meshes.ply import write_ply as write_ply_file
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
+from beltscape.files.paths import AnyPath, as_path
+from beltscape.files.ply import write_ply as write_ply_file
 from beltscape.sources.folder import FolderSource
 
 

@@ -9,19 +9,19 @@ import numpy as np
 
 from beltscape.api.measuring import require_belt_of
 from beltscape.core.arguments import require_depth_of
-from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.checks import require_choice, require_instance, require_number, show_value
 from beltscape.core.depth import DepthMap
 from beltscape.core.display import Displayed
+from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.ledger import FlowRecord
+from beltscape.measure.belt.reference import make_reference
 from beltscape.measure.flow import meter
-from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
-from beltscape.measure.flow.records.density import Density
-from beltscape.measure.flow.records.totals import FlowTotals
+from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.settings import Direction, FlowSettings
-from beltscape.pipeline.measuring.flow.checks import require_consistent_motion
+from beltscape.measure.flow.strips import FlowTotals
+from beltscape.pipeline.measuring.flow_checks import require_consistent_motion
 
 _ENCODER = Path("position_mm")
 """How errors name the encoder: by the argument of `FlowMeter.push`."""

@@ -8,16 +8,14 @@ from typing import TypedDict, TypeVar, Unpack
 from pydantic import BaseModel, ValidationError
 
 from beltscape.core.arguments import require_image
-from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.checks import describe_kind, require_instance, require_pair
+from beltscape.core.checks import describe_kind, is_list_or_tuple, require_instance, require_pair
 from beltscape.core.depth import DepthMap
+from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.frames import Image, to_grey
-from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import pinhole_scale
-from beltscape.core.type_guards import is_list_or_tuple
-from beltscape.files.documents.toml_text import describe_first_error, validate_strictly
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.core.geometry.rig import Rig, pinhole_scale
+from beltscape.files.paths import AnyPath, as_path
+from beltscape.files.toml_text import describe_first_error, validate_strictly
 from beltscape.measure.belt import empty_belt
 from beltscape.measure.belt.settings import GivenBelt
 from beltscape.measure.features.measure import measure_module
@@ -28,7 +26,7 @@ from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.measure.volume import volume as volume_of_frame
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import Volume
-from beltscape.stereo.pointcloud.cloud import undistort_image
+from beltscape.stereo.pointcloud import undistort_image
 from beltscape.target.module import Module, read_module
 
 Range = tuple[float, float]

@@ -14,10 +14,10 @@ from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter, Silent
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+from beltscape.stereo.multiview.depth_range import find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.pointcloud.cloud import cloud_from_depth
+from beltscape.stereo.pointcloud import cloud_from_depth
+from beltscape.stereo.settings import MultiviewSettings
 
 Range = tuple[float, float]
 Preset = Literal["fast", "standard"]

@@ -18,12 +18,12 @@ from beltscape.calibration.network.association import (
     find_groups,
     select_core,
 )
+from beltscape.calibration.network.board_symmetry import unify_numbering
 from beltscape.calibration.network.global_optimisation import optimise_network
 from beltscape.calibration.network.pairs import Pair, calibrate_pairs
-from beltscape.calibration.network.symmetry.board_symmetry import unify_numbering
 from beltscape.calibration.network.synchronisation import find_frame_misfits
-from beltscape.calibration.solver.deterministic import single_thread
-from beltscape.calibration.solver.lens_prior import LensPrior
+from beltscape.calibration.solver.lens import LensPrior
+from beltscape.calibration.solver.levenberg_marquardt import single_thread
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig

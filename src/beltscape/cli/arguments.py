@@ -8,9 +8,9 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from beltscape.core.checks import is_list_or_tuple
 from beltscape.core.errors import SettingsError
-from beltscape.core.plausibility import Quantity, report_oddity
-from beltscape.core.type_guards import is_list_or_tuple
+from beltscape.core.quantities import Quantity, report_oddity
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -65,7 +65,7 @@ def make_settings(model: type[Model], **options: object) -> Model:
     """Return the settings of options named as its fields; SettingsError with the bounds for an invalid value."""
     from pydantic import ValidationError
 
-    from beltscape.files.documents.toml_text import describe_fault, validate_strictly
+    from beltscape.files.toml_text import describe_fault, validate_strictly
 
     def describe_oddity(field: str, value: float, oddity: str) -> str:
         return f"{_option(field)} {_format_input(value)}: {oddity}"

@@ -1,23 +1,88 @@
-"""The program ``beltscape``: selects the command, runs it, and turns errors into one line and an exit code."""
+"""The program ``beltscape``: selects the command, runs it, and turns errors into one line and an exit code.
+
+With ``--json`` an error is also printed as a document.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
 import sys
+import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn, cast
 
 from beltscape import __version__
-from beltscape.cli.catalogue import COMMANDS, GROUPS, TITLES, load_command
-from beltscape.cli.command import Command
-from beltscape.cli.commands.installation import completion
-from beltscape.cli.examples import add_examples
-from beltscape.cli.failure import UsageError, report_failure
-from beltscape.cli.terminal import Terminal, prepare_streams, print_output
-from beltscape.core.errors import InputError
+from beltscape.cli.catalogue import COMMANDS, GROUPS, TITLES, Command, add_examples, load_command
+from beltscape.cli.commands import completion
+from beltscape.cli.terminal import Terminal, prepare_streams, print_error, print_output
+from beltscape.core.errors import (
+    ArgumentError,
+    BeltscapeError,
+    InputError,
+    OutputError,
+    describe_missing_library,
+)
+
+BAD_INPUT, INTERNAL, INTERRUPTED = 2, 70, 130
+"""Exit codes: usage or input error, internal error (EX_SOFTWARE of sysexits.h), Ctrl-C."""
+TRACEBACK = "BELTSCAPE_TRACEBACK"
+"""Environment variable; if it is set, an internal error prints its traceback."""
+
+
+class UsageError(BeltscapeError):
+    """The command line is invalid; the message begins with the program's name."""
+
+
+def report_failure(error: BaseException, *, as_json: bool) -> int:
+    """Print ``error`` as one line and, with ``as_json``, as a document; return the exit code."""
+    code, message = _describe(error)
+    line = message if isinstance(error, UsageError) else f"beltscape: {message}"
+    print_error(line)
+    if code == INTERNAL and os.environ.get(TRACEBACK):
+        print_error("".join(traceback.format_exception(error)).rstrip())
+    if as_json:
+        document = {"type": _kind(error, code), "message": message, "exit_code": code}
+        with suppress(OutputError):  # the line says what went wrong first
+            print_output(json.dumps({"error": document}, indent=1, ensure_ascii=False) + "\n", as_json=True)
+    return code
+
+
+def _kind(error: BaseException, code: int) -> str:
+    if code == INTERNAL:
+        return "InternalError"
+    if isinstance(error, ArgumentError):
+        return "InputError"
+    return "Interrupted" if code == INTERRUPTED else type(error).__name__
+
+
+def _describe(error: BaseException) -> tuple[int, str]:
+    """Return the exit code and the message in one line."""
+    if isinstance(error, BeltscapeError):
+        return BAD_INPUT, " ".join(str(error).split("\n"))
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED, "interrupted"
+    if isinstance(error, OSError) and error.filename is not None:
+        return BAD_INPUT, f"{error.filename}: {error.strerror or error}; check that it exists and may be used"
+    if isinstance(error, MemoryError):
+        return BAD_INPUT, "not enough memory for this; give smaller images or fewer points"
+    missing = describe_missing_library(error) if isinstance(error, ImportError) else None
+    if missing is not None:
+        return BAD_INPUT, missing
+    hint = "" if os.environ.get(TRACEBACK) else f"; set {TRACEBACK}=1 to see where, and report it"
+    text = " ".join(f"{type(error).__name__}: {error}".split())
+    return INTERNAL, f"internal error, a fault of Beltscape ({text} in {_find_origin(error)}){hint}"
+
+
+def _find_origin(error: BaseException) -> str:
+    """Return the file and line of Beltscape in which the error was raised."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if "beltscape" in Path(frame.filename).parts] or frames
+    return f"{Path(own[-1].filename).name}:{own[-1].lineno}" if own else "an unknown place"
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -38,7 +103,7 @@ def _describe_no_number(found: re.Match[str]) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the program; return the exit code: 0 on success, else that of `beltscape.cli.failure`."""
+    """Run the program; return the exit code: 0 on success, else that of `beltscape.cli.main`."""
     words = list(sys.argv[1:] if argv is None else argv)
     prepare_streams()
     try:
@@ -89,8 +154,8 @@ def _declare(name: str, parser: argparse.ArgumentParser) -> Command:
 
 def _run(command: Command, arguments: argparse.Namespace) -> int:
     from beltscape.cli.output import manage_output
-    from beltscape.core.plausibility import receive_oddities
-    from beltscape.files.documents.json_text import to_json
+    from beltscape.core.quantities import receive_oddities
+    from beltscape.files.json_text import to_json
 
     _require_working_folder()
     with Terminal() as terminal, manage_output(arguments) as output, receive_oddities(terminal.warn):

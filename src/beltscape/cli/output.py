@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
+from beltscape.core.checks import is_dict, is_list_or_tuple, is_mapping
 from beltscape.core.errors import BeltscapeError, OutputError
-from beltscape.core.type_guards import is_dict, is_list_or_tuple, is_mapping
 
 _OWN_JSON = ("rig.json", "belt.json")
 """Files whose ``format`` key names their kind."""
@@ -70,7 +70,7 @@ class Output:
 
 def explain_failure(arguments: Namespace, name: str, data: bytes) -> Path:
     """Write a file that explains a failure into the user's folder, whose other files stay; return its path."""
-    from beltscape.files.folders.owned_folder import add_file
+    from beltscape.files.output_folder import add_file
 
     return add_file(arguments.earlier, _command(arguments), name, data)
 
@@ -108,7 +108,7 @@ def _refuse_other_json(out: Path, example: str) -> None:
 
 
 def _folder(kind: str, out: Path, command: str) -> Any:
-    from beltscape.files.folders.owned_folder import continued_folder, owned_folder
+    from beltscape.files.output_folder import continued_folder, owned_folder
 
     return (continued_folder if kind == "history" else owned_folder)(out, command)
 

@@ -6,15 +6,17 @@ import codecs
 import os
 import sys
 import unicodedata
+from collections.abc import Mapping
 from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from beltscape.core.errors import OutputError
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
+
 
 _SPELLED = {
     **{"σ": "sigma", "Σ": "Sigma", "μ": "u", "µ": "u", "α": "alpha", "λ": "lambda", "°": " deg", "±": "+/-"},
@@ -156,3 +158,10 @@ class Terminal:
             print_error(line)
         else:
             self._bars.console.print(line, style="yellow", highlight=False, soft_wrap=True, markup=False)
+
+
+def format_findings(fit: Mapping[str, Any]) -> list[str]:
+    """Return the findings against a fit, one line each below a heading; empty for a sound fit."""
+    return (
+        ["The fit is in doubt:", *(f"- {finding}" for finding in fit["doubts"]), ""] if fit["doubts"] else []
+    )

@@ -1,6 +1,10 @@
 """Shared types of all packages; they import NumPy only.
 
-`geometry`: transforms, cameras, lenses, rigs. `frames`, `depth`, `cloud`: frame sets, depth maps, point clouds.
-`belt`: the empty belt, height maps, records and ledger entries. `live`: events, alarms, findings and interfaces of a
-running system. `runtime`: the process. The other modules are used everywhere.
+`geometry` has poses, cameras, lenses and rigs. `frames`, `depth` and `cloud` are frame sets, depth maps and
+point clouds; `height_map`, `empty_belt` and `ledger` the belt, its load and its records. Of a running system:
+`events`, `alarms`, `findings`, `translatable_message`, and the `interfaces` that the packages above
+implement. Of the process: `system_calls` and `supervision` of its threads.
+
+The other modules are used everywhere: `errors`, `progress`, `display`, `statistics`, `quantities` that people
+type, `checks` of values and of callers' `arguments`.
 """

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from beltscape.core.checks import describe_kind, is_array, show_value
+from beltscape.core.checks import describe_kind, is_array, is_mapping, show_value
 from beltscape.core.errors import InputError
-from beltscape.core.type_guards import is_mapping
 
 if TYPE_CHECKING:
     from beltscape.core.depth import DepthMap

@@ -1,17 +1,40 @@
-"""Checks of the values that types and functions get: numbers, texts, arrays. Errors name the argument."""
+"""Checks of the values that types and functions get: numbers, texts, arrays. Errors name the argument.
+
+Type guards tell the type of values that is known only at run time: parsed documents, arguments of Python callers.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeGuard
 
 from beltscape.core.errors import ArgumentError
-from beltscape.core.type_guards import is_list_or_tuple
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+
+def is_dict(value: object) -> TypeGuard[dict[str, Any]]:
+    """Return whether a value is a dict; a parsed document's keys are text."""
+    return isinstance(value, dict)
+
+
+def is_mapping(value: object) -> TypeGuard[Mapping[str, Any]]:
+    """Return whether a value is a mapping; its keys are taken to be text."""
+    return isinstance(value, Mapping)
+
+
+def is_list(value: object) -> TypeGuard[list[Any]]:
+    """Return whether a value is a list."""
+    return isinstance(value, list)
+
+
+def is_list_or_tuple(value: object) -> TypeGuard[list[Any] | tuple[Any, ...]]:
+    """Return whether a value is a list or a tuple."""
+    return isinstance(value, list | tuple)
+
 
 _MOST_SHOWN = 60
 """Characters of a value that an error shows: it names the value, and the line stays readable."""

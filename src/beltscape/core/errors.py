@@ -1,4 +1,4 @@
-"""The exceptions that Beltscape raises, as a tree.
+"""The exceptions that Beltscape raises, as a tree, and the install that brings a library that is missing.
 
 BeltscapeError
 ├── InputError         a file, folder or value given by the user does not fit
@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
 
 _NEAR = 0.75
 """Least similarity (difflib) of a name to the one that was probably meant: a letter of four, two of eight. Chosen."""
@@ -89,3 +90,28 @@ class SettingsError(BeltscapeError):
 
 class KernelError(BeltscapeError):
     """Arrays handed to a kernel do not fit, or there is no such kernel."""
+
+
+EXTRAS = {
+    "simulate": ("drjit", "embreex", "mitsuba"),
+    "live": ("fastapi", "prometheus_client", "pyarrow", "starlette", "uvicorn", "websockets"),
+    "site": ("httpx",),
+    "modbus": ("pymodbus",),
+    "mqtt": ("paho", "google"),
+    "reports": ("weasyprint",),
+    "opcua": ("asyncua", "cryptography"),
+    "cluster": ("ray", "s3fs"),
+    "viewer": ("rerun",),
+    "export": ("laspy", "lazrs"),
+    "cameras": ("gi",),
+}
+"""Extra of pyproject.toml → its libraries by the names under which they are imported."""
+
+
+def describe_missing_library(error: ImportError) -> str | None:
+    """Return what to install for a library that is missing; None if it belongs to no extra."""
+    library = (error.name or "").partition(".")[0]
+    for extra, libraries in EXTRAS.items():
+        if library in libraries:
+            return f"this needs {library}, which is not installed; run: pip install 'beltscape[{extra}]'"
+    return None

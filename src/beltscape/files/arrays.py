@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import InputError, describe_cause
-from beltscape.files.folders.atomic import atomic_replacement
+from beltscape.files.atomic import atomic_replacement
 
 DAMAGED = (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error)
 """What NumPy and the archive raise for a file that cannot be read, is damaged or is no archive of arrays."""

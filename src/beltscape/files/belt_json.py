@@ -9,15 +9,14 @@ from typing import Any, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt.empty_belt import Belt, BeltDeviation, BeltEdges, End
+from beltscape.core.checks import is_dict, is_list
+from beltscape.core.empty_belt import Belt, BeltDeviation, BeltEdges, End
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose, is_rotation
-from beltscape.core.type_guards import is_dict, is_list
-from beltscape.files.documents.digest import add_digest, require_digest
-from beltscape.files.documents.json_text import parse_numbers, read_json, to_json
-from beltscape.files.folders.atomic import write_text
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.atomic import write_text
+from beltscape.files.json_text import add_digest, parse_numbers, read_json, require_digest, to_json
+from beltscape.files.paths import AnyPath, as_path
 
 FORMAT = "beltscape-belt/1"
 _FIX = "give a belt.json of beltscape measure belt"

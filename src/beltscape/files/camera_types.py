@@ -10,10 +10,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from beltscape.core.checks import is_dict
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.lens import MODELS
-from beltscape.core.type_guards import is_dict
-from beltscape.files.documents.json_text import read_json, write_json
+from beltscape.files.json_text import read_json, write_json
 
 FORMAT = "beltscape-cameras/1"
 FILE_NAME = "cameras.json"

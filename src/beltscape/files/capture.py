@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.files.folders.manifest import require_finished
-from beltscape.files.folders.paths import AnyPath, as_path, summarise_names
 from beltscape.files.frame_names import match_frames, natural_key, sort_frames
-from beltscape.files.rasters.images import EXTENSIONS, KINDS
+from beltscape.files.images import EXTENSIONS, KINDS
+from beltscape.files.output_folder import require_finished
+from beltscape.files.paths import AnyPath, as_path, summarise_names
 
 _LAYOUT = "a capture is <capture>/<camera>/<frame>.png"
 TRUTH = "truth"

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import is_dict
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.type_guards import is_dict
-from beltscape.files.documents.json_text import parse_numbers, read_json, write_json
-from beltscape.files.documents.plain_text import read_text
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.json_text import parse_numbers, read_json, write_json
+from beltscape.files.paths import AnyPath, as_path, read_text
 from beltscape.files.rig_json import describe_lens, parse_camera
 
 FORMAT = "beltscape-intrinsics/1"

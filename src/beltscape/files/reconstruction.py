@@ -10,21 +10,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import is_dict, is_list, is_list_or_tuple
 from beltscape.core.cloud import PointCloud
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import Image
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.type_guards import is_dict, is_list, is_list_or_tuple
-from beltscape.files.documents.digest import add_digest, compute_file_digests, require_digest
-from beltscape.files.documents.json_text import parse_numbers, read_json, write_json
-from beltscape.files.folders.atomic import ensure_output_folder
-from beltscape.files.folders.manifest import require_finished
-from beltscape.files.folders.paths import AnyPath, as_path, summarise_names
-from beltscape.files.meshes.ply import write_ply
-from beltscape.files.rasters.depth_tiff import read_float_tiff, write_float_tiff
-from beltscape.files.rasters.images import EXTENSIONS, read_image, write_image
+from beltscape.files.atomic import ensure_output_folder
+from beltscape.files.images import EXTENSIONS, read_image, write_image
+from beltscape.files.json_text import (
+    add_digest,
+    compute_file_digests,
+    parse_numbers,
+    read_json,
+    require_digest,
+    write_json,
+)
+from beltscape.files.output_folder import require_finished
+from beltscape.files.paths import AnyPath, as_path, summarise_names
+from beltscape.files.ply import write_ply
 from beltscape.files.rig_json import read_rig
+from beltscape.files.tiff import read_float_tiff, write_float_tiff
 
 FORMAT, DOCUMENT = "beltscape-reconstruction/1", "reconstruction.json"
 _MEASURED = ("depth.tiff", "sigma.tiff", "confidence.tiff", "views.png")

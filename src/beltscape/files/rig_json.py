@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import is_dict, is_list
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import BROWN, MODELS
 from beltscape.core.geometry.pose import Pose, is_rotation
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.type_guards import is_dict, is_list
-from beltscape.files.documents.json_text import parse_numbers, read_json, write_json
-from beltscape.files.folders.manifest import require_finished
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.json_text import parse_numbers, read_json, write_json
+from beltscape.files.output_folder import require_finished
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.rig_limits import find_refusal
 
 FORMAT = "beltscape-rig/1"

@@ -10,10 +10,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.geometry.lens.domain import BEFORE_POLE, find_valid_radius
+from beltscape.core.geometry.lens_domain import BEFORE_POLE, find_valid_radius
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.plausibility import UNITS
-from beltscape.core.quantities import BASELINE
+from beltscape.core.quantities import BASELINE, UNITS
 
 FOCAL_OVER_DIAGONAL = (0.1, 100.0)
 """Limits of the focal length over the image's diagonal: fields of view of 157°, that of the lens model, and

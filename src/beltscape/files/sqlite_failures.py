@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 from pathlib import Path
 
-from beltscape.core.runtime.system_calls import is_read_only
+from beltscape.core.system_calls import is_read_only
 
 _RIGHTS = "correct the rights of file and folder"
 

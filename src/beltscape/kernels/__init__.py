@@ -1,8 +1,9 @@
 """The inner loops: families of kernels with one signature each, and back ends that implement them.
 
-A kernel's signature, documentation, checks and result stand in its family's module (`sweep.plane_sweep`, …).
-It fills a record of checked inputs and calls a back end: `native` (C++, in native/) or `reference` (NumPy). `load`
-returns all families with one back end.
+A kernel's signature, documentation, checks and result stand in its family's module: `geometry`, `images`,
+`sweep`, `least_squares`, `selection`, `networks`. It fills a record of checked `arrays`, with packed
+projections of `projection`, and calls a back end (`backend`): `native` (C++, in native/) or `reference`
+(NumPy). `load` returns all families with one back end.
 """
 
 from __future__ import annotations
@@ -11,20 +12,17 @@ import os
 from functools import cache
 
 from beltscape.core.errors import KernelError
-from beltscape.kernels.geometry.height_rasterisation import HeightRasterisationKernels
-from beltscape.kernels.geometry.ray_march import RayMarchKernels
-from beltscape.kernels.geometry.triangulation import TriangulationKernels
-from beltscape.kernels.geometry.visibility import VisibilityKernels
-from beltscape.kernels.images.gathering import GatheringKernels
-from beltscape.kernels.images.warping import WarpingKernels
-from beltscape.kernels.images.window_statistics import WindowStatisticsKernels
-from beltscape.kernels.least_squares.local_fit import LocalFitKernels
-from beltscape.kernels.least_squares.normal_equations import NormalEquationsKernels
-from beltscape.kernels.networks.message_passing import MessagePassingKernels
-from beltscape.kernels.networks.network import NetworkKernels
-from beltscape.kernels.selection.candidates import CandidateKernels
-from beltscape.kernels.selection.propagation import PropagationKernels
-from beltscape.kernels.sweep.plane_sweep import PlaneSweepKernels
+from beltscape.kernels.geometry import (
+    HeightRasterisationKernels,
+    RayMarchKernels,
+    TriangulationKernels,
+    VisibilityKernels,
+)
+from beltscape.kernels.images import GatheringKernels, WarpingKernels, WindowStatisticsKernels
+from beltscape.kernels.least_squares import LocalFitKernels, NormalEquationsKernels
+from beltscape.kernels.networks import MessagePassingKernels, NetworkKernels
+from beltscape.kernels.selection import CandidateKernels, PropagationKernels
+from beltscape.kernels.sweep import PlaneSweepKernels
 
 __all__ = ["Kernels", "load"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.geometry.lens import tilt
+from beltscape.core.geometry import tilt
 
 Array = NDArray[np.float64]
 

@@ -9,8 +9,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.learned.network import Network
-from beltscape.learned.weights_file import read_network
+from beltscape.learned.network import Network, read_network
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,33 +31,33 @@ _MATCHER = (
 PURPOSES = {
     "initial_confidence": Purpose(
         "the logit of the probability that a pixel's surface is right, before the candidate selection",
-        "beltscape.stereo.multiview.confidence.features",
+        "beltscape.stereo.multiview.features",
         _MATCHER,
     ),
     "candidates": Purpose(
         "the logit of the probability that a candidate surface is right",
-        "beltscape.stereo.multiview.selection.candidates",
+        "beltscape.stereo.multiview.candidates",
         _MATCHER,
     ),
     "confidence": Purpose(
         "the logit of the confidence and the logarithm of sigma in px of inverse depth, preset standard",
-        "beltscape.stereo.multiview.confidence.estimate",
+        "beltscape.stereo.multiview.estimate",
         _MATCHER,
     ),
     "fast_confidence": Purpose(
         "the logit of the confidence and the logarithm of sigma in px of inverse depth, preset fast",
-        "beltscape.stereo.multiview.confidence.estimate",
+        "beltscape.stereo.multiview.estimate",
         _MATCHER,
     ),
     "refinement": Purpose(
         "the state of an uncertain pixel, from which messages between pixels start",
-        "beltscape.stereo.multiview.confidence.estimate",
+        "beltscape.stereo.multiview.estimate",
         _MATCHER,
     ),
     **{
         f"message_round_{i}": Purpose(
             f"{what} an uncertain pixel, from its own state and the messages of the nine pixels around",
-            "beltscape.stereo.multiview.confidence.estimate",
+            "beltscape.stereo.multiview.estimate",
             _MATCHER,
         )
         for i, what in (

@@ -1,5 +1,5 @@
-"""The pipeline: joins the stages to whole commands (plan, simulate, calibrate, reconstruct, measure, run live).
+"""The pipeline: the stages joined to whole commands.
 
-Each command has a module or a package: `plan`, `simulation`, `pattern_files`, `view`; `calibrating`,
-`reconstructing`, `measuring`, `recording`, `installation` and the running system, `live`.
+Each command has a module or a package: `plan`, `simulation`, `pattern_files`, `view` (and `view_rerun`),
+`installation`; `calibrating`, `reconstructing`, `measuring`, `recording` and the running system, `live`.
 """

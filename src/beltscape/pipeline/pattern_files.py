@@ -6,15 +6,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import write_bytes, write_text
-from beltscape.files.rasters.images import write_image
+from beltscape.files.atomic import write_bytes, write_text
+from beltscape.files.images import write_image
+from beltscape.files.json_text import write_json
 from beltscape.report.blue_noise import draw_quality
-from beltscape.target.speckle.blue_noise import BlueNoise, measure_blue_noise
-from beltscape.target.speckle.pattern import Pattern
-from beltscape.target.speckle.pattern_image import draw_pattern
-from beltscape.target.speckle.pattern_json import write_pattern
-from beltscape.target.speckle.pattern_svg import pattern_to_svg
+from beltscape.target.blue_noise import BlueNoise, measure_blue_noise
+from beltscape.target.pattern import Pattern
+from beltscape.target.pattern_formats import draw_pattern, pattern_to_svg, write_pattern
 
 
 def write_pattern_files(

@@ -6,14 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.documents.toml_text import read_toml, validate
-from beltscape.files.folders.atomic import ensure_output_folder, write_text
+from beltscape.files.atomic import ensure_output_folder, write_text
+from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
-from beltscape.plan.document import plan_to_document
-from beltscape.plan.plan import Plan
+from beltscape.files.toml_text import read_toml, validate
+from beltscape.plan.plan import Plan, plan_to_document
 from beltscape.plan.settings import PlanSettings
-from beltscape.report.planning.plan import render_plan_page
+from beltscape.report.plan import render_plan_page
 
 
 def read_plan_settings(path: Path | None, overrides: Mapping[str, Any]) -> PlanSettings:

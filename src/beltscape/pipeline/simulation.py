@@ -10,40 +10,39 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import is_dict
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.type_guards import is_dict
 from beltscape.files.arrays import write_arrays
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.documents.plain_text import read_text
-from beltscape.files.documents.toml_text import read_toml, validate
-from beltscape.files.folders.atomic import ensure_output_folder, write_text
-from beltscape.files.rasters.depth_tiff import write_float_tiff
-from beltscape.files.rasters.images import EXTENSIONS, write_image
+from beltscape.files.atomic import ensure_output_folder, write_text
+from beltscape.files.images import EXTENSIONS, write_image
+from beltscape.files.json_text import write_json
+from beltscape.files.paths import read_text
 from beltscape.files.rig_json import write_rig
-from beltscape.report.simulation import draw_simulated_frame
-from beltscape.simulate.geometry.world import World
-from beltscape.simulate.rendering.engine import resolve_engine
+from beltscape.files.tiff import write_float_tiff
+from beltscape.files.toml_text import read_toml, validate
+from beltscape.report.control_pictures import draw_simulated_frame
+from beltscape.simulate.core_truth import trace_core_view
 from beltscape.simulate.rendering.optics import Lens
+from beltscape.simulate.rendering.render import resolve_engine
 from beltscape.simulate.rig_and_projector import DOWN
 from beltscape.simulate.scenario import KINDS, Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.simulate.solids.belt import BeltSettings
-from beltscape.simulate.time_of_flight.camera import make_tof_camera
-from beltscape.simulate.time_of_flight.view import render_tof
-from beltscape.simulate.truth.core_truth import trace_core_view
-from beltscape.simulate.truth.load_truth import compute_true_load
-from beltscape.simulate.truth.truth_files import (
+from beltscape.simulate.time_of_flight import make_tof_camera, render_tof
+from beltscape.simulate.truth_files import (
     SceneDetails,
+    compute_true_load,
     write_belt,
     write_boards,
     write_station,
     write_truth,
 )
-from beltscape.target.printing.print_board import board_to_toml
-from beltscape.target.speckle.pattern import PRESETS
+from beltscape.simulate.world import World
+from beltscape.target.pattern import PRESETS
+from beltscape.target.print_board import board_to_toml
 
 
 def read_scenario(scene: str, overrides: Mapping[str, Any]) -> Scenario:

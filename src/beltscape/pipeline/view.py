@@ -9,20 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import is_mapping
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.type_guards import is_mapping
-from beltscape.files.documents.json_text import read_json
-from beltscape.files.folders.atomic import write_text
-from beltscape.files.meshes.ply_points import read_cloud
+from beltscape.files.atomic import write_text
+from beltscape.files.json_text import read_json
+from beltscape.files.ply import read_cloud
 from beltscape.files.reconstruction import list_frame_folders, read_frame
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.lumps.lumps import DOWN
 from beltscape.pipeline.measuring.solids import read_solid_outlines
-from beltscape.report.drawing.scene import make_rig_scene
-from beltscape.report.drawing.scene_solids import make_belt_triangles
+from beltscape.report.drawing.scene import make_belt_triangles, make_rig_scene
 from beltscape.report.viewer import ViewerCloud, ViewerScene, render_viewer_page
 
 _POINTS = 300_000

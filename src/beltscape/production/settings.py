@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.core.plausibility import require_host
-from beltscape.core.quantities import DENSITY, DENSITY_SIGMA, MOISTURE, SCALE_SIGMA
+from beltscape.core.quantities import DENSITY, DENSITY_SIGMA, MOISTURE, SCALE_SIGMA, require_host
 from beltscape.production.calendar import open_zone, parse_clock
 
 Name = Annotated[str, Field(min_length=1, max_length=60, pattern=r"^\S(.*\S)?$")]

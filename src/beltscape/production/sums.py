@@ -1,12 +1,18 @@
-"""Sums of records with σ: independent errors add in squares, common ones linearly, over any choice of records."""
+"""Sums of records with σ over any choice of records, and batches, which are made of such sums.
+
+Independent errors add in squares, common ones linearly. A batch is what was conveyed between the start and the stop
+of a truck's, a ship's or a mixture's load.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
+from functools import reduce
 from operator import add
 
-from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.ledger import BeltRecord
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,7 +20,7 @@ class ProductionSums:
     """Sums of records; sums of sums are sums of all their records.
 
     The common part of a strip's σ (edges, holes, slow drift, faults) is the same error in all strips, so these parts
-    add linearly and do not average out; so does the error of a density (as in `measure.flow.records.totals`).
+    add linearly and do not average out; so does the error of a density (as in `measure.flow.strips`).
     """
 
     records: int = 0
@@ -99,3 +105,38 @@ def sum_record(record: BeltRecord) -> ProductionSums:
         mass_common_kg=common * density,
         density_common_kg=volume * density_sigma * 1e-9,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """A batch with what its records add up to."""
+
+    number: int
+    """Increases from batch to batch."""
+    name: str
+    """Such as the number plate of a truck or the name of a ship."""
+    started_ns: int
+    """System clock, ns since 1970."""
+    started_by: str
+    ended_ns: int | None = None
+    """None: it is open."""
+    ended_by: str = ""
+    by_product: tuple[tuple[str, ProductionSums], ...] = ()
+    """Its sums for every product, in the order of their names."""
+    is_complete: bool = False
+    """Whether it has ended and all belt that was in view then is counted."""
+
+    @property
+    def sums(self) -> ProductionSums:
+        """Return the sums over all products."""
+        return add_up(dict(self.by_product))
+
+
+def add_up(by_product: Mapping[str, ProductionSums]) -> ProductionSums:
+    """Return the sums over all products."""
+    return reduce(ProductionSums.__add__, by_product.values(), ProductionSums())
+
+
+def list_products(batches: Sequence[Batch]) -> list[str]:
+    """Return the names of all products of some batches, in the order of their names."""
+    return sorted({name for batch in batches for name, _ in batch.by_product})

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from beltscape.files.folders.durable import keep_state, read_state
+from beltscape.files.atomic import keep_state, read_state
 
 
 class KeptNumber:

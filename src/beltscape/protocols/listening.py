@@ -13,8 +13,8 @@ from contextlib import suppress
 from ipaddress import ip_address
 
 from beltscape.core.errors import InputError
-from beltscape.core.runtime.supervision import make_supervised_thread
-from beltscape.core.runtime.system_calls import list_interface_addresses
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.system_calls import list_interface_addresses
 
 EVERYWHERE = ("0.0.0.0", "::")
 """Addresses to listen on that are no address to connect to."""

@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-from beltscape.core.belt.ledger_entries import BeltRecord, Standing, Totals
-from beltscape.core.live.alarms import Alarm
-from beltscape.core.live.events import CameraHealth
-from beltscape.core.live.findings import Finding
+from beltscape.core.alarms import Alarm
+from beltscape.core.events import CameraHealth
+from beltscape.core.findings import Finding
+from beltscape.core.ledger import BeltRecord, Standing, Totals
 
 Provenance = Mapping[str, str]
 """What the values come from: key, such as "Program" or "Rig" → its name, version or hash."""

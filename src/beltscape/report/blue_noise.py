@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.plots import STYLE, Form, make_panels, to_png
-from beltscape.target.speckle.blue_noise import LOW_FREQUENCY, BlueNoise
+from beltscape.target.blue_noise import LOW_FREQUENCY, BlueNoise
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from beltscape.core.belt.empty_belt import Belt
-from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.display import Displayed
+from beltscape.core.empty_belt import Belt
 from beltscape.core.geometry.rig import Rig
+from beltscape.core.ledger import FlowRecord
 from beltscape.measure.lumps.lumps import Lumps
 from beltscape.measure.volume.volume import Volume
 from beltscape.report.drawing.depth_picture import make_depth_panel, make_sigma_panel
@@ -23,7 +23,7 @@ from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.pictures import Panel, quantile_range
 from beltscape.report.drawing.plots import WIDE, make_panels, to_png
 from beltscape.report.measuring.belt import plot_section
-from beltscape.report.measuring.flow_charts import plot_flow
+from beltscape.report.measuring.flow import plot_flow
 from beltscape.report.measuring.lumps import plot_distribution
 from beltscape.report.measuring.volume import plot_heights
 

@@ -1,6 +1,6 @@
 """Recordings measured again: a year of them in pieces, on one machine or a cluster, into one ledger.
 
-In the order of the work: `recordings` finds them, `pieces` cuts them, `parcel` and `measuring` measure a piece on a
+In the order of the work: `recordings` finds them, `pieces` cuts them, `measuring` measures a piece on a
 worker, `manifest` keeps what is done, `history` makes one ledger, `report` shows it; `run` is the entrance.
-`comparison` compares two ledgers.
+`throughput` is the speed meanwhile. `comparison` compares two ledgers.
 """

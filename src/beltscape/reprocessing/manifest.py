@@ -87,7 +87,7 @@ class Manifest:
         return {key for (key,) in self._connection.execute("SELECT key FROM pieces")}
 
     def add(self, key: str, recording: str, result: bytes, span: WorkSpan) -> None:
-        """Store a piece's ``result``, as `entries_file.encode_result` encodes it; OutputError if that fails."""
+        """Store a piece's ``result``, as `history.encode_result` encodes it; OutputError if that fails."""
         try:
             self._connection.execute(
                 "INSERT OR REPLACE INTO pieces VALUES (?, ?, ?, ?, ?, ?)",

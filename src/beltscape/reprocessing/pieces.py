@@ -1,4 +1,4 @@
-"""The cut of recordings into pieces that can be measured independently, with overlaps at their ends.
+"""The cut of recordings into pieces that can be measured independently, with overlaps at their ends; their results.
 
 A piece counts its *own* frames. The record of a frame is the belt that became new since the frame before, up to the
 upstream end of the view; so two pieces agree on where one ends and the next begins, if the second measures the last
@@ -16,11 +16,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from beltscape.files.tables.encoder_csv import LONGEST_ROLL_BACK_MM
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
+from beltscape.core.ledger import BeltRecord
+from beltscape.files.encoder_csv import LONGEST_ROLL_BACK_MM
+from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.reprocessing.recordings.place import Place
-from beltscape.reprocessing.recordings.recording import RecordedFrame, Recording
+from beltscape.reprocessing.recordings.recording import Place, RecordedFrame, Recording
 
 PIECE_FRAMES = 600
 """Largest number of own frames of a piece: with 40 frames of overlap 6 % are measured twice, and what a dead worker
@@ -188,3 +188,30 @@ def _find_lead(frames: Sequence[PlacedFrame], at: int, step: int, length_mm: flo
             break
         index += step
     return index
+
+
+@dataclass(frozen=True, slots=True)
+class PieceTimes:
+    """Times of the steps of a piece."""
+
+    setup_s: float
+    """Until the first image: settings, rig, empty belt, networks."""
+    read_s: float
+    """Reading of files, beside the measurement."""
+    decode_s: float
+    """Decoding of images, beside the measurement."""
+    total_s: float
+    read_bytes: int
+    frames: int
+    """Number of frames that were measured, the leads included."""
+
+
+@dataclass(frozen=True, slots=True)
+class PieceResult:
+    """The measurement of a piece."""
+
+    entries: tuple[BeltRecord, ...]
+    """Those of the own frames, without densities; belt positions are the encoder's, or begin anywhere without one."""
+    warnings: tuple[str, ...]
+    """What was found about images, cameras and encoder, each once."""
+    times: PieceTimes

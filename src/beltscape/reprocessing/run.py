@@ -12,19 +12,23 @@ from typing import Any
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import write_text
+from beltscape.files.atomic import write_text
+from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import read_rig
+from beltscape.pipeline.live import zero
 from beltscape.pipeline.live.measuring_parts import build_context, describe_provenance
-from beltscape.pipeline.live.operation import zero
 from beltscape.pipeline.live.project import Project, RunSettings
-from beltscape.reprocessing.comparison.reading import HISTORY
-from beltscape.reprocessing.history.entries_file import decode_result, encode_result
-from beltscape.reprocessing.history.history import JoinedLedger, join_pieces
-from beltscape.reprocessing.history.products import Change, read_product_changes
+from beltscape.reprocessing.comparison.ledger import HISTORY
+from beltscape.reprocessing.history import (
+    Change,
+    JoinedLedger,
+    decode_result,
+    encode_result,
+    join_pieces,
+    read_product_changes,
+)
 from beltscape.reprocessing.manifest import Manifest, WorkSpan
-from beltscape.reprocessing.measuring import measure_piece
-from beltscape.reprocessing.parcel import Parcel, pack_project
+from beltscape.reprocessing.measuring import Parcel, measure_piece, pack_project
 from beltscape.reprocessing.pieces import PIECE_FRAMES, Piece, compute_overlap, cut_into_pieces
 from beltscape.reprocessing.recordings.discovery import find_recordings
 from beltscape.reprocessing.recordings.recording import Recording, Unreadable

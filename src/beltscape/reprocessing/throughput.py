@@ -7,10 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from beltscape.files.documents.json_text import write_json
+from beltscape.files.json_text import write_json
 from beltscape.reprocessing.manifest import WorkSpan
-from beltscape.reprocessing.pieces import Piece
-from beltscape.reprocessing.results import PieceTimes
+from beltscape.reprocessing.pieces import Piece, PieceTimes
 
 PROGRESS = "progress.json"
 _WRITE_S = 2.0

@@ -6,19 +6,14 @@ from fastapi import FastAPI
 from fastapi.responses import FileResponse
 
 from beltscape import __version__
-from beltscape.core.live.interfaces import Controls
+from beltscape.core.interfaces import Controls
 from beltscape.service.access import Access, install_access
+from beltscape.service.api import alarms, export, health, live_stream, metrics, state
 from beltscape.service.api import controls as controls_api
-from beltscape.service.api import export
 from beltscape.service.api import history as history_api
 from beltscape.service.api import production as production_api
-from beltscape.service.api import reports as reports_api
 from beltscape.service.api import settings as settings_api
-from beltscape.service.api.alarms import routes as alarms
 from beltscape.service.api.common import AppContext
-from beltscape.service.api.health import checks as health
-from beltscape.service.api.health import images, zero
-from beltscape.service.api.now import live_stream, metrics, pictures, state
 from beltscape.service.live_state import LiveState
 from beltscape.service.production.serving import ServedProduction
 from beltscape.service.settings import WebSettings
@@ -52,10 +47,13 @@ def create_app(
     live_state.restore_totals(history.totals)
     live_state.set_settings(settings)
     context = AppContext(live_state, history, controls, production)
-    for module in (state, pictures, alarms, controls_api, history_api, export, health, images, zero, metrics):
-        app.include_router(module.make_router(context))
-    for module in (production_api, reports_api):
-        app.include_router(module.make_router(context))
+    for make_router in (
+        state.make_router, state.make_pictures_router, alarms.make_router, controls_api.make_router,
+        history_api.make_router, export.make_router, health.make_router, health.make_images_router,
+        health.make_zero_router, metrics.make_router, production_api.make_router,
+        production_api.make_reports_router,
+    ):  # fmt: skip
+        app.include_router(make_router(context))
     if reloader is not None:
         app.include_router(settings_api.make_router(reloader))
     live_stream.add_live_route(app, context)

@@ -12,14 +12,14 @@ from beltscape.core.errors import BeltscapeError, SettingsError
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.check import Check, is_running, list_checks
 from beltscape.pipeline.live.project import Project
-from beltscape.service.access.identity.database import FILE, Database
-from beltscape.service.hosting.server import bind_socket, check_listening
+from beltscape.service.access.database import FILE, Database
+from beltscape.service.hosting import bind_socket, check_listening
+from beltscape.service.production.belt_scale import check_scale
 from beltscape.service.production.mail import find_mail_fault
 from beltscape.service.production.printing import check_printer
-from beltscape.service.production.report_checks import check_reports
-from beltscape.service.production.scale_counter import check_scale
+from beltscape.service.production.reports import check_reports
 from beltscape.service.project import ProjectSettings
-from beltscape.service.protocols.checks import CHECKS, REACHES
+from beltscape.service.protocol_checks import CHECKS, REACHES
 
 _LISTENING = ("web", "modbus", "opcua")
 """Tables of servers that listen at a TCP port."""
@@ -129,7 +129,7 @@ def _list_reaches(project: Project[ProjectSettings]) -> Iterator[tuple[str, Call
     if is_running(project.resolve(settings.data)):
         return
     if (cameras := settings.cameras) is not None:
-        from beltscape.sources.genicam.access.inspection import find_unreachable
+        from beltscape.sources.genicam.device import find_unreachable
 
         yield "source", lambda: find_unreachable(cameras)
     if (reports := settings.reports) is not None and (mail := reports.mail) is not None:

@@ -10,18 +10,25 @@ from itertools import islice
 from math import inf, isfinite
 from threading import Lock
 
-from beltscape.core.belt.ledger_entries import BeltRecord, Totals
+from beltscape.core.alarms import Alarm
+from beltscape.core.events import BeltStretch, CameraHealth, FrameEvent, Maintenance
+from beltscape.core.findings import Finding
 from beltscape.core.frames import Image
-from beltscape.core.live.alarms import Alarm
-from beltscape.core.live.events import BeltStretch, CameraHealth, FrameEvent, Maintenance
-from beltscape.core.live.findings import Finding
-from beltscape.pipeline.live.monitoring.gauges import FramePace
+from beltscape.core.ledger import BeltRecord, Totals
+from beltscape.pipeline.live.gauges import FramePace
+from beltscape.service.belt_surface import BeltRows, BeltWindow
 from beltscape.service.settings import WebSettings
-from beltscape.service.view_models.belt import BeltRows, BeltWindow
-from beltscape.service.view_models.durations import DurationHistogram
-from beltscape.service.view_models.flow import CurrentFlow, FlowAverage
-from beltscape.service.view_models.picture import Picture, encode_thumbnail
-from beltscape.service.view_models.snapshot import CheckState, FlowPoint, FrameStatistics, Snapshot
+from beltscape.service.view_models import (
+    CheckState,
+    CurrentFlow,
+    DurationHistogram,
+    FlowAverage,
+    FlowPoint,
+    FrameStatistics,
+    Picture,
+    Snapshot,
+    encode_thumbnail,
+)
 
 _RECORDS, _POINTS, _NOTES, _CAMERAS, _CHECKS = 600, 3600, 50, 64, 1000
 """Records, points of curves (15 minutes), messages, cameras and checks that are kept for new pages."""

@@ -6,10 +6,10 @@ import logging
 from collections.abc import Mapping, Sequence
 from time import monotonic
 
-from beltscape.core.belt.ledger_entries import BeltRecord, Totals
-from beltscape.core.live.alarms import Alarm
-from beltscape.core.live.events import BeltStretch, CameraHealth, FrameEvent, Maintenance
-from beltscape.core.live.findings import Finding
+from beltscape.core.alarms import Alarm
+from beltscape.core.events import BeltStretch, CameraHealth, FrameEvent, Maintenance
+from beltscape.core.findings import Finding
+from beltscape.core.ledger import BeltRecord, Totals
 
 _LOG = logging.getLogger("beltscape")
 _EVERY_S = 60.0

@@ -9,26 +9,30 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
-from beltscape.core.belt.ledger_entries import Totals
-from beltscape.core.live.interfaces import Observers
-from beltscape.files.systemd import notify
+from beltscape.core.interfaces import Observers
+from beltscape.core.ledger import Totals
+from beltscape.core.system_calls import notify
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access import Access
-from beltscape.service.access.tls import CertificateExpiry
 from beltscape.service.app import create_app
-from beltscape.service.changes.parts import RunningPlant
-from beltscape.service.changes.reloader import SettingsReloader
-from beltscape.service.changes.requests import answer_requests, discard_requests
 from beltscape.service.check import check_start
-from beltscape.service.hosting.lifecycle import log_address
-from beltscape.service.hosting.server import RunningServer, serve
+from beltscape.service.hosting import RunningServer, log_address, serve
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
 from beltscape.service.production.serving import ReportStatus, ServedProduction, serve_production
 from beltscape.service.project import ProjectSettings
-from beltscape.service.protocols.serving import STARTERS, ProtocolSettings, ServedPlant, serve_protocols
-from beltscape.service.protocols.users import ServedUsers, describe_provenance
+from beltscape.service.protocols import (
+    STARTERS,
+    ProtocolSettings,
+    ServedPlant,
+    ServedUsers,
+    describe_provenance,
+    serve_protocols,
+)
+from beltscape.service.reload_requests import answer_requests, discard_requests
+from beltscape.service.reloader import RunningPlant, SettingsReloader
+from beltscape.service.tls import CertificateExpiry
 
 _POLL_S = 0.1
 """Interval at which the stop event and requests of the command `reload` are looked for."""

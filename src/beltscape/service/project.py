@@ -5,15 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 
 from beltscape.core.errors import InputError
-from beltscape.pipeline.live.alarm_settings import read_alarm_texts
-from beltscape.pipeline.live.project import CaptureSettings, Project, RunSettings, read_project
-from beltscape.protocols.modbus.settings import ModbusSettings
-from beltscape.protocols.mqtt.settings import MqttSettings
-from beltscape.protocols.opcua.settings import OpcUaSettings
-from beltscape.protocols.outputs.settings import OutputSettings
-from beltscape.protocols.syslog.settings import SyslogSettings
-from beltscape.service.languages import require_language
-from beltscape.service.settings import WebSettings
+from beltscape.pipeline.live.project import (
+    CaptureSettings,
+    Project,
+    RunSettings,
+    read_alarm_texts,
+    read_project,
+)
+from beltscape.protocols.settings import (
+    ModbusSettings,
+    MqttSettings,
+    OpcUaSettings,
+    OutputSettings,
+    SyslogSettings,
+)
+from beltscape.service.settings import WebSettings, require_language
 from beltscape.sources.encoder.settings import EncoderSettings
 
 

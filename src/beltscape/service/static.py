@@ -10,7 +10,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
-from beltscape.service.languages import list_languages
+from beltscape.service.settings import list_languages
 
 FOLDER = Path(__file__).parent / "page"
 _LANGUAGES = "languages.json"

@@ -1,4 +1,7 @@
-"""The cameras and the projector of a scenario at their poses above the belt."""
+"""The cameras and the projector of a scenario at their poses above the belt.
+
+The poses of a calibration board lie in front of the cameras.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +16,13 @@ from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import scale_camera
+from beltscape.core.geometry.rig import Rig, scale_camera
 from beltscape.files.rig_json import read_rig
-from beltscape.simulate.geometry.world import Projector, Station
-from beltscape.simulate.scenario import ProjectorSpec, RigSpec
-from beltscape.target.speckle.pattern import PRESETS, Pattern, PatternSettings, make_pattern
-from beltscape.target.speckle.pattern_image import draw_pattern
-from beltscape.target.speckle.pattern_json import read_pattern
+from beltscape.simulate.scenario import BoardSpec, ProjectorSpec, RigSpec
+from beltscape.simulate.world import Projector, Station
+from beltscape.target.board import Board, corner_points_mm
+from beltscape.target.pattern import PRESETS, Pattern, PatternSettings, make_pattern
+from beltscape.target.pattern_formats import draw_pattern, read_pattern
 
 Array = NDArray[np.float64]
 
@@ -132,3 +134,41 @@ def _perturb(pose: Pose, scatter: float, rng: np.random.Generator) -> Pose:
     rotation = Pose.of(scatter * ROTATION_SCATTER * rng.normal(size=3), np.zeros(3)).rotation
     center = pose.center_mm + scatter * POSITION_SCATTER_MM * rng.normal(size=3)
     return Pose(rotation @ pose.rotation, -rotation @ pose.rotation @ center)
+
+
+def sample_board_poses(
+    spec: BoardSpec, board: Board, station: Station, count: int, seed: int
+) -> tuple[Pose, ...]:
+    """Return world_from_board of ``count`` poses, spread over the core's view, over depths and over tilts.
+
+    Positions and depths follow a Halton-like sequence, tilts the golden angle: few frames are spread as well as many.
+    """
+    rng = np.random.default_rng([seed, 3])
+    corners = corner_points_mm(board)
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    camera = station.rig.core_camera
+    start = rng.random(3)
+    poses: list[Pose] = []
+    for i in range(count):
+        u, v, w = (start + i * np.array([0.7548776662, 0.5698402910, 0.6180339887])) % 1.0
+        depth = spec.depth_mm[0] + w * (spec.depth_mm[1] - spec.depth_mm[0])
+        pixel = (np.array([u, v]) - 0.5) * spec.reach * np.array(camera.size_px)
+        center, facing = _place_middle(camera, pixel, depth, spec.faces_core)
+        azimuth, angle = 2.399963 * i, np.deg2rad(spec.tilt_deg) * np.sqrt((i % 5 + rng.random()) / 5)
+        tilt = Pose.of([angle * np.cos(azimuth), angle * np.sin(azimuth), 0.0], np.zeros(3))
+        roll = Pose.of([0.0, 0.0, rng.uniform(-0.6, 0.6) + np.pi / 2 * (i % 4 == 3)], np.zeros(3))
+        rotation = facing @ tilt.rotation @ roll.rotation
+        core_from_board = Pose(rotation, center - rotation @ middle)
+        poses.append(station.core_from_world.inverse() @ core_from_board)
+    return tuple(poses)
+
+
+def _place_middle(camera: Camera, pixel: Array, depth_mm: float, faces_camera: bool) -> tuple[Array, Array]:
+    """Return the board's middle (3,) at a place of the image, px from its centre, and the turn (3, 3) towards it."""
+    if not faces_camera:
+        return np.append(pixel / camera.focal_px, 1.0) * depth_mm, np.eye(3)
+    ray = np.append(camera.undistort(camera.center_px + pixel), 1.0)
+    ray /= np.linalg.norm(ray)
+    across = np.cross([0.0, 1.0, 0.0], ray)
+    across /= np.linalg.norm(across)
+    return depth_mm * ray, np.column_stack([across, np.cross(ray, across), ray])

@@ -15,7 +15,7 @@ from beltscape.simulate.rendering.render import RenderSettings
 from beltscape.simulate.rendering.sensor import Sensor
 from beltscape.simulate.solids.belt import BeltSettings
 from beltscape.simulate.solids.heap import HeapSettings
-from beltscape.simulate.time_of_flight.settings import TofSettings
+from beltscape.simulate.time_of_flight_signal import TofSettings
 
 Place = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
 Angle = Annotated[float, Field(ge=-360, le=360)]

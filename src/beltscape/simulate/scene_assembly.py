@@ -1,10 +1,16 @@
-"""A simulated scene: the objects of a scenario in every frame, and the images that the cameras take of them."""
+"""A simulated scene: the objects of a scenario in every frame, and the images that the cameras take of them.
+
+As a frame source it yields frame sets one after another, as many as requested.
+"""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.resources import files
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -12,20 +18,16 @@ import numpy as np
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.pose import Pose
-from beltscape.simulate.board_poses import sample_board_poses
 from beltscape.simulate.faults.belt import join_notches, move_solids
-from beltscape.simulate.faults.images import degrade_light, rearrange_images
-from beltscape.simulate.faults.settings import Faults
-from beltscape.simulate.geometry.world import Projector, Solid, Station, World
-from beltscape.simulate.rendering.motion_blur import render_exposure, sample_exposure
-from beltscape.simulate.rendering.render import RenderSettings, render
+from beltscape.simulate.faults.settings import Faults, degrade_light, rearrange_images
+from beltscape.simulate.rendering.render import RenderSettings, render, render_exposure, sample_exposure
 from beltscape.simulate.rendering.sensor import Sensor, expose, make_noise_seed
-from beltscape.simulate.rig_and_projector import make_projector, make_station
+from beltscape.simulate.rig_and_projector import make_projector, make_station, sample_board_poses
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.solids.belt import make_belt_solids
-from beltscape.simulate.solids.board import make_board_solid
+from beltscape.simulate.solids.board import make_board_solid, make_module_solids, place_module
 from beltscape.simulate.solids.heap import Heap, make_heap, shift_solids
-from beltscape.simulate.solids.module import make_module_solids, place_module
+from beltscape.simulate.world import Projector, Solid, Station, World
 from beltscape.target.board import read_board
 from beltscape.target.board_set import BoardSet
 from beltscape.target.module import Module, read_module
@@ -301,3 +303,27 @@ class SimulatedScene:
         if not self._moves:
             return 0
         return min(range(min(self.frame_count, 10_000)), key=lambda i: abs(self.heap_position_mm(i)))
+
+
+class SimulatedSource:
+    """A `FrameSource` of a scenario; endless unless the number of frames is given.
+
+    On a moving belt the heap passes again and again, with a piece of empty belt in between; a calibration repeats the
+    poses of its board.
+    """
+
+    def __init__(self, scenario: Scenario, *, frames: int | None = None) -> None:
+        self.scene = SimulatedScene(scenario)
+        self._frames = frames
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Return the names of the cameras."""
+        return tuple(self.scene.station.rig.cameras)
+
+    def __len__(self) -> int:
+        return sys.maxsize if self._frames is None else self._frames
+
+    def __iter__(self) -> Iterator[FrameSet]:
+        for frame in count() if self._frames is None else range(self._frames):
+            yield self.scene.render_frame(frame)

@@ -10,10 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from beltscape.core.frames import FrameSet
-from beltscape.core.runtime.supervision import make_supervised_thread
-from beltscape.sinks.recording.capture_store import CaptureStore
-from beltscape.sinks.recording.capture_writer import CaptureWriter
-from beltscape.sinks.recording.ring import PARTS, Ring
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.sinks.recording import PARTS, CaptureStore, CaptureWriter, Ring
 from beltscape.sinks.settings import GIB, RecordingSettings
 
 _CHECK_S = 1.0

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from beltscape.site.following.catch_up import GapReason, Sums
+from beltscape.site.catch_up import GapReason, Sums
 from beltscape.site.settings import BalanceSettings
 
 BalanceState = Literal["balanced", "imbalance", "incomplete"]

@@ -4,13 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from beltscape.site.balance import (
-    BalanceResult,
-    BeltWindow,
-    compute_balance,
-    shift_window,
-    sum_window,
-)
+from beltscape.site.balance import BalanceResult, BeltWindow, compute_balance, shift_window, sum_window
 from beltscape.site.settings import BalanceSettings, SiteSettings
 from beltscape.site.store import SiteStore
 

@@ -10,11 +10,17 @@ from typing import Protocol
 
 from beltscape import __version__
 from beltscape.core.errors import InputError, OutputError
-from beltscape.core.runtime.supervision import make_supervised_thread
-from beltscape.site.following.answers import PageAnswer, RecordAnswer, StateAnswer
-from beltscape.site.following.catch_up import Cursor, Gap, find_break, sum_records
-from beltscape.site.following.client import RECORDS, BeltClient
-from beltscape.site.following.faults import BeltFaultError, Fault
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.site.catch_up import Cursor, Gap, find_break, sum_records
+from beltscape.site.client import (
+    RECORDS,
+    BeltClient,
+    BeltFaultError,
+    Fault,
+    PageAnswer,
+    RecordAnswer,
+    StateAnswer,
+)
 from beltscape.site.settings import BeltSettings, SiteSettings
 from beltscape.site.store import SiteStore
 

@@ -11,15 +11,14 @@ from threading import Event
 from typing import Any
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.core.runtime.supervision import make_supervised_thread
-from beltscape.files.systemd import notify
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.system_calls import notify
 from beltscape.service.access import Access
-from beltscape.service.hosting.server import RunningServer, check_listening, serve
+from beltscape.service.hosting import RunningServer, check_listening, serve
 from beltscape.site.app import SiteState, create_site_app
 from beltscape.site.balancing import Balancer
+from beltscape.site.client import BeltClient, BeltFaultError
 from beltscape.site.follower import BeltFollower
-from beltscape.site.following.client import BeltClient
-from beltscape.site.following.faults import BeltFaultError
 from beltscape.site.settings import Site
 from beltscape.site.store import SiteStore
 

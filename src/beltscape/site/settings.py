@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from beltscape.core.errors import InputError, describe_cause
-from beltscape.files.documents.toml_text import read_toml, validate
+from beltscape.files.toml_text import read_toml, validate
 from beltscape.production.calendar import open_zone, parse_clock
 from beltscape.production.settings import ShiftSettings
 from beltscape.service.settings import PageSettings

@@ -17,7 +17,7 @@ from typing import Any
 from beltscape.core.errors import OutputError
 from beltscape.files.sqlite_failures import describe_failure, is_damage
 from beltscape.site.balance import BalanceResult
-from beltscape.site.following.catch_up import FIELDS, Batch, Cursor, Gap, Sums
+from beltscape.site.catch_up import FIELDS, Batch, Cursor, Gap, Sums
 
 FILE = "site.db"
 _VERSION = 1

@@ -12,14 +12,13 @@ from pathlib import Path
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import fit_camera, replace_scaled_cameras, scale_camera
+from beltscape.core.geometry.rig import Rig, fit_camera, replace_scaled_cameras, scale_camera
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import Capture, read_capture
-from beltscape.files.folders.paths import summarise_names
-from beltscape.files.rasters.images import read_image
-from beltscape.files.tables.exposures_csv import FILE as EXPOSURES
-from beltscape.files.tables.exposures_csv import read_exposures
+from beltscape.files.exposures_csv import FILE as EXPOSURES
+from beltscape.files.exposures_csv import read_exposures
+from beltscape.files.images import read_image
+from beltscape.files.paths import summarise_names
 
 _KEPT_BYTES = 256 << 20
 """Bytes of images that are kept between two passes: five frames of five cameras of 3 MP in colour."""

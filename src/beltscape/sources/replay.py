@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from time import monotonic, monotonic_ns
 
+from beltscape.core.events import CameraHealth, CameraState
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.events import CameraHealth, CameraState
-from beltscape.core.live.translatable_message import Message
+from beltscape.core.translatable_message import Message
 from beltscape.sources.folder import FolderSource
 
 _RATE_S = 5.0

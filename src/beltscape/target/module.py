@@ -7,8 +7,8 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.quantities import MODULE_SIDE, PLATE, SOLID
-from beltscape.files.documents.toml_text import read_toml, validate
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.paths import AnyPath, as_path
+from beltscape.files.toml_text import read_toml, validate
 
 Size = Annotated[float, SOLID]
 Side = Annotated[float, MODULE_SIDE]

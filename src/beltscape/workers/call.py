@@ -1,11 +1,11 @@
-"""One call of a task's function, on whichever worker, with its time and its failure."""
+"""One call of a task's function, on whichever worker, with its time and its failure; and tasks in this process."""
 
 from __future__ import annotations
 
 import os
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -44,3 +44,11 @@ def call(function: Callable[[Any, Any], Any], shared: Any, number: int, task: An
         failure = f"{type(error).__name__}: {error}".splitlines()[0]
     worker = f"{socket.gethostname()}/{os.getpid()}"
     return Completed(number, value, failure, worker, begin_s, time.perf_counter() - clock_s)
+
+
+def run_here(
+    function: Callable[[Any, Any], Any], shared: Any, tasks: Sequence[Any]
+) -> Generator[Completed[Any]]:
+    """Yield the end of every task, in their order; see `tasks.run_tasks`."""
+    for number, task in enumerate(tasks):
+        yield call(function, shared, number, task)

@@ -8,21 +8,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.domain.coverage import Coverage, assess_coverage
-from beltscape.calibration.assessment.domain.coverage_findings import (
+from beltscape.calibration.assessment.coverage import (
+    Coverage,
+    MeasuringVolume,
     UncoveredVolumeError,
+    assess_coverage,
     list_coverage_findings,
+    make_view_volume,
     require_coverage,
 )
-from beltscape.calibration.assessment.domain.lens_domain import limit_domains
-from beltscape.calibration.assessment.domain.volume import MeasuringVolume, make_view_volume
+from beltscape.calibration.assessment.lens_domain import limit_domains
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
-from beltscape.report.calibration_coverage import coverage_picture
+from beltscape.report.calibration_plots import coverage_picture
 from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.detections import make_detections
 

@@ -7,19 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.findings.fit_findings import list_calibration_findings
-from beltscape.calibration.assessment.validation.corner_noise import estimate_corner_noise_px
-from beltscape.calibration.assessment.validation.cross_validation import cross_validate
-from beltscape.calibration.assessment.validation.fit_quality import (
+from beltscape.calibration.assessment.cross_validation import cross_validate
+from beltscape.calibration.assessment.findings import list_calibration_findings
+from beltscape.calibration.assessment.fit_quality import (
     FitQuality,
     assess_fit,
     compute_camera_fits,
+    estimate_corner_noise_px,
 )
-from beltscape.calibration.assessment.validation.score import (
-    ViewResiduals,
-    compute_rig_errors,
-    summarise_errors,
-)
+from beltscape.calibration.assessment.score import ViewResiduals, compute_rig_errors, summarise_errors
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy

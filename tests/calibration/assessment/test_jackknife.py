@@ -6,10 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from beltscape.calibration.assessment.uncertainty.covariance import (
-    compute_depth_sigma,
-    compute_rig_covariance,
-)
+from beltscape.calibration.assessment.covariance import compute_depth_sigma, compute_rig_covariance
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import Corners
 from beltscape.calibration.hierarchy import solve_hierarchy

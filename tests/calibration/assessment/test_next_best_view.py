@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from beltscape.calibration.assessment.uncertainty.covariance import compute_rig_covariance
-from beltscape.calibration.assessment.uncertainty.next_best_view import find_next_best_view
+from beltscape.calibration.assessment.covariance import compute_rig_covariance
+from beltscape.calibration.assessment.next_best_view import find_next_best_view
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.findings.rig_findings import estimate_scale_factor, list_rig_findings
-from beltscape.calibration.assessment.validation.score import compute_rig_errors, summarise_errors
+from beltscape.calibration.assessment.findings import estimate_scale_factor, list_rig_findings
+from beltscape.calibration.assessment.score import compute_rig_errors, summarise_errors
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import load

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.validation.cross_validation import cross_validate
-from beltscape.calibration.assessment.validation.score import compute_rig_errors, summarise_errors
+from beltscape.calibration.assessment.cross_validation import cross_validate
+from beltscape.calibration.assessment.score import compute_rig_errors, summarise_errors
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from beltscape.calibration.assessment.covariance import compute_rig_covariance
 from beltscape.calibration.assessment.diagnosis import Diagnosis, diagnose
-from beltscape.calibration.assessment.findings.verdict import compute_focal_sigma, require_credible
-from beltscape.calibration.assessment.uncertainty.covariance import compute_rig_covariance
-from beltscape.calibration.assessment.validation.fit_quality import CameraFit
-from beltscape.calibration.assessment.validation.score import compute_rig_errors, summarise_errors
+from beltscape.calibration.assessment.fit_quality import CameraFit
+from beltscape.calibration.assessment.score import compute_rig_errors, summarise_errors
+from beltscape.calibration.assessment.verdict import compute_focal_sigma, require_credible
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy

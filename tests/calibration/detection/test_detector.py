@@ -6,9 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.calibration.detection.chessboard import find_chessboard
-from beltscape.calibration.detection.detector import PrintVariant, add_back_side, make_detector
-from beltscape.calibration.detection.grey import convert_to_8_bit
+from beltscape.calibration.detection.detector import (
+    PrintVariant,
+    add_back_side,
+    convert_to_8_bit,
+    find_chessboard,
+    make_detector,
+)
 from beltscape.core.geometry.pose import Pose
 from beltscape.target.board import AprilGrid, Board, BoardSet, CharucoBoard, Chessboard, corner_points_mm
 from tests.synthetic.boards import Print, camera, facing, view
@@ -139,7 +143,7 @@ def test_the_renderer_draws_what_opencv_projects():
 
 
 def test_a_chessboard_is_numbered_from_its_front():
-    from beltscape.calibration.detection.chessboard import _orient_rows
+    from beltscape.calibration.detection.detector import _orient_rows
 
     columns, rows = np.meshgrid(np.arange(4.0), np.arange(3.0))
     front = np.stack([10 * columns, 10 * rows], axis=-1)

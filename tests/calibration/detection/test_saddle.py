@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibration.detection.saddle import Saddles, Windows, fit_saddles
+from beltscape.calibration.detection.subpixel import Saddles, Windows, fit_saddles
 
 TRUE = np.array([[0.31, -0.22, 1.9, 0.25, np.log(0.8), 120.0, 0.4, -0.3, 70.0]])
 

@@ -7,7 +7,7 @@ import numpy as np
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.rig import score_rig_against_truth
+from beltscape.evaluate.depth_scores import score_rig_against_truth
 from beltscape.kernels import load
 from tests.synthetic.detections import make_detections
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.domain.lens_domain import limit_domain
+from beltscape.calibration.assessment.lens_domain import limit_domain
 from beltscape.calibration.detection.corners import BoardDetections, Corners, has_planar_extent
 from beltscape.calibration.intrinsics.lens_choice import (
     MIN_CHOICE_VIEWS,
@@ -15,7 +15,7 @@ from beltscape.calibration.intrinsics.lens_choice import (
     describe_choices,
     turns_within_image,
 )
-from beltscape.calibration.intrinsics.lens_starts import refit_radially
+from beltscape.calibration.intrinsics.lens_fits import refit_radially
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose

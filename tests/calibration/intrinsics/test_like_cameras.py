@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import beltscape.calibration.hierarchy as hierarchy_module
-from beltscape.calibration.assessment.findings.fit_findings import list_network_findings
-from beltscape.calibration.assessment.findings.retest import retest_network
+from beltscape.calibration import hierarchy as hierarchy_module
+from beltscape.calibration.assessment.diagnosis import retest_network
+from beltscape.calibration.assessment.findings import list_network_findings
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy

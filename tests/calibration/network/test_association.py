@@ -12,7 +12,7 @@ from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.intrinsics.zhang import calibrate_camera
 from beltscape.calibration.network.association import associate_cameras, find_groups, select_core
 from beltscape.calibration.network.pairs import Pair, calibrate_pairs
-from beltscape.calibration.solver.se3 import exp
+from beltscape.calibration.network.pose_chains import exp
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.calibration.detection.corners import BoardDetections
-from beltscape.calibration.network.two_sided.back_views import classify_back_views, list_back_only
+from beltscape.calibration.network.two_sides import classify_back_views, list_back_only
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import CharucoBoard

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.zhang import calibrate_camera
-from beltscape.calibration.network.symmetry.board_symmetry import unify_numbering
-from beltscape.calibration.network.symmetry.quarter_turns import (
+from beltscape.calibration.network.board_symmetry import (
     list_quarter_turns,
     make_board_turn,
     turn_corners,
+    unify_numbering,
 )
 from beltscape.calibration.network.synchronisation import find_frame_misfits
 from beltscape.core.geometry.pose import Pose

@@ -13,7 +13,7 @@ from beltscape.calibration.intrinsics.zhang import calibrate_camera
 from beltscape.calibration.network.association import LoopError, associate_cameras
 from beltscape.calibration.network.fault_isolation import CameraFault, describe_fault, isolate_fault
 from beltscape.calibration.network.pairs import Pair, calibrate_pairs
-from beltscape.calibration.solver.se3 import exp
+from beltscape.calibration.network.pose_chains import exp
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent

@@ -13,8 +13,8 @@ from beltscape.calibration.network.association import CameraNetwork, associate_c
 from beltscape.calibration.network.global_optimisation import NetworkProblem, NetworkWeights, optimise_network
 from beltscape.calibration.network.global_optimisation import _make_constraints as constraints
 from beltscape.calibration.network.pairs import Pair
+from beltscape.calibration.network.pose_chains import exp, log
 from beltscape.calibration.solver.levenberg_marquardt import Damping
-from beltscape.calibration.solver.se3 import exp, log
 from beltscape.core.geometry.rig import Rig
 from tests.optional import require
 from tests.synthetic.boards import row_of_cameras

@@ -7,7 +7,7 @@ import pytest
 
 from beltscape.calibration.intrinsics.zhang import PARAMETERS, MonocularCalibration, calibrate_camera
 from beltscape.calibration.network.pairs import Pair, calibrate_pair, calibrate_pairs
-from beltscape.calibration.solver.se3 import log
+from beltscape.calibration.network.pose_chains import log
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm

@@ -10,12 +10,12 @@ import pytest
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
-from beltscape.calibration.network.two_sided.two_sides import describe_back, has_two_sides
+from beltscape.calibration.network.two_sides import describe_back, has_two_sides
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set, resolve_checked_set
-from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
 from beltscape.target.board import BoardSet, CharucoBoard, corner_points_mm
 from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.detections import make_detections

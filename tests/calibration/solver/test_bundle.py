@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from beltscape.calibration.solver.bundle import Bundle
-from beltscape.calibration.solver.deterministic import single_thread
-from beltscape.calibration.solver.lens import pack_intrinsics
-from beltscape.calibration.solver.levenberg_marquardt import minimise
-from beltscape.calibration.solver.projection import (
+from beltscape.calibration.solver.lens import (
     differentiate_by_pose,
+    pack_intrinsics,
     project_points,
     project_with_jacobians,
 )
+from beltscape.calibration.solver.levenberg_marquardt import minimise, single_thread
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import rotation_from_vector
 from tests.synthetic.bundles import make_problem

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from beltscape.calibration.solver.se3 import (
+from beltscape.calibration.network.pose_chains import (
     adjoint,
     exp,
     left_jacobian,

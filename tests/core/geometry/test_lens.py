@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from beltscape.core.geometry import tilt
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.geometry.lens import MODELS, tilt
-from beltscape.core.geometry.lens.domain import find_valid_radius
+from beltscape.core.geometry.lens import MODELS
+from beltscape.core.geometry.lens_domain import find_valid_radius
 
 LENSES = {
     "brown": [-0.21, 0.09, 0.002, -0.001, 0.03],

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import (
+from beltscape.core.geometry.rig import (
+    Rig,
     fit_camera,
     pinhole_scale,
     replace_scaled_cameras,

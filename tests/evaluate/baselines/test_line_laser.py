@@ -8,17 +8,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import ndtr
 
-from beltscape.evaluate.baselines.line_laser import locate_line_centers, measure_profiles
-from beltscape.evaluate.baselines.profiles import rasterise_profiles
-from beltscape.simulate.geometry.shapes import make_box
-from beltscape.simulate.rendering.sensor import Sensor
-from beltscape.simulate.sensors.line_laser import (
+from beltscape.evaluate.line_laser import locate_line_centers, measure_profiles, rasterise_profiles
+from beltscape.simulate.core_truth import trace_core_view
+from beltscape.simulate.profile_scanners import (
     LaserSettings,
     make_laser,
     render_line_images,
     speckle_sigma_px,
 )
-from beltscape.simulate.truth.core_truth import trace_core_view
+from beltscape.simulate.rendering.sensor import Sensor
+from beltscape.simulate.shapes import make_box
 from tests.simulate import scenes
 
 

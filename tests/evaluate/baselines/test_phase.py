@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.evaluate.baselines.phase import Phase, estimate_phase, unwrap_phases
-from beltscape.simulate.sensors.fringes import FringeSettings, make_fringe_patterns
+from beltscape.evaluate.structured_light import Phase, estimate_phase, unwrap_phases
+from beltscape.simulate.projected_sequence import FringeSettings, make_fringe_patterns
 
 
 def images_of(phase: np.ndarray, steps: int, mean: float = 100.0, modulation: float = 60.0) -> np.ndarray:

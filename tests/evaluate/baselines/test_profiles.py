@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.evaluate.baselines.profiles import rasterise_profiles
-from beltscape.simulate.sensors.profile_scan import ProfileScan
+from beltscape.evaluate.line_laser import rasterise_profiles
+from beltscape.simulate.profile_scanners import ProfileScan
 from tests.simulate import scenes
 
 

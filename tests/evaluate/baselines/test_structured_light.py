@@ -10,12 +10,11 @@ import pytest
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-from beltscape.evaluate.baselines.structured_light import DecodeSettings, decode
+from beltscape.evaluate.structured_light import DecodeSettings, decode
+from beltscape.simulate.core_truth import trace_core_truth
+from beltscape.simulate.projected_sequence import FringeSettings, make_fringe_patterns, render_sequence
 from beltscape.simulate.rig_and_projector import make_projector
 from beltscape.simulate.scene_assembly import SimulatedScene
-from beltscape.simulate.sensors.fringes import FringeSettings, make_fringe_patterns
-from beltscape.simulate.sensors.sequence import render_sequence
-from beltscape.simulate.truth.core_truth import trace_core_truth
 from tests.simulate.tiny import tiny
 
 CORE = Camera("cam0", (160, 120), np.array([150.0, 151.0]), np.array([79.0, 60.5]), np.zeros(5))

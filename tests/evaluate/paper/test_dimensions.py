@@ -6,12 +6,16 @@ import numpy as np
 import pytest
 
 from beltscape.core.geometry.pose import Pose
-from beltscape.evaluate.paper.dimensions import largest_error_mm, tabulate_dimensions
-from beltscape.evaluate.paper.features import map_paper_names
-from beltscape.evaluate.paper.numbers import Dimension, read_paper_numbers
+from beltscape.evaluate.paper.dimensions import (
+    Dimension,
+    largest_error_mm,
+    map_paper_names,
+    read_paper_numbers,
+    tabulate_dimensions,
+)
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
-from beltscape.simulate.truth.module_truth import describe_module
+from beltscape.simulate.truth_files import describe_module
 from beltscape.target.module import Base, Cube, Cylinder, Module, Sphere
 
 CUBES = ("step:a-b height_difference", "step:b-c height_difference")

@@ -12,8 +12,8 @@ from beltscape.core.progress import Silent
 from beltscape.evaluate.paper import surfaces
 from beltscape.evaluate.paper.laboratory import Laboratory, Scene
 from beltscape.evaluate.paper.surfaces import reconstruct_all
-from beltscape.evaluate.truth.simulated import read_truth
-from beltscape.files.rasters.images import write_image
+from beltscape.evaluate.truth import read_truth
+from beltscape.files.images import write_image
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.workers.options import WorkerOptions

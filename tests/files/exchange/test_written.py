@@ -17,7 +17,7 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.files.exchange import export_rig
-from beltscape.files.exchange.radtan import fit_without_k3
+from beltscape.files.exchange.kalibr import fit_without_k3
 from tests.strategies import cameras as some_cameras
 from tests.strategies import rigs
 

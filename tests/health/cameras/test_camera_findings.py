@@ -7,19 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.core.live.findings import worst_effect
-from beltscape.health.cameras.poses import (
-    PoseFault,
-    make_pose_findings,
-    make_unchecked_finding,
-    repeat_faults,
+from beltscape.core.findings import worst_effect
+from beltscape.health.camera_poses import PoseFault, make_pose_findings, make_unchecked_finding, repeat_faults
+from beltscape.health.redundancy import make_redundancy_finding
+from beltscape.stereo.consistency.check import (
+    POOLED_FRAMES,
+    REFERENCE_FRAMES,
+    ResidualAccumulator,
+    assess_tie_points,
 )
-from beltscape.health.cameras.redundancy import make_redundancy_finding
-from beltscape.stereo.consistency.accumulation import POOLED_FRAMES, REFERENCE_FRAMES, ResidualAccumulator
-from beltscape.stereo.consistency.check import assess_tie_points
-from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault, list_faults
-from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
-from beltscape.stereo.consistency.tie_points.tie_points import TiePoints
+from beltscape.stereo.consistency.diagnosis import CameraFault, list_faults
+from beltscape.stereo.consistency.pose_change import apply_pose_change
+from beltscape.stereo.consistency.tie_points import TiePoints
 from beltscape.stereo.consistency.tolerance import compute_tolerance
 from tests.stereo.scenes import DEPTH_MM, make_ring
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.findings import Finding
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from tests.health.images.speckled_belt import NAMES, blur, make_frame, make_rig

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.live.findings import Finding
+from beltscape.core.findings import Finding
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from tests.health.images.speckled_belt import SIZE, Levels, make_frame, make_rig

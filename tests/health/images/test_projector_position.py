@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from beltscape.core.depth import DepthMap
-from beltscape.core.live.findings import Finding
-from beltscape.health.images.surface_checks.projector_monitor import ProjectorMonitor
+from beltscape.core.findings import Finding
+from beltscape.health.images.projector_position import ProjectorMonitor
 from beltscape.health.settings import HealthSettings
 from tests.health.images.drawn_belt import RIG, STEP_MM, make_frame
 from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.core.live.findings import Finding
-from beltscape.health.images.surface_checks.synchronisation import Delay, compute_depth_error, separate_delay
-from beltscape.health.images.surface_checks.synchronisation_monitor import SynchronisationMonitor
+from beltscape.core.findings import Finding
+from beltscape.health.images.synchronisation import Delay, compute_depth_error, separate_delay
+from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
 from tests.health.images.drawn_belt import ALONG, RIG, STEP_MM, make_frame
 from tests.measure.flow.moving_belt import Heap, depth_map
@@ -120,7 +120,7 @@ def test_a_moved_or_vibrating_camera_is_not_called_late(turns: tuple[int, ...]) 
 
 
 def test_a_delay_holds_until_a_check_disproves_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("beltscape.health.images.surface_checks.synchronisation_monitor._EVERY", 1)
+    monkeypatch.setattr("beltscape.health.images.synchronisation_monitor._EVERY", 1)
     monitor = SynchronisationMonitor(RIG, HealthSettings())
     named: list[bool] = []
     for number in range(8):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.health.images.surface_checks.synchronisation_pool import CheckPool, PairCheck, pool_delays
+from beltscape.health.images.synchronisation import CheckPool, PairCheck, pool_delays
 
 DISTANCE_MM, SPEED_MM_S = 700.0, 600.0
 RIGS = [

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
-from beltscape.kernels.geometry.height_rasterisation import RasterisedHeights
+from beltscape.kernels.geometry import RasterisedHeights
 from beltscape.kernels.native import levels
 from tests.kernels.grids import WIDTHS, surface
 from tests.strategies import seeds

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.kernels.reference.images.window_sums import WindowSums, bands
+from beltscape.kernels.reference.images import WindowSums, bands
 
 
 @settings(max_examples=25, deadline=None)

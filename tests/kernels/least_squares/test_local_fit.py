@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
-from beltscape.kernels.least_squares.local_fit import MOST_DISAGREEMENT, RADII
+from beltscape.kernels.least_squares import MOST_DISAGREEMENT, RADII
 from beltscape.kernels.native import levels
 from tests.kernels.grids import WIDTHS, surface
 from tests.kernels.rounding import first_alike

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from beltscape.kernels.selection.candidates import CANDIDATES
+from beltscape.kernels.selection import CANDIDATES
 from tests.kernels.grids import STRAIGHT, WIDTHS, surface, texture, view_of_seed
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds

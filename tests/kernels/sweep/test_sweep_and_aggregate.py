@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
-from beltscape.kernels.sweep.bands import bands
+from beltscape.kernels.sweep import bands
 from tests.kernels.grids import STRAIGHT, texture, view_of_seed
 from tests.kernels.rounding import fusing_levels
 
@@ -93,7 +93,7 @@ def test_the_number_of_threads_does_not_change_a_byte(level):
 def test_how_many_costs_are_held_at_once_does_not_matter(level, bands_at_once, monkeypatch):
     given = scene(300, 40)
     whole = load(level).sweep_and_aggregate(*given, **LOW)
-    monkeypatch.setattr("beltscape.kernels.sweep.plane_sweep.SLAB_BYTES", bands_at_once * 64 * 40 * 7)
+    monkeypatch.setattr("beltscape.kernels.sweep.SLAB_BYTES", bands_at_once * 64 * 40 * 7)
     found = load(level).sweep_and_aggregate(*given, **LOW, threads=2)
     assert found[0].tobytes() == whole[0].tobytes()
     assert found[1].tobytes() == whole[1].tobytes()

@@ -10,13 +10,13 @@ from scipy import ndimage
 
 from beltscape.core.frames import FrameSet, to_grey
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.features.measure import measure_module
-from beltscape.measure.features.pose.nominal import render_nominal_view
+from beltscape.measure.features.solids import render_nominal_view
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.pointcloud.cloud import undistort_image
+from beltscape.stereo.pointcloud import undistort_image
+from beltscape.stereo.settings import MultiviewSettings
 from beltscape.target.module import read_module
 from tests.synthetic.demo import DEMO, TRUE_RIG
 from tests.synthetic.modules import DepthCameraView, module, module_pose, rig

@@ -12,11 +12,10 @@ from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
-from beltscape.measure.features.correlation_area import estimate_correlation_area_px
-from beltscape.measure.features.face import fit_face
+from beltscape.measure.features.face import estimate_correlation_area_px, fit_face
 from beltscape.measure.features.measure import measure_module
-from beltscape.measure.features.pose.nominal import render_nominal_view
 from beltscape.measure.features.result import MeasuredModule
+from beltscape.measure.features.solids import render_nominal_view
 from tests.synthetic.modules import DepthCameraView, module, module_pose, rig
 
 FLAT = ("height", "height_difference")

@@ -13,9 +13,9 @@ from beltscape.core.frames import to_grey
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.measure.features.measure import measure_module
-from beltscape.stereo.pointcloud.cloud import undistort_image
+from beltscape.stereo.pointcloud import undistort_image
 from beltscape.target.module import read_module
 
 RENDERED = Path(__file__).parents[4] / "shared/data/rendered"

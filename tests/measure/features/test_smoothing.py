@@ -12,8 +12,8 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.measure.features.face import compute_rays
 from beltscape.measure.features.smoothing import Smoothing, detect_grid_step, estimate_smoothing
 from beltscape.measure.features.sphere import fit_sphere
-from beltscape.stereo.multiview.frame.windows import choose_windows
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.multiview.frame import choose_windows
+from beltscape.stereo.settings import MultiviewSettings
 
 WIDTH, HEIGHT = 612, 512
 

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.measure.features.pose.solids import build_solids
+from beltscape.measure.features.solids import build_solids
 from tests.synthetic.modules import module
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
 from beltscape.measure.belt.empty_belt import find_belt
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
+from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
 
 HEIGHT_MM = 700.0
 SIZE_PX = (180, 150)

@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
-from beltscape.core.live.findings import Effect, Finding
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
+from beltscape.core.findings import Effect, Finding
+from beltscape.core.ledger import FlowRecord
+from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.meter import FlowMeter
 from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 

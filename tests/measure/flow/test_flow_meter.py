@@ -10,11 +10,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
+from beltscape.core.ledger import FlowRecord
+from beltscape.measure.belt.reference import EmptyBeltReference
+from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
-from beltscape.measure.flow.records.density import Density
 from beltscape.measure.flow.settings import FlowSettings
 from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltscape.core.live.findings import Finding
+from beltscape.core.findings import Finding
 from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.meter import FlowMeter
 from tests.measure.flow.moving_belt import COARSE_CAMERA, HEIGHT_MM, Heap, depth_map, make_empty_belt

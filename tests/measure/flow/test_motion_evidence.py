@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.measure.flow.meter import FlowMeter
-from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
-from beltscape.measure.flow.motion.registration.shift import Shift
+from beltscape.measure.flow.motion_evidence import MotionEvidence
+from beltscape.measure.flow.registration import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
 from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 

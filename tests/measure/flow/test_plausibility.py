@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from beltscape.measure.flow.motion.plausibility import are_consistent, is_confirmed
-from beltscape.measure.flow.motion.registration.shift import Shift
+from beltscape.measure.flow.plausibility import are_consistent, is_confirmed
+from beltscape.measure.flow.registration import Shift
 
 
 def make_shifts(*along_mm: float, support: float = 0.3) -> list[Shift]:

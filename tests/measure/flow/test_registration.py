@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.measure.flow.motion.encoder_scale import EncoderScale
-from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights, compute_high_pass
-from beltscape.measure.flow.motion.registration.shift import register
+from beltscape.measure.flow.belt_motion import EncoderScale
+from beltscape.measure.flow.registration import HighPassHeights, compute_high_pass, register
 from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-1500, end_mm=1500)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.measure.flow.fusion.fuse import fuse
-from beltscape.measure.flow.fusion.layer import Layer
-from beltscape.measure.flow.fusion.rows import BeltPiece, RowFiller
+from beltscape.measure.belt.reference import Layer
+from beltscape.measure.flow.fuse import fuse
+from beltscape.measure.flow.rows import BeltPiece, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
 from tests.measure.flow.moving_belt import make_empty_belt
 

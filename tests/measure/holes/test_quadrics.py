@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.measure.holes.quadrics import fit_quadrics
+from beltscape.measure.holes.rims import fit_quadrics
 
 Y, X = np.mgrid[-40.0:40.0, -300.0:-220.0]
 

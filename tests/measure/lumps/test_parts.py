@@ -11,11 +11,9 @@ from pydantic import ValidationError
 from scipy import ndimage
 
 from beltscape.learned.registry import load_network
-from beltscape.measure.lumps.basins import find_basins, find_borders
-from beltscape.measure.lumps.distribution import compute_distribution, compute_passing_sizes
-from beltscape.measure.lumps.features import compute_features
-from beltscape.measure.lumps.merging import merge_regions
-from beltscape.measure.lumps.raster import fill_gaps
+from beltscape.measure.lumps.features import compute_features, fill_gaps
+from beltscape.measure.lumps.lumps import compute_distribution, compute_passing_sizes
+from beltscape.measure.lumps.segment import find_basins, find_borders, merge_regions
 from beltscape.measure.lumps.settings import LumpSettings
 
 FIELDS = arrays(np.float32, (9, 12), elements=st.floats(0, 1, width=32), unique=True)

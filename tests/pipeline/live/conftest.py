@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.core.geometry.scaling import scale_rig
+from beltscape.core.geometry.rig import scale_rig
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 from tests.once import make_once

@@ -12,23 +12,22 @@ import numpy as np
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.core.belt.ledger_entries import BeltRecord, Totals
+from beltscape.core.alarms import Alarm
+from beltscape.core.events import BeltStretch, CameraHealth, FrameEvent, Maintenance
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.alarms import Alarm
-from beltscape.core.live.events import BeltStretch, CameraHealth, FrameEvent, Maintenance
-from beltscape.core.live.findings import Finding
+from beltscape.core.ledger import BeltRecord, Totals
 from beltscape.core.progress import Silent
-from beltscape.health.belt.settings import BeltLimits
+from beltscape.health.settings import BeltLimits
 from beltscape.pipeline.live.engine import Engine
-from beltscape.pipeline.live.engine_components import EngineComponents
-from beltscape.pipeline.live.intake.frame_queue import FrameQueue
-from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
-from beltscape.pipeline.live.monitoring.gauges import Gauges
-from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
-from beltscape.pipeline.live.operation.zero import FILE, ZeroControl
-from beltscape.pipeline.live.reporting.event_log import EventLog
+from beltscape.pipeline.live.engine_components import EngineComponents, PeriodicInspector
+from beltscape.pipeline.live.event_log import EventLog
+from beltscape.pipeline.live.gauges import Gauges
+from beltscape.pipeline.live.intake import FrameQueue
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.pipeline.live.writer import make_record_writer, notify_records
+from beltscape.pipeline.live.zero import FILE, ZeroControl
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.synthetic.belt_feed import CAMERA, CAMERAS, FakeMatcher, frames, make_context

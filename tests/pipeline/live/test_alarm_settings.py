@@ -7,12 +7,13 @@ from pathlib import Path
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.pipeline.live.alarm_settings import (
+from beltscape.pipeline.live.project import (
+    Project,
+    RunSettings,
     describe_alarms,
     read_alarm_texts,
     require_cameras_of_banks,
 )
-from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.service.project import open_project
 
 CAMERAS = ("cam0", "cam1", "cam2")

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import OutputError
+from beltscape.core.ledger import BeltRecord
 from beltscape.pipeline.live.engine import Engine
-from beltscape.sinks.historian.storage import schema
+from beltscape.sinks.historian import database
 from tests.pipeline.live.feed import (
     STEP_MM,
     Feed,
@@ -169,7 +169,7 @@ def test_runs_follow_one_another(tmp_path: Path) -> None:
 def test_another_program_that_holds_the_history_delays_only_the_storing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(schema, "BUSY_S", 0.3)
+    monkeypatch.setattr(database, "BUSY_S", 0.3)
     feed, beats = Feed(track(0, 60_000), pause_s=0.05), list[float]()
     _, watcher, historian, parts = engine_of(tmp_path, feed)
     engine = Engine(replace(parts, heartbeat=lambda: beats.append(time.monotonic())))

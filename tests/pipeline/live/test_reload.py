@@ -11,21 +11,20 @@ import pytest
 
 from beltscape.cli.main import main
 from beltscape.core.errors import BeltscapeError, InputError, OutputError
-from beltscape.core.live.interfaces import Observers
+from beltscape.core.interfaces import Observers
 from beltscape.core.progress import Silent
 from beltscape.pipeline.live.assembly import RunOptions, assemble
-from beltscape.pipeline.live.reporting.event_log import EventLog
+from beltscape.pipeline.live.event_log import EventLog
 from beltscape.service.access import Access
-from beltscape.service.access.tls import CertificateExpiry
-from beltscape.service.changes.effects import AT_ONCE, RESTART, is_of, list_effects
-from beltscape.service.changes.parts import PARTS, Change, ReloadablePart, RunningPlant
-from beltscape.service.changes.reloader import SettingsReloader
-from beltscape.service.changes.requests import answer_requests, request_reload
+from beltscape.service.changes import AT_ONCE, RESTART, is_of, list_effects
 from beltscape.service.live_state import LiveState
 from beltscape.service.production.printing import PrintError
 from beltscape.service.production.serving import ReportStatus, ServedProduction
 from beltscape.service.project import open_project
-from beltscape.service.protocols.serving import ServedPlant
+from beltscape.service.protocols import ServedPlant
+from beltscape.service.reload_requests import answer_requests, request_reload
+from beltscape.service.reloader import PARTS, Change, ReloadablePart, RunningPlant, SettingsReloader
+from beltscape.service.tls import CertificateExpiry
 from tests.service.access.sample_app import CHEAP
 
 
@@ -162,9 +161,7 @@ def test_a_part_that_fails_takes_all_changes_back(
     def prepare(*_: object) -> Change:
         return Change(fail, lambda: reverted.append("last"))
 
-    monkeypatch.setattr(
-        "beltscape.service.changes.reloader.PARTS", (*PARTS, ReloadablePart(("watch",), prepare))
-    )
+    monkeypatch.setattr("beltscape.service.reloader.PARTS", (*PARTS, ReloadablePart(("watch",), prepare)))
     rewrite(
         running.project.path,
         ("port = 0", 'port = 0\nplant = "Belt 9"'),

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.service.hosting.data_rights import restrict_rights
+from beltscape.service.data_rights import restrict_rights
 
 
 def run_once(project: Path, umask: int = 0o022) -> subprocess.CompletedProcess[str]:

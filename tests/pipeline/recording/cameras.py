@@ -6,8 +6,8 @@ import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
 
+from beltscape.core.events import CameraHealth
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.events import CameraHealth
 
 
 class MemoryCameras:

@@ -15,16 +15,19 @@ from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.files.rasters.images import read_image
-from beltscape.files.tables.encoder_csv import read_encoder
+from beltscape.files.encoder_csv import read_encoder
+from beltscape.files.images import read_image
 from beltscape.pipeline.recording import feed as feed_module
 from beltscape.pipeline.recording import shots as shots_module
-from beltscape.pipeline.recording.corner_counter import CornerCounter
-from beltscape.pipeline.recording.feed import FrameFeed
-from beltscape.pipeline.recording.sequence import record_sequence
-from beltscape.pipeline.recording.shots import find_next_number, record_shots
-from beltscape.pipeline.recording.trigger import KeyTrigger, TimedTrigger
-from beltscape.sinks.recording.capture_writer import CaptureWriter
+from beltscape.pipeline.recording.feed import FrameFeed, record_sequence
+from beltscape.pipeline.recording.shots import (
+    CornerCounter,
+    KeyTrigger,
+    TimedTrigger,
+    find_next_number,
+    record_shots,
+)
+from beltscape.sinks.recording import CaptureWriter
 from beltscape.target.board import CharucoBoard
 from tests.pipeline.recording.cameras import MemoryCameras
 from tests.synthetic.boards import Print, camera, facing, view

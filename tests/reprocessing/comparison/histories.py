@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.ledger import BeltRecord, FlowRecord
 from beltscape.reprocessing.comparison.comparison import Comparison, compare_ledgers
 from beltscape.reprocessing.comparison.ledger import ComparedLedger, make_columns
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.reading.runs import Run
+from beltscape.sinks.historian.events import Run
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import START_NS, ledger
 

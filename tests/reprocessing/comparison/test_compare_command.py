@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from beltscape.cli.main import main
-from beltscape.reprocessing.comparison.presentation.page import render_comparison
-from beltscape.reprocessing.comparison.presentation.summary import summarise
+from beltscape.reprocessing.comparison.page import render_comparison
+from beltscape.reprocessing.comparison.texts import summarise
 from tests.reprocessing.comparison.histories import (
     OTHER_RIG,
     compared,

@@ -12,9 +12,9 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
-from beltscape.files.documents.digest import hash_file
+from beltscape.files.json_text import hash_file
 from beltscape.reprocessing.comparison.comparison import compare_histories
-from beltscape.reprocessing.comparison.reading import read_ledger
+from beltscape.reprocessing.comparison.ledger import read_ledger
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.reprocessing.comparison.histories import PROVENANCE, measured, write_history

@@ -13,11 +13,10 @@ import numpy as np
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.pipeline.measuring.flow.instants import list_instants
+from beltscape.pipeline.measuring.instants import list_instants
 from beltscape.reprocessing.recordings.discovery import find_recordings
-from beltscape.reprocessing.recordings.reading import FrameReader
-from beltscape.reprocessing.recordings.recording import Recording, Unreadable
-from beltscape.sinks.recording.capture_writer import CaptureWriter
+from beltscape.reprocessing.recordings.recording import FrameReader, Recording, Unreadable
+from beltscape.sinks.recording import CaptureWriter
 from beltscape.sources.folder import FolderSource
 from beltscape.sources.replay import FrameTime, ReplaySource
 

@@ -15,8 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.reprocessing.recordings.archives.gzip_stream import GzipStream
-from beltscape.reprocessing.recordings.archives.member import normalise_name
+from beltscape.reprocessing.recordings.archives import GzipStream, normalise_name
 from tests.reprocessing.recordings.captures import NAME, assert_equal_frames, copy, find, pack, read, replay
 
 

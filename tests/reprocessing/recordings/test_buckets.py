@@ -11,7 +11,7 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
-from beltscape.reprocessing.recordings.reading import FrameReader
+from beltscape.reprocessing.recordings.recording import FrameReader
 from beltscape.reprocessing.recordings.storage import UnreachableError
 from tests.reprocessing.recordings.captures import (
     CAMERAS,

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.files.folders.manifest import MANIFEST, STAGING
-from beltscape.files.rasters.images import write_image
+from beltscape.files.images import write_image
+from beltscape.files.output_folder import MANIFEST, STAGING
 from beltscape.reprocessing.recordings.capture_files import find_wall_clock
 from tests.reprocessing.recordings.captures import NAME, copy, find, pack, read, write_capture
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.images import write_image
-from beltscape.reprocessing.recordings.reading import FrameReader
+from beltscape.files.images import write_image
+from beltscape.reprocessing.recordings.recording import FrameReader
 from beltscape.reprocessing.recordings.storage import UnreachableError
 from tests.reprocessing.recordings.captures import (
     CAMERAS,
@@ -148,7 +148,7 @@ def test_bytes_and_seconds_of_reading_are_counted(recorded: Path) -> None:
 def test_few_frames_are_read_ahead_and_every_file_once(
     recorded: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from beltscape.reprocessing.recordings import reading
+    from beltscape.reprocessing.recordings import recording as reading
 
     decoded: list[str] = []
     original = reading.decode_image

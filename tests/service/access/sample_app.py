@@ -9,7 +9,7 @@ import httpx
 from fastapi import Depends, FastAPI, WebSocket
 
 from beltscape.service.access import Access, User, get_socket_user, install_access, require_role
-from beltscape.service.access.identity.passwords import ScryptCost
+from beltscape.service.access.passwords import ScryptCost
 
 CHEAP = ScryptCost(log2_n=4, r=8, p=1)
 PASSWORD = "coal on the belt"

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.service.access.identity.accounts import MAX_NAME_LENGTH, normalise_name, validate_name
-from beltscape.service.access.identity.database import Database, UsersUnreadableError
-from beltscape.service.access.identity.roles import ROLES, User
+from beltscape.service.access.accounts import MAX_NAME_LENGTH, ROLES, User, normalise_name, validate_name
+from beltscape.service.access.database import Database, UsersUnreadableError
 
 PASSWORD = "coal on the belt"
 

@@ -8,12 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.service.access.requests.checks import (
-    is_host_allowed,
-    is_path_allowed,
-    is_same_origin,
-    list_own_names,
-)
+from beltscape.service.access.guard import is_host_allowed, is_path_allowed, is_same_origin, list_own_names
 
 NAMES = list_own_names(("Belt.Plant.example",))
 

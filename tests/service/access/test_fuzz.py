@@ -15,11 +15,11 @@ import requests
 from hypothesis import HealthCheck, given, settings
 from hypothesis.errors import Unsatisfiable
 
-from beltscape.core.live.events import CameraHealth, ZeroProposal
-from beltscape.core.live.findings import Finding
+from beltscape.core.events import CameraHealth, ZeroProposal
+from beltscape.core.findings import Finding
 from beltscape.service.access import Access, AccessSettings
-from beltscape.service.access.identity.roles import ROLES, Role, User
-from beltscape.service.access.identity.sessions import derive_page_token
+from beltscape.service.access.accounts import ROLES, Role, User
+from beltscape.service.access.sessions import derive_page_token
 from beltscape.service.app import create_app
 from beltscape.service.live_state import LiveState
 from beltscape.service.settings import WebSettings

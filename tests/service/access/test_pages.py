@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from fastapi import FastAPI
 
-import beltscape.service.access as access_package
+from beltscape.service import access as access_package
 from beltscape.service.access import Access, install_access
-from beltscape.service.hosting.server import serve
-from beltscape.service.languages import list_languages, read_texts
+from beltscape.service.hosting import serve
+from beltscape.service.settings import list_languages, read_texts
 from beltscape.service.static import make_static_files
 from tests.service.access.sample_app import CHEAP, PASSWORD
 from tests.service.running import Web

@@ -9,12 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.service.access.identity.passwords import (
-    ScryptCost,
-    hash_password,
-    validate_password,
-    verify_password,
-)
+from beltscape.service.access.passwords import ScryptCost, hash_password, validate_password, verify_password
 
 CHEAP = ScryptCost(log2_n=4, r=8, p=1)
 

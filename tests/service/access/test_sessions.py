@@ -9,14 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import OutputError
-from beltscape.service.access.identity.database import Database
-from beltscape.service.access.identity.roles import User
-from beltscape.service.access.identity.sessions import (
-    IN_MEMORY_LIFE_S,
-    MAX_PER_USER,
-    Sessions,
-    derive_page_token,
-)
+from beltscape.service.access.accounts import User
+from beltscape.service.access.database import Database
+from beltscape.service.access.sessions import IN_MEMORY_LIFE_S, MAX_PER_USER, Sessions, derive_page_token
 
 IDLE_S, LIFE_S = 3600.0, 10_000.0
 ANNA = User("anna", "engineer")

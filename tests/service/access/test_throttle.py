@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.service.access.limits.throttle import (
+from beltscape.service.access.throttle import (
     ACCOUNT,
     ADDRESS,
     MAX_ENTRIES,

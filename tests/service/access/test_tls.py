@@ -8,7 +8,7 @@ import time
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.service.access.tls import create_tls_context, describe_expiry, read_expiry
+from beltscape.service.tls import create_tls_context, describe_expiry, read_expiry
 from tests.service.access.certificates import make_certificate, make_expired_certificate
 
 

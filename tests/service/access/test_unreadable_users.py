@@ -7,8 +7,8 @@ import shutil
 
 import pytest
 
-from beltscape.service.access.identity import database
-from beltscape.service.access.requests.guard import UNREADABLE_USERS
+from beltscape.service.access import database
+from beltscape.service.access.guard import UNREADABLE_USERS
 from tests.service.access.sample_app import PASSWORD, Browser, make_application
 
 

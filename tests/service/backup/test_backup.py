@@ -16,10 +16,9 @@ import pytest
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.progress import Silent
 from beltscape.service.access import Access
-from beltscape.service.backup.archive import FORMS, Form, read_archive
-from beltscape.service.backup.making import make_backup
-from beltscape.service.backup.manifest import FILE
-from beltscape.service.backup.restoring import check_backup, restore_backup
+from beltscape.service.backup import make_backup
+from beltscape.service.backup_archive import FORMS, MANIFEST_FILE, Form, read_archive
+from beltscape.service.restoring import check_backup, restore_backup
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.service.access.sample_app import CHEAP, PASSWORD
@@ -162,7 +161,9 @@ def test_damage_is_named_and_leaves_nothing(plant: Plant, tmp_path: Path, form: 
                 place.write_bytes(place.read_bytes() + damage)
             with pytest.raises(InputError, match=message):
                 restore_backup(backup, new, None, Silent(), replace=False)
-        (backup / FILE).write_text((backup / FILE).read_text().replace("rig.json", "rog.json"))
+        (backup / MANIFEST_FILE).write_text(
+            (backup / MANIFEST_FILE).read_text().replace("rig.json", "rog.json")
+        )
         message = "its content contradicts its sha256"
     else:
         backup.write_bytes(backup.read_bytes()[: backup.stat().st_size // 2])
@@ -180,7 +181,7 @@ def test_a_file_that_the_manifest_does_not_name_is_refused(plant: Plant, tmp_pat
     folder = back_up(plant, tmp_path / "backups")
     path = tmp_path / "evil.tar.gz"
     with tarfile.open(path, "w:gz") as archive:
-        archive.add(folder / FILE, FILE)
+        archive.add(folder / MANIFEST_FILE, MANIFEST_FILE)
         archive.add(folder / "data" / "encoder.json", name)
     with pytest.raises(InputError, match="is not in its manifest"):
         restore_backup(path, tmp_path / "new", None, Silent(), replace=False)
@@ -210,7 +211,7 @@ def test_what_cannot_be_backed_up_leaves_nothing_behind(plant: Plant, tmp_path: 
 
 def test_a_backup_of_a_newer_program_names_it(plant: Plant, tmp_path: Path, monkeypatch) -> None:
     backup = back_up(plant, tmp_path / "backups")
-    monkeypatch.setattr("beltscape.service.backup.restoring.MIGRATIONS", ("first",))
+    monkeypatch.setattr("beltscape.service.restoring.MIGRATIONS", ("first",))
     with pytest.raises(InputError, match=r"this program knows up to 1; install beltscape"):
         check_backup(backup, Silent())
 

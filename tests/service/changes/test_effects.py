@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from beltscape.service.changes.effects import AT_ONCE, RESTART, find_effect, list_effects
+from beltscape.service.changes import AT_ONCE, RESTART, find_effect, list_effects
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "howto" / "change_without_stop.md"
 

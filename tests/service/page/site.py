@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.service.access.identity.roles import User
+from beltscape.service.access.accounts import User
 from beltscape.service.app import create_app
-from beltscape.service.hosting.server import serve
+from beltscape.service.hosting import serve
 from tests.service.feeder import PlantThread
 from tests.service.plants import PASSWORD, make_service
 

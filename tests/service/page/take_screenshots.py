@@ -21,9 +21,9 @@ from typing import Any
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright
 
-from beltscape.core.live.alarms import Alarm
+from beltscape.core.alarms import Alarm
 from beltscape.production.settings import ReportSettings, ScaleSettings
-from beltscape.service.hosting.server import serve
+from beltscape.service.hosting import serve
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.reports import ReportWriter
 from tests.service.feeder import SimulatedPlant

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 
-from beltscape.core.live.alarms import Alarm
+from beltscape.core.alarms import Alarm
 from tests.service.page.site import needs_chromium, read_text, wait_for, wait_for_change, wait_until_live
 
 pytestmark = needs_chromium

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from beltscape.core.live.alarms import Alarm
+from beltscape.core.alarms import Alarm
 from tests.service.page.site import Site, needs_chromium, read_text, wait_for, wait_until_live
 
 pytestmark = needs_chromium

@@ -7,8 +7,8 @@ from math import nan
 
 import pytest
 
-from beltscape.core.live.findings import Finding
-from beltscape.core.live.translatable_message import Message
+from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
 from beltscape.sinks.historian import StoredFinding
 from tests.service.findings import DIRT
 from tests.service.page.site import needs_chromium, read_text, wait_for, wait_until_live

@@ -7,9 +7,9 @@ from math import nan
 
 import pytest
 
-from beltscape.core.live.alarms import Alarm
-from beltscape.core.live.events import CameraHealth
-from beltscape.core.live.translatable_message import Message
+from beltscape.core.alarms import Alarm
+from beltscape.core.events import CameraHealth
+from beltscape.core.translatable_message import Message
 from tests.service.feeder import CAMERAS
 from tests.service.page.site import Site, needs_chromium, read_text, wait_for, wait_until_live
 

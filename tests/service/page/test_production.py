@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from beltscape.production.settings import ScaleSettings
-from beltscape.service.hosting.server import serve
+from beltscape.service.hosting import serve
 from beltscape.service.production.figures import ProductionFigures
 from tests.service.page.site import Site, needs_chromium, read_text, wait_for
 from tests.service.plants import add_production

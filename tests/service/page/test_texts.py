@@ -11,18 +11,18 @@ from typing import get_args
 
 import pytest
 
-from beltscape.alarms.checks import CHECKS
+from beltscape.alarms.names import CHECKS
 from beltscape.alarms.rules import RULES
-from beltscape.core.belt.ledger_entries import STANDINGS
-from beltscape.core.live.alarms import AlarmState, Severity
-from beltscape.core.live.events import CameraState
-from beltscape.core.live.findings import EFFECTS
-from beltscape.measure.flow.motion.encoder_check import Kind
-from beltscape.service import languages
-from beltscape.service.access.identity.roles import ROLES
-from beltscape.service.languages import list_languages, read_texts
+from beltscape.core.alarms import AlarmState, Severity
+from beltscape.core.events import CameraState
+from beltscape.core.findings import EFFECTS
+from beltscape.core.ledger import STANDINGS
+from beltscape.measure.flow.encoder_check import Kind
+from beltscape.service import settings
+from beltscape.service.access.accounts import ROLES
+from beltscape.service.settings import list_languages, read_texts
 from beltscape.service.static import FOLDER
-from beltscape.service.view_models.flow import Trend
+from beltscape.service.view_models import Trend
 
 TEXTS = read_texts("en")
 SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "script").glob("*.js"))}
@@ -72,17 +72,17 @@ def test_a_language_is_one_file_that_is_found_by_itself(tmp_path, monkeypatch):
         (tmp_path / file.name).write_bytes(file.read_bytes())
     header = {"language.name": "Latina", "language.locale": "la-VA", "language.tag": "la"}
     (tmp_path / "la.json").write_text(json.dumps({**TEXTS, **header}), encoding="utf-8")
-    monkeypatch.setattr(languages, "FOLDER", tmp_path)
+    monkeypatch.setattr(settings, "LANGUAGES_FOLDER", tmp_path)
     list_languages.cache_clear()
     try:
         assert list_languages()[0].code == "en"
-        assert languages.Language("la", "Latina", "la-VA", "la") in list_languages()
-        assert languages.require_language("la") == "la"
+        assert settings.Language("la", "Latina", "la-VA", "la") in list_languages()
+        assert settings.require_language("la") == "la"
     finally:
         list_languages.cache_clear()
     monkeypatch.undo()
     with pytest.raises(ValueError, match="no language 'la'; give one of en, de"):
-        languages.require_language("la")
+        settings.require_language("la")
 
 
 def test_every_used_key_exists():
@@ -117,7 +117,7 @@ def find_check_names() -> set[str]:
     for path in SOURCE.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
         names |= set(re.findall(r'\bFinding\(\s*"([a-z_]+)"', text))
-        if "core.live.findings import" in text:
+        if "core.findings import" in text:
             for line in re.findall(r'(?m)^[A-Z][A-Z_, ]* = ("[a-z_]+"(?:, "[a-z_]+")*)$', text):
                 names |= set(re.findall(r'"([a-z_]+)"', line))
     assert len(names) > 10

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from time import time_ns
 
-from beltscape.pipeline.live.operation.production import ProductionControl
-from beltscape.pipeline.live.reporting.event_log import EventLog
+from beltscape.pipeline.live.event_log import EventLog
+from beltscape.pipeline.live.production import ProductionControl
 from beltscape.production.settings import ProductionSettings, ProductSettings, ScaleSettings, ShiftSettings
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.sinks.historian import Historian

@@ -11,11 +11,11 @@ from time import time_ns
 import pytest
 
 from beltscape.core.errors import InputError, OutputError
-from beltscape.pipeline.live.operation.production import ProductionControl
+from beltscape.pipeline.live.production import ProductionControl
 from beltscape.production.settings import ReportSettings, ScaleSettings
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.reports import ReportWriter
-from beltscape.service.protocols.serving import ServedPlant
+from beltscape.service.protocols import ServedPlant
 from tests.service.access.sample_app import Browser
 from tests.service.plants import ServiceParts, add_production, make_service
 from tests.service.production.plants import make_control

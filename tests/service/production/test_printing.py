@@ -14,8 +14,7 @@ from beltscape.core.errors import InputError
 from beltscape.production.settings import ReportSettings
 from beltscape.service.production import printing
 from beltscape.service.production.printing import PrintError, check_printer, print_report
-from beltscape.service.production.report_checks import check_reports_and_printer
-from beltscape.service.production.reports import ReportWriter
+from beltscape.service.production.reports import ReportWriter, check_reports_and_printer
 from tests.service.production.plants import HOUR_NS, make_production
 from tests.sinks.ledgers import START_NS
 

@@ -24,8 +24,7 @@ from beltscape.report.production.page import render_report
 from beltscape.report.production.texts import list_languages
 from beltscape.service.production import mail
 from beltscape.service.production.mail import MailError
-from beltscape.service.production.report_checks import check_reports
-from beltscape.service.production.reports import ReportWriter
+from beltscape.service.production.reports import ReportWriter, check_reports
 from tests.service.production.plants import HOUR_NS, make_production
 from tests.sinks.ledgers import START_NS
 

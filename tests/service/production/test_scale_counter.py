@@ -14,14 +14,14 @@ import pytest
 
 from beltscape.production.scale import ScaleReading
 from beltscape.production.settings import ScaleModbusSettings, ScaleSettings
-from beltscape.service.production.figures import ProductionFigures
-from beltscape.service.production.scale_counter import (
+from beltscape.service.production.belt_scale import (
     ModbusCounter,
     ScaleError,
+    ScaleWatch,
     TableCounter,
     check_scale,
 )
-from beltscape.service.production.scale_watch import ScaleWatch
+from beltscape.service.production.figures import ProductionFigures
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.service.production.plants import make_control

@@ -16,7 +16,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.storage.day_files import read_day
+from beltscape.sinks.historian.day_files import read_day
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import START_NS, record, same
 

@@ -7,7 +7,7 @@ import pytest
 from beltscape.core.errors import InputError
 from beltscape.sinks.csv_sink import CsvSink
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.writing.catch_up import catch_up
+from beltscape.sinks.historian.recovery import catch_up
 from beltscape.sinks.settings import CsvSettings, HistorySettings
 from tests.sinks.ledgers import ledger
 

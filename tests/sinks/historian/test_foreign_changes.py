@@ -10,9 +10,7 @@ import pytest
 
 from beltscape.core.errors import OutputError
 from beltscape.files.sqlite_failures import describe_failure
-from beltscape.sinks.historian import Historian, NewEvent
-from beltscape.sinks.historian.storage import schema
-from beltscape.sinks.historian.writing import store
+from beltscape.sinks.historian import Historian, NewEvent, database, store
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import ledger
 
@@ -137,7 +135,7 @@ def test_an_unreadable_folder_is_reported_and_kept(tmp_path, monkeypatch):
         raise PermissionError(13, "Permission denied")
 
     with monkeypatch.context() as patch:
-        patch.setattr("beltscape.sinks.historian.storage.file_watch._stat", refuse)
+        patch.setattr("beltscape.sinks.historian.store._stat", refuse)
         historian.verify()
         assert "Permission denied" in historian.trouble
     historian.verify()
@@ -147,7 +145,7 @@ def test_an_unreadable_folder_is_reported_and_kept(tmp_path, monkeypatch):
 
 
 def test_a_lock_is_named_and_what_was_refused_is_stored_later(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(schema, "BUSY_S", 0.1)
+    monkeypatch.setattr(database, "BUSY_S", 0.1)
     historian = Historian(tmp_path, SETTINGS)
     historian.begin_run()
     holder = sqlite3.connect(tmp_path / "history.db", isolation_level=None)

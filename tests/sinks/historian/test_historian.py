@@ -13,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.sinks.historian import Historian, LedgerEnd
-from beltscape.sinks.historian.storage import schema
+from beltscape.sinks.historian import Historian, LedgerEnd, database
 from beltscape.sinks.settings import HistorySettings
 from tests.optional import require
 from tests.sinks.ledgers import START_NS, ledger, same, same_section
@@ -175,12 +174,12 @@ def test_older_database_is_migrated(tmp_path, monkeypatch):
     historian.write(records)
     historian.close()
     later = "ALTER TABLE records ADD COLUMN moisture REAL; CREATE TABLE further (x)"
-    monkeypatch.setattr(schema, "MIGRATIONS", (*schema.MIGRATIONS, later))
+    monkeypatch.setattr(database, "MIGRATIONS", (*database.MIGRATIONS, later))
     historian = Historian(tmp_path, SETTINGS)
     assert all_same(historian.records(*ALWAYS, sections=True), records)
     historian.close()
     with sqlite3.connect(tmp_path / "history.db") as connection:
-        assert connection.execute("PRAGMA user_version").fetchone()[0] == len(schema.MIGRATIONS)
+        assert connection.execute("PRAGMA user_version").fetchone()[0] == len(database.MIGRATIONS)
         assert connection.execute("SELECT count(moisture), count(*) FROM records").fetchone() == (0, 5)
     connection.close()
     monkeypatch.undo()

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import OutputError
+from beltscape.core.ledger import BeltRecord
 from beltscape.production.scale import ScaleReading
 from beltscape.production.sums import ProductionSums, sum_record
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.writing.recovery import DATABASE
+from beltscape.sinks.historian.recovery import DATABASE
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import START_NS, ledger, same
 

@@ -10,12 +10,12 @@ import pytest
 
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.progress import Silent
-from beltscape.service.backup.making import make_backup
-from beltscape.service.backup.restoring import restore_backup
+from beltscape.service.backup import make_backup
+from beltscape.service.restoring import restore_backup
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.storage import schema
-from beltscape.sinks.historian.storage.rows import COLUMNS, to_row
-from beltscape.sinks.historian.writing.sums import Sums
+from beltscape.sinks.historian import database as schema
+from beltscape.sinks.historian.ledger import Sums
+from beltscape.sinks.historian.records import COLUMNS, to_row
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import ledger
 
@@ -59,7 +59,7 @@ def read(database: Path) -> tuple[int, int]:
 def test_update_and_return(project: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = project.parent / "data"
     with monkeypatch.context() as older:
-        older.setattr("beltscape.service.backup.making.MIGRATIONS", schema.MIGRATIONS[:FIRST_RELEASE])
+        older.setattr("beltscape.service.backup.MIGRATIONS", schema.MIGRATIONS[:FIRST_RELEASE])
         backup = make_backup(project, tmp_path / "backups", "tar.gz", None, Silent())
 
     historian = Historian(data, SETTINGS)  # the update
@@ -74,7 +74,7 @@ def test_update_and_return(project: Path, tmp_path: Path, monkeypatch: pytest.Mo
     assert read(data / "before_update" / "history.v3.db") == (FIRST_RELEASE, RECORDS)
 
     with monkeypatch.context() as older:  # the return
-        for module in ("beltscape.sinks.historian.storage.schema", "beltscape.service.backup.restoring"):
+        for module in ("beltscape.sinks.historian.database", "beltscape.service.restoring"):
             older.setattr(f"{module}.MIGRATIONS", schema.MIGRATIONS[:FIRST_RELEASE])
         with pytest.raises(InputError, match=r"knows up to 3; .* or restore a backup .*history\.v3\.db"):
             schema.open_writer(data / "history.db")

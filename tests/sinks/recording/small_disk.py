@@ -15,7 +15,7 @@ import numpy as np
 
 from beltscape.core.frames import FrameSet
 from beltscape.files.capture import read_capture
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.sinks.recorder import Recorder
 from beltscape.sinks.settings import RecordingSettings
 

@@ -12,9 +12,9 @@ from hypothesis.extra.numpy import arrays
 
 from beltscape.core.frames import FrameSet
 from beltscape.files.capture import read_capture
-from beltscape.files.rasters.images import read_image
-from beltscape.files.tables.encoder_csv import read_encoder
-from beltscape.sinks.recording.capture_writer import CaptureWriter, format_seconds
+from beltscape.files.encoder_csv import read_encoder
+from beltscape.files.images import read_image
+from beltscape.sinks.recording import CaptureWriter, format_seconds
 
 sizes = st.tuples(st.integers(1, 12), st.integers(1, 12))
 images = st.one_of(

@@ -11,8 +11,8 @@ import pytest
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
 from beltscape.files.capture import read_capture
-from beltscape.files.tables.exposures_csv import FILE
-from beltscape.sinks.recording.capture_writer import CaptureWriter
+from beltscape.files.exposures_csv import FILE
+from beltscape.sinks.recording import CaptureWriter
 from beltscape.sources.folder import FolderSource
 from beltscape.sources.replay import FrameTime, ReplaySource
 from tests.sinks.recordings import CAMERAS, frames

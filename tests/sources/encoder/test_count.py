@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.sources.encoder.readings.count import CountUnwrapper
 from beltscape.sources.encoder.settings import EncoderSettings
+from beltscape.sources.encoder.track import CountUnwrapper
 from tests.strategies import floats
 
 STEP_NS = 10_000_000

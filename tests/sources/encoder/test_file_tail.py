@@ -7,7 +7,7 @@ import os
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.sources.encoder.file_tail import FileTail
+from beltscape.sources.encoder.tail import FileTail
 
 
 def append(path, data: bytes):

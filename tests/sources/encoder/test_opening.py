@@ -9,7 +9,7 @@ from time import monotonic, monotonic_ns, sleep
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.files.documents.toml_text import validate
+from beltscape.files.toml_text import validate
 from beltscape.sources.encoder.opening import open_encoder
 from beltscape.sources.encoder.settings import EncoderSettings
 from tests.optional import require

@@ -9,9 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.sources.encoder.offset import EncoderOffset
-from beltscape.sources.encoder.readings.stream import ReadingStream
-from beltscape.sources.encoder.readings.text import parse_reading
+from beltscape.sources.encoder.readings import EncoderOffset, ReadingStream, parse_reading
 from beltscape.sources.encoder.settings import EncoderSettings
 from tests.files.damages import DAMAGES, check_set_aside, damage_values
 from tests.strategies import floats

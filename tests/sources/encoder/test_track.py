@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.sources.encoder.readings.device_clock import DeviceClock
-from beltscape.sources.encoder.readings.track import PositionTrack
+from beltscape.sources.encoder.readings import DeviceClock
+from beltscape.sources.encoder.track import PositionTrack
 from tests.optional import require
 from tests.strategies import floats
 

@@ -12,7 +12,7 @@ from beltscape.sources.genicam.adaptive_exposure import (
     ExposureController,
     measure_level,
 )
-from beltscape.sources.genicam.matching.exposure_times import ExposureTimes
+from beltscape.sources.genicam.matching import ExposureTimes
 from beltscape.sources.genicam.settings import CamerasSettings
 
 BOUNDS = AdaptiveExposureSettings(shortest_us=100, longest_us=3000, every_s=1.0, hold_s=5.0)

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from beltscape.core.errors import InputError, SettingsError
-from beltscape.files.documents.toml_text import read_toml, validate
-from beltscape.sources.genicam.matching.position import BeltCounter
+from beltscape.files.toml_text import read_toml, validate
+from beltscape.sources.genicam.matching import BeltCounter
 from beltscape.sources.genicam.pixels import FORMATS
 from beltscape.sources.genicam.settings import CameraEncoderSettings, CamerasSettings, PixelFormat
 from beltscape.sources.genicam.source import open_cameras

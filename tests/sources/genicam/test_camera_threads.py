@@ -10,8 +10,8 @@ import pytest
 
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet
-from beltscape.sources.genicam.access.camera import TriggerPace
-from beltscape.sources.genicam.access.device import RawImage
+from beltscape.sources.genicam.camera import TriggerPace
+from beltscape.sources.genicam.device import RawImage
 from beltscape.sources.genicam.health import find_brightness_fault
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import READY, GenicamSource

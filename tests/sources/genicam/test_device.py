@@ -6,7 +6,7 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from beltscape.sources.genicam.access import device
+from beltscape.sources.genicam import device
 from beltscape.sources.genicam.settings import CamerasSettings
 
 

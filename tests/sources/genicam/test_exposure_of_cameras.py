@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.sources.genicam.fake.camera import scale_exposure
-from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
+from beltscape.sources.fake_genicam.camera import scale_exposure
+from beltscape.sources.fake_genicam.simulated_cameras import SimulatedCameras
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import open_cameras
 from tests.sources.genicam.test_camera_threads import Steered, fetch, source_of

@@ -12,10 +12,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from beltscape.cli.commands.operating import cameras
+from beltscape.cli.commands import cameras
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
+from beltscape.sources.fake_genicam.simulated_cameras import SimulatedCameras
 from beltscape.sources.genicam.health import START_IMAGES
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import open_cameras

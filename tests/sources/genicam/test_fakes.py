@@ -12,12 +12,10 @@ from hypothesis import strategies as st
 
 from beltscape.alarms.settings import CameraSkew
 from beltscape.core.errors import InputError
-from beltscape.files.rasters.images import write_image
-from beltscape.sources.genicam.fake.__main__ import project_tables
-from beltscape.sources.genicam.fake.album import pixel_format, read_album, write_album
-from beltscape.sources.genicam.fake.capture import read_pictures
-from beltscape.sources.genicam.fake.instants import InstantCounter
-from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
+from beltscape.files.images import write_image
+from beltscape.sources.fake_genicam.__main__ import project_tables
+from beltscape.sources.fake_genicam.camera import InstantCounter, pixel_format, read_album, write_album
+from beltscape.sources.fake_genicam.simulated_cameras import SimulatedCameras, read_pictures
 from beltscape.sources.genicam.settings import CamerasSettings
 
 PERIOD_NS = 100_000_000

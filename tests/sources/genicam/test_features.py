@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from beltscape.core.errors import InputError
-from beltscape.sources.genicam.access.features import Features
+from beltscape.sources.genicam.device import Features
 from beltscape.sources.genicam.settings import CamerasSettings
 
 LIB = SimpleNamespace(

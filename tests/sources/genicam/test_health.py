@@ -7,7 +7,7 @@ from math import isnan
 import pytest
 
 from beltscape.sources.genicam.health import SKEWED_FROM, START_IMAGES, CameraMonitor, assess_health
-from beltscape.sources.genicam.matching.types import CameraStatistics
+from beltscape.sources.genicam.matching import CameraStatistics
 from beltscape.sources.genicam.settings import CamerasSettings
 
 SETTINGS = CamerasSettings(devices={"cam0": "10.0.0.5"}, frames_per_s=10)

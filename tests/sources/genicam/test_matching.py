@@ -10,8 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.sources.genicam.matching.matcher import InstantMatcher, count_missing
-from beltscape.sources.genicam.matching.types import CameraImage, MatchedInstant, MatchingRules
+from beltscape.sources.genicam.matching import (
+    CameraImage,
+    InstantMatcher,
+    MatchedInstant,
+    MatchingRules,
+    count_missing,
+)
 
 MS = 1_000_000
 PERIOD = 100 * MS

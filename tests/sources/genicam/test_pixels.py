@@ -107,7 +107,7 @@ def test_unsupported_or_short_buffer_is_refused():
 
 def test_codes_are_aravis_s():
     from beltscape.core.errors import SettingsError
-    from beltscape.sources.genicam.access.aravis import load_aravis
+    from beltscape.sources.genicam.aravis import load_aravis
 
     try:
         lib = load_aravis()

@@ -10,9 +10,9 @@ import pytest
 from beltscape.cli.main import main
 from beltscape.files.camera_types import CameraType, read_camera_types
 from beltscape.files.capture import read_capture
-from beltscape.files.rasters.images import read_image
-from beltscape.files.tables.encoder_csv import read_encoder
-from beltscape.sources.genicam.fake.simulated_cameras import SimulatedCameras
+from beltscape.files.encoder_csv import read_encoder
+from beltscape.files.images import read_image
+from beltscape.sources.fake_genicam.simulated_cameras import SimulatedCameras
 
 NAMES = ("cam0", "cam1")
 PICTURES = {

@@ -12,14 +12,13 @@ from beltscape.core.progress import Silent
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.stereo.consistency.check import check_consistency
-from beltscape.stereo.consistency.diagnosis.exchange import find_exchange_among
-from beltscape.stereo.consistency.diagnosis.fault_texts import list_faults
-from beltscape.stereo.consistency.diagnosis.fitting_points import FittingPoints
-from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
-from beltscape.stereo.consistency.systematic_residual import estimate_systematic_residual
+from beltscape.stereo.consistency.diagnosis import list_faults
+from beltscape.stereo.consistency.pose_change import apply_pose_change
+from beltscape.stereo.consistency.residuals import estimate_systematic_residual
 from beltscape.stereo.consistency.tolerance import compute_least_px, compute_tolerance
+from beltscape.stereo.consistency.wrong_images import FittingPoints, find_exchange_among
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
 from tests.synthetic.demo import DEMO, TRUE_RIG
 
 RANGE_MM = 570.0, 750.0

@@ -8,12 +8,11 @@ import pytest
 from beltscape.simulate.rig_and_projector import make_station
 from beltscape.simulate.scenario import RigSpec
 from beltscape.stereo.consistency.check import assess_tie_points
-from beltscape.stereo.consistency.diagnosis.fault_texts import list_faults
-from beltscape.stereo.consistency.faults.isolation import compute_frame_residuals, isolate_faults
-from beltscape.stereo.consistency.faults.moved_cameras import list_hypotheses
-from beltscape.stereo.consistency.faults.pose_change import apply_pose_change
-from beltscape.stereo.consistency.systematic_residual import BLOCKS, find_blocks
-from beltscape.stereo.consistency.tie_points.tie_points import TiePoints, join_tie_points
+from beltscape.stereo.consistency.diagnosis import list_faults
+from beltscape.stereo.consistency.isolation import compute_frame_residuals, isolate_faults
+from beltscape.stereo.consistency.pose_change import apply_pose_change, list_hypotheses
+from beltscape.stereo.consistency.residuals import BLOCKS, find_blocks
+from beltscape.stereo.consistency.tie_points import TiePoints, join_tie_points
 from beltscape.stereo.consistency.tolerance import compute_tolerance
 
 HEIGHT_MM = 750.0

@@ -11,13 +11,18 @@ import pytest
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
 from beltscape.evaluate.real_pairs.read_pairs import read_dice_auto, read_motorcycle
-from beltscape.pipeline.reconstructing.camera_checks.check import CameraCheck
+from beltscape.pipeline.reconstructing.camera_checks import CameraCheck
 from beltscape.stereo.consistency.check import check_consistency
-from beltscape.stereo.consistency.diagnosis.diagnosis import add_instant, diagnose_cameras, find_causes
-from beltscape.stereo.consistency.diagnosis.fault_texts import describe_undecided, list_faults
-from beltscape.stereo.consistency.row_fit import NO_FIT, fit_rows
+from beltscape.stereo.consistency.diagnosis import (
+    add_instant,
+    describe_undecided,
+    diagnose_cameras,
+    find_causes,
+    list_faults,
+)
+from beltscape.stereo.consistency.rig_consistency import NO_FIT, fit_rows
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
 from tests.synthetic.dotted_room import Arrangement, compute_room_depth, falsify, make_room_rig, render_room
 
 WIDTH_PX = 760

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.markers.correspondence import align_grids
-from beltscape.stereo.markers.grid import MarkerGrid
+from beltscape.stereo.markers.grid import MarkerGrid, align_grids
 from tests.stereo.raycast import make_world_rig
 
 RNG = np.random.default_rng(8)

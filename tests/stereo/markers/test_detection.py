@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.stereo.markers.detection import detect_markers
 from beltscape.stereo.markers.grid import detect_marker_grid
 from tests.stereo.projected import MARKERS, compute_luminance, make_view, project_points, render_pattern

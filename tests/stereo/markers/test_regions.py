@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.stereo.markers.detection import MarkerDetections
-from beltscape.stereo.markers.grid import arrange_in_grid, detect_marker_grid
-from beltscape.stereo.markers.regions import compute_region_outline
+from beltscape.stereo.markers.grid import arrange_in_grid, compute_region_outline, detect_marker_grid
 from tests.stereo.projected import MARKERS, compute_luminance, make_view, project_points, render_pattern
 
 SIZE = (816, 680)

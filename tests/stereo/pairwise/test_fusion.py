@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.stereo.pairwise.fusion import fuse_depths
+from beltscape.stereo.pairwise.reconstructor import fuse_depths
 from tests.strategies import seeds
 
 

@@ -9,13 +9,13 @@ from beltscape.core.errors import ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.depth import score_depth
+from beltscape.evaluate.depth_scores import score_depth
 from beltscape.stereo.pairwise.reconstructor import (
     PairwiseReconstructor,
     find_horizontal_auxiliary,
     reconstruct_pairwise,
 )
-from beltscape.stereo.pairwise.settings import PairwiseSettings
+from beltscape.stereo.settings import PairwiseSettings
 from tests.stereo.raycast import compute_true_depth, make_world_rig, render_frame
 from tests.stereo.rendered import needs_rendered, read_halved_frames, read_halved_rig, read_halved_truth
 

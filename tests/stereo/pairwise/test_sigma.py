@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.stereo.pairwise.fusion import fuse_depths
-from beltscape.stereo.pairwise.sigma import estimate_sigma
+from beltscape.stereo.pairwise.reconstructor import estimate_sigma, fuse_depths
 
 SCALE = 700.0**2
 """px·mm: at 700 mm one pixel of disparity is one millimetre."""

@@ -9,7 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
-from beltscape.stereo.pointcloud.cloud import CloudBuilder, cloud_from_depth, undistort_image
+from beltscape.stereo.pointcloud import CloudBuilder, cloud_from_depth, undistort_image
 from tests.stereo.raycast import make_camera
 
 CAMERA = make_camera("cam0", (120, 90))

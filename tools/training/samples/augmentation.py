@@ -11,12 +11,11 @@ import numpy as np
 
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
-from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import scale_rig
+from beltscape.core.geometry.rig import Rig, scale_rig
 from beltscape.core.progress import Silent
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
-from beltscape.stereo.multiview.initialisation.depth_range import find_depth_range
+from beltscape.stereo.multiview.depth_range import find_depth_range
 
 Images = dict[str, np.ndarray]
 Augmentation = Callable[[Images], Images]

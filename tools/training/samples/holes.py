@@ -11,8 +11,8 @@ from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.pose import Pose
-from beltscape.evaluate.truth.true_belt import find_true_belt
-from beltscape.files.documents.json_text import read_json
+from beltscape.evaluate.truth import find_true_belt
+from beltscape.files.json_text import read_json
 from beltscape.measure.holes.fill import compute_hole_inputs
 from beltscape.measure.surface import Grid
 from beltscape.measure.volume.load import Load, compute_load

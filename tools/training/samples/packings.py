@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from beltscape.measure.lumps.raster import blur, fill_gaps
+from beltscape.measure.lumps.features import blur, fill_gaps
 
 SHAPE = (240, 240)
 """Rows and columns of a packing: the widest features reach over a fifth of it."""

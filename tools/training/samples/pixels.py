@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from beltscape.core.progress import Silent
-from beltscape.evaluate.scores.depth import interior_mask
-from beltscape.kernels.selection.candidates import Candidates
-from beltscape.stereo.multiview.confidence.features import (
+from beltscape.evaluate.depth_scores import interior_mask
+from beltscape.kernels.selection import Candidates
+from beltscape.stereo.multiview.candidates import UNCERTAIN, CandidateSelector
+from beltscape.stereo.multiview.features import (
     ConfidenceInputs,
+    MatcherState,
     compute_initial_features,
     compute_selection_features,
 )
-from beltscape.stereo.multiview.confidence.refined_features import RefinementInputs
-from beltscape.stereo.multiview.frame.parallel import Pixels
+from beltscape.stereo.multiview.parallel import Pixels
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.selection.candidates import UNCERTAIN, CandidateSelector
-from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.multiview.state import MatcherState
+from beltscape.stereo.multiview.refined_features import RefinementInputs
+from beltscape.stereo.settings import MultiviewSettings
 from training.samples.augmentation import TrainingFrame, training_frames
 
 ALONG_MM = 240.0

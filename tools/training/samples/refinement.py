@@ -12,7 +12,7 @@ import numpy as np
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.learned.registry import load_network
-from beltscape.stereo.multiview.confidence.estimate import (
+from beltscape.stereo.multiview.estimate import (
     FIRST_UNCERTAIN,
     RefinementInputs,
     assign_addresses,
@@ -20,8 +20,8 @@ from beltscape.stereo.multiview.confidence.estimate import (
     mask_accepted,
     mask_uncertain,
 )
-from beltscape.stereo.multiview.confidence.features import ConfidenceInputs, compute_initial_features
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.multiview.features import ConfidenceInputs, compute_initial_features
+from beltscape.stereo.settings import MultiviewSettings
 from training.cache import write_whole
 from training.samples.augmentation import TrainingFrame, training_frames
 from training.samples.pixels import Truth, make_matcher, read_truth

@@ -1,14 +1,19 @@
-"""Detected board corners, the data of every calibration."""
+"""Detected board corners, the data of every calibration.
+
+Corners outside the domain of a given lens have no ray and are not used.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.geometry.camera import Camera
 from beltscape.files.camera_types import CameraType
+from beltscape.target.planar_boards import MIN_CORNERS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,3 +90,23 @@ def has_planar_extent(points: NDArray[np.float64]) -> bool:
         return False
     singular_values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(singular_values[1] > 0.05 * singular_values[0])
+
+
+def drop_beyond_domains(detections: BoardDetections, cameras: Mapping[str, Camera]) -> BoardDetections:
+    """Return the detections without the corners of ``cameras`` that lie beyond their lens's domain of validity.
+
+    Views that keep fewer corners than a detection needs are left out.
+    """
+    views = {
+        name: _restrict_views(own, cameras[name]) if name in cameras else own
+        for name, own in detections.views.items()
+    }
+    return replace(detections, views=views)
+
+
+def _restrict_views(views: Mapping[str, Corners], camera: Camera) -> Mapping[str, Corners]:
+    within = {
+        frame: corners.select(np.isfinite(camera.undistort(corners.pixels)[:, 0]))
+        for frame, corners in views.items()
+    }
+    return {frame: corners for frame, corners in within.items() if len(corners) >= MIN_CORNERS}

@@ -14,14 +14,19 @@ from numpy.typing import NDArray
 
 from beltscape.calibration.detection.board_mismatch import describe_contradiction, describe_shown_board
 from beltscape.calibration.detection.corners import BoardDetections, Corners
-from beltscape.calibration.detection.detector import Detector, PrintVariant, add_back_side, make_detector
-from beltscape.calibration.detection.grey import convert_to_8_bit
-from beltscape.calibration.solver.deterministic import single_thread
+from beltscape.calibration.detection.detector import (
+    Detector,
+    PrintVariant,
+    add_back_side,
+    convert_to_8_bit,
+    make_detector,
+)
+from beltscape.calibration.solver.levenberg_marquardt import single_thread
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.files.camera_types import read_camera_types
 from beltscape.files.capture import Capture
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.target.board import AprilGrid, Board, BoardSet, CharucoBoard
 
 _GOING_ON = "; going on without this image"

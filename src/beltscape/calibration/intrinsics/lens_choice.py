@@ -15,8 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections
-from beltscape.calibration.intrinsics.lens_fits import HeldOutErrors, fit_model, hold_out, predict_gain
-from beltscape.calibration.intrinsics.lens_starts import find_reach_px
+from beltscape.calibration.intrinsics.lens_fits import (
+    HeldOutErrors,
+    find_reach_px,
+    fit_model,
+    hold_out,
+    predict_gain,
+)
 from beltscape.calibration.intrinsics.zhang import MIN_VIEWS, MonocularCalibration, calibrate_camera
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera

@@ -16,9 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
-from beltscape.calibration.intrinsics.prior_fit import LensGuess, fit_with_guess
-from beltscape.calibration.intrinsics.zhang import MonocularCalibration, reject_outlying_views
-from beltscape.calibration.solver.perspective import fit_view_pose
+from beltscape.calibration.intrinsics.zhang import (
+    LensGuess,
+    MonocularCalibration,
+    fit_with_guess,
+    reject_outlying_views,
+)
+from beltscape.calibration.solver.lens import fit_view_pose
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 

@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
-from beltscape.calibration.solver.lens import list_parameters, pack_intrinsics
-from beltscape.calibration.solver.projection import differentiate_by_pose, project_with_jacobians
+from beltscape.calibration.solver.lens import (
+    differentiate_by_pose,
+    list_parameters,
+    pack_intrinsics,
+    project_with_jacobians,
+)
 from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]

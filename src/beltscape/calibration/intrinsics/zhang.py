@@ -1,4 +1,8 @@
-"""Monocular calibration of one camera by Zhang's method (the paper's Section 2.2.1)."""
+"""Monocular calibration of one camera by Zhang's method (the paper's Section 2.2.1).
+
+The bundle adjustment of one camera refines its lens and the poses of the boards that it sees. With prior knowledge of
+the lens the calibration starts at that lens.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +14,62 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
-from beltscape.calibration.intrinsics.one_camera import set_up_adjustment
-from beltscape.calibration.solver.bundle import Bundle
-from beltscape.calibration.solver.bundle_data import Geometry
-from beltscape.calibration.solver.lens import list_parameters, unpack_intrinsics
-from beltscape.calibration.solver.lens_prior import LensPrior
+from beltscape.calibration.solver.bundle import (
+    Bundle,
+    BundlePrior,
+    Geometry,
+    Observations,
+    estimate_robust_sigma,
+)
+from beltscape.calibration.solver.lens import (
+    LensPrior,
+    compute_lens_prior,
+    fit_view_pose,
+    list_parameters,
+    pack_intrinsics,
+    unpack_intrinsics,
+)
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
-from beltscape.calibration.solver.perspective import fit_view_pose
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
+
+Array = NDArray[np.float64]
+
+
+def set_up_adjustment(
+    views: Mapping[str, Corners],
+    camera: Camera,
+    poses: Sequence[Pose],
+    board_mm: Array,
+    *,
+    prior: tuple[Array, Array] | None = None,
+    fixed: tuple[str, ...] = (),
+    sigma_px: float = 1.0,
+) -> tuple[Bundle, Geometry]:
+    """Return the adjustment of a camera's lens and of the board's pose in each of its views, and its start.
+
+    Parameters
+    ----------
+    poses
+        cam_from_board of the views, in their order.
+    prior
+        Mean (W,) and information (W, W) of the intrinsics; None: no prior knowledge.
+    fixed
+        Parameters that keep their values.
+    sigma_px
+        One standard deviation of a corner's coordinate.
+    """
+    row = pack_intrinsics(camera)
+    mean, information = prior or (row, np.zeros((len(row), len(row))))
+    free = np.array([name not in fixed for name in list_parameters(camera.model)])
+    known = BundlePrior((camera.model,), mean[None], information[None], free[None], board_mm, np.zeros(3))
+    rotations, shifts = [pose.rotation for pose in poses], [pose.translation_mm for pose in poses]
+    identity = np.eye(3)[None], np.zeros((1, 3))
+    state = Geometry(row[None], *identity, np.stack(rotations), np.stack(shifts), board_mm)
+    observed = Observations.from_views((0, i, c.ids, c.pixels) for i, c in enumerate(views.values()))
+    return Bundle(replace(observed, sigma_px=np.full(len(observed.pixels), sigma_px)), known), state
+
 
 MIN_VIEWS = 3
 """Zhang's equations need three views in general position."""
@@ -217,3 +267,87 @@ def _run_opencv(
     focal = np.array([matrix[0, 0], matrix[1, 1]])
     camera = Camera(name, size, focal, matrix[:2, 2].copy(), distortion.ravel()[:5].copy())
     return camera, [Pose.of(r, t) for r, t in zip(rotations, translations, strict=True)]
+
+
+START_NOISE_PX, LEAST_NOISE_PX = 0.3, 0.02
+"""Noise of a corner that is assumed first, and the least that is assumed of residuals (detections reach 0.01 px)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LensGuess:
+    """A lens that a camera is expected to have."""
+
+    camera: Camera
+    """Its size is that of the camera's images; the principal point is the guess's too."""
+    focal_sigma: float
+    """One standard deviation of the focal length about that of the guess, over the focal length."""
+    fixed: tuple[str, ...] = ("k3",)
+    """Parameters that keep the guess's value."""
+
+    def compute_prior(self) -> tuple[Array, Array]:
+        """Return mean (W,) and information (W, W): that of lenses in general, and the guessed focal length."""
+        general, information = compute_lens_prior(self.camera)
+        guess = np.zeros_like(information)
+        guess[[0, 1], [0, 1]] = 1 / (self.focal_sigma * self.camera.focal_px) ** 2
+        total = information + guess
+        mean = np.linalg.solve(total, information @ general + guess @ pack_intrinsics(self.camera))
+        return np.asarray(mean, np.float64), total
+
+
+def fit_with_guess(views: Mapping[str, Corners], board_mm: Array, guess: LensGuess) -> MonocularCalibration:
+    """Calibrate one camera from its views, started at a guessed lens, which is a prior of its focal length.
+
+    Raises
+    ------
+    CalibrationError
+        When the corners cannot be seen through the guessed lens, or the iteration does not converge.
+    """
+    poses = [fit_view_pose(guess.camera, board_mm[c.ids], c.pixels) for c in views.values()]
+    names, camera, prior = list_parameters(guess.camera.model), guess.camera, guess.compute_prior()
+    free = np.array([name not in guess.fixed for name in names])
+    noise_px, state = START_NOISE_PX, None
+    try:
+        for tolerance in (1e-5, 1e-9):
+            bundle, start = set_up_adjustment(
+                views, camera, poses, board_mm, prior=prior, fixed=guess.fixed, sigma_px=noise_px
+            )
+            minimum = minimise(bundle, state or start, Damping(tolerance=tolerance))
+            state, errors = minimum.state, bundle.compute_errors_px(minimum.state)
+            noise_px = max(estimate_robust_sigma(errors), LEAST_NOISE_PX)
+        variance = np.diag(bundle.linearise(state).covariance())
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(
+            f"camera {camera.name}: no lens near the guessed one fits its views"
+        ) from error
+    if not (np.isfinite(errors).all() and (variance > 0).all()):
+        raise CalibrationError(f"camera {camera.name}: no lens near the guessed one fits its views")
+    return _summarise(
+        views, camera, state, errors, dict(zip(np.array(names)[free], variance, strict=True)), guess
+    )
+
+
+def to_noise_px(rms_px: float) -> float:
+    """Return the noise of a corner's coordinate that is assumed for residuals of an RMS length."""
+    return max(rms_px / np.sqrt(2), LEAST_NOISE_PX)
+
+
+def _summarise(
+    views: Mapping[str, Corners],
+    camera: Camera,
+    state: Geometry,
+    errors_px: Array,
+    variance: Mapping[str, float],
+    guess: LensGuess,
+) -> MonocularCalibration:
+    squares = (errors_px**2).sum(axis=1)
+    frame = np.repeat(np.arange(len(views)), [len(corners) for corners in views.values()])
+    per_view = np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
+    boards = zip(views, state.board_rotation, state.board_translation_mm, strict=True)
+    return MonocularCalibration(
+        camera=unpack_intrinsics(camera, state.intrinsics[0]),
+        sigma={name: float(np.sqrt(variance.get(name, 0.0))) for name in list_parameters(camera.model)},
+        rms_px=float(np.sqrt(squares.mean())),
+        cam_from_board={frame: Pose(rotation, shift) for frame, rotation, shift in boards},
+        view_rms_px=dict(zip(views, per_view.tolist(), strict=True)),
+        fixed=guess.fixed,
+    )

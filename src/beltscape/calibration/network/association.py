@@ -13,11 +13,12 @@ from scipy.special import gammaincc
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.network.pairs import Pair
 from beltscape.calibration.network.pose_chains import (
+    adjoint,
     compute_joint_covariance,
     find_pair_chain,
     list_triangles,
+    log,
 )
-from beltscape.calibration.solver.se3 import adjoint, log
 from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]

@@ -12,12 +12,15 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from beltscape.calibration.network.association import CameraNetwork, compute_path_errors
 from beltscape.calibration.network.pose_chains import (
     PoseChain,
+    adjoint,
     compute_joint_covariance,
+    exp,
     find_pair_chain,
+    left_jacobian_inverse,
     list_triangles,
+    log,
 )
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
-from beltscape.calibration.solver.se3 import adjoint, exp, left_jacobian_inverse, log
 from beltscape.core.geometry.pose import Pose
 
 Array = NDArray[np.float64]

@@ -17,8 +17,7 @@ from beltscape.calibration.intrinsics.sensitivity import (
     compute_pair_sensitivity,
 )
 from beltscape.calibration.intrinsics.zhang import OUTLIER_FACTOR, MonocularCalibration
-from beltscape.calibration.solver.bundle import Bundle
-from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
+from beltscape.calibration.solver.bundle import Bundle, BundlePrior, Geometry, Observations
 from beltscape.calibration.solver.lens import stack_intrinsics
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
 from beltscape.core.errors import CalibrationError

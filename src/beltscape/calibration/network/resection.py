@@ -8,17 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import Corners
-from beltscape.calibration.solver.lens import stack_intrinsics
-from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
-from beltscape.calibration.solver.perspective import count_usable_points, fit_view_pose
-from beltscape.calibration.solver.projection import (
+from beltscape.calibration.solver.lens import (
     ModelRows,
+    count_usable_points,
     differentiate_by_pose,
+    fit_view_pose,
     group_by_model,
     project_points,
     project_with_jacobians,
     rotate_vectors,
+    stack_intrinsics,
 )
+from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
 from beltscape.core.geometry.rig import Rig
 

@@ -1,7 +1,6 @@
-"""Numerical parts of the calibration: normal equations, Levenberg–Marquardt, SE(3), projection.
+"""Numerical parts of the calibration: bundle adjustment, Levenberg–Marquardt, lenses.
 
-`bundle` adjusts the data of `bundle_data`: `levenberg_marquardt` minimises, `schur` eliminates the board poses from
-the normal equations, `robust` weights the residuals. `projection` gives their Jacobians, `lens` and `lens_prior` the
-parameters of lenses, `se3` those of poses. `perspective` is the pose from one view; `deterministic` keeps all of it
-on one thread.
+`bundle` adjusts its data with robust statistics; `levenberg_marquardt` minimises, eliminates the board poses
+from the normal equations, and keeps all of it on one thread. `lens` has the parameters of lenses, the
+projection of points with its Jacobians, and the pose from one view.
 """

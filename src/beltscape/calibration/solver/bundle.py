@@ -1,26 +1,95 @@
-"""Bundle adjustment of intrinsics, camera poses, board poses and the board's shape from all corners together."""
+"""Bundle adjustment of intrinsics, camera poses, board poses and the board's shape from all corners together.
+
+Its data are the observed corners, the adjusted geometry and the prior. Its statistics are robust: Student weights,
+each camera's noise, and outlier rejection.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
-from beltscape.calibration.solver.bundle_data import BundlePrior, Geometry, Observations
-from beltscape.calibration.solver.projection import (
+from beltscape.calibration.solver.lens import (
     differentiate_by_pose,
     group_by_model,
     project_points,
     project_with_jacobians,
     rotate_vectors,
 )
-from beltscape.calibration.solver.schur import LinearisedBundle
+from beltscape.calibration.solver.levenberg_marquardt import LinearisedBundle
 from beltscape.core.geometry.pose import rotation_from_vector
+from beltscape.core.statistics import MAD_TO_SIGMA
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """All corners, one row each, sorted by frame."""
+
+    camera: Indices
+    """(N,) index of the camera."""
+    frame: Indices
+    """(N,) index of the frame, ascending."""
+    point: Indices
+    """(N,) index of the board's corner."""
+    pixels: Array
+    """(N, 2) detected position."""
+    sigma_px: Array
+    """(N,) one standard deviation of each coordinate."""
+
+    @classmethod
+    def from_views(cls, views: Iterable[tuple[int, int, Indices, Array]]) -> Observations:
+        """Concatenate views, each as camera, frame, ids (n,) and pixels (n, 2) of its corners; σ is 1 px."""
+        rows = [
+            (np.full(len(ids), camera), np.full(len(ids), frame), ids, px) for camera, frame, ids, px in views
+        ]
+        camera, frame, point, pixels = (np.concatenate(column) for column in zip(*rows, strict=True))
+        return cls(camera, frame, point, pixels, np.ones(len(pixels)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Geometry:
+    """The quantities that the bundle adjustment estimates."""
+
+    intrinsics: Array
+    """(C, W) fx, fy, cx, cy and the coefficients of each camera's lens model, zeros beyond them."""
+    cam_rotation: Array
+    """(C, 3, 3) cam_from_core; camera 0 is the core."""
+    cam_translation_mm: Array
+    """(C, 3)."""
+    board_rotation: Array
+    """(F, 3, 3) core_from_board."""
+    board_translation_mm: Array
+    """(F, 3)."""
+    points_mm: Array
+    """(P, 3) the board's corners in its own frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BundlePrior:
+    """Prior knowledge of lenses and board, and which parameters are fixed."""
+
+    models: tuple[str, ...]
+    """(C,) name of each camera's lens model."""
+    intrinsics: Array
+    """(C, W) as in `Geometry`."""
+    intrinsics_information: Array
+    """(C, W, W) inverse covariance about them; 0 is no information."""
+    intrinsics_free: NDArray[np.bool_]
+    """(C, W) which parameters are adjusted; the others are fixed, as are those that a model does not have."""
+    points_mm: Array
+    """(P, 3) the nominal board."""
+    points_sigma_mm: Array
+    """(3,) one standard deviation of a corner about its nominal position in x, y, z; 0 fixes it there."""
+    fixed_poses: tuple[int, ...] = ()
+    """Cameras, by number, whose pose is fixed; the core's, 0, always is."""
+
 
 GAUGE = 1e8
 """Information that fixes the board's seven gauge modes (pose and scale) at their nominal values."""
@@ -257,3 +326,62 @@ def _build_gauge_modes(points_mm: Array) -> Array:
     turns = [np.cross(axis, centered) for axis in np.eye(3)]
     modes = np.stack([mode.ravel() for mode in (*shifts, *turns, centered)])
     return np.linalg.qr(modes.T)[0].T
+
+
+STUDENT_DOF = 5.0
+"""Degrees of freedom of Student's t, which weights corners while the board's shape is estimated."""
+MAX_DEVIATION = 4.5
+"""Corners with larger errors, in standard deviations, are left out of the final adjustment."""
+MIN_SHARE = 0.5
+"""A view with a smaller share of accepted corners is left out as a whole."""
+
+
+def estimate_robust_sigma(values: Array) -> float:
+    """Return the standard deviation of values about zero from their median absolute value; NaN without any."""
+    return float(MAD_TO_SIGMA * np.median(np.abs(values))) if values.size else float("nan")
+
+
+def compute_student_weights(squared: Array) -> Array:
+    """Return Student weights (N,) of corners with squared standardised errors (N,)."""
+    return (STUDENT_DOF + 2) / (STUDENT_DOF + squared)
+
+
+def estimate_student_sigma(bundle: Bundle, geometry: Geometry, sigma: Array, spread: float) -> Array:
+    """Return the scale (C,) of Student's t for each camera's errors, by one step of expectation-maximisation."""
+    camera = bundle.observations.camera
+    squared = (bundle.compute_errors_px(geometry) ** 2).sum(axis=1)
+    weights = compute_student_weights(squared / sigma[camera] ** 2)
+    total = np.bincount(camera, weights * squared, minlength=len(sigma))
+    count = 2 * np.bincount(camera, minlength=len(sigma)).clip(1)
+    return _limit_spread(np.sqrt(total / count), count, spread)
+
+
+def select_corners(bundle: Bundle, geometry: Geometry, spread: float) -> tuple[NDArray[np.bool_], Array]:
+    """Return the accepted corners and each camera's noise from them, corrected for the degrees of freedom."""
+    errors, camera = bundle.compute_errors_px(geometry), bundle.observations.camera
+    cameras = len(geometry.intrinsics)
+    robust = np.array([estimate_robust_sigma(errors[camera == c]) for c in range(cameras)])
+    robust = _limit_spread(robust, np.bincount(camera, minlength=cameras), spread)
+    kept = _mask_whole_views(
+        np.linalg.norm(errors, axis=1) < MAX_DEVIATION * robust[camera], bundle.observations
+    )
+    fitted = len(bundle.free) + 6 * len(geometry.board_rotation)
+    share = 1 - fitted / max(2 * int(kept.sum()), fitted + 1)
+    sigma = np.array([np.sqrt((errors[kept & (camera == c)] ** 2).mean() / share) for c in range(cameras)])
+    return kept, _limit_spread(sigma, np.bincount(camera[kept], minlength=cameras), spread)
+
+
+def _limit_spread(sigma: Array, count: NDArray[np.intp], spread: float) -> Array:
+    """Return each camera's noise, limited to within a factor ``spread`` of the rig's.
+
+    Without the limit one camera's noise shrinks to 0: the larger its weight, the better boards and shape fit it.
+    """
+    pooled = float(np.sqrt((count * sigma**2).sum() / count.sum()))
+    return np.clip(sigma, pooled / spread, pooled * spread)
+
+
+def _mask_whole_views(kept: NDArray[np.bool_], observations: Observations) -> NDArray[np.bool_]:
+    """Remove the remaining corners of views that lost most of theirs: the board moved, the rest agree by chance."""
+    view = observations.frame * (observations.camera.max() + 1) + observations.camera
+    share = np.bincount(view, kept) / np.bincount(view).clip(1)
+    return kept & (share[view] >= MIN_SHARE)

@@ -1,1 +1,5 @@
-"""One module per command, of its name, in the folder of its group: parse, call one function, print."""
+"""One module per command, of its name: parse, call one function, print.
+
+``beltscape measure`` and ``beltscape evaluate`` have a module for each quantity and each evaluation, such as
+``measure_belt``.
+"""

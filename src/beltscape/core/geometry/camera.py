@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.checks import require_array, require_number, require_text, show_value
+from beltscape.core.checks import is_list_or_tuple, require_array, require_number, require_text, show_value
 from beltscape.core.errors import ArgumentError
-from beltscape.core.geometry.lens import MODELS, domain, tilt
-from beltscape.core.geometry.lens.model import LensModel
-from beltscape.core.type_guards import is_list_or_tuple
+from beltscape.core.geometry import lens_domain, tilt
+from beltscape.core.geometry.lens import MODELS, LensModel
 
 Array = NDArray[np.float64]
 
@@ -72,11 +71,11 @@ class Camera:
         The lens model is one to one within it, and the calibration holds (`valid_radius_px`). Directions beyond it
         have no pixel, and their pixels no direction.
         """
-        turning = domain.find_valid_radius(self.model, self.distortion)
+        turning = lens_domain.find_valid_radius(self.model, self.distortion)
         if self.valid_radius_px is None:
             return turning
         image_radius = self.valid_radius_px / float(self.focal_px.mean())
-        return domain.find_radius_of_image_radius(self.model, self.distortion, image_radius)
+        return lens_domain.find_radius_of_image_radius(self.model, self.distortion, image_radius)
 
     def project(self, points_mm: NDArray[np.floating]) -> Array:
         """Project points (..., 3) in the camera's frame, mm, to distorted pixels (..., 2).
@@ -137,7 +136,7 @@ class Camera:
             distorted = np.stack(tilt.untilt(distorted[..., 0], distorted[..., 1], tau_x, tau_y), axis=-1)
         radius = np.sqrt((distorted**2).sum(axis=-1))
         undistorted: Array = np.asarray(
-            np.interp(radius, *domain.tabulate_inverse(self.model, self.distortion)), np.float64
+            np.interp(radius, *lens_domain.tabulate_inverse(self.model, self.distortion)), np.float64
         )
         return distorted * np.where(radius > 1e-12, undistorted / np.maximum(radius, 1e-12), 1.0)[..., None]
 

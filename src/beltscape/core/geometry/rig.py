@@ -1,20 +1,19 @@
-"""Calibrated rigs: cameras and their poses relative to the core camera."""
+"""Calibrated rigs: cameras and their poses relative to the core camera; their scaling to smaller or larger images."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.checks import require_instance, show_value
+from beltscape.core.checks import is_mapping, require_instance, require_number, show_value
 from beltscape.core.display import Displayed
 from beltscape.core.errors import ArgumentError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.type_guards import is_mapping
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,3 +80,114 @@ class Rig(Displayed):
         """Return the projection matrix (3, 4), core frame (mm) to undistorted pixels, the paper's M (Eq. 1)."""
         pose = self.cam_from_core[name]
         return self.cameras[name].matrix @ np.column_stack([pose.rotation, pose.translation_mm])
+
+
+CROPPED = 0.05
+"""Relative difference of sizes up to which images are taken for a crop, not for scaled ones (chosen): nobody scales
+by 0.98, but regions of interest cut off a few rows or columns."""
+KEPT_QUALITY = ("board", "board_corners_mm")
+"""Entries of a rig's quality that do not depend on the size of the images."""
+_MOST_PX = 1 << 17
+"""No image is wider or higher: four times the largest sensors of 2026 and their line scans."""
+
+
+def scale_camera(camera: Camera, factor: float) -> Camera:
+    """Return the camera with ``factor`` times the pixels per side; (0, 0) stays the centre of the top-left pixel."""
+    size = tuple(round(side * factor) for side in camera.size_px)
+    factors = np.array(size) / np.array(camera.size_px)
+    return replace(
+        camera,
+        size_px=(size[0], size[1]),
+        focal_px=camera.focal_px * factors,
+        center_px=(camera.center_px + 0.5) * factors - 0.5,
+        valid_radius_px=None
+        if camera.valid_radius_px is None
+        else camera.valid_radius_px * float(factors.mean()),
+    )
+
+
+def scale_rig(rig: Rig, factor: float) -> Rig:
+    """Return the rig with all cameras scaled and without its quality, whose figures are in pixels.
+
+    >>> half = bs.scale_rig(rig, 0.5)
+    >>> half.core_camera.size_px
+    (306, 256)
+
+    Raises
+    ------
+    InputError
+        if ``factor`` is no number above 0, or leaves no pixel of a camera.
+    """
+    require_instance(rig, Rig, "rig", "bs.read_rig(path)")
+    require_number(factor, "factor", 0.0, above=True)
+    for name, camera in rig.cameras.items():
+        if not all(0.5 < side * factor < _MOST_PX for side in camera.size_px):
+            width, height = camera.size_px
+            raise ArgumentError(
+                f"factor = {show_value(factor)}: {name}'s image of {width}×{height} px cannot have that size"
+            )
+    cameras = {name: scale_camera(camera, factor) for name, camera in rig.cameras.items()}
+    return Rig(rig.core, cameras, rig.cam_from_core)
+
+
+def fit_camera(camera: Camera, size_px: tuple[int, int]) -> Camera | None:
+    """Return the camera for its images binned, reduced or enlarged to a size; None if that has another aspect ratio.
+
+    Binning cuts off the rows and columns that fill no whole bin; the pixels of all others have the exact factor.
+    """
+    own, size = np.array(camera.size_px), np.array(size_px)
+    if (own == size).all():
+        return camera
+    binning = max(1, round(own[0] / size[0]))
+    factors = np.full(2, 1 / binning) if (own // binning == size).all() else size / own
+    is_alike = abs(own[1] * size[0] / own[0] - size[1]) <= 1
+    if not (is_alike or factors[0] == factors[1]) or abs(size[0] / own[0] - 1) < CROPPED:
+        return None
+    radius = camera.valid_radius_px
+    return replace(
+        camera,
+        size_px=size_px,
+        focal_px=camera.focal_px * factors,
+        center_px=(camera.center_px + 0.5) * factors - 0.5,
+        valid_radius_px=None if radius is None else radius * float(factors.mean()),
+    )
+
+
+def replace_scaled_cameras(rig: Rig, scaled: Mapping[str, Camera]) -> Rig:
+    """Return the rig with scaled cameras and its covariance in their pixels; quality in pixels is left out."""
+    cameras = {name: scaled.get(name, camera) for name, camera in rig.cameras.items()}
+    quality = {key: rig.quality[key] for key in KEPT_QUALITY if key in rig.quality}
+    return Rig(rig.core, cameras, rig.cam_from_core, quality, _scale_covariance(rig, cameras))
+
+
+def _scale_covariance(rig: Rig, cameras: Mapping[str, Camera]) -> dict[str, Any]:
+    """Return the rig's covariance with the pixels of scaled cameras; empty without a valid one."""
+    parameters = [str(name) for name in rig.covariance.get("parameters") or ()]
+    matrix = np.asarray(rig.covariance.get("matrix") or (), np.float64)
+    if matrix.shape != (len(parameters), len(parameters)) or not parameters:
+        return {}
+    factors = np.ones(len(parameters))
+    for i, parameter in enumerate(parameters):
+        name, _, quantity = parameter.rpartition(".")
+        if name in cameras and quantity in ("fx", "fy", "cx", "cy"):
+            axis = int(quantity.endswith("y"))
+            factors[i] = cameras[name].focal_px[axis] / rig.cameras[name].focal_px[axis]
+    scaled = matrix * np.outer(factors, factors)
+    return {**rig.covariance, "parameters": parameters, "matrix": scaled.tolist()}
+
+
+def pinhole_scale(camera: Camera, other: Camera) -> float | None:
+    """Return the factor that scales the pinhole of ``camera`` to that of ``other``; None if there is none.
+
+    Depth maps lie on the undistorted pinhole grid of the core camera, so the distortion is not compared: a
+    belt.json holds the grid alone.
+    """
+    factor = other.size_px[0] / camera.size_px[0]
+    expected = scale_camera(camera, factor)
+    # rows that do not divide evenly are cut off, which moves the principal point by up to half a pixel
+    is_same = (
+        abs(expected.size_px[1] - other.size_px[1]) <= 1
+        and np.allclose(expected.focal_px, other.focal_px, rtol=2e-3)
+        and np.allclose(expected.center_px, other.center_px, atol=0.6)
+    )
+    return factor if is_same else None

@@ -13,20 +13,34 @@ import numpy as np
 
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.evaluate.paper.density import Density, compute_density_gains
-from beltscape.evaluate.paper.dimensions import DimensionRow, MeasuredDimensions, tabulate_dimensions
-from beltscape.evaluate.paper.features import PLAIN, measure_features, read_core_image
+from beltscape.evaluate.depth_scores import RigScore, score_rig_against_truth
+from beltscape.evaluate.paper.dimensions import (
+    PLAIN,
+    DimensionRow,
+    MeasuredDimensions,
+    PaperNumbers,
+    measure_features,
+    read_core_image,
+    read_paper_numbers,
+    tabulate_dimensions,
+)
 from beltscape.evaluate.paper.laboratory import Laboratory
-from beltscape.evaluate.paper.numbers import PaperNumbers, read_paper_numbers
 from beltscape.evaluate.paper.other_sensors import (
     BASELINES,
     SPEED_MM_S,
     measure_baselines,
     measure_moving_belt,
+    measure_time_of_flight,
+    smooth_depth,
 )
-from beltscape.evaluate.paper.surfaces import METHODS, ScoredDepth, Surfaces, reconstruct_all
-from beltscape.evaluate.paper.tof import measure_time_of_flight, smooth_depth
-from beltscape.evaluate.scores.rig import RigScore, score_rig_against_truth
+from beltscape.evaluate.paper.surfaces import (
+    METHODS,
+    Density,
+    ScoredDepth,
+    Surfaces,
+    compute_density_gains,
+    reconstruct_all,
+)
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.calibration_files import write_calibration

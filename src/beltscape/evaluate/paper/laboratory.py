@@ -10,13 +10,13 @@ from typing import Any
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter, Silent
-from beltscape.evaluate.truth.simulated import Truth, read_truth
-from beltscape.files.documents.json_text import read_json
+from beltscape.evaluate.truth import Truth, read_truth
+from beltscape.files.json_text import read_json
 from beltscape.pipeline.simulation import read_scenario, simulate
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
-from beltscape.workers.collecting import collect_values
 from beltscape.workers.options import HERE, WorkerOptions
+from beltscape.workers.tasks import collect_values
 
 SIZES = {"full": 1.0, "half": 0.5, "quarter": 0.25}
 """Name → share of the sensor's pixels in each direction."""

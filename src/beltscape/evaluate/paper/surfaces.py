@@ -1,4 +1,7 @@
-"""Depth maps of every scene by every method, with their scores against the truth."""
+"""Depth maps of every scene by every method, with their scores against the truth.
+
+Fig. 16 is the gain in measured points by the projected speckle.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,13 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
+from beltscape.evaluate.frame_scores import RegionScore, score_frame
 from beltscape.evaluate.paper.laboratory import Laboratory, Scene
-from beltscape.evaluate.scores.frame_score import RegionScore, score_frame
-from beltscape.evaluate.truth.simulated import Truth
+from beltscape.evaluate.truth import Truth
 from beltscape.files.reconstruction import read_frame
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
-from beltscape.workers.collecting import collect_values
 from beltscape.workers.options import HERE, WorkerOptions
+from beltscape.workers.tasks import collect_values
 
 METHODS = ("binocular", "pairwise", "multiview")
 """Pairwise is the paper's method, multiview Beltscape's, and binocular the paper's comparison."""
@@ -169,3 +172,33 @@ def _reconstruct(
         return score_surface(scene, method, None, make_empty_depth_map(rig), rig), near_far
     frame = folder / FRAME
     return score_surface(scene, method, frame, read_frame(frame).depth, rig), done.depth_range_mm
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Density:
+    """One scene and method, with the projector on and off."""
+
+    speckle: ScoredDepth
+    dark: ScoredDepth
+
+    @property
+    def ratio(self) -> float:
+        """Measured points with speckle over without, on the surface that the scene is about; inf over none."""
+        return _ratio(self.speckle.points, self.dark.points)
+
+    @property
+    def right_ratio(self) -> float:
+        """The ratio for the points within 1 mm of the truth."""
+        return _ratio(self.speckle.right_points, self.dark.right_points)
+
+
+def compute_density_gains(surfaces: Surfaces) -> tuple[Density, ...]:
+    """Return the gain of every scene and method with both captures."""
+    pairs = [((scene, method), (f"{scene}_nospeckle", method)) for scene in REGION for method in METHODS]
+    return tuple(
+        Density(surfaces[on], surfaces[off]) for on, off in pairs if on in surfaces and off in surfaces
+    )
+
+
+def _ratio(part: int, whole: int) -> float:
+    return part / whole if whole else np.inf

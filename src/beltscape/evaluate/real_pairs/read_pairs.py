@@ -27,11 +27,10 @@ from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
 from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair
 from beltscape.evaluate.real_pairs.subsets import find_subsets, fit_auxiliary_pose
 from beltscape.files.exchange import import_rig
-from beltscape.files.rasters.images import read_image
+from beltscape.files.images import read_image
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
 from beltscape.stereo.pairwise.reconstructor import reconstruct_pairwise
-from beltscape.stereo.pairwise.settings import PairwiseSettings
+from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings
 
 Reconstruct = Callable[[Rig, FrameSet, tuple[float, float]], DepthMap]
 """A method under test: rig, frame set and (near, far) in mm → depth map of the core."""

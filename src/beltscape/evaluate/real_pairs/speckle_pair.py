@@ -11,7 +11,7 @@ from scipy import ndimage
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.evaluate.scores.depth import compute_robust_sigma
+from beltscape.evaluate.depth_scores import compute_robust_sigma
 
 GROSS_PX = 1.0
 """A larger difference is a false match, not noise, which is hundredths of a pixel."""

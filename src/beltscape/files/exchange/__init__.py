@@ -1,8 +1,10 @@
-"""Exchange of rigs with OpenCV, Kalibr, COLMAP, ROS, VIC-3D, MC-Calib and caliscope; `formats` has a module for each.
+"""Exchange of rigs with OpenCV, Kalibr, COLMAP, ROS, VIC-3D, MC-Calib and caliscope, each format in a module.
 
-Every format shares OpenCV's camera axes (x right, y down, z forward) and lens models; they differ in units, in the
-direction and the reference of their transforms and in the position of pixel (0, 0). Each module's docstring defines
-its format; a warning with figures reports what a format cannot hold.
+Every format shares OpenCV's camera axes (x right, y down, z forward) and lens models; they differ in units,
+in the direction and the reference of their transforms and in the position of pixel (0, 0). Each module's
+docstring defines its format (`opencv_yaml`, `opencv_stereo`, `kalibr`, `colmap`, `ros`, `vic3d`, `mc_calib`,
+`caliscope`); a warning with figures reports what a format cannot hold. All read a `rig_description` from
+`documents` by checked `values`.
 """
 
 from __future__ import annotations
@@ -13,10 +15,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from beltscape.core.checks import is_dict
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Silent
-from beltscape.core.type_guards import is_dict
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.paths import AnyPath, as_path
 
 if TYPE_CHECKING:
     from beltscape.core.geometry.camera import Camera
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from beltscape.files.exchange.rig_description import RigDescription
 
 FORMATS = {"opencv": "opencv_yaml", "kalibr": "kalibr", "colmap": "colmap", "ros": "ros"}
-"""Name of a format → its module in `formats`, imported only when it is needed."""
+"""Name of a format → its module, imported only when it is needed."""
 
 READABLE = {
     **FORMATS,
@@ -121,7 +123,7 @@ def _read(path: Path, kind: str, reporter: Reporter) -> RigDescription:
 def _module(kind: str) -> Format:
     if kind not in READABLE:
         raise InputError(f"format {kind!r} is not known; there are {', '.join(READABLE)}")
-    return import_module(f"{__name__}.formats.{READABLE[kind]}")  # pyright: ignore[reportReturnType]
+    return import_module(f"{__name__}.{READABLE[kind]}")  # pyright: ignore[reportReturnType]
 
 
 @contextmanager

@@ -10,10 +10,10 @@ from xml.etree import ElementTree
 import yaml
 
 from beltscape.core.errors import InputError
-from beltscape.files.documents.json_text import read_json, to_plain
-from beltscape.files.documents.plain_text import named_read_errors
-from beltscape.files.documents.toml_text import read_toml
-from beltscape.files.folders.atomic import write_text
+from beltscape.files.atomic import write_text
+from beltscape.files.json_text import read_json, to_plain
+from beltscape.files.paths import named_read_errors
+from beltscape.files.toml_text import read_toml
 
 OPENCV_MATRIX = "tag:yaml.org,2002:opencv-matrix"
 

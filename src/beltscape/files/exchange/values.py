@@ -1,4 +1,7 @@
-"""Checked access to values of parsed YAML and JSON; a ValueError names the key, its value and the fix."""
+"""Checked access to values of parsed YAML and JSON; a ValueError names the key, its value and the fix.
+
+Rotations as unit quaternions (w, x, y, z), as COLMAP and ROS give them, in Hamilton's convention, like Eigen's.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.checks import is_dict
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.type_guards import is_dict
 
 MM_PER_M = 1000.0
 """The other programs' lengths are in metres."""
@@ -200,3 +203,20 @@ def require_distinct(names: list[str]) -> list[str]:
 def _short(item: Any) -> str:
     text = repr(item)
     return text if len(text) <= _MESSAGE_LENGTH else f"{text[: _MESSAGE_LENGTH - 3]}..."
+
+
+def wxyz_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit quaternion (4,) with w ≥ 0 of a rotation matrix (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True)
+
+
+def rotation_from_wxyz(wxyz: NDArray[np.float64], place: str) -> NDArray[np.float64]:
+    """Return the rotation matrix (3, 3) of a quaternion; ValueError unless its length is 1 up to rounding."""
+    from scipy.spatial.transform import Rotation
+
+    length = float(np.linalg.norm(wxyz))
+    if abs(length - 1) > ROUNDED:
+        raise ValueError(f"{place} = {wxyz.tolist()}: must be a unit quaternion, its length is {length:.4g}")
+    return Rotation.from_quat(wxyz, scalar_first=True).as_matrix()

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.statistics import MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA
-from beltscape.measure.flow.fusion.empty_belt_reference import LEAST_CONFIDENCE, EmptyBeltReference
+from beltscape.measure.belt.reference import LEAST_CONFIDENCE, EmptyBeltReference
 
 _CELLS_ACROSS = 32
 """Cells over the belt's width: a bare strip of a tenth of the width holds three of them."""

@@ -8,8 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.health.belt.beside_load import BesideLoad, StripAverage, measure_strips
-from beltscape.health.belt.residue import BeltRows
+from beltscape.health.belt.residue import BeltRows, BesideLoad, StripAverage, measure_strips
 from beltscape.health.belt.splices import SpliceBand
 from beltscape.health.belt.torn_edges import EdgeHistory
 

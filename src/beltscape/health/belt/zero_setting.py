@@ -8,16 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.depth import DepthMap
+from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.live.translatable_message import Message
+from beltscape.core.translatable_message import Message
 from beltscape.health.belt.cells import BeltCells, compute_belt_cells
-from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_finding import find_largest_tilt
 from beltscape.health.belt.zero_shift import ZeroShift, estimate_zero_shift
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
+from beltscape.health.settings import BeltLimits
+from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
 
 _LEAST_BARE = 0.85
 """Least share of the measured cells that must be bare; dirt and markers on the belt hide some."""

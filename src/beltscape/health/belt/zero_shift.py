@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt.empty_belt import Belt
+from beltscape.core.empty_belt import Belt
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.health.belt.cells import BeltCells
 

@@ -8,15 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.live.findings import Finding
-from beltscape.health.images.surface_checks.projector_monitor import ProjectorMonitor
-from beltscape.health.images.surface_checks.projector_position import LearnedPattern
-from beltscape.health.images.surface_checks.surface_samples import SurfaceGrid
-from beltscape.health.images.surface_checks.synchronisation_monitor import SynchronisationMonitor
+from beltscape.health.images.projector_position import LearnedPattern, ProjectorMonitor
+from beltscape.health.images.surface_samples import SurfaceGrid
+from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
+from beltscape.measure.belt.reference import EmptyBeltReference
 
 
 class BeltImageMonitor:

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding, worst_effect
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.live.findings import Finding, worst_effect
 from beltscape.health.image_statistics import FloatArray, ImageStatistics, compute_levels, compute_statistics
-from beltscape.health.images.block_checks.exposure import (
+from beltscape.health.images.exposure import (
     check_brightness,
     check_flicker,
     check_saturation,
     check_sunlight,
     measure_light_step,
 )
-from beltscape.health.images.block_checks.lamp import check_lamp
-from beltscape.health.images.block_checks.obstruction import (
+from beltscape.health.images.lamp import check_lamp
+from beltscape.health.images.obstruction import (
     SHORT_MEMORY,
     LightMap,
     accumulate_light,
@@ -31,13 +31,9 @@ from beltscape.health.images.block_checks.obstruction import (
     learn_light,
     sample_light,
 )
-from beltscape.health.images.block_checks.projected_pattern import (
-    check_projected_pattern,
-    is_partly_dark,
-    measure_light,
-)
-from beltscape.health.images.block_checks.repeated import check_repeated, measure_changes
-from beltscape.health.images.block_checks.sharpness import check_contrast
+from beltscape.health.images.projected_pattern import check_projected_pattern, is_partly_dark, measure_light
+from beltscape.health.images.repeated import check_repeated, measure_changes
+from beltscape.health.images.sharpness import check_contrast
 from beltscape.health.reference import ImageReferences, Reference, learn_reference
 from beltscape.health.settings import HealthSettings
 

@@ -1,4 +1,8 @@
-"""The reference back end: every kernel in plain NumPy, float64; the native kernels are tested against it."""
+"""The reference back end: every kernel in plain NumPy, float64; the native kernels are tested against it.
+
+The modules have the names of the families: `geometry`, `images`, `sweep`, `least_squares`, `selection`,
+`networks`; `view` projects pixels into an auxiliary for them.
+"""
 
 from __future__ import annotations
 
@@ -7,22 +11,26 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from beltscape.kernels.reference.geometry.height_rasterisation import rasterise_heights
-from beltscape.kernels.reference.geometry.ray_march import first_hits
-from beltscape.kernels.reference.geometry.triangulation import triangulate
-from beltscape.kernels.reference.geometry.visibility import inverse_depth_buffers, visible
-from beltscape.kernels.reference.images.gathering import gather
-from beltscape.kernels.reference.images.quadratics import quadratics
-from beltscape.kernels.reference.images.warping import spline_coefficients, warp
-from beltscape.kernels.reference.images.window_statistics import plane_slopes, window_means, window_minima
-from beltscape.kernels.reference.least_squares.local_fit import local_fit
-from beltscape.kernels.reference.least_squares.normal_equations import normal_equations
-from beltscape.kernels.reference.networks.message_passing import pass_messages
-from beltscape.kernels.reference.networks.network import evaluate_network
-from beltscape.kernels.reference.selection.candidates import candidate_surfaces, photo_consistency
-from beltscape.kernels.reference.selection.propagation import propagate
-from beltscape.kernels.reference.sweep.aggregation import aggregate
-from beltscape.kernels.reference.sweep.plane_sweep import sweep, sweep_and_aggregate
+from beltscape.kernels.reference.geometry import (
+    first_hits,
+    inverse_depth_buffers,
+    rasterise_heights,
+    triangulate,
+    visible,
+)
+from beltscape.kernels.reference.images import (
+    gather,
+    plane_slopes,
+    quadratics,
+    spline_coefficients,
+    warp,
+    window_means,
+    window_minima,
+)
+from beltscape.kernels.reference.least_squares import local_fit, normal_equations
+from beltscape.kernels.reference.networks import evaluate_network, pass_messages
+from beltscape.kernels.reference.selection import candidate_surfaces, photo_consistency, propagate
+from beltscape.kernels.reference.sweep import aggregate, sweep, sweep_and_aggregate
 
 _KERNELS: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     kernel.__name__: kernel

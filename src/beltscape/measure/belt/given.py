@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt.empty_belt import Belt, BeltEdges, End
+from beltscape.core.empty_belt import Belt, BeltEdges, End
 from beltscape.core.errors import MeasureError
 from beltscape.measure.belt.settings import GivenBelt
 

@@ -1,4 +1,8 @@
-"""The initial estimate of the belt's frame: from the normals of small blocks, or from the plane of a flat belt."""
+"""The initial estimate of the belt's frame: from the normals of small blocks, or from the plane of a flat belt.
+
+The blocks and the plane are robust. The direction of a flat belt is that of its edges: straight steps down to the
+floor or up to a frame.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +11,222 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.measure.belt.blocks import BlockPlanes
-from beltscape.measure.belt.flat_edges import EdgeYaw, fit_edge_yaw
+from beltscape.core.statistics import MAD_TO_SIGMA, TUKEY, compute_biweights
+
+
+@dataclass(frozen=True, slots=True)
+class EdgeYaw:
+    """Direction of a belt's edges in the belt's plane."""
+
+    angle_rad: float
+    """Angle of the edges against the plane's second axis; positive towards minus the first."""
+    sigma_rad: float
+    """One standard deviation of the angle."""
+
+
+def fit_edge_yaw(
+    plane_mm: NDArray[np.float64], off_mm: NDArray[np.float64], tolerance_mm: float
+) -> EdgeYaw | None:
+    """Fit the direction of the straight steps that bound a plane; None where no long one is visible.
+
+    ``plane_mm`` (H, W, 2) and ``off_mm`` (H, W) are each pixel's position in the plane and its height off it. Only
+    borders with another surface measured nearby count, so that the border of the light does not.
+    """
+    points = _border_mask(off_mm, tolerance_mm)
+    points = plane_mm[points]
+    points = points[np.isfinite(points).all(axis=1)]
+    if len(points) < 40:
+        return None
+    step_mm = float(np.nanmedian(np.linalg.norm(np.diff(plane_mm, axis=1), axis=-1)))
+    bin_mm = 3 * step_mm
+    angle, offsets = _find_edge_direction(points, bin_mm)
+    length = float(np.nanmax(plane_mm[..., 1]) - np.nanmin(plane_mm[..., 1]))
+    lines = [
+        line
+        for offset in offsets
+        if np.ptp((line := points[np.abs(_project_across(points, angle) - offset) < 2 * bin_mm])[:, 1]) > 0
+        and len(line) >= 40
+    ]
+    fits = [fit for line in lines if (fit := _fit_line(line, angle, 0.3 * length, step_mm)) is not None]
+    if not fits:
+        return None
+    weights = np.array([1 / sigma**2 for _, sigma in fits])
+    mean = float(np.average([a for a, _ in fits], weights=weights))
+    return EdgeYaw(mean, float(np.sqrt(1 / weights.sum())))
+
+
+def _border_mask(off_mm: NDArray[np.float64], tolerance_mm: float) -> NDArray[np.bool_]:
+    """Return the pixels (H, W) of the plane next to a step."""
+    measured = np.isfinite(off_mm)
+    on = ndimage.binary_closing(measured & (np.abs(off_mm) < tolerance_mm), iterations=3)
+    on = np.asarray(ndimage.binary_opening(on, iterations=3), bool)
+    other = measured & (np.abs(off_mm) > 2 * tolerance_mm)
+    other = np.asarray(ndimage.binary_opening(other, iterations=3), bool)
+    if not other.any():
+        return np.zeros_like(on)
+    near = np.asarray(ndimage.distance_transform_edt(~other)) < 0.05 * off_mm.shape[1]
+    border = on & ~np.asarray(ndimage.binary_erosion(on, border_value=1), bool)
+    return border & near
+
+
+def _project_across(points: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    return points[:, 0] * np.cos(angle) + points[:, 1] * np.sin(angle)
+
+
+def _find_edge_direction(points: NDArray[np.float64], bin_mm: float) -> tuple[float, list[float]]:
+    """Return the direction in which the points lie on the fewest lines, and the offsets of up to two of these."""
+    best, best_score, best_counts, best_start = 0.0, -1.0, np.zeros(1), 0.0
+    for angle in np.deg2rad(np.arange(-90, 90, 0.25)):
+        across = _project_across(points, angle)
+        start = float(across.min())
+        counts = np.bincount(((across - start) / bin_mm).astype(np.intp)).astype(np.float64)
+        score = float(np.sum(counts**2))
+        if score > best_score:
+            best, best_score, best_counts, best_start = float(angle), score, counts, start
+    first = int(np.argmax(best_counts))
+    offsets = [best_start + (first + 0.5) * bin_mm]
+    apart = np.abs(np.arange(len(best_counts)) - first) * bin_mm > 0.2 * len(best_counts) * bin_mm
+    rest = np.where(apart, best_counts, 0)
+    if rest.max() > 0.3 * best_counts[first]:
+        offsets.append(best_start + (int(np.argmax(rest)) + 0.5) * bin_mm)
+    return best, offsets
+
+
+def _fit_line(
+    points: NDArray[np.float64], angle: float, least_mm: float, step_mm: float
+) -> tuple[float, float] | None:
+    """Return the angle (rad) of the line through the points and its standard deviation; None where it is short."""
+    across = _project_across(points, angle)
+    along = -points[:, 0] * np.sin(angle) + points[:, 1] * np.cos(angle)
+    if np.ptp(along) < least_mm:
+        return None
+    design = np.column_stack([np.ones_like(along), along - along.mean()])
+    weight: NDArray[np.float64] = np.ones_like(along)
+    slope, noise = 0.0, 0.0
+    for _ in range(5):
+        weighted = design * weight[:, None]
+        solved = cast("NDArray[np.float64]", np.linalg.solve(weighted.T @ design, weighted.T @ across))
+        offset, slope = solved
+        residual: NDArray[np.float64] = across - offset - design[:, 1] * slope
+        noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-6
+        weight = compute_biweights(residual, noise)
+    # errors of neighbouring border pixels are correlated: ten of them count as one; an edge along the rows or
+    # columns of pixels is located only to a fraction of a pixel over its whole length
+    sigma = np.hypot(noise / np.sqrt(np.sum(weight * design[:, 1] ** 2) / 10), 0.3 * step_mm / np.ptp(along))
+    return float(angle - np.arctan(slope)), float(sigma)
+
+
+_MIN_SHARE = 0.5
+"""A block with a smaller share of measured pixels gets no plane."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockPlanes:
+    """Planes of the blocks that have one, in the camera's frame."""
+
+    normals: NDArray[np.float64]
+    """(M, 3) unit normals towards the camera."""
+    centers_mm: NDArray[np.float64]
+    """(M, 3) points of the planes at the blocks' centres."""
+    rms_mm: NDArray[np.float64]
+    """(M,) robust scatter of the pixels about their plane, along the ray."""
+    row: NDArray[np.intp]
+    """(M,) number of the block's row of blocks."""
+    column: NDArray[np.intp]
+    """(M,) number of the block's column of blocks."""
+
+    def select(self, keep: NDArray[np.bool_]) -> BlockPlanes:
+        """Return the blocks where ``keep`` (M,) is set."""
+        return BlockPlanes(
+            self.normals[keep], self.centers_mm[keep], self.rms_mm[keep], self.row[keep], self.column[keep]
+        )
+
+
+def fit_block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlanes:
+    """Fit a robust plane to every block of ``side_px`` × ``side_px`` pixels.
+
+    The inverse depth of a plane is affine over the image, so each block is a linear fit of three parameters,
+    iterated with Tukey weights.
+    """
+    height, width = (n // side_px * side_px for n in depth.depth_mm.shape)
+    inverse = _split_blocks(1.0 / depth.depth_mm[:height, :width].astype(np.float64), side_px)
+    rays = camera.rays()[:height, :width]
+    design = np.stack(
+        [_split_blocks(rays[..., 0], side_px), _split_blocks(rays[..., 1], side_px), np.ones_like(inverse)],
+        -1,
+    )
+    enough = np.isfinite(inverse).mean(axis=1) >= _MIN_SHARE
+    inverse, design = inverse[enough], design[enough]
+    row, column = np.divmod(np.flatnonzero(enough), width // side_px)
+    if not len(inverse):
+        return BlockPlanes(np.empty((0, 3)), np.empty((0, 3)), np.empty(0), row, column)
+    middle = design.mean(axis=1)
+    local = design.copy()
+    local[..., :2] -= middle[:, None, :2]
+    weight = np.isfinite(inverse).astype(np.float64)
+    filled = np.where(weight > 0, inverse, 0.0)
+    plane, scale = np.zeros((len(inverse), 3)), np.zeros(len(inverse))
+    for _ in range(4):
+        weighted = local * weight[..., None]
+        normal_matrix = weighted.transpose(0, 2, 1) @ local
+        normal_matrix += 1e-12 * np.trace(normal_matrix, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        right = weighted.transpose(0, 2, 1) @ filled[..., None]
+        plane = cast("NDArray[np.float64]", np.linalg.solve(normal_matrix, right))[..., 0]
+        residual = np.where(np.isfinite(inverse), inverse - (local @ plane[..., None])[..., 0], np.nan)
+        scale = MAD_TO_SIGMA * np.nanmedian(np.abs(residual), axis=1) + 1e-12
+        ratio = np.nan_to_num(residual / (TUKEY * scale[:, None]), nan=1.0)
+        weight = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
+    # w = a·x/z + b·y/z + c is the plane a·X + b·Y + c·Z = 1
+    normal = plane.copy()
+    normal[:, 2] -= np.sum(plane[:, :2] * middle[:, :2], axis=1)
+    normal *= -1.0 / np.linalg.norm(normal, axis=1, keepdims=True)
+    z = 1.0 / plane[:, 2]
+    return BlockPlanes(normal, middle * z[:, None], scale * z**2, row, column)
+
+
+def _split_blocks(plane: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    """Return the pixels (H, W) as blocks (blocks, side²)."""
+    rows, columns = plane.shape[0] // side, plane.shape[1] // side
+    return plane.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows * columns, side * side)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """The plane of the points p with normal · p = offset."""
+
+    normal: NDArray[np.float64]
+    """(3,) unit, z positive."""
+    offset_mm: float
+    """Distance of the plane from the origin along the normal."""
+    rms_mm: float
+    """Robust scatter of the points about it."""
+    sigma_rad: float
+    """One standard deviation of the normal's direction (the worse axis), for independent points."""
+
+
+def fit_plane(points_mm: NDArray[np.float64]) -> Plane:
+    """Fit the plane z = a + b·x + c·y to points (N, 3), N ≥ 3, with Tukey weights on the robust scatter."""
+    middle = np.median(points_mm, axis=0)
+    local = points_mm - middle
+    design = np.column_stack([np.ones(len(local)), local[:, :2]])
+    weight = np.ones(len(local))
+    answer, noise, normal_matrix = np.zeros(3), 0.0, np.eye(3)
+    for _ in range(8):
+        normal_matrix = (design * weight[:, None]).T @ design
+        answer = np.linalg.solve(normal_matrix, design.T @ (weight * local[:, 2]))
+        residual = local[:, 2] - design @ answer
+        noise = MAD_TO_SIGMA * float(np.median(np.abs(residual))) + 1e-9
+        weight = compute_biweights(residual, noise)
+    normal = np.array([-answer[1], -answer[2], 1.0])
+    normal /= np.linalg.norm(normal)
+    sigma = noise * np.sqrt(np.diag(np.linalg.inv(normal_matrix))[1:].max())
+    return Plane(normal, float(normal @ (middle + np.array([0.0, 0.0, answer[0]]))), noise, float(sigma))
+
 
 _WING_ANGLE_RAD = np.deg2rad(4.0)
 """Normals inclined more than this to the median belong to a wing."""

@@ -1,6 +1,6 @@
 """A calibration module in one depth map: its pose, and the dimensions of its features.
 
-`measure` is the entrance: `pose` finds the module, then `face` and `edges` measure flat faces, `sphere` and `cap`
-spheres. `smoothing` and `matcher_scale` model what the matcher's windows do to a known shape, `correlation_area` how
-its errors correlate; `result` holds the dimensions.
+`measure` is the entrance: `pose` finds the module of `solids`, then `face` and `edges` (by `edge_likelihood`)
+measure flat faces, `sphere` spheres. `smoothing` models what the matcher's windows do to a known shape;
+`result` holds the dimensions.
 """

@@ -14,15 +14,12 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.measure.features.correlation_area import estimate_correlation_area_px
-from beltscape.measure.features.edges.outline import EdgeScene, Extent, measure_circle, measure_rectangle
-from beltscape.measure.features.face import Face, fit_face
-from beltscape.measure.features.matcher_scale import compute_camera_scale
-from beltscape.measure.features.pose.nominal import NominalView, render_nominal_view
-from beltscape.measure.features.pose.recognition import find_module
-from beltscape.measure.features.pose.refine_pose import refine_pose
+from beltscape.measure.features.edges import EdgeScene, Extent, measure_circle, measure_rectangle
+from beltscape.measure.features.face import Face, estimate_correlation_area_px, fit_face
+from beltscape.measure.features.pose import find_module, refine_pose
 from beltscape.measure.features.result import EdgeLine, MeasuredModule, Quantity
-from beltscape.measure.features.smoothing import estimate_smoothing
+from beltscape.measure.features.smoothing import compute_camera_scale, estimate_smoothing
+from beltscape.measure.features.solids import NominalView, render_nominal_view
 from beltscape.measure.features.sphere import FittedSphere, fit_sphere
 from beltscape.target.module import Cube, Cylinder, Module, Sphere
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.geometry.pose import Pose
 from beltscape.measure.features.face import Face
-from beltscape.measure.features.pose.nominal import NominalView
+from beltscape.measure.features.solids import NominalView
 from beltscape.measure.features.sphere import FittedSphere
 from beltscape.target.module import Module
 

@@ -12,12 +12,27 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels, load
-from beltscape.measure.features.matcher_scale import compute_width_scale
+
+MATCHER_REACH_PX = 7.0
+"""Distance from a step up to which the matcher's windows mix both sides, at the reference width."""
+_WIDTH_PX = 1224
+"""Reference width of the matcher's window sizes (`stereo.multiview.frame`)."""
+
+
+def compute_camera_scale(camera: Camera) -> float:
+    """Return the scale of a camera's image over the reference width; the matcher's windows grow with it."""
+    return compute_width_scale(camera.size_px[0])
+
+
+def compute_width_scale(width_px: int) -> float:
+    """Return the scale of a grid of this width."""
+    return float(np.clip(width_px / _WIDTH_PX, 0.5, 1.8))
+
 
 Map = NDArray[np.float32]
 
 _LEVELS_PX = 7
-"""Radius of the matcher's window of normalised levels, here and below as in `stereo.multiview.frame.windows`."""
+"""Radius of the matcher's window of normalised levels, here and below as in `stereo.multiview.frame`."""
 _NOISE_LEVELS, _FLOOR, _MODEL = 1.2 / 255, 4.0 / 255**2, 2e-3
 """Image noise, variance floor and model variance that the matcher finds in images of normal exposure."""
 _NARROW_PX, _FIRM_PX, _WIDE_PX = (1.5, 2.5), (4.0,), (2.5, 5.0)
@@ -33,7 +48,7 @@ for the rim of a disc. Fitted between the two to simulated spheres at 1224 and 6
 
 @dataclass(frozen=True, slots=True)
 class Passes:
-    """The matcher's last passes, as defined in `stereo.multiview.settings` and `stereo.multiview.frame.windows`."""
+    """The matcher's last passes, as defined in `stereo.settings` and `stereo.multiview.frame`."""
 
     fits: tuple[tuple[float, tuple[float, ...]], ...]
     """(tolerance px, Gaussian sigmas px of the windows) of each fit, in order."""

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from beltscape.core.live.findings import Finding
-from beltscape.core.live.translatable_message import Message
-from beltscape.measure.flow.motion.location import Location
+from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
+from beltscape.measure.flow.location import Location
 
 CHECK = "foreign_object"
 Mask = NDArray[np.bool_]

@@ -2,33 +2,95 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.findings import worst_effect
+from beltscape.measure.belt.reference import EmptyBeltReference
+from beltscape.measure.flow.belt_motion import MAX_DISAGREEMENT, BeltMotion
+from beltscape.measure.flow.encoder_check import LEAST_MM, Contradiction, EncoderCheck, Interval
 from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
-from beltscape.measure.flow.motion.belt_motion import MAX_DISAGREEMENT, BeltMotion
-from beltscape.measure.flow.motion.encoder_check import LEAST_MM, Contradiction, EncoderCheck, Interval
-from beltscape.measure.flow.motion.key_frame import KeyFrame
-from beltscape.measure.flow.motion.location import Observation
-from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
-from beltscape.measure.flow.motion.plausibility import (
+from beltscape.measure.flow.location import Observation, PushedFrame, UnconfirmedTravel
+from beltscape.measure.flow.motion_evidence import MotionEvidence
+from beltscape.measure.flow.plausibility import (
     LEAST_SUPPORT,
+    RollBack,
     differ,
     is_belt_surface,
     is_certain,
     is_certain_apart,
     is_repeated,
+    is_unmatched,
 )
-from beltscape.measure.flow.motion.pushed_frame import PushedFrame
-from beltscape.measure.flow.motion.readings import RollBack
-from beltscape.measure.flow.motion.recount import UnconfirmedTravel
-from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights
-from beltscape.measure.flow.motion.registration.shift import Shift, register
+from beltscape.measure.flow.registration import HighPassHeights, Shift, register
 from beltscape.measure.flow.settings import FlowSettings
+
+_USUAL_SCORES = 16
+"""Number of latest correlations that are kept as the usual ones."""
+_LEAST_UNMATCHED = 2
+"""Number of frames without a match after which the encoder's prediction is wrong; one frame may be bad itself."""
+
+
+class KeyFrame:
+    """Heights of the key frame; replaced as the belt moves."""
+
+    def __init__(self, least_overlap: float) -> None:
+        self.heights: HighPassHeights | None = None
+        """None: no frame yet, or one without a depth map."""
+        self.number = 0
+        self._least_overlap = least_overlap
+        self._scores: deque[float] = deque(maxlen=_USUAL_SCORES)
+        self._unmatched = 0
+
+    @property
+    def has_load(self) -> bool:
+        """Return whether the key frame has enough load for registration."""
+        return self.heights is not None and self.heights.has_load
+
+    def replace(self, frame: PushedFrame) -> None:
+        """Make a frame the key frame."""
+        self.heights, self.number = frame.high_pass, frame.number
+
+    def register(self, heights: HighPassHeights, near_mm: float | None) -> Shift | None:
+        """Return the motion of the material since the key frame; ``near_mm`` is the prediction along y."""
+        if self.heights is None:
+            return None
+        return register(self.heights, heights, least_overlap=self._least_overlap, near_mm=near_mm)
+
+    def leave_out(self, number: int, cells: NDArray[np.bool_], noise_mm: float) -> None:
+        """Leave cells (Ny, Nx) that are no load out of the key frame, if it is frame ``number``."""
+        if self.heights is not None and self.number == number:
+            self.heights = self.heights.leave_out(cells, noise_mm)
+
+    def add_match(self, score: float) -> None:
+        """Note the correlation of a frame that matches."""
+        self._scores.append(score)
+
+    def is_unmatched(self, frame: PushedFrame, near_mm: float) -> bool:
+        """Return whether the material of a sound frame is not where a motion ``near_mm`` along y puts it."""
+        if self.heights is None or frame.high_pass is None or worst_effect(frame.findings) != "none":
+            return False
+        return is_unmatched(
+            self.heights,
+            frame.high_pass,
+            near_mm,
+            least_overlap=self._least_overlap,
+            usual_scores=self._scores,
+        )
+
+    def reset_unmatched(self) -> None:
+        """Note that a frame matches."""
+        self._unmatched = 0
+
+    def count_unmatched(self) -> bool:
+        """Count a frame that does not match; return whether their number contradicts the prediction."""
+        self._unmatched = (self._unmatched + 1) % _LEAST_UNMATCHED
+        return self._unmatched == 0
+
 
 _SIGMAS = 4.0
 """A motion counts if it exceeds this many σ of its registration, as in `encoder_check`."""

@@ -8,28 +8,23 @@ from dataclasses import replace
 import numpy as np
 
 from beltscape.core.arguments import require_depth_of
-from beltscape.core.belt.flow_record import FlowRecord
 from beltscape.core.depth import DepthMap
-from beltscape.core.live.findings import Finding, worst_effect
+from beltscape.core.findings import Finding, worst_effect
+from beltscape.core.ledger import FlowRecord
+from beltscape.measure.belt.reference import EmptyBeltReference
+from beltscape.measure.flow.belt_motion import BeltMotion, EncoderScale
+from beltscape.measure.flow.density import Density, make_unknown_density
 from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
-from beltscape.measure.flow.fusion.buffer import LayerBuffer
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
-from beltscape.measure.flow.fusion.fuse import Scatter
-from beltscape.measure.flow.fusion.rows import PieceCallback, RowFiller
-from beltscape.measure.flow.motion.belt_motion import BeltMotion
-from beltscape.measure.flow.motion.encoder_scale import EncoderScale
-from beltscape.measure.flow.motion.location import FramePlacement, Location, MotionPrediction
-from beltscape.measure.flow.motion.motion_evidence import MotionEvidence
-from beltscape.measure.flow.motion.pushed_frame import PushedFrame
-from beltscape.measure.flow.motion.registration.high_pass import HighPassHeights, compute_high_pass
+from beltscape.measure.flow.fuse import Scatter
+from beltscape.measure.flow.location import FramePlacement, Location, MotionPrediction, PushedFrame
+from beltscape.measure.flow.motion_evidence import MotionEvidence
 from beltscape.measure.flow.motion_tracker import MotionTracker
-from beltscape.measure.flow.records.density import Density, make_unknown_density
-from beltscape.measure.flow.records.fault_attribution import FaultAttribution
-from beltscape.measure.flow.records.profile import Profile
-from beltscape.measure.flow.records.strips import Strips
-from beltscape.measure.flow.records.totals import FlowTotals, Sums
+from beltscape.measure.flow.profile import Profile
+from beltscape.measure.flow.registration import HighPassHeights, compute_high_pass
+from beltscape.measure.flow.rows import LayerBuffer, PieceCallback, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.measure.flow.strip_cutter import StripCutter
+from beltscape.measure.flow.strip_cutter import FaultAttribution, StripCutter
+from beltscape.measure.flow.strips import FlowTotals, Strips, Sums
 
 _COARSE_CELLS = 2
 """Cells of the registration of the material are coarser by this factor."""

@@ -1,4 +1,7 @@
-"""The belt's position at each frame, by registration with a key frame, and the encoder's agreement with it."""
+"""The belt's position at each frame, by registration with a key frame, and the encoder's agreement with it.
+
+Before any frame has a position, the first motion of the material gives the direction and a check of the encoder.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +9,71 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference
-from beltscape.measure.flow.material_observer import MaterialObserver
-from beltscape.measure.flow.motion.belt_motion import (
-    BeltPosition,
-    MotionObservation,
+from beltscape.measure.belt.reference import EmptyBeltReference
+from beltscape.measure.flow.belt_motion import BeltPosition, EncoderScale, MotionObservation
+from beltscape.measure.flow.encoder_check import (
+    LEAST_MM,
+    Contradiction,
+    make_contradiction,
+    make_encoder_finding,
+    make_stall_finding,
 )
-from beltscape.measure.flow.motion.encoder_check import Contradiction
-from beltscape.measure.flow.motion.encoder_finding import make_encoder_finding, make_stall_finding
-from beltscape.measure.flow.motion.encoder_scale import EncoderScale
-from beltscape.measure.flow.motion.first_motion import FirstMotion
-from beltscape.measure.flow.motion.location import Location, MotionPrediction, Observation
-from beltscape.measure.flow.motion.plausibility import is_sudden
-from beltscape.measure.flow.motion.pushed_frame import PushedFrame
-from beltscape.measure.flow.motion.readings import ReadingCheck
-from beltscape.measure.flow.motion.recount import LocatedFrame, ProvenMotion
-from beltscape.measure.flow.motion.registration.high_pass import compute_free_mm
-from beltscape.measure.flow.motion.registration.shift import Shift
+from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
+from beltscape.measure.flow.location import (
+    LocatedFrame,
+    Location,
+    MotionPrediction,
+    Observation,
+    ProvenMotion,
+    PushedFrame,
+)
+from beltscape.measure.flow.material_observer import MaterialObserver
+from beltscape.measure.flow.motion_evidence import LEAST_PAIRS
+from beltscape.measure.flow.plausibility import ReadingCheck, are_consistent, is_confirmed, is_sudden
+from beltscape.measure.flow.registration import Shift, compute_free_mm, register
 from beltscape.measure.flow.settings import FlowSettings
+
+
+class FirstMotion:
+    """Registers the frames that wait for a first position, pair by pair."""
+
+    def __init__(self, least_overlap: float) -> None:
+        self._least_overlap = least_overlap
+        self._motions: list[Shift] = []
+        """The motions of consecutive pairs that the encoder does not confirm."""
+        self.along_mm = float("nan")
+        """The confirmed motion of the last pair along y."""
+        self.is_contradicting = False
+        """Whether the last pair's motion is known and the encoder does not confirm it."""
+        self.contradiction: Contradiction | None = None
+        """The contradiction of the encoder with several pairs that agree with each other."""
+
+    def find(self, waiting: Sequence[PushedFrame]) -> bool:
+        """Register the last two frames; return whether their motion is confirmed."""
+        newest, self.is_contradicting = waiting[-1], False
+        before = next((one for one in waiting[-2::-1] if one.high_pass is not None), None)
+        if before is None or before.high_pass is None or newest.high_pass is None:
+            return False
+        shift = register(before.high_pass, newest.high_pass, least_overlap=self._least_overlap)
+        if shift is None or abs(shift.along_mm) < max(LEAST_MM, 3 * shift.sigma_mm):
+            return False
+        if newest.encoder_mm is not None and newest.encoder_mm < (before.encoder_mm or 0.0):
+            return False  # the belt rolls back, or the encoder counts in reverse: a longer motion decides
+        self.along_mm = shift.along_mm
+        if is_confirmed(shift.along_mm, newest.encoder_mm, before.encoder_mm):
+            return True
+        self.is_contradicting = True
+        self._motions = [*self._motions, shift][-LEAST_PAIRS:]
+        if len(self._motions) < LEAST_PAIRS or not are_consistent(self._motions):
+            return False
+        self.contradiction = _contradict(before, newest, shift)
+        return True
+
+
+def _contradict(before: PushedFrame, newest: PushedFrame, shift: Shift) -> Contradiction:
+    """Return the contradiction from the first frame on."""
+    step = (newest.encoder_mm or 0.0) - (before.encoder_mm or 0.0)
+    return make_contradiction(step, abs(shift.along_mm), shift.sigma_mm**2, first=0, intervals=LEAST_PAIRS)
 
 
 class MotionTracker(MaterialObserver):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.depth import DepthMap
+from beltscape.core.empty_belt import Belt
 from beltscape.core.geometry.camera import Camera
 from beltscape.measure.belt.edges import find_belt_edges
 from beltscape.measure.lumps.lumps import measure_lumps

@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.kernels import load
 from beltscape.kernels.arrays import CellIndices
-from beltscape.measure.holes.quadrics import Quadrics
-from beltscape.measure.holes.rim_profiles import WINDOWS, RimProfiles, SmoothSurface
-from beltscape.measure.holes.rims import LowestLine
+from beltscape.measure.holes.rims import WINDOWS, LowestLine, Quadrics, RimProfiles, SmoothSurface
 
 _OPEN_CELLS = (5, 11, 25, 51)
 """Cells across the windows in which the share of hole cells is computed."""

@@ -13,19 +13,17 @@ from beltscape.kernels.arrays import CellIndices
 from beltscape.learned.network import Network
 from beltscape.learned.registry import load_network
 from beltscape.measure.holes.features import compute_features, measure_neighbourhood
-from beltscape.measure.holes.quadrics import fit_quadrics
-from beltscape.measure.holes.rim_profiles import (
+from beltscape.measure.holes.rims import (
     WINDOWS,
     RimProfiles,
     SmoothSurface,
-    compute_rim_profiles,
-    predict_smooth_surface,
-)
-from beltscape.measure.holes.rims import (
     StructureFunction,
+    compute_rim_profiles,
     estimate_structure_function,
     find_lowest_line,
     fit_gradients,
+    fit_quadrics,
+    predict_smooth_surface,
     trace_lines,
 )
 

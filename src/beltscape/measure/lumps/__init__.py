@@ -1,6 +1,6 @@
-"""Lumps: segmentation of the top layer of a load on its depth map, with sizes, distribution and oversize alarm.
+"""Lumps: segmentation of a load's top layer on its depth map, with sizes, distribution and oversize alarm.
 
-`lumps` is the entrance: `raster` makes heights comparable between rigs, `features` and the network of `outlines` give
-the probability of an outline, `segment` cuts the raster by `basins`, `merging` and `rims`, `shape` measures each lump
-and `distribution` their sizes.
+`lumps` is the entrance and measures each lump and the distribution of their sizes: `features` makes heights
+comparable between rigs and gives the network of outlines its input, `segment` cuts the raster. `settings` are
+the engineer's.
 """

@@ -1,8 +1,13 @@
-"""Segmentation of the raster into lumps: watershed, merging, and rejection of ground and fines."""
+"""Segmentation of the raster into lumps: watershed, merging, and rejection of ground and fines.
+
+The watershed gives catchment basins and the crests between them; regions are merged across their weakest borders.
+Their rims show the hidden share, the strength of the outline, and whether the frame cuts them.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 from typing import cast
 
 import cv2
@@ -12,11 +17,152 @@ from scipy import ndimage
 
 from beltscape.learned.network import Network, compute_probability
 from beltscape.learned.registry import load_network
-from beltscape.measure.lumps.basins import find_basins, find_borders
-from beltscape.measure.lumps.features import compute_features
-from beltscape.measure.lumps.merging import merge_regions
-from beltscape.measure.lumps.raster import Raster, blur
-from beltscape.measure.lumps.rims import measure_rims
+from beltscape.measure.lumps.features import Raster, blur, compute_features
+
+_NEIGHBOURS = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if i or j]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Borders:
+    """Borders between neighbouring regions, first < second."""
+
+    first: NDArray[np.int64]
+    """(B,) region on one side."""
+    second: NDArray[np.int64]
+    """(B,) region on the other side."""
+    sum: NDArray[np.float64]
+    """(B,) the field summed along the border, at each pair of cells its higher value."""
+    length: NDArray[np.int64]
+    """(B,) number of pairs of neighbouring cells along the border."""
+
+
+def find_basins(field: NDArray[np.float32], floor: float) -> NDArray[np.int64]:
+    """Return basin numbers (R, C) from 0: each cell descends to its lowest neighbour until it reaches a minimum.
+
+    Watershed by topographic distance, Meyer 1994, 10.1016/0165-1684(94)90060-4. Connected cells no higher than
+    ``floor`` form one minimum.
+    """
+    rows, columns = field.shape
+    index = np.arange(int(rows * columns)).reshape(rows, columns)
+    around = np.pad(field, 1, constant_values=np.inf)
+    lowest, to = field.copy(), index.copy()
+    for down, right in _NEIGHBOURS:
+        beside = around[1 + down : rows + 1 + down, 1 + right : columns + 1 + right]
+        lower = beside < lowest
+        lowest[lower] = beside[lower]
+        to[lower] = index[lower] + (down * columns + right)
+    pools, count = ndimage.label(field <= floor)
+    first = np.full(count + 1, rows * columns, np.int64)
+    np.minimum.at(first, pools.ravel(), index.ravel())
+    to = np.where(pools > 0, first[pools], to).ravel()
+    while True:
+        further = to[to]
+        if (further == to).all():
+            return np.unique(to, return_inverse=True)[1].reshape(rows, columns)
+        to = further
+
+
+def find_borders(regions: NDArray[np.int64], field: NDArray[np.float32]) -> Borders:
+    """Return the borders of regions (R, C) numbered from 0, between four-neighbours."""
+    number = int(regions.max()) + 1
+    keys: list[NDArray[np.int64]] = []
+    heights: list[NDArray[np.float32]] = []
+    for one, two in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        a, b = regions[one], regions[two]
+        apart = a != b
+        keys.append(np.minimum(a[apart], b[apart]) * number + np.maximum(a[apart], b[apart]))
+        heights.append(np.maximum(field[one], field[two])[apart])
+    key, which = np.unique(np.concatenate(keys), return_inverse=True)
+    total = cast("NDArray[np.float64]", np.bincount(which, np.concatenate(heights), len(key)))
+    return Borders(key // number, key % number, total, np.bincount(which, minlength=len(key)))
+
+
+def merge_regions(number: int, borders: Borders, limit: float) -> NDArray[np.int64]:
+    """Return the new number of each region (number,), from 0, after merging across borders below the limit.
+
+    The weakest border is merged first. A border's strength is its mean over its length, so the borders of merged
+    regions are pooled (the boundary-mean hierarchy of Arbeláez et al. 2011, 10.1109/TPAMI.2010.161).
+    """
+    beside: list[dict[int, tuple[float, int]]] = [{} for _ in range(number)]
+    queue: list[tuple[float, int, int]] = []
+    columns = (borders.first, borders.second, borders.sum, borders.length)
+    for a, b, total, length in zip(*(column.tolist() for column in columns), strict=True):
+        beside[a][b] = beside[b][a] = (total, length)
+        queue.append((total / length, a, b))
+    heapify(queue)
+    root = np.arange(number)
+    while queue and queue[0][0] < limit:
+        strength, a, b = heappop(queue)
+        border = beside[a].get(b)
+        if border is None or border[0] / border[1] != strength:
+            continue  # merged or extended meanwhile
+        keep, give = (a, b) if len(beside[a]) >= len(beside[b]) else (b, a)
+        root[give] = keep
+        del beside[keep][give], beside[give][keep]
+        for other, (total, length) in beside[give].items():
+            del beside[other][give]
+            more = beside[keep].get(other, (0.0, 0))
+            joint = (total + more[0], length + more[1])
+            beside[keep][other] = beside[other][keep] = joint
+            heappush(queue, (joint[0] / joint[1], min(keep, other), max(keep, other)))
+        beside[give] = {}
+    while True:
+        further = root[root]
+        if (further == root).all():
+            return np.unique(root, return_inverse=True)[1]
+        root = further
+
+
+_STEP_CELLS = 1.0
+"""A neighbour nearer by more than this, in widths of a cell, hides the region at the rim."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rims:
+    """Sums over the rims of N + 1 regions, numbered from 0."""
+
+    length: NDArray[np.float64]
+    """(N + 1,) number of pairs of a cell inside and a cell outside."""
+    hidden: NDArray[np.float64]
+    """(N + 1,) number of these pairs whose outer cell is nearer to the camera."""
+    strength: NDArray[np.float64]
+    """(N + 1,) summed probability of an outline."""
+    open: NDArray[np.bool_]
+    """(N + 1,) whether the region touches the border of the frame or of the measured area."""
+
+    @property
+    def hidden_share(self) -> NDArray[np.float64]:
+        """Return the hidden share of the rims (N + 1,), 0..1."""
+        return self.hidden / np.maximum(self.length, 1)
+
+
+def measure_rims(raster: Raster, labels: NDArray[np.int64], outline: NDArray[np.float32], count: int) -> Rims:
+    """Measure the rims of regions (R, C) numbered 0 to ``count``, given the probability of an outline (R, C)."""
+    length, hidden, strong = (np.zeros(count + 1) for _ in range(3))
+    beyond = np.pad(_border_gap_mask(raster.measured), 1, constant_values=True)
+    is_open = np.zeros(count + 1, bool)
+    step = _STEP_CELLS * raster.depth_mm * raster.cell_rad
+    for one, two in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        apart = labels[one] != labels[two]
+        strength = np.maximum(outline[one], outline[two])[apart]
+        for a, b in ((one, two), (two, one)):
+            own = labels[a][apart]
+            nearer = (raster.depth_mm[a] - raster.depth_mm[b] > step[a])[apart]
+            length += np.bincount(own, minlength=count + 1)
+            hidden += np.bincount(own, nearer, count + 1)
+            strong += np.bincount(own, strength, count + 1)
+    rows, columns = labels.shape
+    for down, right in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        is_open[labels[beyond[down : down + rows, right : right + columns]]] = True
+    return Rims(length, hidden, strong, is_open)
+
+
+def _border_gap_mask(measured: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the unmeasured cells (R, C) that are connected to the border of the frame."""
+    gaps, _ = ndimage.label(~measured)
+    edge = np.unique(np.concatenate([gaps[0], gaps[-1], gaps[:, 0], gaps[:, -1]]))
+    return np.isin(gaps, edge[edge > 0])
+
 
 _OUTLINE_FLOOR = 0.03
 """Connected cells of a lower probability form one minimum, so that noise makes no basins."""

@@ -1,5 +1,6 @@
 """The volume between a loaded and the empty belt, with its standard deviation.
 
-`volume` is the entrance: `load` is the height over the empty belt, `box` integrates it over a rectangle,
-`uncertainty` combines σ, `capacity` compares with the full belt, `solid` makes a closed body for export.
+`volume` is the entrance and combines σ: `load` is the height over the empty belt, with its integrals over a
+rectangle and the capacity of the full belt; `solid` makes a closed body for export. `settings` are the
+engineer's.
 """

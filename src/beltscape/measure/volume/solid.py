@@ -8,8 +8,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.belt.empty_belt import Belt
-from beltscape.measure.volume.box import Range
+from beltscape.core.empty_belt import Belt
+from beltscape.measure.volume.load import Range
 from beltscape.measure.volume.volume import Volume
 
 

@@ -10,19 +10,18 @@ from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import AUTO, calibrate_with_model
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera
-from beltscape.calibration.network.two_sided.face_poses import Sighting, estimate_face_poses
-from beltscape.calibration.network.two_sided.two_sides import has_two_sides, number_sides, place_back
-from beltscape.calibration.solver.deterministic import single_thread
-from beltscape.calibration.solver.lens_prior import LensPrior
+from beltscape.calibration.network.face_poses import Sighting, estimate_face_poses
+from beltscape.calibration.network.two_sides import has_two_sides, number_sides, place_back
+from beltscape.calibration.solver.lens import LensPrior
+from beltscape.calibration.solver.levenberg_marquardt import single_thread
+from beltscape.core.checks import is_dict
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.core.type_guards import is_dict
-from beltscape.files.documents.json_text import to_plain
-from beltscape.pipeline.calibrating.intrinsics import compute_lens_covariance
-from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
-from beltscape.pipeline.calibrating.views.board_views import split_boards
+from beltscape.files.json_text import to_plain
+from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics, compute_lens_covariance
+from beltscape.pipeline.calibrating.views import split_boards
 from beltscape.target.board import Board, BoardSet, PlanarBoard, corner_points_mm
 
 WEAKENING = 1e4

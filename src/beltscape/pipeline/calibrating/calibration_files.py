@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.calibration.assessment.uncertainty.next_best_view import NextBestView
+from beltscape.calibration.assessment.next_best_view import NextBestView
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.calibration.network.association import Misclosure
 from beltscape.core.frames import Image
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import write_bytes, write_text
-from beltscape.files.rasters.images import read_image
+from beltscape.files.atomic import write_bytes, write_text
+from beltscape.files.images import read_image
+from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
 from beltscape.pipeline.calibrating.calibration import Calibration
 from beltscape.report.calibration import calibration_page
-from beltscape.report.calibration_coverage import coverage_picture
+from beltscape.report.calibration_plots import coverage_picture
 
 MAX_REJECTED = 12
 """Largest number of rejected views in the report."""

@@ -10,29 +10,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.findings.rig_findings import (
-    describe_scale,
-    estimate_scale_factor,
-    list_rig_findings,
-)
-from beltscape.calibration.assessment.validation.fit_quality import FitQuality, assess_fit
-from beltscape.calibration.assessment.validation.score import (
-    RigErrors,
-    Score,
-    compute_rig_errors,
-    summarise_errors,
-)
+from beltscape.calibration.assessment.findings import describe_scale, estimate_scale_factor, list_rig_findings
+from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
+from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.core.checks import is_dict
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.type_guards import is_dict
 from beltscape.files.capture import read_capture
-from beltscape.files.documents.json_text import to_plain
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.json_text import to_plain
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_sets import resolve_checked_set
-from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
+from beltscape.pipeline.calibrating.views import detect_rig_board
 from beltscape.sources.folder import describe_lost_camera, scale_rig_to_capture
 from beltscape.target.board import Board, corner_points_mm, list_triples, parse_board
 

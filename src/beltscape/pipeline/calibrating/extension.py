@@ -1,4 +1,7 @@
-"""Cameras added to a calibrated rig, or calibrated anew in it; all others keep their intrinsics and poses."""
+"""Cameras added to a calibrated rig, or calibrated anew in it; all others keep their intrinsics and poses.
+
+The covariance of the whole is that of the former rig, and that of the new cameras given it.
+"""
 
 from __future__ import annotations
 
@@ -11,40 +14,82 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.domain.lens_domain import describe_domains, limit_domains
-from beltscape.calibration.assessment.findings.rig_findings import list_rig_findings
-from beltscape.calibration.assessment.validation.fit_quality import FitQuality, assess_fit
-from beltscape.calibration.assessment.validation.folds import list_folds
-from beltscape.calibration.assessment.validation.score import (
-    RigErrors,
-    Score,
-    compute_rig_errors,
-    summarise_errors,
-)
+from beltscape.calibration.assessment.covariance import POSE_NAMES, compute_rig_covariance
+from beltscape.calibration.assessment.cross_validation import list_folds
+from beltscape.calibration.assessment.findings import list_rig_findings
+from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
+from beltscape.calibration.assessment.lens_domain import describe_domains, limit_domains
+from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.lens_choice import AUTO, calibrate_with_model
 from beltscape.calibration.intrinsics.zhang import calibrate_camera
 from beltscape.calibration.network.association import associate_cameras, find_groups
+from beltscape.calibration.network.board_symmetry import unify_numbering
 from beltscape.calibration.network.pairs import calibrate_pairs
-from beltscape.calibration.network.symmetry.board_symmetry import unify_numbering
-from beltscape.calibration.solver.deterministic import single_thread
+from beltscape.calibration.solver.levenberg_marquardt import single_thread
 from beltscape.core.errors import CalibrationError, InputError
+from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter, Silent
 from beltscape.files.capture import Capture, read_capture
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.rig_json import write_rig
 from beltscape.kernels import load
-from beltscape.pipeline.calibrating.joined_covariance import join_covariances
-from beltscape.pipeline.calibrating.known_intrinsics import KnownIntrinsics
-from beltscape.pipeline.calibrating.plausibility import check_scale
-from beltscape.pipeline.calibrating.views.board_detection import detect_rig_board
+from beltscape.pipeline.calibrating.calibration import check_scale
+from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.views import detect_rig_board
 from beltscape.target.board import Board, corner_points_mm, list_triples
 
 Array = NDArray[np.float64]
+
+
+def join_covariances(
+    rig: Rig,
+    joined: Rig,
+    adjustment: BundleAdjustmentResult,
+    new: tuple[str, ...],
+    reference_from_core: Pose,
+) -> dict[str, object]:
+    """Return the covariance of all cameras; that of the new ones holds for the others as they are."""
+    names = [
+        f"{name}.{parameter}"
+        for name, camera in joined.cameras.items()
+        for parameter in list_intrinsics(camera.model)
+    ]
+    names += [f"{name}.{p}" for name in joined.cameras if name != joined.core for p in POSE_NAMES]
+    matrix = np.zeros((len(names), len(names)))
+    own = compute_rig_covariance(adjustment)
+    former = [each for each in rig.covariance.get("parameters", ()) if each.split(".")[0] not in new]
+    _copy_block(
+        matrix, names, list(rig.covariance.get("parameters", ())), rig.covariance.get("matrix", ()), former
+    )
+    is_new = [each for each in own.parameters if each.rsplit(".", 1)[0] in new]
+    _copy_block(matrix, names, list(own.parameters), own.matrix, is_new)
+    for name in new:
+        # a turn about the camera's own axes also moves the core's origin, which lies off the reference's
+        lever = adjustment.rig.cam_from_core[name].rotation @ reference_from_core.translation_mm
+        place = [names.index(f"{name}.{p}") for p in POSE_NAMES]
+        jacobian = np.eye(len(names))
+        jacobian[np.ix_(place[3:], place[:3])] = -_skew(lever)
+        matrix = jacobian @ matrix @ jacobian.T
+    return {"parameters": names, "matrix": matrix}
+
+
+def _copy_block(
+    matrix: Array, names: list[str], source_names: list[str], source: object, chosen: list[str]
+) -> None:
+    """Copy the rows and columns of some parameters."""
+    if not chosen:
+        return
+    to, at = [names.index(each) for each in chosen], [source_names.index(each) for each in chosen]
+    matrix[np.ix_(to, to)] = np.asarray(source, np.float64)[np.ix_(at, at)]
+
+
+def _skew(v: Array) -> Array:
+    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.domain.volume import MeasuringVolume
+from beltscape.calibration.assessment.coverage import MeasuringVolume
 from beltscape.core.errors import InputError
 from beltscape.files.belt_json import read_belt
-from beltscape.files.documents.toml_text import read_toml, validate
+from beltscape.files.toml_text import read_toml, validate
 from beltscape.pipeline.live.project import MatchingSettings
 from beltscape.plan.plan import make_plan
 from beltscape.plan.settings import PlanSettings

@@ -10,33 +10,29 @@ from time import time_ns
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.live.interfaces import LiveSource, Observer, Observers
+from beltscape.core.interfaces import LiveSource, Observer, Observers
 from beltscape.core.progress import Reporter
-from beltscape.files.folders.atomic import ensure_output_folder
-from beltscape.pipeline.live.alarm_settings import read_alarm_texts, require_cameras_of_banks
-from beltscape.pipeline.live.csv_table import CsvTable
+from beltscape.files.atomic import ensure_output_folder
+from beltscape.pipeline.live.alarm_control import AlarmStateFile
 from beltscape.pipeline.live.engine import Engine
 from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts
-from beltscape.pipeline.live.intake.exposure_control import ExposureControl
-from beltscape.pipeline.live.intake.frame_queue import FrameQueue
-from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext, MeasurementRun
+from beltscape.pipeline.live.event_log import EventLog
+from beltscape.pipeline.live.gauges import Gauges
+from beltscape.pipeline.live.hidden_alarms import HiddenAlarms
+from beltscape.pipeline.live.intake import ExposureControl, FrameQueue
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.maintenance import MaintenanceMode, recover_maintenance
+from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.measuring_parts import make_measuring_parts, read_run_rig
-from beltscape.pipeline.live.monitoring.gauges import Gauges
-from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
-from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
-from beltscape.pipeline.live.operation.maintenance import MaintenanceMode, recover_maintenance
-from beltscape.pipeline.live.operation.production import ProductionControl
-from beltscape.pipeline.live.project import Project, RunSettings
-from beltscape.pipeline.live.reporting.deduplicating_reporter import DeduplicatingReporter
-from beltscape.pipeline.live.reporting.event_log import EventLog
-from beltscape.pipeline.live.writer import make_record_writer, notify_records
-from beltscape.pipeline.measuring.flow.instants import Instant, list_instants
+from beltscape.pipeline.live.production import ProductionControl
+from beltscape.pipeline.live.project import Project, RunSettings, read_alarm_texts, require_cameras_of_banks
+from beltscape.pipeline.live.reporting import DeduplicatingReporter
+from beltscape.pipeline.live.writer import CsvTable, make_record_writer, notify_records
+from beltscape.pipeline.measuring.instants import Instant, list_instants
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
-from beltscape.sources.encoder.opening import open_encoder
-from beltscape.sources.encoder.protocol import Encoder
+from beltscape.sources.encoder.opening import Encoder, open_encoder
 from beltscape.sources.genicam.settings import CamerasSettings
 from beltscape.sources.genicam.source import GenicamSource, open_cameras
 from beltscape.sources.replay import FrameTime, ReplaySource

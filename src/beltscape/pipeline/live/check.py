@@ -10,15 +10,14 @@ from pathlib import Path
 from beltscape.core.errors import InputError, OutputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.core.runtime.system_calls import lock_file
-from beltscape.pipeline.live.alarm_settings import describe_alarms
+from beltscape.core.system_calls import lock_file
 from beltscape.pipeline.live.assembly import check_encoder, open_source
 from beltscape.pipeline.live.measuring_parts import build_context, read_run_rig
-from beltscape.pipeline.live.project import Project, RunSettings, read_density
-from beltscape.sinks.historian.storage.schema import open_reader, require_known
-from beltscape.sinks.historian.writing.recovery import DATABASE
+from beltscape.pipeline.live.project import Project, RunSettings, describe_alarms, read_density
+from beltscape.sinks.historian.database import open_reader, require_known
+from beltscape.sinks.historian.recovery import DATABASE
 from beltscape.sinks.settings import RecordingSettings
-from beltscape.sources.genicam.access.aravis import load_aravis
+from beltscape.sources.genicam.aravis import load_aravis
 
 Check = tuple[str, Callable[[], str]]
 """Name of the part, and the function that checks it: it returns a line, or raises a BeltscapeError."""

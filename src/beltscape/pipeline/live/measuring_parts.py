@@ -10,24 +10,21 @@ import numpy as np
 
 from beltscape import __version__
 from beltscape.core.errors import InputError
-from beltscape.core.geometry.rig import Rig
-from beltscape.core.geometry.scaling import scale_rig
+from beltscape.core.geometry.rig import Rig, scale_rig
 from beltscape.core.progress import Reporter
-from beltscape.files.documents.digest import hash_file
+from beltscape.files.json_text import hash_file
 from beltscape.files.rig_json import read_rig
 from beltscape.measure.belt.settings import NOTHING_GIVEN
-from beltscape.measure.volume.capacity import compute_capacity_mm2
-from beltscape.pipeline.live.engine_components import MeasuringParts
-from beltscape.pipeline.live.images.image_monitors import make_image_monitors
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext
-from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
-from beltscape.pipeline.live.operation import zero
+from beltscape.measure.volume.load import compute_capacity_mm2
+from beltscape.pipeline.live import zero
+from beltscape.pipeline.live.engine_components import MeasuringParts, PeriodicInspector
+from beltscape.pipeline.live.image_monitors import make_image_monitors
+from beltscape.pipeline.live.measurement_run import MeasurementContext
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.measuring.belt import hash_empty_belt
-from beltscape.pipeline.measuring.flow.chain import compute_depth_range, read_reference
-from beltscape.pipeline.reconstructing.camera_checks.rig_proposal import make_rig_writer
-from beltscape.pipeline.reconstructing.checked_matcher import make_sequence_matcher
-from beltscape.pipeline.reconstructing.monitored_matcher import MonitoredMatcher
+from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
+from beltscape.pipeline.reconstructing.camera_checks import make_rig_writer
+from beltscape.pipeline.reconstructing.checked_matcher import MonitoredMatcher, make_sequence_matcher
 from beltscape.sources.folder import scale_rig_to_capture
 
 TABLES = ("belt", "matching", "flow", "density", "watch", "health")

@@ -1,27 +1,30 @@
 """project.toml: the settings of the live system; each package declares its own table, and this module joins them.
 
-The page's settings are added in `beltscape.service.project`.
+What the settings refer to is read here, too: the bulk density, the file of the plant's own texts of alarms, and the
+cameras of the rig. The page's settings are added in `beltscape.service.project`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Generic, Literal, TypeVar
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from beltscape.alarms.settings import AlarmSettings
+from beltscape.alarms.texts import CustomTexts, read_custom_texts
 from beltscape.core.errors import InputError
 from beltscape.core.quantities import FRAME_RATE, LOAD_HEIGHT
-from beltscape.files.documents.toml_text import read_toml, validate
-from beltscape.files.tables.density import DensitySigma, DensityValue
+from beltscape.files.density import DensitySigma, DensityValue, find_product, read_density_table
+from beltscape.files.toml_text import read_toml, validate
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
-from beltscape.measure.flow.records.density import Density, make_unknown_density
+from beltscape.measure.flow.density import Density, make_unknown_density
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.volume.settings import SURCHARGE_DEG, Surcharge
-from beltscape.pipeline.measuring.flow.density import read_density_over_time, read_product_density
 from beltscape.production.settings import (
     ProductionSettings,
     ProductSettings,
@@ -32,7 +35,20 @@ from beltscape.production.settings import (
 from beltscape.sinks.settings import CsvSettings, HistorySettings, RecordingSettings
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.genicam.settings import CamerasSettings
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
+
+
+def read_density_over_time(path: Path) -> Density:
+    """Return the density over time from a CSV table; InputError if the table is invalid."""
+    times, densities, sigmas = zip(*read_density_table(path), strict=True)
+    return Density(np.array(times, np.int64), np.array(densities), np.array(sigmas))
+
+
+def read_product_density(products: Path, name: str) -> Density:
+    """Return the density of one product of a TOML file; InputError if it is not in the file."""
+    product = find_product(products, name)
+    return Density.constant(product.density_kg_m3, product.sigma_kg_m3, name)
+
 
 Preset = Literal["fast", "standard"]
 
@@ -218,3 +234,28 @@ def read_density(project: Project[RunSettings]) -> Density:
     if given.table is not None:
         return read_density_over_time(project.resolve(given.table))
     return make_unknown_density() if given.kg_m3 is None else Density.constant(given.kg_m3, given.sigma_kg_m3)
+
+
+def read_alarm_texts(project: Project[RunSettings]) -> CustomTexts:
+    """Return the plant's own texts of alarms; InputError with one line where their file cannot be used."""
+    texts = project.settings.alarms.texts
+    return CustomTexts() if texts is None else read_custom_texts(project.resolve(texts))
+
+
+def require_cameras_of_banks(project: Project[RunSettings], cameras: Collection[str]) -> None:
+    """Raise InputError where a bank of [alarms.cameras_off] has a camera that the rig does not have."""
+    for bank, names in project.settings.alarms.cameras_off.banks.items():
+        for name in names:
+            if name not in cameras:
+                raise InputError(
+                    f"{project.path}: [alarms.cameras_off] banks.{bank}: the rig has no camera {name!r}; "
+                    f"give some of {', '.join(cameras)}"
+                )
+
+
+def describe_alarms(project: Project[RunSettings], cameras: Collection[str]) -> str:
+    """Return a line about the settings of the alarms; InputError where they refer to what does not exist."""
+    require_cameras_of_banks(project, cameras)
+    texts = read_alarm_texts(project).by_language
+    counts = ", ".join(f"{len(alarms)} in {language}" for language, alarms in texts.items())
+    return f"own texts: {counts or 'none'}"

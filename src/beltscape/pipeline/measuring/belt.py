@@ -1,4 +1,4 @@
-"""Measurement of the empty belt from reconstructed frames, and its file belt.json."""
+"""Measurement of the empty belt from reconstructed frames, and its file belt.json; warnings of frames' faults."""
 
 from __future__ import annotations
 
@@ -9,20 +9,24 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.depth import DepthMap
+from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import InputError, MeasureError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Reporter
+from beltscape.files.atomic import write_text
 from beltscape.files.belt_json import read_belt, write_belt
-from beltscape.files.documents.digest import hash_file
-from beltscape.files.folders.atomic import write_text
+from beltscape.files.json_text import hash_file
 from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame, require_intact
-from beltscape.measure.belt.average import average_depth_maps
-from beltscape.measure.belt.empty_belt import learn_belt
+from beltscape.measure.belt.empty_belt import average_depth_maps, learn_belt
 from beltscape.measure.belt.given import apply_given, describe_doubtful_ends, measure_width_mm
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
-from beltscape.pipeline.reconstructing.camera_checks.faults import warn_of_camera_faults
+
+
+def warn_of_camera_faults(frame: FrameResult, reporter: Reporter) -> None:
+    """Warn of a frame's camera faults; their systematic error is included in its depth map's σ."""
+    for line in frame.faults:
+        reporter.warn(f"{frame.folder}: {line}")
 
 
 def measure_empty_belt(

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from beltscape.core.errors import BeltscapeError, InputError, MeasureError
 from beltscape.core.frames import Image, to_grey
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import ensure_output_folder, write_text
-from beltscape.files.rasters.images import read_image
+from beltscape.files.atomic import ensure_output_folder, write_text
+from beltscape.files.images import read_image
+from beltscape.files.json_text import write_json
 from beltscape.files.reconstruction import FrameResult, read_frame
 from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.result import MeasuredModule
 from beltscape.pipeline.measuring.solids import make_solids_document
 from beltscape.report.measuring.features import render_features_page
-from beltscape.stereo.pointcloud.cloud import undistort_image
+from beltscape.stereo.pointcloud import undistort_image
 from beltscape.target.module import read_module
 
 

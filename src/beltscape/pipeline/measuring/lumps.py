@@ -11,13 +11,12 @@ import numpy as np
 
 from beltscape.core.frames import Image
 from beltscape.core.progress import Reporter, Silent
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import ensure_output_folder, write_text
-from beltscape.files.meshes.ply_points import image_from_cloud
-from beltscape.files.rasters.images import write_image
+from beltscape.files.atomic import ensure_output_folder, write_text
+from beltscape.files.images import write_image
+from beltscape.files.json_text import write_json
+from beltscape.files.ply import image_from_cloud
 from beltscape.files.reconstruction import FrameResult, read_frame
-from beltscape.measure.lumps.distribution import SizeDistribution
-from beltscape.measure.lumps.lumps import BIAS, Lumps, measure_lumps
+from beltscape.measure.lumps.lumps import BIAS, Lumps, SizeDistribution, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.pipeline.measuring.belt import read_empty_belt, require_same_camera
 from beltscape.report.measuring.lumps import render_lumps_page

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from beltscape.core.checks import is_mapping
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.type_guards import is_mapping
-from beltscape.files.documents.json_text import read_json
+from beltscape.files.json_text import read_json
 from beltscape.measure.features.result import MeasuredModule
-from beltscape.report.drawing.scene_solids import DRAWN_KINDS, Lines, outline_solid
+from beltscape.report.drawing.scene import DRAWN_KINDS, Lines, outline_solid
 from beltscape.target.module import Cube, Sphere
 
 

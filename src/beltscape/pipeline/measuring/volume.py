@@ -9,16 +9,15 @@ from typing import Any
 import numpy as np
 
 from beltscape.core.progress import Reporter, Silent
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import ensure_output_folder, write_text
-from beltscape.files.meshes.stl import write_stl
-from beltscape.files.rasters.height_tiff import write_height_tiff
+from beltscape.files.atomic import ensure_output_folder, write_text
+from beltscape.files.json_text import write_json
 from beltscape.files.reconstruction import read_frame
+from beltscape.files.stl import write_stl
+from beltscape.files.tiff import write_height_tiff
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.solid import build_load_mesh, build_surface_mesh
 from beltscape.measure.volume.volume import Volume, measure_volume
-from beltscape.pipeline.measuring.belt import read_empty_belt, require_same_camera
-from beltscape.pipeline.reconstructing.camera_checks.faults import warn_of_camera_faults
+from beltscape.pipeline.measuring.belt import read_empty_belt, require_same_camera, warn_of_camera_faults
 from beltscape.report.measuring.volume import render_volume_page
 
 LEAST_COVERAGE = 0.5

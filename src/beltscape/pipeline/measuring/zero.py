@@ -9,13 +9,12 @@ from typing import Any
 
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
+from beltscape.files.atomic import write_text
 from beltscape.files.belt_json import read_belt, read_zero_settings, write_belt
-from beltscape.files.folders.atomic import write_text
-from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_setting import ZeroSetting, zero_offset
-from beltscape.measure.flow.fusion.empty_belt_reference import make_reference
-from beltscape.pipeline.measuring.belt import list_frame_names, read_intact_frame
-from beltscape.pipeline.reconstructing.camera_checks.faults import warn_of_camera_faults
+from beltscape.health.settings import BeltLimits
+from beltscape.measure.belt.reference import make_reference
+from beltscape.pipeline.measuring.belt import list_frame_names, read_intact_frame, warn_of_camera_faults
 
 
 def set_zero(

@@ -1,34 +1,150 @@
-"""A matcher with a check of the cameras: inconsistent cameras are excluded, or σ of the depth is raised."""
+"""Matchers of frame after frame, with a check of the cameras, and with checks of the images before.
+
+Inconsistent cameras are excluded, or σ of the depth is raised; images that cannot be measured are not matched.
+Threads or workers may match frames beside the process that checks them.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
+from beltscape.core.findings import Finding, summarise_faults
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter
-from beltscape.pipeline.reconstructing.camera_checks.check import CameraCheck
-from beltscape.pipeline.reconstructing.camera_checks.findings import CameraFindings
-from beltscape.pipeline.reconstructing.camera_checks.rig_proposal import RigProposals
-from beltscape.pipeline.reconstructing.camera_checks.schedule import CheckSchedule
-from beltscape.pipeline.reconstructing.camera_checks.systematic_error import (
+from beltscape.health.images.monitor import ImageMonitor
+from beltscape.pipeline.reconstructing.camera_checks import (
+    CameraCheck,
+    CameraFindings,
+    CheckSchedule,
+    RigProposals,
     add_systematic_error,
     compute_depth_error_per_px,
 )
-from beltscape.pipeline.reconstructing.match_pool import FrameMatcher, MatchPool, PendingMatch
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE
-from beltscape.stereo.consistency.diagnosis.fault_texts import CameraFault, describe_undecided
-from beltscape.stereo.consistency.diagnosis.low_coverage import diagnose_low_coverage
+from beltscape.stereo.consistency.diagnosis import CameraFault, describe_undecided, diagnose_low_coverage
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings
+
+
+class SequenceMatcher(Protocol):
+    """Reconstructs frame after frame; the depth depends on a frame's images and on the cameras in use."""
+
+    @property
+    def is_inconsistent(self) -> bool:
+        """Return whether cameras contradict the rig; the belt in such frames counts as degraded."""
+        ...
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the findings about the cameras in the last frame, also if it could not be reconstructed."""
+        ...
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
+        """Return the depth of a frame; ReconstructionError if its images do not suffice."""
+        ...
+
+
+class MonitoredMatcher:
+    """Checks the images of a frame before it is matched, and the windows' dirt after it."""
+
+    def __init__(self, matcher: SequenceMatcher, monitor: ImageMonitor) -> None:
+        self._matcher, self._monitor = matcher, monitor
+        self._findings: tuple[Finding, ...] = ()
+        self._is_whole = True
+        self._reported: set[tuple[str, str]] = set()
+
+    @property
+    def is_inconsistent(self) -> bool:
+        """Return whether cameras contradict the rig, or one was left out of the last frame."""
+        return self._matcher.is_inconsistent or not self._is_whole
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Return the findings about images and cameras of the last frame, also if it was not matched."""
+        return self._findings
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
+        """Return the depth of a frame from the cameras that passed the checks.
+
+        Raises
+        ------
+        ReconstructionError
+            When the checks leave nothing to match, or the images do not suffice.
+        """
+        check = self._monitor.check_images(frame_set)
+        self._findings, self._is_whole = check.findings, check.is_whole
+        self._report(frame_set, check.findings, reporter)
+        faults = summarise_faults(one for one in check.findings if one.effect != "none")
+        if faults and not check.frames.images:
+            raise ReconstructionError(f"frame {frame_set.frame}: {faults}")
+        try:
+            # without a fault too few cameras gave an image, which the matcher names
+            frames = check.frames if check.frames.images else frame_set
+            depth = self._matcher.reconstruct(frames, reporter)
+        finally:
+            self._findings = (*check.findings, *self._matcher.findings)
+        dirt = self._monitor.check_depth(depth)
+        self._report(frame_set, dirt, reporter)
+        self._findings = (*self._findings, *dirt)
+        return depth
+
+    def _report(self, frame_set: FrameSet, findings: Sequence[Finding], reporter: Reporter) -> None:
+        """Warn of the first fault of every check of every camera."""
+        for one in findings:
+            if one.is_fault and (one.check, one.subject) not in self._reported:
+                self._reported.add((one.check, one.subject))
+                reporter.warn(f"frame {frame_set.frame}: {one.text}")
+
+
+class FrameMatcher(Protocol):
+    """Reconstructs frames; a frame's depth depends on its images only."""
+
+    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
+        """Return the depth of a frame; ReconstructionError if its images do not suffice."""
+        ...
+
+
+class PendingDepth(Protocol):
+    """The depth of a frame that is being matched elsewhere."""
+
+    def result(self) -> DepthMap | None:
+        """Wait for the depth and return it; None if it could not be matched there. Errors as `FrameMatcher`."""
+        ...
+
+
+class MatchPool(Protocol):
+    """Threads or workers that match frames."""
+
+    def submit(
+        self, frame_set: FrameSet, auxiliaries: tuple[str, ...], make_matcher: Callable[[], FrameMatcher]
+    ) -> PendingDepth:
+        """Begin to match a frame with the matcher of these auxiliaries.
+
+        Raises
+        ------
+        ReconstructionError
+            When there can be no such matcher.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PendingMatch:
+    """A frame that is being matched on another thread or worker."""
+
+    auxiliaries: tuple[str, ...]
+    """The auxiliaries used for the depth."""
+    depth: PendingDepth
+
 
 GROSS_PX = 2.0
 """If no set of cameras is consistent and residuals exceed this, the depth map is refused as chance matches."""

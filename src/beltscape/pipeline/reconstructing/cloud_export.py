@@ -7,16 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from beltscape.core.checks import is_dict
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
-from beltscape.core.type_guards import is_dict
 from beltscape.files.belt_json import read_belt
-from beltscape.files.documents.digest import compute_file_digests
-from beltscape.files.documents.json_text import read_json
-from beltscape.files.folders.paths import AnyPath, as_path
-from beltscape.files.meshes.clouds import require_ending, write_cloud
-from beltscape.files.meshes.las import ENDINGS as LAS_ENDINGS
-from beltscape.files.meshes.ply_points import read_cloud
+from beltscape.files.clouds import require_ending, write_cloud
+from beltscape.files.json_text import compute_file_digests, read_json
+from beltscape.files.las import ENDINGS as LAS_ENDINGS
+from beltscape.files.paths import AnyPath, as_path
+from beltscape.files.ply import read_cloud
 from beltscape.files.reconstruction import DOCUMENT, FrameResult, read_frame
 
 FORMATS = tuple(ending.removeprefix(".") for ending in LAS_ENDINGS)
@@ -43,7 +42,7 @@ def export_cloud(source: AnyPath, out: AnyPath, belt: AnyPath | None = None) -> 
     Raises
     ------
     InputError
-        When the frame has no cloud, ``out`` has no ending of `beltscape.files.meshes.clouds.ENDINGS`, or a library is
+        When the frame has no cloud, ``out`` has no ending of `beltscape.files.clouds.ENDINGS`, or a library is
         missing.
     """
     out = as_path(out, "out")

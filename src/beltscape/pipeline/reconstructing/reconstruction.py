@@ -9,34 +9,32 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.core.errors import InputError, ReconstructionError, SettingsError
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.live.findings import Finding
 from beltscape.core.progress import Reporter
+from beltscape.files.atomic import ensure_output_folder
 from beltscape.files.capture import read_capture
-from beltscape.files.folders.atomic import ensure_output_folder
-from beltscape.files.folders.paths import AnyPath, as_path
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.reconstruction import write_reconstruction
 from beltscape.files.rig_limits import find_oddities
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
-from beltscape.pipeline.reconstructing.camera_checks.rig_proposal import make_rig_writer
-from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
+from beltscape.pipeline.reconstructing.camera_checks import make_rig_writer
+from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher, MatchPool
 from beltscape.pipeline.reconstructing.cloud_export import export_clouds
-from beltscape.pipeline.reconstructing.match_pool import MatchPool
-from beltscape.pipeline.reconstructing.matcher_factory import MatcherFactory
-from beltscape.pipeline.reconstructing.search_range import check_depth_range, find_capture_depth_range
-from beltscape.pipeline.reconstructing.sequence.frame_writer import Frame, FrameWriter
-from beltscape.pipeline.reconstructing.sequence.match_ahead import (
+from beltscape.pipeline.reconstructing.frame_writer import Frame, FrameWriter
+from beltscape.pipeline.reconstructing.match_ahead import (
+    MatcherFactory,
     choose_threads,
     match_ahead,
     open_threads,
+    open_workers,
 )
-from beltscape.pipeline.reconstructing.sequence.match_on_workers import open_workers
+from beltscape.pipeline.reconstructing.search_range import check_depth_range, find_capture_depth_range
 from beltscape.sources.folder import FolderSource, scale_rig_to_capture
-from beltscape.stereo.multiview.settings import PRESETS, MultiviewSettings
 from beltscape.stereo.pairwise.reconstructor import find_horizontal_auxiliary
-from beltscape.stereo.pairwise.settings import PairwiseSettings
+from beltscape.stereo.settings import PRESETS, MultiviewSettings, PairwiseSettings
 from beltscape.workers.options import HERE, WorkerOptions
 
 METHODS = ("multiview", "pairwise", "binocular")

@@ -9,27 +9,25 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.files.documents.json_text import write_json
-from beltscape.files.folders.atomic import ensure_output_folder
-from beltscape.files.folders.paths import AnyPath, as_path
-from beltscape.files.rasters.images import write_image
+from beltscape.files.atomic import ensure_output_folder
+from beltscape.files.images import write_image
+from beltscape.files.json_text import write_json
+from beltscape.files.paths import AnyPath, as_path
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.reconstructing.reconstruction import check_images, open_capture
 from beltscape.pipeline.reconstructing.search_range import check_depth_range, find_capture_depth_range
-from beltscape.report.rectification import draw_rectification
+from beltscape.report.control_pictures import draw_rectification
 from beltscape.sources.folder import FolderSource, scale_rig_to_capture
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import check_consistency
-from beltscape.stereo.consistency.diagnosis.diagnosis import diagnose_cameras
-from beltscape.stereo.consistency.diagnosis.fault_texts import describe_undecided
+from beltscape.stereo.consistency.diagnosis import describe_undecided, diagnose_cameras
 from beltscape.stereo.consistency.rig_consistency import (
     CameraConsistency,
     RigConsistency,
     make_consistency_document,
 )
-from beltscape.stereo.pairwise.rectification import rectify_pair
-from beltscape.stereo.pairwise.rectified_images import RectifiedImages, rectify_images
+from beltscape.stereo.pairwise.rectification import RectifiedImages, rectify_images, rectify_pair
 
 
 def rectify_capture(

@@ -10,15 +10,14 @@ import numpy as np
 from beltscape.core.errors import ReconstructionError, SettingsError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.plausibility import UNITS
 from beltscape.core.progress import Reporter, Silent
-from beltscape.core.runtime.system_calls import count_usable_cores
+from beltscape.core.quantities import UNITS
+from beltscape.core.system_calls import count_usable_cores
 from beltscape.files.rig_limits import LEAST_DEPTH_MM
 from beltscape.sources.folder import FolderSource
 from beltscape.stereo.consistency.check import check_consistency
-from beltscape.stereo.consistency.diagnosis.diagnosis import diagnose_cameras
-from beltscape.stereo.consistency.diagnosis.low_coverage import diagnose_low_coverage
-from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range, find_depth_range
+from beltscape.stereo.consistency.diagnosis import diagnose_cameras, diagnose_low_coverage
+from beltscape.stereo.multiview.depth_range import compute_search_range, find_depth_range
 
 RANGE_FRAMES = 5
 """Number of frames of a sequence in which the depth range is searched."""

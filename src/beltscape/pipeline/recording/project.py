@@ -1,19 +1,23 @@
-"""The part of a project that recording needs: its cameras and its encoder, before there is a rig."""
+"""The part of a project that recording needs: its cameras with their types, and its encoder, before there is a rig.
+
+Types of cameras are told in project.toml, or stated by the cameras themselves.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from beltscape.core.checks import is_dict
 from beltscape.core.errors import InputError
-from beltscape.core.type_guards import is_dict
-from beltscape.files.documents.toml_text import read_toml, validate
+from beltscape.files.camera_types import CameraType
 from beltscape.files.rig_json import read_rig
-from beltscape.sources.encoder.opening import open_encoder
-from beltscape.sources.encoder.protocol import Encoder
+from beltscape.files.toml_text import read_toml, validate
+from beltscape.sources.encoder.opening import Encoder, open_encoder
 from beltscape.sources.encoder.settings import EncoderSettings
+from beltscape.sources.genicam.aravis import FoundCamera
 from beltscape.sources.genicam.settings import CamerasSettings
 
 
@@ -68,3 +72,19 @@ def _find_core(path: Path, values: Mapping[str, Any], cameras: CamerasSettings) 
         if core in cameras.devices:
             return core
     return next(iter(cameras.devices))
+
+
+def list_camera_types(settings: CamerasSettings, found: Sequence[FoundCamera]) -> dict[str, CameraType]:
+    """Return the type of every camera by name: the project's, else the camera's own (GenICam's DeviceModelName)."""
+    stated = {
+        key: f"{camera.maker} {camera.model}".strip()
+        for camera in found
+        for key in (camera.device, camera.address, camera.serial)
+        if key
+    }
+    return {
+        name: CameraType(
+            settings.models.get(name) or stated.get(device, ""), settings.lens_models.get(name, "")
+        )
+        for name, device in settings.devices.items()
+    }

@@ -1,19 +1,132 @@
-"""Single shots, such as views of the calibration board."""
+"""Single shots, such as views of the calibration board, triggered by a key or at a fixed interval.
+
+The board's corners in the images are counted; how the board is printed is found from the images.
+"""
 
 from __future__ import annotations
 
+import sys
+import threading
+import time
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol, TextIO
 
+from beltscape.calibration.detection.detect_capture import (
+    SURE_CORNERS,
+    SURE_RATIO,
+    list_variants,
+    make_two_sided_detector,
+)
 from beltscape.core.errors import InputError
-from beltscape.core.frames import FrameSet
+from beltscape.core.frames import FrameSet, Image
 from beltscape.core.progress import Reporter
-from beltscape.pipeline.recording.corner_counter import CornerCounter
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.core.system_calls import read_key
 from beltscape.pipeline.recording.feed import FrameFeed
-from beltscape.pipeline.recording.trigger import Trigger
-from beltscape.sinks.recording.capture_writer import CaptureWriter
+from beltscape.sinks.recording import CaptureWriter
 from beltscape.sources.genicam.health import find_brightness_fault
 from beltscape.target.board import Board
+
+
+class Trigger(Protocol):
+    """Says when the next shot is due, and when there are no more."""
+
+    def is_due(self) -> bool:
+        """Return whether a shot is due now; one that was returned is used up."""
+        ...
+
+    @property
+    def is_finished(self) -> bool:
+        """True if no further shot will be due."""
+        ...
+
+
+class TimedTrigger:
+    """A shot at once, then one after each interval, up to a number of them."""
+
+    def __init__(self, interval_s: float, shots: int) -> None:
+        """``interval_s`` 0: every frame set."""
+        self._interval_s, self._left = interval_s, shots
+        self._next_s = time.monotonic()
+
+    def is_due(self) -> bool:
+        """See `Trigger`."""
+        if self._left <= 0 or time.monotonic() < self._next_s:
+            return False
+        self._left -= 1
+        self._next_s = time.monotonic() + self._interval_s
+        return True
+
+    @property
+    def is_finished(self) -> bool:
+        """See `Trigger`."""
+        return self._left <= 0
+
+
+class KeyTrigger:
+    """A shot for each key: the space bar or Enter; q, Ctrl-D or the input's end finishes.
+
+    On a terminal single keys are read; from a pipe, lines.
+    """
+
+    def __init__(self, stream: TextIO | None = None, shots: int = 0) -> None:
+        """``shots`` limits their number; 0: no limit."""
+        self._stream = sys.stdin if stream is None else stream
+        self._limit, self._asked, self._taken = shots, 0, 0
+        self._ended = threading.Event()
+        make_supervised_thread("keys", self._read, self._end, self._ended.wait).start()
+
+    def _end(self, reason: str) -> None:  # noqa: ARG002
+        """End with what was taken, such as where the terminal is gone."""
+        self._ended.set()
+
+    def _read(self) -> None:
+        is_terminal = self._stream.isatty()
+        while key := read_key(self._stream) if is_terminal else self._stream.readline():
+            if key.strip().lower() in ("q", "\x04", "\x03"):
+                break
+            self._asked += 1
+        self._ended.set()
+
+    def is_due(self) -> bool:
+        """See `Trigger`."""
+        if self._taken >= self._asked or self.is_finished:
+            return False
+        self._taken += 1
+        return True
+
+    @property
+    def is_finished(self) -> bool:
+        """See `Trigger`."""
+        has_all = self._limit > 0 and self._taken >= self._limit
+        return has_all or (self._ended.is_set() and self._taken >= self._asked)
+
+
+class CornerCounter:
+    """Counts the corners of a board in the images of each shot.
+
+    Keys that board.toml leaves open (``legacy``, ``inverted``) are tried until the shots decide between them.
+    """
+
+    def __init__(self, board: Board) -> None:
+        self._detectors = [make_two_sided_detector(board, variant) for variant in list_variants(board)]
+        self._totals = [0] * len(self._detectors)
+
+    def count(self, images: Mapping[str, Image]) -> dict[str, int]:
+        """Return the number of corners by camera, from the front or from behind, under the best print variant."""
+        counts: list[dict[str, int]] = []
+        for detect in self._detectors:
+            found = {name: detect(image) for name, image in images.items()}
+            counts.append({name: len(corners) if corners else 0 for name, corners in found.items()})
+        self._totals = [total + sum(own.values()) for total, own in zip(self._totals, counts, strict=True)]
+        best = max(range(len(counts)), key=lambda i: self._totals[i])
+        others = [total for i, total in enumerate(self._totals) if i != best]
+        if self._totals[best] >= SURE_CORNERS and self._totals[best] > SURE_RATIO * max(others, default=0):
+            self._detectors, self._totals = [self._detectors[best]], [self._totals[best]]
+        return counts[best]
+
 
 _PATIENCE_S = 30.0
 """Cameras answer within some seconds; after a loss they are reopened within ten."""

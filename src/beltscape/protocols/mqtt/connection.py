@@ -17,7 +17,7 @@ from paho.mqtt.subscribeoptions import SubscribeOptions
 
 from beltscape.core.errors import describe_cause
 from beltscape.protocols.client_tls import make_client_context
-from beltscape.protocols.mqtt.settings import MqttSettings
+from beltscape.protocols.settings import MqttSettings
 
 _ACKNOWLEDGED_S = 20.0
 """Time for the acknowledgement of a batch, after which the connection is made anew. Chosen."""

@@ -15,14 +15,14 @@ from pathlib import Path
 from time import monotonic
 from typing import Protocol
 
-from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.errors import InputError, OutputError, describe_cause
-from beltscape.core.runtime.supervision import make_supervised_thread
+from beltscape.core.ledger import BeltRecord
+from beltscape.core.supervision import make_supervised_thread
 from beltscape.protocols.kept_number import KeptNumber
 from beltscape.protocols.mqtt.connection import list_tls_files
 from beltscape.protocols.mqtt.json_channel import JsonChannel
-from beltscape.protocols.mqtt.settings import MqttSettings
 from beltscape.protocols.plant import Plant, PlantState
+from beltscape.protocols.settings import MqttSettings
 
 _BATCH = 200
 """Records that wait for their acknowledgement at once; the broker's own limit is respected by the library."""
@@ -139,7 +139,7 @@ class Publisher:
     def _make_channel(self) -> Channel:
         if self._settings.payload == "json":
             return JsonChannel(self._settings, self._password)
-        from beltscape.protocols.mqtt.sparkplug.channel import SparkplugChannel
+        from beltscape.protocols.mqtt.sparkplug import SparkplugChannel
 
         return SparkplugChannel(self._settings, self._password, self._data, self._on_message)
 

@@ -10,9 +10,8 @@ from datetime import UTC, datetime
 from asyncua import ua
 
 from beltscape.core.errors import BeltscapeError
-from beltscape.protocols.opcua.model.builder import Builder
-from beltscape.protocols.opcua.model.namespaces import OWN, own_id
-from beltscape.protocols.opcua.security.sessions import GuardedServer, find_caller
+from beltscape.protocols.opcua.address_space import OWN, Builder, own_id
+from beltscape.protocols.opcua.sessions import GuardedServer, find_caller
 from beltscape.protocols.plant import PlantCommands, PlantUsers
 
 _LONGEST = 200

@@ -15,10 +15,9 @@ from asyncua import ua
 from asyncua.server.event_generator import EventGenerator
 from asyncua.server.internal_server import InternalServer
 
-from beltscape.core.live.alarms import Alarm
+from beltscape.core.alarms import Alarm
+from beltscape.protocols.opcua.address_space import OWN, Builder, own_id
 from beltscape.protocols.opcua.commands import Commands
-from beltscape.protocols.opcua.model.builder import Builder
-from beltscape.protocols.opcua.model.namespaces import OWN, own_id
 from beltscape.protocols.opcua.publication import to_datetime
 from beltscape.protocols.plant import PlantState
 

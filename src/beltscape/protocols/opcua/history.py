@@ -17,10 +17,10 @@ from datetime import UTC, datetime, timedelta
 
 from asyncua import ua
 
-from beltscape.core.belt.ledger_entries import BeltRecord
-from beltscape.protocols.opcua.model.namespaces import own_id
-from beltscape.protocols.opcua.model.quantities import QUANTITIES, RECORD_QUANTITIES, Quantity, RecordQuantity
+from beltscape.core.ledger import BeltRecord
+from beltscape.protocols.opcua.address_space import own_id
 from beltscape.protocols.opcua.publication import make_count, make_value
+from beltscape.protocols.opcua.quantities import QUANTITIES, RECORD_QUANTITIES, Quantity, RecordQuantity
 from beltscape.protocols.plant import Plant
 
 _PAGE = 2000

@@ -1,4 +1,8 @@
-"""Writes the present state and the new records to the nodes, with status and source timestamp."""
+"""Writes the present state, the new records and the newest findings to the nodes.
+
+Values have status and source timestamp. The newest finding of every check of the system about itself is a variable
+below the belt's health.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +14,11 @@ from time import time_ns
 from asyncua import ua
 from asyncua.server.internal_server import InternalServer
 
-from beltscape.core.belt.ledger_entries import BeltRecord
-from beltscape.protocols.opcua.model.namespaces import CONVEYING, own_id
-from beltscape.protocols.opcua.model.quantities import QUANTITIES, RECORD_QUANTITIES
-from beltscape.protocols.opcua.model.weight import make_weight
+from beltscape.core.findings import Finding
+from beltscape.core.ledger import BeltRecord
+from beltscape.protocols.opcua.address_space import CONVEYING, OWN, Builder, own_id
+from beltscape.protocols.opcua.quantities import QUANTITIES, RECORD_QUANTITIES
+from beltscape.protocols.opcua.types import make_weight
 from beltscape.protocols.plant import Plant, PlantState, Provenance
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -132,3 +137,63 @@ def _find_machine_state(state: PlantState) -> str:
     if not math.isfinite(state.speed_m_s):
         return "NotAvailable"
     return "Executing" if abs(state.speed_m_s) > _STILL_M_S else "NotExecuting"
+
+
+_MOST_FINDINGS = 300
+"""Checks that are served, which bounds the address space; a rig of eight cameras has some 60."""
+
+
+class Findings:
+    """One variable for every check, with its limit, σ, unit, and the fault in words."""
+
+    def __init__(self, server: InternalServer, builder: Builder) -> None:
+        """Begin without checks; they are added when they are first made."""
+        self._server, self._builder = server, builder
+        self._shown: dict[str, Finding] = {}
+
+    async def update(self, state: PlantState) -> None:
+        """Show the findings that are new or have changed."""
+        for finding in state.findings:
+            name = f"{finding.check}.{finding.subject}" if finding.subject else finding.check
+            if name not in self._shown:
+                if len(self._shown) >= _MOST_FINDINGS:
+                    continue
+                self._add(name)
+            elif self._shown[name] is finding:
+                continue
+            self._shown[name] = finding
+            for node, value in _list_finding_values(name, finding).items():
+                value.SourceTimestamp = to_datetime(state.wall_ns)
+                await self._server.write_attribute_value(own_id(node), value)
+
+    def _add(self, name: str) -> None:
+        path = f"Belt.Monitoring.Health.{name}"
+        node, parent = own_id(path), own_id("Belt.Monitoring.Health")
+        value = ua.Variant(0.0, ua.VariantType.Double)
+        self._builder.add_variable(node, parent, ua.QualifiedName(name, OWN), value, text="value of a check")
+        for key in ("Sigma", "Limit"):
+            self._builder.add_property(own_id(f"{path}.{key}"), node, ua.QualifiedName(key, OWN), value)
+        for key in ("Unit", "Fault", "Effect"):
+            text = ua.Variant("", ua.VariantType.String)
+            self._builder.add_property(own_id(f"{path}.{key}"), node, ua.QualifiedName(key, OWN), text)
+
+
+def _list_finding_values(name: str, finding: Finding) -> dict[str, ua.DataValue]:
+    path = f"Belt.Monitoring.Health.{name}"
+    texts = {"Unit": finding.unit, "Fault": str(finding.text), "Effect": finding.effect}
+    return {
+        path: _make_number(finding.value),
+        f"{path}.Sigma": _make_number(finding.sigma),
+        f"{path}.Limit": _make_number(finding.limit),
+        **{
+            f"{path}.{key}": ua.DataValue(ua.Variant(text, ua.VariantType.String))
+            for key, text in texts.items()
+        },
+    }
+
+
+def _make_number(value: float) -> ua.DataValue:
+    """Return a number; its status is bad where it was not measured, or there is none."""
+    good, bad = ua.StatusCodes.Good, ua.StatusCodes.BadWaitingForInitialData
+    status = ua.StatusCode(good if math.isfinite(value) else bad)
+    return ua.DataValue(ua.Variant(value, ua.VariantType.Double), status)

@@ -1,37 +1,121 @@
 """The server: an event loop in a thread of its own, which reads the plant's ready state and answers clients.
 
-No frame waits for it: it shares nothing with the measurement but the state's lock, which is held for microseconds.
+No frame waits for it: it shares nothing with the measurement but the state's lock, which is held for microseconds. A
+connection that sends more than a message holds is closed; a lost one ends its session.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import socket
 from collections.abc import Awaitable, Callable
 from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
-from asyncua import ua
+from asyncua import Server, ua
+from asyncua.common.connection import TransportLimits
+from asyncua.server.binary_server_asyncio import BinaryServer, OPCUAProtocol
+from asyncua.server.internal_server import InternalServer
 
-from beltscape.core.runtime.supervision import describe_failure
+from beltscape.core.supervision import describe_failure
 from beltscape.protocols.listening import ListeningThread
+from beltscape.protocols.opcua.address_space import URIS, Builder
+from beltscape.protocols.opcua.belt import add_belt
+from beltscape.protocols.opcua.certificates import ClientCertificates, open_own_certificate
 from beltscape.protocols.opcua.commands import Commands
 from beltscape.protocols.opcua.conditions import Conditions
-from beltscape.protocols.opcua.findings import Findings
 from beltscape.protocols.opcua.history import RecordHistory
-from beltscape.protocols.opcua.model.belt import add_belt
-from beltscape.protocols.opcua.model.builder import Builder
-from beltscape.protocols.opcua.model.namespaces import URIS
-from beltscape.protocols.opcua.model.types import add_types
-from beltscape.protocols.opcua.model.weight import add_weight_type
-from beltscape.protocols.opcua.publication import Publication
-from beltscape.protocols.opcua.security.certificates import ClientCertificates, open_own_certificate
-from beltscape.protocols.opcua.security.sessions import GuardedServer
-from beltscape.protocols.opcua.security.transport import BoundedServer, open_listener
-from beltscape.protocols.opcua.settings import OpcUaSettings
+from beltscape.protocols.opcua.publication import Findings, Publication
+from beltscape.protocols.opcua.sessions import GuardedServer
+from beltscape.protocols.opcua.types import add_types, add_weight_type
 from beltscape.protocols.plant import Plant, PlantCommands, PlantState, PlantUsers, Provenance
+from beltscape.protocols.settings import OpcUaSettings
+
+_CHUNK_BYTES = 65_535
+"""Largest part of a message (OPC 10000-6: at least 8192); the library's own."""
+_CHUNKS = 64
+"""Parts of one request: 4 MiB, far more than reads, calls and subscriptions need."""
+_BACKLOG = 64
+"""Connections that may wait to be accepted. Chosen."""
+
+
+def _make_limits() -> TransportLimits:
+    """Return the limits that the server states to clients."""
+    return TransportLimits(
+        max_recv_buffer=_CHUNK_BYTES,
+        max_send_buffer=_CHUNK_BYTES,
+        max_chunk_count=_CHUNKS,
+        max_message_size=_CHUNKS * _CHUNK_BYTES,
+    )
+
+
+class BoundedProtocol(OPCUAProtocol):
+    """A connection whose unread bytes are bounded, also before anybody has signed in."""
+
+    def data_received(self, data: bytes) -> None:
+        """Handle bytes; close the connection where they are no message that could still become complete."""
+        if self.transport is None or self.transport.is_closing():
+            return
+        super().data_received(data)
+        if len(self._buffer) > _CHUNK_BYTES:
+            self._buffer = b""
+            self.transport.close()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """End the session with its subscriptions: no other channel can go on with it."""
+        session = None if self.processor is None else self.processor.session
+        super().connection_lost(exc)
+        if session is not None:
+            self.closing_tasks.append(asyncio.create_task(session.close_session()))
+
+
+class _BoundedListener(BinaryServer):
+    listener: socket.socket
+
+    def _make_protocol(self) -> OPCUAProtocol:
+        return BoundedProtocol(
+            iserver=self.iserver,
+            policies=self._policies,
+            clients=self.clients,
+            closing_tasks=self.closing_tasks,
+            limits=self.limits,
+        )
+
+    async def start(self) -> None:
+        loop = asyncio.get_running_loop()
+        self._server = await loop.create_server(self._make_protocol, sock=self.listener)
+        self.cleanup_task = asyncio.create_task(self._close_task_loop())
+
+
+class BoundedServer(Server):
+    """A server whose connections are bounded, on a socket that is bound already."""
+
+    def __init__(self, server: InternalServer, listener: socket.socket) -> None:
+        """Take the socket; it is closed with the server."""
+        super().__init__(iserver=server)
+        self._listener = listener
+        self.limits = _make_limits()
+
+    async def start(self) -> None:
+        """Answer clients."""
+        await self._setup_server_nodes()
+        await self.iserver.start()
+        host, port = self._listener.getsockname()[:2]
+        listener = _BoundedListener(self.iserver, host, port, self.limits)
+        listener.listener = self._listener
+        listener.set_policies(self._policies)
+        self.bserver = listener
+        await listener.start()
+
+
+def open_listener(host: str, port: int) -> socket.socket:
+    """Return a listening socket; OSError if the address cannot be had."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    return socket.create_server((host, port), family=family, backlog=_BACKLOG)
+
 
 Update = Callable[[PlantState], Awaitable[None]]
 

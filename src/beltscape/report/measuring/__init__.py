@@ -1,1 +1,1 @@
-"""Report pages of the measurements: belt, volume, flow, lumps and module."""
+"""Report pages of the measurements: `belt`, `volume`, `flow`, `lumps`, and `features` of the module."""

@@ -9,8 +9,8 @@ import cv2
 import numpy as np
 from matplotlib.figure import Figure
 
-from beltscape.core.belt.empty_belt import Belt
 from beltscape.core.depth import DepthMap
+from beltscape.core.empty_belt import Belt
 from beltscape.core.geometry.camera import Camera
 from beltscape.report.drawing.charts import Chart, Entry, Key
 from beltscape.report.drawing.legend import DIFFERENCE, Color, Rgb, Scale, Swatches

@@ -1,26 +1,210 @@
-"""The report page of a moving belt: total flow with uncertainty, the fused belt, and the strips."""
+"""The report page of a moving belt: total flow with uncertainty, the fused belt, and the strips.
+
+Its charts show the belt from above, flow, motion, and coverage.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from beltscape.core.belt.flow_record import QUALITIES, FlowRecord
-from beltscape.core.belt.height_map import HeightMap
+from beltscape.core.height_map import HeightMap
+from beltscape.core.ledger import QUALITIES, FlowRecord
 from beltscape.measure.flow.meter import FramePlacement
-from beltscape.measure.flow.records.totals import FlowTotals
-from beltscape.report.measuring.flow_charts import (
-    make_belt_chart,
-    make_coverage_chart,
-    make_flow_chart,
-    make_motion_chart,
-    make_state_entry,
-)
+from beltscape.measure.flow.strips import FlowTotals
+from beltscape.report.drawing.charts import Chart, Entry, Key, Mark
+from beltscape.report.drawing.legend import HEIGHT, Scale
+from beltscape.report.drawing.palette import light
+from beltscape.report.drawing.pictures import quantile_range
+from beltscape.report.drawing.plots import Form, fade_unmeasured, make_panels, show_map
 from beltscape.report.page import Section, Table, Tile, Tiles, render
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+_SHAPES: Mapping[str, tuple[Mark, str]] = {
+    "measured": ("circle", "o"), "degraded": ("square", "s"), "bridged": ("triangle", "^"), "missing": ("cross", "X"),
+}  # fmt: skip
+"""Quality → mark in a key and in a plot; the colour is the palette's role of the same name."""
+_STRIP = "#c9d3df"
+"""Colour of the lines between strips, drawn on the map's colours."""
+_ROW_MM = 3000.0
+"""Length of the pieces in which a long belt is drawn below one another; a third of it on a phone."""
+_MOST_PIECES = 12
+"""Largest number of these pieces; a longer belt has longer ones."""
+_MOST_CELLS = 1600
+"""Largest number of cells of a piece along the belt."""
+
+
+def make_state_entry(quality: str) -> Entry:
+    """Return the word of a strip's quality with its mark."""
+    return Entry(quality, quality, _SHAPES[quality][0])
+
+
+def make_belt_chart(records: Sequence[FlowRecord], belt: HeightMap, share: NDArray[np.float64]) -> Chart:
+    """Return the fused belt, seen from above, travelling to the left."""
+    low, high = quantile_range(belt.height_mm, 0.002)
+    scale = Scale(min(low, 0.0), max(high, 1.0), HEIGHT, label="load, mm")
+    caption = (
+        "Fused surface over the belt coordinate s; lines part the strips, faded places are interpolated."
+    )
+    return Chart.draw(partial(_plot_belt, records, belt, share, scale), caption, scale)
+
+
+def _plot_belt(
+    records: Sequence[FlowRecord], belt: HeightMap, share: NDArray[np.float64], scale: Scale, form: Form
+) -> Figure:
+    half = belt.cell_mm / 2
+    low, high = belt.y_mm[0] - half, belt.y_mm[-1] + half
+    row_mm = _ROW_MM / 3 if form.narrow else _ROW_MM
+    count = int(np.clip(np.ceil((high - low) / row_mm), 1, _MOST_PIECES))
+    across = (belt.x_mm[0] - half, belt.x_mm[-1] + half)
+    height = float(np.clip((form.width - 70) * (across[1] - across[0]) * count / (high - low), 70, 400)) + 40
+    figure, axes = make_panels(count, form, height=height)
+    every = max(1, round(len(belt.y_mm) / count / _MOST_CELLS))
+    for axis, rows in zip(axes, np.array_split(np.arange(len(belt.y_mm)), count), strict=True):
+        heights = belt.height_mm[rows]
+        colors = fade_unmeasured(scale.to_rgb(heights), heights, share[rows]).transpose(1, 0, 2)[
+            ::every, ::every
+        ]
+        start, end = float(belt.y_mm[rows[0]] - half), float(belt.y_mm[rows[-1]] + half)
+        show_map(axis, colors, (start, end, *across))
+        for record in records:
+            if start < record.strip_mm[1] < end:
+                axis.axvline(record.strip_mm[1], color=_STRIP, linewidth=0.7)
+        axis.set(xlim=(start, end), ylabel="x, mm")
+    axes[-1].set_xlabel("belt coordinate s, mm")
+    return figure
+
+
+def make_flow_chart(records: Sequence[FlowRecord]) -> Chart:
+    """Return the cross-section over the belt, and the flow over time."""
+    present = [quality for quality in QUALITIES if any(r.quality == quality for r in records)]
+    caption = "Cross-section along the belt with two σ, and flow over time."
+    return Chart.draw(partial(plot_flow, records), caption, Key([make_state_entry(name) for name in present]))
+
+
+def plot_flow(records: Sequence[FlowRecord], form: Form) -> Figure:
+    """Plot the cross-section along the belt and, with times, the flow."""
+    timed = [r for r in records if r.time_ns is not None and np.isfinite(r.volume_flow_m3_h)]
+    figure, axes = make_panels(2 if timed else 1, form, height=210, narrow_height=190)
+    _plot_cross_sections(axes[0], records)
+    if timed:
+        _plot_rates(axes[1], timed)
+    for axis in axes:
+        axis.grid()
+    return figure
+
+
+def _plot_cross_sections(axis: Axes, records: Sequence[FlowRecord]) -> None:
+    for record in _strips(records):
+        length = record.strip_mm[1] - record.strip_mm[0]
+        area, sigma = record.area_mm2 / 100, record.sigma_mm3 / length / 100
+        color = light(record.quality)
+        axis.fill_between(record.strip_mm, 0, area, color=color, alpha=0.25, linewidth=0)
+        axis.plot(record.strip_mm, [area, area], color=color, linewidth=1.8)
+        band = (area - 2 * sigma, area + 2 * sigma)
+        axis.fill_between(record.strip_mm, *band, color=color, alpha=0.35, linewidth=0)
+        axis.plot(np.mean(record.strip_mm), area, _SHAPES[record.quality][1], color=color, markersize=4.5)
+    axis.set(xlabel="belt coordinate s, mm", ylabel="cross-section, cm²")
+
+
+def _plot_rates(axis: Axes, timed: Sequence[FlowRecord]) -> None:
+    time, rate = _times(timed), np.array([r.volume_flow_m3_h for r in timed])
+    axis.plot(time, rate, color=light("reference"), linewidth=1.0, zorder=1)
+    for quality, (_, marker) in _SHAPES.items():
+        here = np.array([r.quality == quality for r in timed])
+        if here.any():
+            axis.plot(time[here], rate[here], marker, color=light(quality), markersize=5.5, zorder=2)
+    axis.set(xlabel="time, s", ylabel="flow, m³/h")
+    axis.set_ylim(bottom=min(0.0, float(rate.min())))
+    densities = {record.density_kg_m3 for record in timed}
+    if len(densities) == 1 and np.isfinite([r.mass_flow_t_h for r in timed]).all():
+        factor = densities.pop() * 1e-3  # one density holds for all: mass flow on the right
+        back = (partial(np.multiply, factor), partial(np.multiply, 1 / factor))
+        axis.secondary_yaxis("right", functions=back).set_ylabel("t/h")
+
+
+def make_motion_chart(steps: Sequence[FramePlacement]) -> Chart:
+    """Return the speed of material and encoder, and the difference of their positions."""
+    entries = [Entry("belt as used", "first"), Entry("told by the material", "first", "circle")]
+    if any(s.place.encoder_mm is not None for s in steps):
+        entries.append(Entry("encoder", "second", "dashed"))
+    caption = "Speed by the material and by the encoder; what they differ by."
+    return Chart.draw(partial(_plot_motion, steps), caption, Key(entries))
+
+
+def _plot_motion(steps: Sequence[FramePlacement], form: Form) -> Figure:
+    both = [s for s in steps if s.place.encoder_mm is not None]
+    figure, axes = make_panels(2 if both else 1, form, height=190, narrow_height=180)
+    if len(steps) > 1:
+        _plot_speeds(axes[0], steps, encoder=len(both) == len(steps))
+    axes[0].set(xlabel="time, s", ylabel="speed, mm/s")
+    if both:
+        off = [float(s.place.encoder_mm or 0.0) - s.place.position_mm for s in both]
+        axes[1].plot([s.place.clock for s in both], off, "--", color=light("second"), linewidth=1.4)
+        axes[1].axhline(0, color=light("reference"), linewidth=0.8)
+        axes[1].set(xlabel="time, s", ylabel="encoder − material, mm")
+    for axis in axes:
+        axis.grid()
+    return figure
+
+
+def _plot_speeds(axis: Axes, steps: Sequence[FramePlacement], *, encoder: bool) -> None:
+    clock = np.array([s.place.clock for s in steps])
+    place = np.array([s.place.position_mm for s in steps])
+    measured = np.array([s.place.source == "material" for s in steps], bool)[1:]
+    middle = 0.5 * (clock[1:] + clock[:-1])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = np.diff(place) / np.diff(clock)
+        axis.plot(middle, speed, color=light("first"), linewidth=1.3)
+        axis.plot(middle[measured], speed[measured], "o", color=light("first"), markersize=4.5)
+        if encoder:
+            encoder_speed = np.diff(np.array([s.place.encoder_mm for s in steps], np.float64)) / np.diff(
+                clock
+            )
+            axis.plot(middle, encoder_speed, "--", color=light("second"), linewidth=1.3)
+    low, high = axis.get_ylim()
+    room = max(
+        0.0, 0.01 * abs(0.5 * (low + high)) - 0.5 * (high - low)
+    )  # small variations of the speed are not magnified
+    axis.set_ylim(low - room, high + room)
+
+
+def make_coverage_chart(records: Sequence[FlowRecord]) -> Chart:
+    """Return the measured share of every strip, by a single frame and by all frames."""
+    key = Key([Entry("all frames", "first"), Entry("one frame alone", "second", "dashed")])
+    return Chart.draw(partial(_plot_coverage, records), "Share of each strip that was measured.", key)
+
+
+def _plot_coverage(records: Sequence[FlowRecord], form: Form) -> Figure:
+    figure, (axis,) = make_panels(1, form, height=190, narrow_height=170)
+    strips = _strips(records)
+    edges = [s for record in strips for s in record.strip_mm]
+    for values, role, style in (
+        ([r.single_coverage for r in strips], "second", "--"),
+        ([r.coverage for r in strips], "first", "-"),
+    ):
+        axis.plot(edges, np.repeat(np.array(values) * 100, 2), style, color=light(role), linewidth=1.8)
+    axis.set(xlabel="belt coordinate s, mm", ylabel="measured, %", ylim=(0, 102))
+    axis.grid()
+    return figure
+
+
+def _strips(records: Sequence[FlowRecord]) -> list[FlowRecord]:
+    return [r for r in records if r.strip_mm[1] > r.strip_mm[0]]
+
+
+def _times(records: Sequence[FlowRecord]) -> NDArray[np.float64]:
+    return np.array([(r.time_ns or 0) * 1e-9 for r in records])
+
 
 _MOST_ROWS = 400
 """Largest number of rows of the table; flow.csv has all."""

@@ -1,4 +1,6 @@
-"""Reports of shifts and days: `document` holds the figures, `texts` the words, `page` makes HTML, `pdf` prints it.
+"""Reports of shifts and days as pages and PDF.
 
-``python -m beltscape.report.production FILE.json`` renders a document, in a process of its own.
+`document` holds the figures, `texts` the words in the languages of the folder ``languages``, `page` makes
+HTML, `pdf` prints it. ``python -m beltscape.report.production FILE.json`` renders a document, in a process of
+its own.
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from beltscape.files.folders.atomic import write_text
+from beltscape.files.atomic import write_text
 from beltscape.report.production.document import ReportDocument
 from beltscape.report.production.page import render_report
 from beltscape.report.production.pdf import write_pdf

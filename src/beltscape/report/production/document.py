@@ -7,11 +7,10 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from beltscape.files.documents.json_number import Number
-from beltscape.production.batches import Batch, add_up
+from beltscape.files.json_number import Number
 from beltscape.production.scale import Comparison
 from beltscape.production.shifts import Period, PeriodKind
-from beltscape.production.sums import ProductionSums
+from beltscape.production.sums import Batch, ProductionSums, add_up
 
 _MS_NS = 1_000_000
 """Nanoseconds of a millisecond."""

@@ -6,9 +6,8 @@ import re
 from importlib import import_module
 from pathlib import Path
 
-from beltscape.core.errors import InputError
-from beltscape.core.runtime.extras import describe_missing_library
-from beltscape.files.folders.atomic import write_bytes
+from beltscape.core.errors import InputError, describe_missing_library
+from beltscape.files.atomic import write_bytes
 from beltscape.report.drawing.palette import ROLES, light
 
 _STYLE = """

@@ -1,5 +1,6 @@
-"""The words of a report in a language, and numbers and times as they are written in it.
+"""The words of a report in a language, numbers and times as they are written in it, and a report's title and result.
 
+Title and result are one line each: heads of the page, subject and text of the mail.
 A language is a file ``languages/<code>.json``; another one is added by adding its file.
 """
 
@@ -15,6 +16,7 @@ from math import floor, isfinite, log10
 from zoneinfo import ZoneInfo
 
 from beltscape.core.errors import InputError
+from beltscape.report.production.document import ReportDocument
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,3 +75,23 @@ def list_languages() -> list[str]:
 def _read(language: str) -> Mapping[str, str]:
     file = files("beltscape.report.production") / "languages" / f"{language}.json"
     return json.loads(file.read_text(encoding="utf-8"))
+
+
+def make_title(document: ReportDocument) -> str:
+    """Return the title: plant, shift or day, and date."""
+    texts, period = open_texts(document.language, document.time_zone), document.period
+    name = texts(f"title.{period.kind}", name=period.name)
+    return " · ".join(part for part in (document.plant, name, period.day) if part)
+
+
+def summarise(document: ReportDocument) -> str:
+    """Return the totals in one sentence."""
+    texts, totals = open_texts(document.language, document.time_zone), document.period.totals
+    mass = texts.with_sigma(totals.mass_t, totals.mass_sigma_t)
+    return texts(
+        "verdict",
+        from_=texts.moment(document.period.since_ms),
+        until=texts.moment(document.period.until_ms),
+        volume=texts.with_sigma(totals.volume_m3, totals.sigma_m3),
+        mass=texts("mass", mass=mass) if totals.mass_t is not None else "",
+    )

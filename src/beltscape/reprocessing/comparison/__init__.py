@@ -1,7 +1,8 @@
-"""Comparison of two histories of the same belt: two re-processings, or a plant's own history and a re-processing.
+"""Comparison of two histories of the same belt.
 
-`reading` opens a history without a lock and without a trace; `alignment` lays both along the belt by the frames that
-both have; `segments` cuts the belt where either has an edge; `uncertainty` sums with σ of each and of the difference;
-`comparison` joins these with `intervals`, `stretches`, `reasons`, `identity`, `provenance` and `pattern`;
-`presentation` gives the terminal summary, the JSON document and the page.
+They are two re-processings, or a plant's own history and a re-processing. `ledger` opens a history without a
+lock and without a trace; `segments` lays both along the belt by the frames that both have, and cuts the belt
+where either has an edge; `uncertainty` sums with σ of each and of the difference; `differences` says where
+and how they differ; `comparison` joins these. `texts` gives the terminal summary, `document` the JSON
+document, `page` the page.
 """

@@ -12,14 +12,13 @@ from time import strptime
 from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.files.capture import FolderContent, describe_left_out, describe_missing_frames, index_images
-from beltscape.files.documents.plain_text import decode_text
+from beltscape.files.encoder_csv import parse_encoder
+from beltscape.files.exposures_csv import FILE as EXPOSURES
+from beltscape.files.exposures_csv import parse_exposures
 from beltscape.files.frame_names import match_frames, sort_frames
-from beltscape.files.tables.encoder_csv import parse_encoder
-from beltscape.files.tables.exposures_csv import FILE as EXPOSURES
-from beltscape.files.tables.exposures_csv import parse_exposures
-from beltscape.pipeline.measuring.flow.instants import Instant, drop_positions, pair_readings, time_frames
-from beltscape.reprocessing.recordings.place import Place
-from beltscape.reprocessing.recordings.recording import RecordedFrame, Recording
+from beltscape.files.paths import decode_text
+from beltscape.pipeline.measuring.instants import Instant, drop_positions, pair_readings, time_frames
+from beltscape.reprocessing.recordings.recording import Place, RecordedFrame, Recording
 from beltscape.reprocessing.recordings.tree import FileEntry, Folder, Tree
 from beltscape.sources.folder import describe_lost_camera
 
@@ -126,7 +125,7 @@ def _list_instants(
     place: Place,
     reporter: Reporter,
 ) -> list[Instant]:
-    """Return the instants as `pipeline.measuring.flow.instants.list_instants` does for a folder."""
+    """Return the instants as `pipeline.measuring.instants.list_instants` does for a folder."""
     table, has_table = place.describe_folder(ENCODER), ENCODER in listing.folder.files
     if not has_table and (options.with_positions or options.frames_per_s is None):
         fix = "" if options.with_positions else ", or give frames_per_s in [capture]"

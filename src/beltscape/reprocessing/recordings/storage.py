@@ -10,8 +10,7 @@ from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 from typing import IO, TYPE_CHECKING, Any
 
-from beltscape.core.errors import InputError
-from beltscape.core.runtime.extras import describe_missing_library
+from beltscape.core.errors import InputError, describe_missing_library
 
 if TYPE_CHECKING:
     from fsspec import AbstractFileSystem

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from beltscape.core.errors import InputError
-from beltscape.reprocessing.recordings.archives.member import normalise_name
-from beltscape.reprocessing.recordings.archives.reading import KINDS, list_archive
-from beltscape.reprocessing.recordings.place import Place
+from beltscape.reprocessing.recordings.archives import KINDS, list_archive, normalise_name
+from beltscape.reprocessing.recordings.recording import Place
 from beltscape.reprocessing.recordings.storage import (
     follow_link,
     is_local,

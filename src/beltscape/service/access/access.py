@@ -8,16 +8,13 @@ import secrets
 from pathlib import Path
 
 from beltscape.core.errors import InputError, OutputError
+from beltscape.service.access.accounts import ANONYMOUS, Accounts, User, normalise_name
 from beltscape.service.access.audit import Audit
-from beltscape.service.access.identity.accounts import Accounts, normalise_name
-from beltscape.service.access.identity.database import Database, UsersUnreadableError
-from beltscape.service.access.identity.keys import Keys
-from beltscape.service.access.identity.passwords import ScryptCost
-from beltscape.service.access.identity.roles import ANONYMOUS, User
-from beltscape.service.access.identity.sessions import Sessions
-from beltscape.service.access.limits.queue import PasswordQueue
-from beltscape.service.access.limits.throttle import Throttle, TokenBuckets
-from beltscape.service.access.settings import AccessSettings
+from beltscape.service.access.database import Database, UsersUnreadableError
+from beltscape.service.access.passwords import PasswordQueue, ScryptCost
+from beltscape.service.access.sessions import Keys, Sessions
+from beltscape.service.access.throttle import Throttle, TokenBuckets
+from beltscape.service.settings import AccessSettings
 
 
 class Access:

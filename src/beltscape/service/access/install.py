@@ -1,24 +1,44 @@
-"""Installation of access control in an application: routes, pages, error handlers and the guard."""
+"""Installation of access control in an application: routes, pages, error handlers and the guard.
+
+The pages are /login, /setup and /account; their texts, colours and fonts come from the operator's page.
+"""
 
 from __future__ import annotations
 
 import json
 import logging
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import Response
+from fastapi.responses import FileResponse, Response
+from starlette.staticfiles import StaticFiles
 
 from beltscape.core.errors import OutputError
 from beltscape.service.access.access import Access
-from beltscape.service.access.identity.database import UsersUnreadableError
-from beltscape.service.access.requests.guard import UNREADABLE_USERS, Guard
-from beltscape.service.access.requests.headers import build_policy
-from beltscape.service.access.routes.pages import add_pages
-from beltscape.service.access.routes.session_routes import SessionRoutes
-from beltscape.service.access.routes.user_routes import UserRoutes
+from beltscape.service.access.database import UsersUnreadableError
+from beltscape.service.access.guard import UNREADABLE_USERS, Guard, build_policy
+from beltscape.service.access.routes import SessionRoutes, UserRoutes
+
+PAGES_FOLDER = Path(__file__).parent / "page"
+PAGES = ("login", "setup", "account")
+
+
+def add_pages(app: FastAPI) -> None:
+    """Serve the pages, and their files at /access/."""
+    app.mount("/access", StaticFiles(directory=PAGES_FOLDER), name="access-page")
+    for name in PAGES:
+        _add_page(app, name)
+
+
+def _add_page(app: FastAPI, name: str) -> None:
+    def page() -> FileResponse:
+        return FileResponse(PAGES_FOLDER / f"{name}.html")
+
+    app.add_api_route(f"/{name}", page, methods=["GET"], include_in_schema=False, name=f"{name}-page")
+
 
 PUBLIC_PATHS = (
     "/login", "/setup", "/page/", "/access/", "/favicon.ico",

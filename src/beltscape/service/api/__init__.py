@@ -1,5 +1,5 @@
-"""The HTTP interface: the routes of one subject in each module or folder; `common` is what they share.
+"""The HTTP interface: the routes of one subject in each module; `common` is what they share.
 
-`now`: state, images, live stream and metrics. `history`, `export`: any period. `alarms`, `controls`: what operators
-do. `health`, `settings`: for engineers. `production`, `reports`: products, batches, shifts.
+`state`, `live_stream` and `metrics`: what is so now. `history`, `export`: any period. `alarms`, `controls`:
+what operators do. `health`, `settings`: for engineers. `production`: products, batches, shifts, reports.
 """

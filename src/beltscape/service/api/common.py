@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import HTTPException, Path, Query
 from pydantic import BaseModel, ConfigDict
 
-from beltscape.core.live.interfaces import Controls
+from beltscape.core.interfaces import Controls
 from beltscape.service.live_state import LiveState
 from beltscape.service.production.serving import ServedProduction
 from beltscape.service.settings import WebSettings

@@ -10,14 +10,14 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Depends, HTTPException, Query
 from fastapi.responses import StreamingResponse
 
-from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.ledger import BeltRecord
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, WallMs, check_period, describe_refusals
 from beltscape.service.api.history import MS_NS, map_history_errors
 from beltscape.sinks.csv_sink import HEADER, format_csv_row
 from beltscape.sinks.historian import Historian
-from beltscape.sinks.historian.storage.day_table import schema, to_table
-from beltscape.sinks.historian.storage.rows import to_row
+from beltscape.sinks.historian.day_files import schema, to_table
+from beltscape.sinks.historian.records import to_row
 
 _ROWS, _SECTIONS = 2000, 500
 """Rows read from the historian at once, without and with cross-sections; it bounds the memory."""

@@ -13,9 +13,9 @@ from fastapi import APIRouter, Depends, HTTPException, Query
 from numpy.typing import NDArray
 from pydantic import Field
 
-from beltscape.core.belt.ledger_entries import BeltRecord, Standing
 from beltscape.core.errors import BeltscapeError
-from beltscape.files.documents.json_number import Number
+from beltscape.core.ledger import BeltRecord, Standing
+from beltscape.files.json_number import Number
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, ResponseModel, WallMs, check_period, describe_refusals
 from beltscape.sinks.historian import DaySum, Event, Historian, Series

@@ -9,10 +9,10 @@ from fastapi import APIRouter, Depends, HTTPException, Request
 
 from beltscape.core.errors import BeltscapeError
 from beltscape.service.access import User, require_role
-from beltscape.service.access.requests.dependencies import get_address
+from beltscape.service.access.accounts import get_address
 from beltscape.service.api.common import ResponseModel, describe_refusals
-from beltscape.service.changes.differences import Changed
-from beltscape.service.changes.reloader import Reload
+from beltscape.service.changes import Changed
+from beltscape.service.reloader import Reload
 
 
 class Reloader(Protocol):

@@ -1,6 +1,6 @@
-"""Production beside the measurement: figures, the belt scale's counter, reports and their mail.
+"""Production beside the measurement: figures, the belt scale, reports and their delivery.
 
-`serving` is the entrance. `figures` compares batches, shifts and days with the belt scale, which `scale_watch` reads
-by `scale_counter`. `reports` writes a report when its period is over; it waits in the `outbox` for `mail` and
-`printing`, which run `commands`; `report_checks` tries their settings.
+`serving` is the entrance. `figures` compares batches, shifts and days with the belt scale, which `belt_scale`
+reads. `reports` writes a report when its period is over, and checks the settings; `mail` and `printing`
+deliver it.
 """

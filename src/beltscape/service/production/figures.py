@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from beltscape.pipeline.live.operation.production import ProductionControl
-from beltscape.production.batches import add_up
+from beltscape.pipeline.live.production import ProductionControl
 from beltscape.production.scale import Comparison, Trend, compare, fit_trend, weigh
 from beltscape.production.settings import ProductSettings, ScaleSettings
 from beltscape.production.shifts import Period, PeriodKind, list_production_days, list_shifts
-from beltscape.production.sums import ProductionSums
+from beltscape.production.sums import ProductionSums, add_up
 from beltscape.report.production.document import BatchOut, PeriodOut
 
 _TREND_BATCHES = 100

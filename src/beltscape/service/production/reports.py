@@ -1,4 +1,7 @@
-"""The reports of shifts and days: written when they are over, rendered by a process of its own, and delivered."""
+"""The reports of shifts and days: written when they are over, rendered by a process of its own, and delivered.
+
+Their settings are checked before: language, libraries, the files of the mail, the printer.
+"""
 
 from __future__ import annotations
 
@@ -11,25 +14,51 @@ from pathlib import Path
 from time import monotonic, time_ns
 
 from beltscape.core.errors import BeltscapeError, InputError, OutputError, describe_cause
-from beltscape.core.runtime.supervision import make_supervised_thread
-from beltscape.files.folders.atomic import ensure_output_folder
-from beltscape.files.folders.durable import keep_state
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.files.atomic import ensure_output_folder, keep_state
 from beltscape.production.settings import ReportSettings
 from beltscape.production.shifts import Period, PeriodKind
 from beltscape.report.production.document import ChangeOut, FlowOut, ReportDocument
-from beltscape.report.production.summary import make_title, summarise
-from beltscape.service.production.commands import run_command
+from beltscape.report.production.pdf import require_pdf
+from beltscape.report.production.texts import make_title, open_texts, summarise
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.mail import (
     SENT,
     UNSENT,
+    Outbox,
     Report,
+    make_context,
+    read_password,
     send_waiting,
 )
-from beltscape.service.production.outbox import Outbox
-from beltscape.service.production.printing import PRINTED, UNPRINTED, check_printer, print_report
-from beltscape.service.production.report_checks import check_reports
+from beltscape.service.production.printing import PRINTED, UNPRINTED, check_printer, print_report, run_command
 from beltscape.sinks.historian import Historian
+
+
+def check_reports(settings: ReportSettings, zone: str) -> str:
+    """Return what would be reported; InputError where it cannot be."""
+    open_texts(settings.language, zone)
+    if settings.pdf:
+        require_pdf()
+    what = " and ".join(name for name in ("shifts", "days") if getattr(settings, name)) or "nothing"
+    line = f"{what}, in {settings.folder}"
+    if settings.mail is not None:
+        read_password(settings.mail)
+        make_context(settings.mail)
+        line += f", mailed by {settings.mail.host} port {settings.mail.server_port}"
+    return line if settings.printer is None else f"{line}, printed on {settings.printer}"
+
+
+def check_reports_and_printer(settings: ReportSettings, zone: str) -> str:
+    """Return what would be reported; InputError or PrintError where it cannot be, also where the printer is missing.
+
+    A run starts without its printer, which may be switched on later, and raises an alarm.
+    """
+    line = check_reports(settings, zone)
+    if settings.printer is not None:
+        check_printer(settings.printer)
+    return line
+
 
 _POLL_S = 10.0
 """Interval at which finished shifts are looked for. Chosen."""

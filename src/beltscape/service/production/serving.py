@@ -7,13 +7,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from beltscape.pipeline.live.operation.production import ProductionControl
+from beltscape.pipeline.live.production import ProductionControl
 from beltscape.pipeline.live.project import Project
 from beltscape.production.settings import ReportSettings, ScaleSettings
+from beltscape.service.production.belt_scale import ModbusCounter, ScaleCounter, ScaleWatch, TableCounter
 from beltscape.service.production.figures import ProductionFigures
 from beltscape.service.production.reports import ReportWriter
-from beltscape.service.production.scale_counter import ModbusCounter, ScaleCounter, TableCounter
-from beltscape.service.production.scale_watch import ScaleWatch
 from beltscape.service.project import ProjectSettings
 from beltscape.sinks.historian import Historian
 

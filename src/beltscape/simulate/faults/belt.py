@@ -12,11 +12,10 @@ from pydantic import Field
 
 from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.faults.base import Degrees, Fault, GrowingFault, Millimetres, Seed, Share
-from beltscape.simulate.geometry.shapes import make_box
-from beltscape.simulate.geometry.world import Label, Solid
+from beltscape.simulate.shapes import make_box
 from beltscape.simulate.solids.belt import BeltSettings, EdgeNotches
-from beltscape.simulate.solids.fines import HeightField, make_fines_mesh
-from beltscape.simulate.solids.material import ReflectanceModel, make_fines_solid
+from beltscape.simulate.solids.fines import HeightField, ReflectanceModel, make_fines_mesh, make_fines_solid
+from beltscape.simulate.world import Label, Solid
 
 Edge = Annotated[float, Field(gt=0, le=5000)]
 _CELL_MM = 4.0

@@ -14,7 +14,7 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.simulate.faults.base import Degrees, Fault, Millimetres, Seed
-from beltscape.simulate.geometry.world import Station
+from beltscape.simulate.world import Station
 
 Image = NDArray[np.uint8 | np.uint16]
 

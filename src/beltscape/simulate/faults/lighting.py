@@ -1,4 +1,4 @@
-"""Faults of the light: the projector's, the sun's, and the mains flicker of lamps."""
+"""Faults of light and exposure: the projector's, the sun's, the mains flicker of lamps, a wrong exposure time."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from pydantic import Field
 
 from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.faults.base import Degrees, Fault, GrowingFault, Millimetres, Share
-from beltscape.simulate.faults.haze import BlurPx, blur
-from beltscape.simulate.geometry.world import World
+from beltscape.simulate.faults.obstruction import BlurPx, blur
+from beltscape.simulate.rendering.sensor import Sensor
+from beltscape.simulate.world import World
 
 Light = NDArray[np.float32]
 
@@ -111,3 +112,20 @@ class Flicker(Fault):
             return light
         factor = 1 + self.amplitude * np.sin(2 * np.pi * self.frequency_hz * time_s)
         return light * np.float32(factor)
+
+
+class OverExposure(Fault):
+    """A camera's exposure time is wrong by a factor: too long, or below 1 too short."""
+
+    camera: str
+    factor: Annotated[float, Field(gt=0, le=1000)] = 4.0
+
+    def apply(self, sensor: Sensor, frame: int = 0) -> Sensor:
+        """Return the sensor with the wrong exposure."""
+        if not self.is_active(frame):
+            return sensor
+        return sensor.model_copy(update={"electrons_at_1": sensor.electrons_at_1 * self.factor})
+
+    def apply_to_image(self, light: NDArray[np.float32], frame: int = 0) -> NDArray[np.float32]:
+        """Return an image with the wrong exposure; what was saturated before remains so only above a factor of 1."""
+        return light * np.float32(self.factor) if self.is_active(frame) else light

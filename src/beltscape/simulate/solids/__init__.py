@@ -1,5 +1,4 @@
 """The solids on the belt as triangle meshes: belt, board, module, heaps of rocks and fines.
 
-`belt` is the empty one; `heap` lets `rocks` of the `rock_sizes` fall by `deposition` on `fines`, with the reflectance
-of `material`; `board` and `module` are the targets.
+`belt` is the empty one; `heap` lets `rocks` fall on `fines`; `board` has the targets.
 """

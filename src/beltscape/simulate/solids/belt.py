@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.quantities import BELT_WIDTH
-from beltscape.simulate.geometry.shapes import extrude, triangulate_height_field
-from beltscape.simulate.geometry.world import Label, Solid
+from beltscape.simulate.shapes import extrude, triangulate_height_field
+from beltscape.simulate.world import Label, Solid
 
 Millimetres = Annotated[float, Field(gt=0, le=1e5, allow_inf_nan=False)]
 Reflectance = Annotated[float, Field(ge=0, le=1)]

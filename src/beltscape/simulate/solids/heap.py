@@ -1,4 +1,7 @@
-"""A heap on the belt: rocks deposited one after another on fines and on each other."""
+"""A heap on the belt: rocks deposited one after another on fines and on each other.
+
+Each rock falls vertically on a height map and stops on what lies below it.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,159 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.simulate.geometry.world import Solid
+from beltscape.core.errors import SettingsError
+from beltscape.simulate.ray_casting import RayScene
 from beltscape.simulate.solids.belt import BeltSettings
-from beltscape.simulate.solids.deposition import deposit_rocks
-from beltscape.simulate.solids.fines import FinesSettings, HeightField, make_fines, make_fines_mesh
-from beltscape.simulate.solids.material import ReflectanceModel, make_fines_solid, make_rocks_solid
-from beltscape.simulate.solids.rock_sizes import SizeSettings, draw_sizes
-from beltscape.simulate.solids.rocks import Rock, ShapeSettings, make_rock
+from beltscape.simulate.solids.fines import (
+    FinesSettings,
+    HeightField,
+    ReflectanceModel,
+    make_fines,
+    make_fines_mesh,
+    make_fines_solid,
+    make_rocks_solid,
+)
+from beltscape.simulate.solids.rocks import Rock, ShapeSettings, SizeSettings, draw_sizes, make_rock
+from beltscape.simulate.world import Label, Solid
+
+RASTER_MM = 1.0
+"""Cell size of the height map."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprint:
+    """The lower and upper side of a rock on the raster; its centroid is at the central cell and at height 0."""
+
+    bottom_mm: NDArray[np.float64]
+    """(2·h + 1, 2·w + 1) lower side; inf beside the rock."""
+    top_mm: NDArray[np.float64]
+    """(2·h + 1, 2·w + 1) upper side; -inf beside the rock."""
+    height_mm: float
+    """From the lowest to the highest point."""
+
+    @property
+    def reach(self) -> tuple[int, int]:
+        """Return (h, w): rows and columns on each side of the central cell."""
+        rows, columns = self.bottom_mm.shape
+        return rows // 2, columns // 2
+
+    def window(self, row: int, column: int) -> tuple[slice, slice]:
+        """Return the slices of a map that the rock covers when its centre is at a cell."""
+        rows, columns = self.reach
+        return slice(row - rows, row + rows + 1), slice(column - columns, column + columns + 1)
+
+
+def deposit_rocks(
+    rocks: Sequence[Rock],
+    fines: HeightField,
+    belt: BeltSettings,
+    *,
+    bedding: float,
+    candidates: int,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """Return (N, 3) final positions of the centroids of rocks that fall in the given order.
+
+    Of ``candidates`` random cells with fines (or of the belt, where there are no fines) the rock is placed where it
+    lies lowest above the fines. It sinks into the fines by ``bedding`` of its height, not into belt or rocks.
+
+    Raises
+    ------
+    SettingsError
+        If the belt or the fines are too small for the largest rock.
+    """
+    footprints = rasterise_rocks(rocks)
+    maps = _HeightMaps(fines, belt)
+    margins = (
+        np.max([rock.reach for rock in footprints], axis=0, initial=0) if footprints else np.zeros(2, int)
+    )
+    cells = maps.candidate_cells(int(margins[0]), int(margins[1]))
+    if footprints and not len(cells):
+        raise SettingsError(
+            f"no place for rocks of {max(rock.size_mm for rock in rocks):.0f} mm: widen the belt or make them smaller"
+        )
+    centers = np.empty((len(footprints), 3))
+    for i, rock in enumerate(footprints):
+        tried = cells[rng.integers(len(cells), size=candidates)].tolist()
+        heights = [maps.rest_height_mm(rock, row, column, bedding) for row, column in tried]
+        rises = [z - maps.fines_mm[row, column] for z, (row, column) in zip(heights, tried, strict=True)]
+        best = int(np.argmin(rises))  # hollows are filled first
+        row, column = tried[best]
+        maps.add(rock, row, column, heights[best])
+        centers[i] = maps.x_mm[column], maps.y_mm[row], heights[best]
+    return centers
+
+
+def rasterise_rocks(rocks: Sequence[Rock]) -> list[Footprint]:
+    """Return the footprint of every rock; all are laid out side by side and ray-cast from below and from above."""
+    if not rocks:
+        return []
+    reach = [np.ceil(np.abs(rock.mesh.vertices_mm[:, :2]).max(axis=0)).astype(int)[::-1] for rock in rocks]
+    pitch = 2.0 * np.max(reach) + 10.0
+    per_row = int(np.ceil(np.sqrt(len(rocks))))
+    number = np.arange(len(rocks))
+    middles = np.column_stack([number % per_row, number // per_row, np.zeros(len(rocks))]) * pitch
+    middles -= middles.mean(axis=0)
+    scene = RayScene(
+        [
+            Solid("", Label.MATERIAL, rock.mesh.vertices_mm + middle, rock.mesh.faces, (0.0, 0.0, 0.0))
+            for rock, middle in zip(rocks, middles, strict=True)
+        ]
+    )
+    grids = [np.indices((2 * h + 1, 2 * w + 1)).reshape(2, -1)[::-1].T - [w, h] for h, w in reach]
+    ends = np.cumsum([len(grid) for grid in grids])[:-1]
+    origins = np.concatenate(
+        [grid * RASTER_MM + middle[:2] for grid, middle in zip(grids, middles, strict=True)]
+    )
+    sides: list[list[NDArray[np.float64]]] = []
+    for sign in (1.0, -1.0):  # rays upwards, then downwards
+        start = np.column_stack([origins, np.full(len(origins), -sign * pitch)])
+        directions = np.tile([0.0, 0.0, sign], (len(origins), 1))
+        sides.append(np.split(sign * (scene.cast(start, directions).distance - pitch), ends))
+    return [
+        Footprint(
+            bottom.reshape(2 * h + 1, 2 * w + 1),
+            top.reshape(2 * h + 1, 2 * w + 1),
+            float(np.ptp(rock.mesh.vertices_mm[:, 2])),
+        )
+        for rock, (h, w), bottom, top in zip(rocks, reach, *sides, strict=True)
+    ]
+
+
+class _HeightMaps:
+    """Height maps on the raster: belt, fines, and the tops of the rocks so far (-inf where there are none)."""
+
+    def __init__(self, fines: HeightField, belt: BeltSettings) -> None:
+        left, right = belt.half_width_mm
+        half = belt.length_mm / 2
+        self.x_mm = RASTER_MM * np.arange(
+            float(np.ceil(-left / RASTER_MM)), float(np.floor(right / RASTER_MM) + 1)
+        )
+        self.y_mm = RASTER_MM * np.arange(
+            float(np.ceil(-half / RASTER_MM)), float(np.floor(half / RASTER_MM) + 1)
+        )
+        self.belt_mm = belt.height_at(self.x_mm, self.y_mm[:, None])
+        self.fines_mm = fines.height_at(self.x_mm, self.y_mm[:, None])
+        self.rocks_mm = np.full(self.fines_mm.shape, -np.inf)
+
+    def candidate_cells(self, rows: int, columns: int) -> NDArray[np.int64]:
+        """Return (K, 2) row and column of cells off the edge that have fines; without any fines all such cells."""
+        has_fines = self.fines_mm > self.belt_mm
+        is_inner = np.zeros(has_fines.shape, bool)
+        is_inner[rows : len(self.y_mm) - rows, columns : len(self.x_mm) - columns] = True
+        return np.argwhere(is_inner & has_fines if has_fines.any() else is_inner)
+
+    def rest_height_mm(self, rock: Footprint, row: int, column: int, bedding: float) -> float:
+        """Return the height at which the centroid of a rock comes to rest at a cell."""
+        window = rock.window(row, column)
+        solid = np.maximum(self.belt_mm[window], self.rocks_mm[window])
+        support = np.maximum(solid, self.fines_mm[window] - bedding * rock.height_mm)
+        return float((support - rock.bottom_mm).max())
+
+    def add(self, rock: Footprint, row: int, column: int, height: float) -> None:
+        """Add a rock to the map of tops."""
+        tops = self.rocks_mm[rock.window(row, column)]
+        np.maximum(tops, rock.top_mm + height, out=tops)
 
 
 class HeapSettings(BaseModel):

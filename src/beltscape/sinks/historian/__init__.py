@@ -1,15 +1,15 @@
 """The historian: the belt ledger in SQLite, closed days as Parquet files.
 
-`historian` is the entrance; `writing` is the only writer of the database, `reading` reads it, `archive` moves closed
-days to files, and `storage` defines tables, files and connections.
+`historian` is the entrance, `production_history` its part for production, `store` the only writer of the
+database. By subject: `ledger` with `records`, `periods` of it, `findings`, `events`, `production`. `archive`
+and `finding_days` move closed days to files (`day_files`). `database` opens and migrates; `recovery`
+continues after damage.
 """
 
+from beltscape.sinks.historian.events import Event, NewEvent
+from beltscape.sinks.historian.findings import CheckKey, FindingSeries, StoredFinding
 from beltscape.sinks.historian.historian import Historian, LedgerEnd
-from beltscape.sinks.historian.reading.events import Event, NewEvent
-from beltscape.sinks.historian.reading.findings import CheckKey, FindingSeries
-from beltscape.sinks.historian.reading.periods import DaySum
-from beltscape.sinks.historian.reading.series import Series
-from beltscape.sinks.historian.storage.finding_rows import StoredFinding
+from beltscape.sinks.historian.periods import DaySum, Series
 
 __all__ = [
     "CheckKey",

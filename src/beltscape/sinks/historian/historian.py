@@ -10,25 +10,38 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from beltscape.core.belt.ledger_entries import BeltRecord, CrossSection, Totals
 from beltscape.core.errors import OutputError
-from beltscape.sinks.historian.archive.finding_days import FindingArchive
-from beltscape.sinks.historian.archive.retention import Retention
-from beltscape.sinks.historian.production_history import ProductionHistory
-from beltscape.sinks.historian.reading.events import Event, NewEvent, insert_events, read_events, read_journal
-from beltscape.sinks.historian.reading.findings import (
+from beltscape.core.ledger import BeltRecord, CrossSection, Totals
+from beltscape.sinks.historian.archive import Retention
+from beltscape.sinks.historian.events import (
+    Event,
+    NewEvent,
+    Run,
+    insert_events,
+    read_events,
+    read_journal,
+    read_runs,
+)
+from beltscape.sinks.historian.finding_days import FindingArchive
+from beltscape.sinks.historian.findings import (
     CheckKey,
     FindingSeries,
+    StoredFinding,
+    append_findings,
     list_checks,
     read_finding_series,
 )
-from beltscape.sinks.historian.reading.periods import DaySum, read_day_sums, read_records, read_section
-from beltscape.sinks.historian.reading.runs import Run, read_runs
-from beltscape.sinks.historian.reading.series import Series, read_series
-from beltscape.sinks.historian.storage.finding_rows import StoredFinding
-from beltscape.sinks.historian.writing.findings import append_findings
-from beltscape.sinks.historian.writing.ledger import transaction
-from beltscape.sinks.historian.writing.store import Store
+from beltscape.sinks.historian.ledger import transaction
+from beltscape.sinks.historian.periods import (
+    DaySum,
+    Series,
+    read_day_sums,
+    read_records,
+    read_section,
+    read_series,
+)
+from beltscape.sinks.historian.production_history import ProductionHistory
+from beltscape.sinks.historian.store import Store
 from beltscape.sinks.settings import HistorySettings
 
 

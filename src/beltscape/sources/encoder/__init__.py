@@ -1,5 +1,6 @@
-"""The encoder of the belt: its position by frame or time, from a file, datagrams, a table or a constant speed.
+"""The encoder of the belt: position by frame or time, from a file, datagrams, a table or a constant speed.
 
-`opening` is the entrance. `tail` follows a file (`file_tail`), `udp` receives datagrams; `readings` turns their lines
-into positions, with the `offset` of the counter. `simple` encoders need no device.
+`opening` is the entrance, and has the encoders that need no device. `tail` follows a file, `udp` receives
+datagrams; `readings` turns their lines into counts, with the offset of the counter, and `track` these into
+positions over time. `settings` describe the encoder.
 """

@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from beltscape.core.plausibility import require_host
-from beltscape.core.quantities import BELT_SPEED_MM, ENCODER_STEP, FASTEST_SPEED
+from beltscape.core.quantities import BELT_SPEED_MM, ENCODER_STEP, FASTEST_SPEED, require_host
 
 EncoderKind = Literal["capture", "file", "udp", "constant", "camera", "none"]
 """capture: a recorded capture's encoder.csv, by frame; file: a CSV file that grows; udp: datagrams; constant: a given

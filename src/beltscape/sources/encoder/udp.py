@@ -7,9 +7,8 @@ from threading import Event
 from time import monotonic_ns
 
 from beltscape.core.errors import InputError
-from beltscape.core.runtime.supervision import make_supervised_thread
-from beltscape.sources.encoder.offset import EncoderOffset
-from beltscape.sources.encoder.readings.stream import ReadingStream
+from beltscape.core.supervision import make_supervised_thread
+from beltscape.sources.encoder.readings import EncoderOffset, ReadingStream
 from beltscape.sources.encoder.settings import EncoderSettings
 
 _LARGEST = 2048

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from beltscape.core.events import CameraHealth, CameraState
 from beltscape.core.frames import OVEREXPOSED_SHARE, Image, saturated_fraction
-from beltscape.core.live.events import CameraHealth, CameraState
-from beltscape.core.live.translatable_message import Message
-from beltscape.sources.genicam.matching.types import CameraStatistics
+from beltscape.core.translatable_message import Message
+from beltscape.sources.genicam.matching import CameraStatistics
 from beltscape.sources.genicam.settings import CamerasSettings
 
 DARK = 0.03

@@ -9,16 +9,20 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from beltscape.core.errors import InputError, SettingsError
+from beltscape.core.events import CameraHealth
 from beltscape.core.frames import FrameSet, Image
-from beltscape.core.live.events import CameraHealth
-from beltscape.core.live.translatable_message import Message
-from beltscape.sources.genicam.access.camera import REOPEN_AFTER_S, CameraThreads, OpenCamera, TriggerPace
-from beltscape.sources.genicam.access.device import RawImage
+from beltscape.core.translatable_message import Message
+from beltscape.sources.genicam.camera import REOPEN_AFTER_S, CameraThreads, OpenCamera, TriggerPace
+from beltscape.sources.genicam.device import RawImage
 from beltscape.sources.genicam.health import CameraMonitor, assess_health, silence_limit_s
-from beltscape.sources.genicam.matching.exposure_times import ExposureTimes
-from beltscape.sources.genicam.matching.matcher import InstantMatcher
-from beltscape.sources.genicam.matching.position import BeltCounter
-from beltscape.sources.genicam.matching.types import CameraImage, MatchedInstant, MatchingRules
+from beltscape.sources.genicam.matching import (
+    BeltCounter,
+    CameraImage,
+    ExposureTimes,
+    InstantMatcher,
+    MatchedInstant,
+    MatchingRules,
+)
 from beltscape.sources.genicam.pixels import decode_image
 from beltscape.sources.genicam.settings import WINDOW_SHARE, CamerasSettings
 
@@ -245,8 +249,8 @@ def open_cameras(
     ``core`` is the rig's core camera; ``sizes_px`` the (width, height) that each camera's images must have.
     SettingsError if Aravis is not installed or a camera of ``sizes_px`` has no device.
     """
-    from beltscape.sources.genicam.access.aravis import load_aravis
-    from beltscape.sources.genicam.access.device import Device
+    from beltscape.sources.genicam.aravis import load_aravis
+    from beltscape.sources.genicam.device import Device
 
     load_aravis()
     for name in [core, *(sizes_px or {})]:

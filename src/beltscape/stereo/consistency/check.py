@@ -1,31 +1,106 @@
-"""Consistency check of the cameras of one frame: the images against the rig and, if there is one, the depth map."""
+"""Consistency check of the cameras of one frame: the images against the rig and, if there is one, the depth map.
+
+Where the textured points that fail to agree with the rig outnumber those that agree, a camera is not sound. Tie
+points are accumulated over frames: small movements become significant, and changes are seen by themselves.
+"""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.consistency.faults.attribution import Attribution, FrameData, attribute_faults
-from beltscape.stereo.consistency.faults.isolation import (
+from beltscape.stereo.consistency.isolation import (
+    Attribution,
     FaultIsolation,
+    FrameData,
     FrameResiduals,
+    attribute_faults,
     compute_frame_residuals,
+    exceeds_tolerance,
     isolate_faults,
 )
-from beltscape.stereo.consistency.residual_reference import ResidualReference
-from beltscape.stereo.consistency.residuals import PairResiduals, compute_pair_residuals
-from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency, State
-from beltscape.stereo.consistency.row_fit import NO_FIT, RowFit, fit_rows
-from beltscape.stereo.consistency.tie_points.guided_matching import match_guided
-from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints, detect_textured_points
-from beltscape.stereo.consistency.tie_points.unguided_matching import UnguidedMatcher
-from beltscape.stereo.consistency.tolerance import Tolerance, compute_tolerance
-from beltscape.stereo.consistency.undecided import AGREES_PX, find_undecided
-from beltscape.stereo.multiview.initialisation.depth_range import compute_search_range
+from beltscape.stereo.consistency.residuals import (
+    PairResiduals,
+    ResidualReference,
+    compute_pair_residuals,
+    compute_reference,
+)
+from beltscape.stereo.consistency.rig_consistency import (
+    NO_FIT,
+    CameraConsistency,
+    RigConsistency,
+    RowFit,
+    State,
+    fit_rows,
+)
+from beltscape.stereo.consistency.tie_points import (
+    Array,
+    TiePoints,
+    UnguidedMatcher,
+    detect_textured_points,
+    join_tie_points,
+    match_guided,
+)
+from beltscape.stereo.consistency.tolerance import Tolerance, compute_change_tolerance, compute_tolerance
+from beltscape.stereo.multiview.depth_range import compute_search_range
+
+AGREES_PX = 1.0
+"""A point agrees with the rig within this distance from its epipolar line, px of the matched images."""
+
+
+def find_undecided(
+    consistency: RigConsistency,
+    rig: Rig,
+    depth: DepthMap | None,
+    points: Array,
+    searched: TiePoints | None = None,
+) -> RigConsistency:
+    """Return the consistency with "undecided" for sound auxiliaries in which more points fail than agree.
+
+    A textured point (N, 2) in an auxiliary's view fails where the depth map has no depth and the search without it,
+    ``searched``, finds it nowhere on its epipolar line, and where it is found off that line. A point with a depth
+    that is not found again lies on an edge or behind one, as on heaps of stones, and says nothing.
+    """
+    if depth is None or not depth.measured.any():
+        return consistency
+    is_lost = ~_is_measured(depth, points)
+    rays = (points - rig.core_camera.center_px) / rig.core_camera.focal_px
+    surface = np.column_stack([rays, np.ones(len(rays))]) * float(np.nanmedian(depth.depth_mm))
+    cameras: list[CameraConsistency] = []
+    for each in consistency.cameras:
+        camera = rig.cameras[each.camera]
+        pixels = camera.project(rig.cam_from_core[each.camera].apply(surface))
+        is_lost_here = is_lost & ((pixels >= 0) & (pixels <= np.array(camera.size_px) - 1)).all(axis=1)
+        agreeing = found = round(np.nan_to_num(each.agreement) * each.searched)
+        if searched is not None:
+            on_line = _is_on_line(searched, rig, each.camera)
+            agreeing += int((is_lost_here & on_line).sum()) if consistency.guided else 0
+            is_lost_here &= ~on_line
+        failing = int(is_lost_here.sum()) + (each.points - found if consistency.guided else 0)
+        is_open = each.state == "sound" and failing > agreeing
+        cameras.append(replace(each, failing=failing, state="undecided" if is_open else each.state))
+    return replace(consistency, cameras=tuple(cameras))
+
+
+def _is_measured(depth: DepthMap, points: Array) -> NDArray[np.bool_]:
+    """Return (N,) whether there is a depth at or beside each point (N, 2)."""
+    measured = cv2.dilate(depth.measured.astype(np.uint8), np.ones((5, 5), np.uint8))
+    column, row = np.rint(points).astype(np.int64).T
+    return np.asarray(measured[row, column] > 0, np.bool_)
+
+
+def _is_on_line(tie_points: TiePoints, rig: Rig, name: str) -> NDArray[np.bool_]:
+    """Return (N,) which points were found on their epipolar lines in an auxiliary's image."""
+    epipolar = compute_pair_residuals(tie_points, rig, name).epipolar_px
+    return np.asarray(np.abs(epipolar) < AGREES_PX * tie_points.pixel_scale, np.bool_)
+
 
 LEAST_COVERAGE = 0.3
 """A depth map with less coverage is not used for guided matching: its few pixels are chance matches."""
@@ -245,3 +320,64 @@ def _find_depth_range(tie_points: TiePoints, rig: Rig, residuals: FrameResiduals
         return float("nan"), float("nan")
     near_mm, far_mm = np.quantile(every, [0.05, 0.95])
     return float(near_mm), float(far_mm)
+
+
+POOLED_FRAMES = 4
+"""Number of frames that are assessed together; after a movement, the medians show it once most are newer than it."""
+REFERENCE_FRAMES = 10
+"""Number of sound frames from which the reference is taken."""
+
+
+class ResidualAccumulator:
+    """Assesses the tie points of the last checked frames, against the rig and against the first sound frames."""
+
+    def __init__(self, rig: Rig, depth_mm: float) -> None:
+        """``depth_mm`` is the depth at which the rig's covariance is converted to tolerances."""
+        self._rig = rig
+        self._tolerance = compute_tolerance(rig, depth_mm, pooled=True)
+        self._change_tolerance = compute_change_tolerance(rig)
+        self._frames: deque[TiePoints] = deque(maxlen=POOLED_FRAMES)
+        self._first: list[TiePoints] = []
+        self._reference: ResidualReference | None = None
+
+    @property
+    def has_reference(self) -> bool:
+        """Return whether enough sound frames were seen to measure changes."""
+        return self._reference is not None
+
+    def add(self, tie_points: TiePoints) -> None:
+        """Add the tie points of a frame that is consistent by itself."""
+        self._frames.append(tie_points)
+        if self._reference is None:
+            self._first.append(tie_points)
+        if self._reference is None and len(self._first) >= REFERENCE_FRAMES:
+            if self.assess() is None:
+                joined = join_tie_points(self._first)
+                self._reference = compute_reference(joined, self._rig, tuple(joined.observed_px))
+            self._first = []
+
+    def assess(self) -> RigConsistency | None:
+        """Return the contradiction that the last frames show together; None if they show none or are too few."""
+        if len(self._frames) < POOLED_FRAMES:
+            return None
+        joined = join_tie_points(list(self._frames))
+        names = tuple(name for name in self._rig.auxiliaries if name in joined.observed_px)
+        consistency = assess_tie_points(joined, self._rig, names, self._tolerance)
+        if consistency.is_sound and self._reference is not None:
+            consistency = assess_tie_points(joined, self._rig, names, self._change_tolerance, self._reference)
+        return None if consistency.is_sound else consistency
+
+    def is_suspect(self, tie_points: TiePoints) -> bool:
+        """Return whether one frame leaves more than half of what a change may leave; it then proves nothing."""
+        if self._reference is None:
+            return False
+        names = tuple(name for name in self._rig.auxiliaries if name in tie_points.observed_px)
+        residuals = compute_frame_residuals(tie_points, self._rig, names, self._reference)
+        tolerance = self._change_tolerance
+        return any(
+            exceeds_tolerance(residual, 0.5 * tolerance.epipolar_px[name])
+            for name, residual in residuals.epipolar.items()
+        ) or any(
+            exceeds_tolerance(residual, 0.5 * tolerance.disparity_px[pair])
+            for pair, residual in residuals.disparity.items()
+        )

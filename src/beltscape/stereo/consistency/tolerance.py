@@ -17,7 +17,7 @@ from beltscape.stereo.consistency.residuals import (
     compute_disparity_residuals,
     compute_pair_residuals,
 )
-from beltscape.stereo.consistency.tie_points.tie_points import Array, TiePoints
+from beltscape.stereo.consistency.tie_points import Array, TiePoints
 
 _LEAST_RAD, _LEAST_PX = 2e-4, (0.1, 0.25)
 """Least tolerance of one frame as an angle, and its bounds in px; rendered captures stay below 0.03 px, real lenses

@@ -1,7 +1,8 @@
 """The multi-view matcher: one depth map in the core camera's view from all auxiliary cameras at once.
 
-A frame passes the sub-packages in this order: `frame` (grey levels and cameras on the matcher's grid),
-`initialisation` (plane sweep), `optimisation` (propagation and least squares, coarse to fine in
-`pyramid`), `selection` (candidate surfaces of uncertain pixels) and `confidence` (σ, probability, refinement).
-`state` carries the result from stage to stage. `reconstructor` is the entrance and gives the depth map in mm.
+`reconstructor` is the entrance and gives the depth map in mm. A frame passes these modules in this order:
+`frame` (by `photometry`: grey levels and cameras on the matcher's grid), `pyramid` (from the plane sweep of
+`depth_range`, coarse to fine by `optimisation` of the `surface`), `textureless`, `candidates` (surfaces of
+uncertain pixels, by `photoconsistency`) and `estimate`: networks predict σ and probability from `features`
+and `refined_features`, and `correlated_noise` widens σ. `parallel` runs independent jobs.
 """

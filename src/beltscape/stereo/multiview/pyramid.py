@@ -2,22 +2,140 @@
 
 Propagation reaches a fixed number of pixels, so on a grid of half the resolution it reaches twice as far at a quarter
 of the cost. The next finer grid corrects what a coarse grid cannot represent, such as edges.
+
+On the coarsest grid the range of the sweep is narrowed by coarse matching where it is wide. The frame's noise is
+estimated once, from the residuals of the first surface:
+
+Levels of the core and an auxiliary, normalised in a window, differ with the variance
+
+    levels (1 / variance_I + 1 / variance_J) + model.
+
+The first part comes from the sensors, the second from sampling, gloss and other model errors. The residuals of an
+approximate surface, where there is texture, give a common factor for both.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, halve_frame
-from beltscape.stereo.multiview.frame.surface import Surface, double_surface, fit_slopes
-from beltscape.stereo.multiview.initialisation.initialise import SweepResolution, initialise_inverse_depth
-from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
-from beltscape.stereo.multiview.optimisation.noise import estimate_noise
-from beltscape.stereo.multiview.optimisation.propagation import PropagationResult, propagate
-from beltscape.stereo.multiview.settings import MultiviewSettings
+from beltscape.core.statistics import CHI2_MEDIAN
+from beltscape.stereo.multiview.depth_range import (
+    compute_robust_range,
+    find_reliable_matches,
+    shrink_frame,
+    sweep_planes,
+)
+from beltscape.stereo.multiview.frame import Noise, PreparedFrame, halve_frame
+from beltscape.stereo.multiview.optimisation import (
+    LeastSquaresResult,
+    PropagationResult,
+    propagate,
+    solve_least_squares,
+)
+from beltscape.stereo.multiview.parallel import run_parallel
+from beltscape.stereo.multiview.photometry import compute_local_moments
+from beltscape.stereo.multiview.surface import (
+    Surface,
+    crop_projection,
+    double_surface,
+    enlarge_blocks,
+    fit_slopes,
+)
+from beltscape.stereo.settings import MultiviewSettings
+
+_MANY_PLANES = 96
+"""Number of planes above which coarse matching narrows the range first; that costs an eighth of a sweep."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepResolution:
+    """Resolution of a plane sweep."""
+
+    shrink: int
+    """Factor by which the sweep's images are smaller than the matcher's grid."""
+    plane_step_px: float
+    """Distance of the planes in pixels of the sweep's images."""
+
+    @property
+    def plane_step(self) -> float:
+        """Distance of the planes in s."""
+        return self.plane_step_px * self.shrink
+
+
+def initialise_inverse_depth(
+    prepared: PreparedFrame, s_range: tuple[float, float], resolution: SweepResolution
+) -> NDArray[np.float32]:
+    """Return (H, W) inverse depth s of a plane sweep within ``s_range`` = (far, near)."""
+    if s_range[1] - s_range[0] > _MANY_PLANES * resolution.plane_step:
+        s_range = _narrow_range(prepared, s_range, resolution)
+    swept, _ = sweep_planes(shrink_frame(prepared, resolution.shrink), s_range, resolution.plane_step)
+    return enlarge_blocks(swept, resolution.shrink, prepared.core.shape)
+
+
+def _narrow_range(
+    prepared: PreparedFrame, s_range: tuple[float, float], resolution: SweepResolution
+) -> tuple[float, float]:
+    """Return the (far, near) part of ``s_range`` that holds the reliable matches at half the sweep's resolution.
+
+    The result is all of ``s_range`` when there are too few of them.
+    """
+    context, half = prepared.context, shrink_frame(prepared, 2 * resolution.shrink)
+    splines = tuple(
+        context.kernels.spline_coefficients(image, threads=context.threads) for image in half.images
+    )
+    matches = find_reliable_matches(replace(half, coefficients=splines), s_range, 2 * resolution.plane_step)
+    far, near = compute_robust_range(matches) or s_range
+    return max(far, s_range[0]), min(near, s_range[1])
+
+
+Array = NDArray[np.floating]
+
+_BANDS, _ROWS = 4, 64
+"""Number of bands that are examined, and of rows in each."""
+_SCALE = (1 / 16, 64.0)
+"""Range of the factor, since the surface may be wrong."""
+
+
+def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
+    """Return the prepared frame's noise, scaled to the residuals of all views on a few bands of rows."""
+    noise = prepared.noise
+    bands = np.linspace(0, max(0, len(surface.s) - _ROWS), _BANDS).astype(int)
+    jobs = [partial(_compute_squared_residuals, surface.s, prepared, int(first)) for first in bands]
+    ratios = np.concatenate([each for band in run_parallel(jobs, prepared.context.threads) for each in band])
+    if not ratios.size:
+        return noise
+    scale = float(np.clip(np.median(ratios) / CHI2_MEDIAN, *_SCALE))
+    return replace(noise, levels=noise.levels * scale, model=noise.model * scale)
+
+
+def _compute_squared_residuals(s: Array, prepared: PreparedFrame, first: int) -> list[Array]:
+    """Return each view's squared residuals over their expected variance, for the more textured half of a band."""
+    rows = slice(first, first + _ROWS)
+    noise, context = prepared.noise, prepared.context
+    core = prepared.filled_core[rows]
+    core_level, core_variance = _normalise(core, noise.floor)
+    textured = np.isfinite(prepared.core[rows]) & (core_variance >= np.median(core_variance))
+    band = np.ascontiguousarray(s[rows])
+    residuals: list[Array] = []
+    for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
+        warped, _ = context.kernels.warp(band, crop_projection(view, 0, first), coefficients, threads=1)
+        valid = np.isfinite(warped)
+        level, variance = _normalise(np.where(valid, warped, core), noise.floor)
+        expected = np.float32(noise.levels) * (1 / core_variance + 1 / variance) + np.float32(noise.model)
+        residuals.append(((core_level - level) ** 2 / expected)[valid & textured])
+    return residuals
+
+
+def _normalise(level: Array, floor: float) -> tuple[Array, Array]:
+    mean, variance = compute_local_moments(level)
+    variance = variance + np.float32(floor)
+    return (level - mean) / np.sqrt(variance), variance
+
 
 _FIRST_PX = 2.0, 2.0
 """Tolerances of the iterations on the sweep's surface."""

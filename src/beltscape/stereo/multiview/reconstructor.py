@@ -17,20 +17,21 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.kernels import Kernels, load
 from beltscape.stereo.cameras import check_auxiliaries, list_usable_auxiliaries
-from beltscape.stereo.multiview.confidence.estimate import DepthEstimate, estimate_depth
-from beltscape.stereo.multiview.confidence.features import ConfidenceInputs, compute_selection_features
-from beltscape.stereo.multiview.confidence.image_features import compute_image_features
-from beltscape.stereo.multiview.frame.context import MatchContext
-from beltscape.stereo.multiview.frame.frame import PreparedFrame, prepare_frame
-from beltscape.stereo.multiview.frame.parallel import run_pair
-from beltscape.stereo.multiview.frame.surface import Surface, upsample_surface
-from beltscape.stereo.multiview.optimisation.least_squares import LeastSquaresResult, solve_least_squares
-from beltscape.stereo.multiview.optimisation.textureless import fill_textureless_discs
-from beltscape.stereo.multiview.optimisation.twicing import apply_twicing
+from beltscape.stereo.multiview.candidates import Selection, select_candidates
+from beltscape.stereo.multiview.estimate import DepthEstimate, estimate_depth
+from beltscape.stereo.multiview.features import (
+    ConfidenceInputs,
+    MatcherState,
+    compute_image_features,
+    compute_selection_features,
+)
+from beltscape.stereo.multiview.frame import MatchContext, PreparedFrame, prepare_frame
+from beltscape.stereo.multiview.optimisation import LeastSquaresResult, apply_twicing, solve_least_squares
+from beltscape.stereo.multiview.parallel import run_pair
 from beltscape.stereo.multiview.pyramid import PyramidSolver
-from beltscape.stereo.multiview.selection.candidates import Selection, select_candidates
-from beltscape.stereo.multiview.settings import MultiviewSettings
-from beltscape.stereo.multiview.state import MatcherState
+from beltscape.stereo.multiview.surface import Surface, upsample_surface
+from beltscape.stereo.multiview.textureless import fill_textureless_discs
+from beltscape.stereo.settings import MultiviewSettings
 
 Number = TypeVar("Number", bound=np.number)
 

@@ -3,16 +3,21 @@
 It is Bouguet's alignment with the core as reference: the new x axis is the baseline from the core to the auxiliary,
 and the new optical axis is the core's, made orthogonal to the baseline. So the core is always the left image,
 disparity is positive for any direction of the baseline, and the core's image is rotated with little perspective.
+
+Both images of a rectified pair are interpolated once. Local contrast is equalised before matching, since the
+brightness of two cameras differs.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.errors import ReconstructionError
+from beltscape.core.frames import FrameSet, Image, to_grey
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
@@ -230,3 +235,45 @@ def _make_source_map(
         pixels[outside] = OUTSIDE_PX
         source[top : top + len(y)] = pixels
     return source
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RectifiedImages:
+    """A rectified pair of one frame."""
+
+    pair: RectifiedPair
+    core: Image
+    auxiliary: Image
+
+
+def rectify_images(frame_set: FrameSet, pair: RectifiedPair) -> RectifiedImages:
+    """Return both images of a pair on their common rows, interpolated once from the distorted images."""
+    core = cv2.remap(frame_set.images[pair.core], pair.core_map, None, cv2.INTER_CUBIC)
+    auxiliary = cv2.remap(frame_set.images[pair.auxiliary], pair.aux_map, None, cv2.INTER_CUBIC)
+    return RectifiedImages(pair, core, auxiliary)
+
+
+_FLOOR = 0.2
+"""Contrast of the square root of 8-bit counts that noise causes: shot and read noise of a few counts."""
+_GAIN = 25.0
+"""Counts per unit of contrast, so that SGBM's gradient cap hardly clips."""
+
+
+def take_square_root(image: Image) -> NDArray[np.float32]:
+    """Return the (H, W) float32 square root of the luminance in 8-bit counts, whose noise is uniform."""
+    counts = to_grey(image) * np.float32(255.0 / np.iinfo(image.dtype).max)
+    return np.sqrt(counts + np.float32(1.0))
+
+
+def equalise_contrast(root: NDArray[np.float32], radius_px: float) -> NDArray[np.uint8]:
+    """Return (H, W) uint8 levels of local mean 128 and equal local contrast over a Gaussian neighbourhood."""
+    mean = cv2.GaussianBlur(root, (0, 0), radius_px)
+    variance = cv2.GaussianBlur(root * root, (0, 0), radius_px) - mean * mean
+    scale = _GAIN / (np.sqrt(np.maximum(variance, 0)) + _FLOOR)
+    return np.clip(128.5 + scale * (root - mean), 0, 255).astype(np.uint8)
+
+
+def quantise_root(image: Image) -> NDArray[np.uint8]:
+    """Return the (H, W) uint8 square root of the counts, stretched to the full range."""
+    root = take_square_root(image)
+    return np.rint(np.clip(root * (255 / max(float(root.max()), 1e-6)), 0, 255)).astype(np.uint8)

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
-from beltscape.stereo.pairwise.contrast import equalise_contrast
-from beltscape.stereo.pairwise.rectification import RectifiedPair, rectify_pair
-from beltscape.stereo.pairwise.settings import PairwiseSettings
+from beltscape.stereo.pairwise.rectification import RectifiedPair, equalise_contrast, rectify_pair
+from beltscape.stereo.settings import PairwiseSettings
 
 _SAME_SURFACE_PX = 0.75
 """Neighbouring disparities that differ by more lie on different surfaces and are not interpolated."""

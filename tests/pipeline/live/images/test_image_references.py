@@ -13,8 +13,12 @@ from beltscape.core.progress import Silent
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.reference import ImageReferences
 from beltscape.health.settings import HealthSettings
-from beltscape.pipeline.live.images.image_references import FILE, make_keeper, read_references
-from beltscape.pipeline.live.images.learned_images import LearnedImages
+from beltscape.pipeline.live.learned_images import (
+    REFERENCES_FILE,
+    LearnedImages,
+    make_references_keeper,
+    read_references,
+)
 from tests.health.images.speckled_belt import blur, make_frame, make_rig
 
 SETTINGS = HealthSettings(learning_frames=3)
@@ -24,8 +28,8 @@ KEY = {"rig": "aa", "empty belt": "bb", "image width": 320}
 @pytest.fixture
 def stored(tmp_path: Path) -> Path:
     """Return the file of a run that learned the cameras' normal images."""
-    path = tmp_path / FILE
-    monitor = ImageMonitor(make_rig(), SETTINGS, keep=make_keeper(path, KEY, Silent()))
+    path = tmp_path / REFERENCES_FILE
+    monitor = ImageMonitor(make_rig(), SETTINGS, keep=make_references_keeper(path, KEY, Silent()))
     for number in range(4):
         monitor.check_images(make_frame(number))
     return path
@@ -52,7 +56,7 @@ def test_what_is_kept_is_exact(stored: Path) -> None:
     first = read_references(stored, KEY, Silent())
     assert first is not None
     light = {"cam1": np.full((32, 40), np.nan, np.float32), "cam2": np.zeros((32, 40), np.float32)}
-    make_keeper(stored, KEY, Silent())(replace(first, window_light=light, light=-0.25))
+    make_references_keeper(stored, KEY, Silent())(replace(first, window_light=light, light=-0.25))
     again = read_references(stored, KEY, Silent())
     assert again is not None and again.light == -0.25
     assert again.reference.has_speckle == first.reference.has_speckle
@@ -95,7 +99,10 @@ def test_a_damaged_file_is_named_and_not_used(stored: Path, damage: str) -> None
 def test_what_was_learned_is_forgotten_on_request(stored: Path) -> None:
     """A lens was changed: what is out of focus by the old references is normal from now on, also after a restart."""
     monitor = ImageMonitor(
-        make_rig(), SETTINGS, read_references(stored, KEY, Silent()), make_keeper(stored, KEY, Silent())
+        make_rig(),
+        SETTINGS,
+        read_references(stored, KEY, Silent()),
+        make_references_keeper(stored, KEY, Silent()),
     )
 
     def check(number: int) -> set[str]:
@@ -112,4 +119,4 @@ def test_what_was_learned_is_forgotten_on_request(stored: Path) -> None:
 
 def test_nothing_is_read_where_nothing_was_kept(tmp_path: Path) -> None:
     reporter = Silent()
-    assert read_references(tmp_path / FILE, KEY, reporter) is None and reporter.warnings == []
+    assert read_references(tmp_path / REFERENCES_FILE, KEY, reporter) is None and reporter.warnings == []

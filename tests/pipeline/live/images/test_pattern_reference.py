@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from beltscape.core.progress import Silent
-from beltscape.health.images.surface_checks.projector_monitor import ProjectorMonitor
+from beltscape.health.images.projector_position import ProjectorMonitor
 from beltscape.health.settings import HealthSettings
-from beltscape.pipeline.live.images.pattern_reference import FILE, make_pattern_keeper, read_pattern
+from beltscape.pipeline.live.learned_images import PATTERN_FILE, make_pattern_keeper, read_pattern
 from tests.health.images.drawn_belt import RIG, STEP_MM, make_frame
 from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 
@@ -27,7 +27,7 @@ def check(monitor: ProjectorMonitor, number: int, **options) -> list[str]:
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """Return the file of a run that recognised the pattern."""
-    path = tmp_path_factory.mktemp("data") / FILE
+    path = tmp_path_factory.mktemp("data") / PATTERN_FILE
     monitor = ProjectorMonitor(RIG, REFERENCE, SETTINGS, keep=make_pattern_keeper(path, KEY, Silent()))
     for number in range(3):
         check(monitor, 8 * number)
@@ -38,8 +38,8 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 @pytest.fixture
 def path(stored: bytes, tmp_path: Path) -> Path:
-    (tmp_path / FILE).write_bytes(stored)
-    return tmp_path / FILE
+    (tmp_path / PATTERN_FILE).write_bytes(stored)
+    return tmp_path / PATTERN_FILE
 
 
 def test_a_projector_moved_before_the_restart_is_named(path: Path) -> None:

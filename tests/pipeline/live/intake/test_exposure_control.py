@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from beltscape.core.events import FrameEvent, Maintenance
 from beltscape.core.frames import FrameSet
-from beltscape.core.live.events import FrameEvent, Maintenance
-from beltscape.pipeline.live.intake.exposure_control import ExposureControl
+from beltscape.pipeline.live.intake import ExposureControl
 from beltscape.sources.genicam.settings import CamerasSettings
 
 SETTINGS = CamerasSettings.model_validate(

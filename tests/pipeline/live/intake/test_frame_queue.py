@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from beltscape.pipeline.live.intake.frame_queue import FrameQueue
+from beltscape.pipeline.live.intake import FrameQueue
 from tests.pipeline.live.feed import (
     track,
 )

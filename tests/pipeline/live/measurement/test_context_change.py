@@ -11,14 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.core.belt.ledger_entries import BeltRecord
-from beltscape.health.belt.settings import BeltLimits
-from beltscape.measure.flow.records.density import Density
-from beltscape.pipeline.live.engine_components import MeasuringParts
-from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementContext
-from beltscape.pipeline.live.monitoring.inspector import PeriodicInspector
-from beltscape.pipeline.live.operation.zero import ZeroControl
+from beltscape.core.ledger import BeltRecord
+from beltscape.health.settings import BeltLimits
+from beltscape.measure.flow.density import Density
+from beltscape.pipeline.live.engine_components import MeasuringParts, PeriodicInspector
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementContext
+from beltscape.pipeline.live.zero import ZeroControl
 from tests.pipeline.live.feed import Feed, engine_of, everything, track
 from tests.synthetic.belt_feed import CAMERA, HEAP, RIG, FakeMatcher, frames, make_context, run
 

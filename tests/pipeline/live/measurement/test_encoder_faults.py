@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.camera import Camera
-from beltscape.core.live.findings import Finding
+from beltscape.core.ledger import BeltRecord
 from beltscape.core.progress import Reporter, Silent
-from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementRun
 from tests.measure.flow import moving_belt
 from tests.measure.flow.moving_belt import Heap, depth_map
 from tests.synthetic.belt_feed import CAMERA, CAMERAS, IMAGE, FakeMatcher, make_context

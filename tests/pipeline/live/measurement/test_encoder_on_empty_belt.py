@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltscape.core.belt.ledger_entries import BeltRecord
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
+from beltscape.core.ledger import BeltRecord
 from beltscape.core.progress import Reporter, Silent
-from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
-from beltscape.simulate.faults.encoder import EncoderFault
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementRun
+from beltscape.simulate.faults.delivery import EncoderFault
 from tests.measure.flow import moving_belt
 from tests.synthetic.belt_feed import CAMERA, CAMERAS, IMAGE, FakeMatcher, make_context
 

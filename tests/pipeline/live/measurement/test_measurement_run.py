@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from beltscape.core.belt.ledger_entries import BeltRecord
+from beltscape.core.ledger import BeltRecord
 from beltscape.core.progress import Silent
 from beltscape.measure.flow.meter import FlowMeter
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.measurement.measurement_run import MeasurementRun
-from beltscape.pipeline.measuring.flow.chain import FlowChain
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.measurement_run import MeasurementRun
+from beltscape.pipeline.measuring.flow_chain import FlowChain
 from tests.synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, frames, make_context, run
 
 STEP_MM = 60.0

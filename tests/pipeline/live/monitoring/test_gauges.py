@@ -8,11 +8,10 @@ from typing import Any
 
 import pytest
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord, Standing
-from beltscape.core.live.findings import Finding
-from beltscape.pipeline.live.monitoring import gauges as module
-from beltscape.pipeline.live.monitoring.gauges import Gauges
+from beltscape.core.findings import Finding
+from beltscape.core.ledger import BeltRecord, FlowRecord, Standing
+from beltscape.pipeline.live import gauges as module
+from beltscape.pipeline.live.gauges import Gauges
 
 NAN = float("nan")
 

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from beltscape.alarms.board import AlarmBoard
-from beltscape.core.live.alarms import Alarm
-from beltscape.pipeline.live.operation.alarm_control import AlarmControl
-from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
-from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
+from beltscape.core.alarms import Alarm
+from beltscape.pipeline.live.alarm_control import AlarmControl, AlarmStateFile
+from beltscape.pipeline.live.hidden_alarms import HiddenAlarms
 from tests.alarms.plant import GOOD, SETTINGS, camera
 from tests.pipeline.live.feed import Watcher
 

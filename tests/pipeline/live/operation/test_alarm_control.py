@@ -9,12 +9,11 @@ from pathlib import Path
 import pytest
 
 from beltscape.alarms.board import AlarmBoard
-from beltscape.alarms.management.settings import ShelvingSettings
+from beltscape.alarms.settings import ShelvingSettings
 from beltscape.core.errors import InputError
-from beltscape.pipeline.live.operation.alarm_control import AlarmControl
-from beltscape.pipeline.live.operation.alarm_states import AlarmStateFile
-from beltscape.pipeline.live.operation.hidden_alarms import HiddenAlarms
-from beltscape.pipeline.live.reporting.event_log import EventLog
+from beltscape.pipeline.live.alarm_control import AlarmControl, AlarmStateFile
+from beltscape.pipeline.live.event_log import EventLog
+from beltscape.pipeline.live.hidden_alarms import HiddenAlarms
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.alarms.plant import BAD, GOOD, SETTINGS

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.alarms.management.snapshot import BoardSnapshot, SavedAlarm
-from beltscape.pipeline.live.operation.alarm_states import FILE, AlarmStateFile
+from beltscape.alarms.snapshot import BoardSnapshot, SavedAlarm
+from beltscape.pipeline.live.alarm_control import STATES_FILE, AlarmStateFile
 
 SNAPSHOT = BoardSnapshot(
     (SavedAlarm("overload", "acknowledged", "critical", 5, "ada", 6, 112.0, 100.0, "%"),),
@@ -28,21 +28,21 @@ SNAPSHOT = BoardSnapshot(
     ],
 )  # fmt: skip
 def test_a_damaged_file_is_named_and_replaced(tmp_path: Path, data: bytes) -> None:
-    (tmp_path / FILE).write_bytes(data)
+    (tmp_path / STATES_FILE).write_bytes(data)
     messages: list[str] = []
     states = AlarmStateFile(tmp_path, messages.append)
     assert states.read() == BoardSnapshot()
     (message,) = messages
-    assert FILE in message and "\n" not in message
+    assert STATES_FILE in message and "\n" not in message
     states.write(BoardSnapshot())
     assert AlarmStateFile(tmp_path, messages.append).read() == BoardSnapshot() and len(messages) == 1
 
 
 def test_every_cut_of_a_file_is_refused_or_empty(tmp_path: Path) -> None:
     AlarmStateFile(tmp_path).write(SNAPSHOT)
-    whole = (tmp_path / FILE).read_bytes()
+    whole = (tmp_path / STATES_FILE).read_bytes()
     for length in range(len(whole)):
-        (tmp_path / FILE).write_bytes(whole[:length])
+        (tmp_path / STATES_FILE).write_bytes(whole[:length])
         messages: list[str] = []
         assert AlarmStateFile(tmp_path, messages.append).read() == BoardSnapshot() and messages, length
 
@@ -61,16 +61,16 @@ def test_a_disk_that_refuses_is_said_once_and_tried_again(tmp_path: Path) -> Non
 def test_only_what_a_restart_must_not_lose_is_written(tmp_path: Path) -> None:
     states = AlarmStateFile(tmp_path)
     states.write(SNAPSHOT)
-    written = (tmp_path / FILE).stat().st_ino
+    written = (tmp_path / STATES_FILE).stat().st_ino
     states.write(
         BoardSnapshot(
             (SavedAlarm("overload", "acknowledged", "critical", 5, "ada", 6, 130.0, 100.0, "%"),),
             {"load": "overload"},
         )
     )
-    assert (tmp_path / FILE).stat().st_ino == written
+    assert (tmp_path / STATES_FILE).stat().st_ino == written
     states.write(BoardSnapshot())
-    assert (tmp_path / FILE).stat().st_ino != written
+    assert (tmp_path / STATES_FILE).stat().st_ino != written
 
 
 def test_no_acknowledgement_is_lost_by_a_kill(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.pipeline.live.operation.hidden_alarms import FILE, HiddenAlarms
+from beltscape.pipeline.live.hidden_alarms import FILE, HiddenAlarms
 
 S_NS = 1_000_000_000
 

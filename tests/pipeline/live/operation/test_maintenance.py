@@ -8,12 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.pipeline.live.measurement.ledger import LedgerState
-from beltscape.pipeline.live.operation.maintenance import (
-    MaintenanceMode,
-    make_maintenance_finding,
-    recover_maintenance,
-)
+from beltscape.pipeline.live.ledger import LedgerState
+from beltscape.pipeline.live.maintenance import MaintenanceMode, make_maintenance_finding, recover_maintenance
 from beltscape.sinks.historian import Event
 from tests.pipeline.live.feed import Feed, check, engine_of, everything, track
 from tests.synthetic.belt_feed import frames, run

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.core.belt.flow_record import FlowRecord
-from beltscape.core.belt.ledger_entries import BeltRecord, RecordTag
 from beltscape.core.errors import InputError
-from beltscape.pipeline.live.measurement.ledger import Ledger, LedgerState
-from beltscape.pipeline.live.operation.production import ProductionControl
-from beltscape.pipeline.live.reporting.event_log import EventLog
+from beltscape.core.ledger import BeltRecord, FlowRecord, RecordTag
+from beltscape.pipeline.live.event_log import EventLog
+from beltscape.pipeline.live.ledger import Ledger, LedgerState
+from beltscape.pipeline.live.production import ProductionControl
 from beltscape.production.settings import ProductionSettings, ProductSettings, TimetableSettings
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings

@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 
 from beltscape.core.errors import MeasureError
+from beltscape.core.events import ZeroProposal
+from beltscape.core.findings import Finding
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.live.events import ZeroProposal
-from beltscape.core.live.findings import Finding
-from beltscape.core.live.translatable_message import get_key
 from beltscape.core.progress import Silent
+from beltscape.core.translatable_message import get_key
 from beltscape.files.belt_json import read_zero_settings
 from beltscape.health.belt.cells import compute_belt_cells
-from beltscape.health.belt.settings import BeltLimits
 from beltscape.health.belt.zero_shift import estimate_zero_shift
-from beltscape.measure.flow.fusion.empty_belt_reference import EmptyBeltReference, make_reference
-from beltscape.pipeline.live.operation.zero import FILE, ZeroControl, read_zero
+from beltscape.health.settings import BeltLimits
+from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
+from beltscape.pipeline.live.zero import FILE, ZeroControl, read_zero
 from tests.measure.flow.moving_belt import CAMERA, depth_map, make_empty_belt
 from tests.pipeline.live.feed import Feed, check, engine_of, everything, track
 

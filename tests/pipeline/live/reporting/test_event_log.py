@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from beltscape.core.errors import OutputError
-from beltscape.pipeline.live.reporting import event_log
-from beltscape.pipeline.live.reporting.event_log import EventLog
+from beltscape.pipeline.live import event_log
+from beltscape.pipeline.live.event_log import EventLog
 from beltscape.pipeline.live.writer import BATCH
 from beltscape.sinks.historian import NewEvent
 from tests.protocols.broker import wait_until

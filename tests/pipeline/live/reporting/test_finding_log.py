@@ -8,9 +8,9 @@ from math import nan
 import pytest
 
 from beltscape.core.errors import OutputError
-from beltscape.core.live.findings import Finding
-from beltscape.pipeline.live.monitoring.gauges import Gauges
-from beltscape.pipeline.live.reporting.finding_log import FindingLog
+from beltscape.core.findings import Finding
+from beltscape.pipeline.live.event_log import FindingLog
+from beltscape.pipeline.live.gauges import Gauges
 from beltscape.sinks.historian import StoredFinding
 
 SOUND = Finding("zero_shift", 0.0, 0.1, 2.0, "mm")

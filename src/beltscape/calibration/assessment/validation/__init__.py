@@ -1,1 +1,0 @@
-"""Validation of a rig on board views: residuals, folds without leaks, held-out scores, noise of the corners."""

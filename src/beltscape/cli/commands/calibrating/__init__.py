@@ -1,1 +1,0 @@
-"""Commands that calibrate a rig and exchange it with other programs."""

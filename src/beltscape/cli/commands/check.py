@@ -1,0 +1,54 @@
+"""``beltscape check CAPTURE --rig rig.json --board board.toml``: scores a rig on new images of a board."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from beltscape.cli.terminal import format_findings
+from beltscape.core.progress import Reporter
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    parser.add_argument("capture", type=Path, help="folder <capture>/<camera>/<frame>.png of board views")
+    parser.add_argument("--rig", type=Path, required=True, help="rig.json to check")
+    parser.add_argument("--board", type=Path, required=True, help="board.toml")
+
+
+def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
+    """Score the rig."""
+    from beltscape.files.rig_json import read_rig
+    from beltscape.pipeline.calibrating.check import check
+    from beltscape.target.board import read_board
+
+    board, rig = read_board(arguments.board), read_rig(arguments.rig)
+    result = check(arguments.capture, rig, board, reporter)
+    return {
+        "fit": result.fit.document(),
+        "scale": result.scale,
+        "score": result.score.document(),
+        "cameras": {
+            name: {frame: view.rms_px for frame, view in views.items()}
+            for name, views in result.rig_errors.residuals.items()
+        },
+    }
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """Return the result in a few lines, findings against the rig first."""
+    s = result["score"]
+    lines = [
+        *format_findings(result["fit"]),
+        f"{s['frames']} frames, {s['views']} views, {s['corners']} corners",
+        f"reprojection   RMS {s['rms_px']:.3f} px, median {s['median_px']:.3f} px",
+        f"square edge    bias {s['square_bias_mm']:+z.4f} mm, RMS {s['square_rms_mm']:.4f} mm",
+        f"planarity      RMS {s['planarity_rms_mm']:.4f} mm",
+    ]
+    for name, views in result["cameras"].items():
+        if views:
+            worst = max(views, key=lambda frame: views[frame])
+            lines.append(f"{name:<14} {len(views)} views, worst {worst} with {views[worst]:.3f} px")
+    return "\n".join(lines)

@@ -1,1 +1,0 @@
-"""Commands that turn captures into depth and measure it."""

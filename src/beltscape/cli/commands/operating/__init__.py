@@ -1,1 +1,0 @@
-"""Commands that run a plant, and look after one that runs."""

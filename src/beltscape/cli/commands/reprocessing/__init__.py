@@ -1,1 +1,0 @@
-"""Commands that measure recordings again and compare the results."""

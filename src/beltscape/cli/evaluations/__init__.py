@@ -1,1 +1,0 @@
-"""One module per evaluation of ``beltscape evaluate``, of its name."""

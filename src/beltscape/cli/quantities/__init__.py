@@ -1,1 +1,0 @@
-"""One module per quantity of ``beltscape measure``, of its name."""

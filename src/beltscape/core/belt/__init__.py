@@ -1,1 +1,0 @@
-"""The belt: its frame and height map, the empty belt, flow records and ledger entries."""

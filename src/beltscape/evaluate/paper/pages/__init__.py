@@ -1,1 +1,0 @@
-"""The report page of the paper's experiments."""

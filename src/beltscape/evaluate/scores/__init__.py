@@ -1,1 +1,0 @@
-"""Scores of depth maps, rigs and lumps against the truth."""

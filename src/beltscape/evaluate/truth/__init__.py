@@ -1,1 +1,0 @@
-"""Ground truth of simulated scenes: its files, the empty belt, occluded pixels, resampling to another core camera."""

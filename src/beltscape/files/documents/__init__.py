@@ -1,1 +1,0 @@
-"""Documents: reading and writing of plain text, JSON and TOML."""

@@ -1,1 +1,0 @@
-"""Output on disk: atomic files, manifests, and folders that a command owns."""

@@ -1,1 +1,0 @@
-"""Point clouds as PLY, triangle meshes as STL."""

@@ -1,1 +1,0 @@
-"""Rasters: images, depth maps and height maps."""

@@ -1,1 +1,0 @@
-"""Tables: CSV of encoders, densities and flow."""

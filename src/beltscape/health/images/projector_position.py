@@ -1,0 +1,323 @@
+"""Position of the projector: the pattern on the bare belt, at its known height, against the learned pattern.
+
+The monitor carries the check over the frames of a belt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding, has_fault
+from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.translatable_message import Message
+from beltscape.health.images.surface_samples import (
+    Surface,
+    SurfaceGrid,
+    Texture,
+    correlate_at_rest,
+    find_peak,
+)
+from beltscape.health.settings import HealthSettings
+from beltscape.measure.belt.reference import EmptyBeltReference
+
+MOVED = "projector_moved"
+SEARCH_CELLS = 24
+"""Farthest displacement that is searched, cells; a pattern that moved farther counts as not found."""
+_SIGMA_CELLS = 0.03
+"""σ of the pattern's displacement, cells; sound captures scatter by 0.01."""
+_PER_HEIGHT = 1.0
+"""Displacement of the pattern per change of the belt's height: cameras and projector are within 45° of each other."""
+_FOUND = 0.3
+"""Correlation with the learned pattern from which its displacement is measured; sound captures: 0.7 to 0.95."""
+_SAME_PATTERN = 0.45
+"""Correlation between two cameras that both see the projected pattern, wherever it is; without projector: 0.1."""
+_AGREEING = 2 / 3
+"""Share of the cameras that must show the same displacement: a camera that moved shows it alone."""
+_LEAST_BARE_SHARE = 0.01
+"""Least share of the grid that is bare."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LearnedPattern:
+    """The mean texture of the bare belt while the projector was sound, on the grid of the core's view."""
+
+    textures: Mapping[str, Texture]
+    """Camera → texture (H, W) at the points of the learned empty belt; NaN: never seen bare."""
+    height_mm: float
+    """Mean height of the bare belt over the learned one."""
+
+
+@dataclass(frozen=True, slots=True)
+class PatternShift:
+    """Displacement of the pattern on the bare belt."""
+
+    shift_mm: float
+    """Length of the displacement; infinite: the pattern is not found within the search; NaN: not measured."""
+    sigma_mm: float
+    allowance_mm: float
+    """Displacement that a change of the belt's height may explain."""
+
+
+UNMEASURED = PatternShift(float("nan"), float("nan"), float("nan"))
+
+
+def measure_pattern_shift(
+    learned: LearnedPattern,
+    now: Mapping[str, Texture],
+    is_bare: NDArray[np.bool_],
+    height_mm: float,
+    cell_mm: float,
+    core: str,
+) -> PatternShift:
+    """Return the displacement of the pattern that most cameras show, on the half of the bare belt where it is larger.
+
+    A projector that turned about its axis moves the pattern to opposite sides on the two halves.
+
+    Parameters
+    ----------
+    learned
+        The learned pattern.
+    now
+        The cameras' textures (H, W) at the points of the learned empty belt.
+    is_bare
+        (H, W) where the belt is bare at its learned height.
+    height_mm
+        Mean height there over the learned belt.
+    cell_mm
+        Width of a cell on the belt.
+    core
+        Name of the core camera.
+    """
+    if core not in now:
+        return UNMEASURED
+    allowance = _PER_HEIGHT * abs(height_mm - learned.height_mm)
+    lengths = [_measure_length(learned, now, half, core) for half in _split(is_bare)]
+    finite = [length for length in lengths if np.isfinite(length)]
+    if finite:
+        return PatternShift(cell_mm * max(finite), cell_mm * _SIGMA_CELLS, allowance)
+    if lengths and all(np.isinf(length) for length in lengths):
+        return PatternShift(float("inf"), SEARCH_CELLS * cell_mm, allowance)
+    return UNMEASURED
+
+
+def _split(is_bare: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Return the left and the right half of the bare belt (H, W), those that are large enough."""
+    if not is_bare.any():
+        return []
+    left = is_bare.copy()
+    left[:, int(np.median(np.nonzero(is_bare)[1])) :] = False
+    halves = left, is_bare & ~left
+    return [half for half in halves if half.mean() >= _LEAST_BARE_SHARE]
+
+
+def _measure_length(
+    learned: LearnedPattern, now: Mapping[str, Texture], is_bare: NDArray[np.bool_], core: str
+) -> float:
+    """Return the displacement in cells; infinite: the pattern is projected elsewhere; NaN: not measured."""
+    shifts: list[NDArray[np.float64]] = []
+    lost = 0
+    names = [name for name in now if name in learned.textures]
+    for name in names:
+        shift, correlation = find_peak(
+            now[name], learned.textures[name], is_bare, SEARCH_CELLS, _LEAST_BARE_SHARE
+        )
+        if correlation >= _FOUND:
+            shifts.append(-shift)
+        elif name != core:
+            rest = correlate_at_rest(now[core], now[name], is_bare, _LEAST_BARE_SHARE)
+            lost += rest > _SAME_PATTERN
+    if len(shifts) < 2:
+        is_lost = len(names) > 2 and lost >= _AGREEING * (len(names) - 1)
+        return float("inf") if is_lost else float("nan")
+    middle = np.median(shifts, axis=0)
+    length = float(np.linalg.norm(middle))
+    agree = [float(np.linalg.norm(shift - middle)) < max(1.0, 0.3 * length) for shift in shifts]
+    return length if np.mean(agree) >= _AGREEING else float("nan")
+
+
+def check_projector_position(shift: PatternShift, is_confirmed: bool, settings: HealthSettings) -> Finding:
+    """Return the finding "projector_moved": the displacement of the pattern on the bare belt, mm.
+
+    Depth is measured with the pattern wherever it is, so that the finding has no effect on records.
+    """
+    limit = settings.projector_mm + (0.0 if np.isnan(shift.allowance_mm) else shift.allowance_mm)
+    is_far = np.isinf(shift.shift_mm)
+    value = shift.sigma_mm if is_far else shift.shift_mm
+    finding = Finding(MOVED, value, shift.sigma_mm, limit, "mm")
+    if not exceeds(shift, settings):
+        return finding
+    if not is_confirmed:
+        return Finding(MOVED, float("nan"), shift.sigma_mm, limit, "mm")
+    size = f"by more than {value:.0f} mm" if is_far else f"by {value:.1f} mm"
+    text = Message(
+        f"the projected pattern has moved {size} on the belt: the projector has moved or turned; depth stays right, "
+        "but check that the pattern covers the belt, fasten the projector and restart the measurement",
+        "projector_far" if is_far else "projector_moved",
+        shift=round(value, 1),
+    )
+    return Finding(MOVED, value, shift.sigma_mm, limit, "mm", "", text)
+
+
+def exceeds(shift: PatternShift, settings: HealthSettings) -> bool:
+    """Return whether the displacement is beyond the limit, 3 σ and what the belt's height explains."""
+    return shift.shift_mm > max(settings.projector_mm, 3 * shift.sigma_mm) + shift.allowance_mm
+
+
+_PERIOD_NS = 500_000_000
+"""Time between two checks; the second one confirms, so that a moved projector is named within a second."""
+_EVERY = 4
+"""Frames between two checks, for frames without times."""
+_BARE_MM = 4.0
+"""Largest height over the learned belt of a bare one: the pattern is displaced by up to 0.4 of it."""
+_LEAST_SAMPLES = 3
+"""Number of frames in which a cell must have been bare."""
+
+
+class ProjectorMonitor:
+    """Learns the pattern on the bare belt from the first sound frames, and compares it with later ones."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        reference: EmptyBeltReference,
+        settings: HealthSettings,
+        learned: LearnedPattern | None = None,
+        keep: Callable[[LearnedPattern], None] | None = None,
+        grid: SurfaceGrid | None = None,
+    ) -> None:
+        """``learned`` is the pattern that an earlier run recognised; ``keep`` receives it once it was recognised.
+
+        ``grid`` is one that other checks of the same frames use, too.
+        """
+        self._rig, self._reference, self._settings = rig, reference, settings
+        self._grid = grid or SurfaceGrid(rig)
+        self._belt_points = _intersect_belt(self._grid, reference)
+        self._sums: dict[str, NDArray[np.float64]] = {}
+        self._counts: dict[str, NDArray[np.float64]] = {}
+        self._heights: list[float] = []
+        self._keep = keep
+        self._learned = learned if _fits(learned, self._belt_points, rig) else None
+        self._has_passed, self._is_suspect = self._learned is not None, False
+        self._number, self._last_ns = 0, 0
+        self._fault: tuple[Finding, ...] = ()
+        self._must_forget = False
+
+    def learn_anew(self) -> None:
+        """Forget the learned pattern, before the next frame is checked; any thread may call it."""
+        self._must_forget = True
+
+    def _forget(self) -> None:
+        self._must_forget = False
+        self._sums, self._counts, self._heights, self._learned = {}, {}, [], None
+        self._has_passed, self._is_suspect, self._fault = False, False, ()
+
+    def check(
+        self, frames: FrameSet, depth: DepthMap | None, findings: Sequence[Finding]
+    ) -> tuple[Finding, ...]:
+        """Return the finding "projector_moved" of a checked frame; between two checks the fault, if there is one.
+
+        ``findings`` are those about the frame's images and cameras: a frame with a fault is not learned, and a core
+        camera that moved, or of which that is not known yet, sees a projector at rest displaced.
+        """
+        self._number += 1
+        if self._must_forget:
+            self._forget()
+        if depth is None or self._settings.projector == "no" or not self._is_due(frames):
+            return self._fault
+        if has_fault(findings, "camera_pose", "", self._rig.core) or has_fault(
+            findings, "camera_pose_unchecked", ""
+        ):
+            return self._fault
+        view = self._grid.view(frames, depth)
+        is_bare, height = self._find_bare_belt(view.surface)
+        textures = view.filter_textures(self._rig.cameras)
+        now = self._grid.sample_all(textures, self._belt_points)
+        if self._learned is None:
+            if self._settings.learning and not any(one.is_fault for one in findings):
+                self._learn(now, is_bare, height)
+            return ()
+        cell = float(np.nanmedian(self._belt_points[..., 2])) / self._grid.cells_per_unit
+        shift = measure_pattern_shift(self._learned, now, is_bare, height, cell, self._rig.core)
+        return self._assess(shift)
+
+    def _assess(self, shift: PatternShift) -> tuple[Finding, ...]:
+        """Return the finding about a displacement; it must be confirmed, and the pattern recognised before."""
+        is_beyond = exceeds(shift, self._settings)
+        if not self._has_passed:
+            self._has_passed = not is_beyond and bool(np.isfinite(shift.shift_mm))
+            is_beyond = False
+            if not self._has_passed:
+                return ()
+            if self._keep is not None and self._learned is not None:
+                self._keep(self._learned)
+        finding = check_projector_position(shift, self._is_suspect or bool(self._fault), self._settings)
+        if np.isnan(shift.shift_mm) and self._fault:
+            return self._fault
+        self._is_suspect = is_beyond
+        self._fault = (finding,) if finding.is_fault else ()
+        return (finding,)
+
+    def _is_due(self, frames: FrameSet) -> bool:
+        if self._is_suspect:
+            return True
+        if frames.time_ns is None:
+            return self._number % _EVERY == 0
+        if abs(frames.time_ns - self._last_ns) < _PERIOD_NS and self._learned is not None:
+            return False
+        self._last_ns = frames.time_ns
+        return True
+
+    def _find_bare_belt(self, surface: Surface) -> tuple[NDArray[np.bool_], float]:
+        """Return where the belt is bare (H, W), and its mean height over the learned one there."""
+        belt = self._reference.belt
+        points = belt.belt_from_core.apply(surface.points_mm)
+        x, y = np.nan_to_num(points[..., 0]), np.nan_to_num(points[..., 1])
+        height = points[..., 2] - belt.height_at_mm(x, y)
+        low, high = belt.across_mm
+        is_bare = surface.is_smooth & (np.abs(height) < _BARE_MM) & (x > low) & (x < high)
+        return is_bare, float(height[is_bare].mean()) if is_bare.any() else float("nan")
+
+    def _learn(self, now: dict[str, Texture], is_bare: NDArray[np.bool_], height_mm: float) -> None:
+        for name, texture in now.items():
+            known = is_bare & np.isfinite(texture)
+            sums = self._sums.setdefault(name, np.zeros(is_bare.shape))
+            sums[known] += texture[known]
+            self._counts.setdefault(name, np.zeros(is_bare.shape))[known] += 1
+        if np.isfinite(height_mm):
+            self._heights.append(height_mm)
+        if len(self._heights) < self._settings.learning_frames:
+            return
+        means = {
+            name: np.where(
+                self._counts[name] >= _LEAST_SAMPLES, sums / np.maximum(self._counts[name], 1), np.nan
+            ).astype(np.float32)
+            for name, sums in self._sums.items()
+        }
+        self._learned = LearnedPattern(means, float(np.median(self._heights)))
+        self._sums, self._counts, self._heights = {}, {}, []
+
+
+def _fits(learned: LearnedPattern | None, belt_points: NDArray[np.float64], rig: Rig) -> bool:
+    """Return whether a kept pattern has the grid of this rig's images, and all its cameras."""
+    if learned is None:
+        return False
+    sizes = {texture.shape for texture in learned.textures.values()}
+    return sizes == {belt_points.shape[:2]} and set(rig.cameras) <= set(learned.textures)
+
+
+def _intersect_belt(grid: SurfaceGrid, reference: EmptyBeltReference) -> NDArray[np.float64]:
+    """Return the points (H, W, 3) of the learned empty belt on the rays of the grid, in the core's frame."""
+    belt = reference.belt
+    origin = belt.belt_from_core.translation_mm
+    rays = grid.rays @ belt.belt_from_core.rotation.T
+    distance = -origin[2] / rays[..., 2]
+    for _ in range(4):
+        x = origin[0] + distance * rays[..., 0]
+        distance = (belt.height_mm(x) - origin[2]) / rays[..., 2]
+    return grid.rays * distance[..., None]

@@ -1,0 +1,76 @@
+"""Repeated images: a camera, or all, delivers an image that it delivered before."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from beltscape.core.findings import Finding
+from beltscape.core.translatable_message import Message
+from beltscape.health.image_statistics import FloatArray
+
+_ROWS_STEP = 4
+"""Every fourth row of the examined rows is compared."""
+_QUIET = 0.15
+"""Change over noise below which an image repeats: two images of a standing belt differ by the noise itself."""
+_STILL = 0.15
+"""Change over texture, over that of the other cameras, below which an image repeats while the belt moves."""
+_MOVING = 4.0
+"""Change over noise in the other cameras from which the belt certainly moves."""
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """The change of a camera's image since the one before; NaN for a black or uniform image."""
+
+    noise_ratio: float
+    """Over √2 of the noise."""
+    texture_ratio: float
+    """Over the spread of the image's levels."""
+
+
+def measure_changes(
+    before: Mapping[str, FloatArray], now: Mapping[str, FloatArray], noise: float
+) -> dict[str, Change]:
+    """Return the change of each camera that is in both frames.
+
+    ``before`` and ``now`` are levels of `compute_levels`; ``noise`` is the least variance over the cameras, because
+    texture everywhere in a picture raises its estimate.
+    """
+    changes: dict[str, Change] = {}
+    for name, levels in now.items():
+        if name not in before or before[name].shape != levels.shape:
+            continue
+        one, other = before[name][::_ROWS_STEP], levels[::_ROWS_STEP]
+        if np.ptp(other) < 4:
+            changes[name] = Change(float("nan"), float("nan"))
+            continue
+        difference = one - other
+        rms = float(np.sqrt(np.mean(difference * difference)))
+        changes[name] = Change(rms / float(np.sqrt(2 * noise)), rms / float(other.std()))
+    return changes
+
+
+def check_repeated(changes: Mapping[str, Change]) -> list[Finding]:
+    """Return the finding "frozen_image" of every camera, from `measure_changes`; one repeated image suffices."""
+    return [
+        _check_camera(name, change, [other for key, other in changes.items() if key != name])
+        for name, change in changes.items()
+    ]
+
+
+def _check_camera(camera: str, change: Change, others: Sequence[Change]) -> Finding:
+    finding = Finding("frozen_image", change.noise_ratio, 0.05, _QUIET, "σ of noise", camera)
+    known = [other for other in others if np.isfinite(other.noise_ratio)]
+    is_still = False
+    if known and float(np.median([other.noise_ratio for other in known])) > _MOVING:
+        is_still = change.texture_ratio < _STILL * float(np.median([other.texture_ratio for other in known]))
+    if not (change.noise_ratio < _QUIET or is_still):
+        return finding
+    text = Message(
+        f"{camera}: it delivers the same image again; restart the camera, check its link and its driver",
+        "frozen_image",
+    )
+    return replace(finding, text=text, effect="missing", is_momentary=True)

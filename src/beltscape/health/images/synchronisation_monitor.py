@@ -1,0 +1,241 @@
+"""The check of the cameras' synchronisation over the frames of a moving belt."""
+
+from __future__ import annotations
+
+from collections import defaultdict, deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.findings import Finding, has_fault
+from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
+from beltscape.health.images.surface_samples import (
+    Displacement,
+    FrameTextures,
+    SurfaceGrid,
+    correlate_at_rest,
+    measure_displacement,
+)
+from beltscape.health.images.synchronisation import (
+    CheckPool,
+    Delay,
+    PairCheck,
+    check_synchronisation,
+    compute_core_delay,
+    compute_depth_error,
+    find_late_core,
+    make_unmeasured_finding,
+    pool_delays,
+    separate_delay,
+)
+from beltscape.health.settings import HealthSettings
+
+_EVERY = 8
+"""Number of frames per check; a check takes about a tenth of a second. A suspicious one is repeated at once."""
+_NEAREST, _FARTHEST = 0.05, 0.35
+"""Travel between the two frames over the distance of the belt: nearer, the projected pattern overlaps; farther, the
+cameras see other sides of the stones."""
+_LEAST_CORRELATION = 0.15
+"""Correlation of moving texture that is surely not chance; bare rubber has 0.03, heaps of stones 0.2 to 0.45."""
+_NOISE = 0.012
+"""σ of a displacement, mm, times the square of the correlation: in three sound captures of 612 × 512 px."""
+_BIAS = 1.8e-4
+"""σ of the displacement that remains in the mean over frames, over the distance; up to 2.4e-4 in three rigs."""
+_NOISE_PIXEL_MM = 1.28
+"""Size of a pixel on the belt at which `_NOISE` holds; with twice the size it scatters by 0.17 mm instead of 0.07."""
+_MEMORY = 3
+"""Checks whose median is taken, so that a single one accuses no camera."""
+_CONFIRMING = 2
+"""Number of checks from which on a camera is accused."""
+_CLEARED = 0.5
+"""A fault ends at a check that shows less than this share of its delay."""
+_SPEEDS = 40
+"""Number of checks that are kept to separate a delay from a moved camera by the speed."""
+_STATIC = 0.5
+"""Share of the moving texture's displacement that the same instant must not show: else the camera may have moved."""
+_OLD = 0.5
+"""Correlation at rest with the frame before from which an image is that frame's; its own frame's is less then."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stored:
+    """A frame that waits for the next one."""
+
+    number: int
+    frame: FrameTextures
+    cameras: tuple[str, ...]
+    position_mm: float
+    time_ns: int
+
+
+class SynchronisationMonitor:
+    """Compares what the cameras show of the moving material in pairs of frames."""
+
+    def __init__(self, rig: Rig, settings: HealthSettings, grid: SurfaceGrid | None = None) -> None:
+        """``grid`` is one that other checks of the same frames use, too."""
+        self._rig, self._settings = rig, settings
+        self._grid = grid or SurfaceGrid(rig)
+        self._number = 0
+        self._due = 0
+        self._before: _Stored | None = None
+        self._recent: dict[str, deque[Delay]] = defaultdict(lambda: deque(maxlen=_MEMORY))
+        self._history: dict[str, deque[Delay]] = defaultdict(lambda: deque(maxlen=_SPEEDS))
+        self._pool = CheckPool()
+        self._faults: tuple[Finding, ...] = ()
+
+    def check(
+        self,
+        frames: FrameSet,
+        depth: DepthMap | None,
+        position_mm: float | None,
+        along: NDArray[np.float64] | None,
+        others: Sequence[Finding] = (),
+    ) -> tuple[Finding, ...]:
+        """Return the findings "camera_sync" of the next frame; between two checks those that are faults.
+
+        ``position_mm`` is the belt's travel at the frame, ``along`` (3,) its direction in the core's frame.
+        ``others`` are the findings about the frame's cameras: all auxiliaries disagree with a core that moved, or may
+        have while it is not known which camera did, so that none of them is accused anew.
+        """
+        self._number += 1
+        if depth is None or position_mm is None or along is None or frames.time_ns is None:
+            return self._faults
+        before = self._before
+        if before is None:
+            if self._number >= self._due:
+                self._before = self._store(frames, depth, position_mm, frames.time_ns)
+            return self._faults
+        travel, distance = position_mm - before.position_mm, float(np.nanmedian(depth.depth_mm[::8, ::8]))
+        if not travel >= _NEAREST * distance:
+            return self._faults
+        now = self._store(frames, depth, position_mm, frames.time_ns)
+        if travel > _FARTHEST * distance or frames.time_ns <= before.time_ns:
+            self._before = now
+            return self._faults
+        findings = self._compare(before, now, along, distance)
+        if has_fault(others, "camera_pose", "", self._rig.core) or has_fault(
+            others, "camera_pose_unchecked", ""
+        ):
+            findings = [self._acquit(finding) for finding in findings]
+        self._faults = tuple(finding for finding in findings if finding.is_fault)
+        self._due = self._number + _EVERY
+        is_suspect = any(one and one[-1].exceeds(self._settings.skew_ms) for one in self._recent.values())
+        self._before = now if is_suspect and not self._faults else None
+        return tuple(findings)
+
+    def _acquit(self, finding: Finding) -> Finding:
+        """Return the finding without an auxiliary's fault that began in this check."""
+        is_old = any(one.subject == finding.subject for one in self._faults)
+        if is_old or not finding.is_fault or finding.subject == self._rig.core:
+            return finding
+        return make_unmeasured_finding(finding.subject, self._settings)
+
+    def _store(self, frames: FrameSet, depth: DepthMap, position_mm: float, time_ns: int) -> _Stored:
+        view = self._grid.view(frames, depth)
+        textures, surface = view.filter_textures(self._rig.cameras), view.surface
+        own = self._grid.sample_all(textures, surface.points_mm)
+        stored = FrameTextures(textures, surface, own)
+        return _Stored(self._number, stored, tuple(textures), position_mm, time_ns)
+
+    def _compare(
+        self, before: _Stored, now: _Stored, along: NDArray[np.float64], distance_mm: float
+    ) -> list[Finding]:
+        core = self._rig.core
+        names = tuple(name for name in now.cameras if name in before.cameras and name != core)
+        if core not in now.cameras or core not in before.cameras or not names:
+            return []
+        travel = now.position_mm - before.position_mm
+        seconds = (now.time_ns - before.time_ns) * 1e-9
+        moved = measure_displacement(self._grid, before.frame, now.frame, along * travel, core, names)
+        delays = {name: self._estimate(name, moved[name], travel / seconds, distance_mm) for name in names}
+        for name in names:
+            if now.number == before.number + 1 and self._is_old(name, before.frame, now.frame):
+                delays[name] = Delay(-travel, _BIAS * distance_mm, travel / seconds)
+        measured = {name: one for name, one in delays.items() if one is not None}
+        late_core = find_late_core(measured, self._settings.skew_ms)
+        if late_core is not None:
+            measured = {core: late_core}
+        elif len(measured) > 1 and not (nearest := compute_core_delay(measured)).exceeds(
+            self._settings.skew_ms
+        ):
+            measured[core] = nearest
+        pooled = self._pool_checks(moved, now.position_mm, along, travel / seconds, distance_mm)
+        if late_core is None:  # a single check that is open, or accuses, outweighs those before it
+            measured |= {
+                name: pooled[name]
+                for name, one in measured.items()
+                if name in pooled and not one.exceeds(self._settings.skew_ms)
+            }
+        return [self._make_finding(name, measured.get(name), along, distance_mm) for name in (core, *names)]
+
+    def _pool_checks(
+        self,
+        moved: Mapping[str, Displacement],
+        position_mm: float,
+        along: NDArray[np.float64],
+        speed_mm_s: float,
+        distance_mm: float,
+    ) -> dict[str, Delay]:
+        """Return the delays by the last checks and this one."""
+        seen = {name: one for name, one in moved.items() if one.correlation >= _LEAST_CORRELATION}
+        check = PairCheck(
+            {name: one.moving_mm for name, one in seen.items()},
+            {name: one.same_mm for name, one in seen.items()},
+            {name: self._compute_noise(one, distance_mm) for name, one in seen.items()},
+            speed_mm_s,
+            distance_mm,
+        )
+        baselines = {name: float(self._rig.cam_from_core[name].center_mm @ along) for name in moved}
+        return pool_delays(self._pool.add(check, position_mm), self._rig.core, baselines)
+
+    def _compute_noise(self, moved: Displacement, distance_mm: float) -> float:
+        """Return one standard deviation, mm, of a displacement that differs between checks."""
+        pixel_mm = distance_mm / float(self._rig.core_camera.focal_px.mean())
+        return _NOISE / moved.correlation**2 * pixel_mm / _NOISE_PIXEL_MM
+
+    def _estimate(
+        self, name: str, moved: Displacement, speed_mm_s: float, distance_mm: float
+    ) -> Delay | None:
+        """Return a camera's delay by the last checks; None where they leave it open."""
+        if moved.correlation < _LEAST_CORRELATION:
+            return None
+        noise = self._compute_noise(moved, distance_mm)
+        newest = Delay(moved.moving_mm, float(np.hypot(noise, _BIAS * distance_mm)), speed_mm_s)
+        self._history[name].append(newest)
+        if newest.exceeds(self._settings.skew_ms) and abs(moved.same_mm) > _STATIC * abs(moved.moving_mm):
+            delay_ms, sigma_ms = separate_delay(self._history[name])
+            if not np.isfinite(sigma_ms):
+                return None
+            newest = Delay(1e-3 * delay_ms * speed_mm_s, 1e-3 * sigma_ms * speed_mm_s, speed_mm_s)
+        recent = self._recent[name]
+        recent.append(newest)
+        middle = 1e-3 * float(np.median([one.delay_ms for one in recent])) * speed_mm_s
+        delay = Delay(middle, newest.sigma_mm, speed_mm_s)
+        limit = self._settings.skew_ms
+        if not newest.exceeds(limit):
+            return delay
+        # an unusual check that is not confirmed yet neither passes nor accuses
+        return newest if len(recent) >= _CONFIRMING and delay.exceeds(limit) else None
+
+    def _make_finding(
+        self, name: str, delay: Delay | None, along: NDArray[np.float64], distance_mm: float
+    ) -> Finding:
+        """Return a camera's finding; a fault holds until a check shows less than half of its delay."""
+        fault = next((one for one in self._faults if one.subject == name), None)
+        if delay is None:
+            return fault or make_unmeasured_finding(name, self._settings)
+        error = compute_depth_error(name, delay.displacement_mm, along, distance_mm, self._rig)
+        finding = check_synchronisation(name, delay, error, self._settings)
+        holds = fault is not None and abs(finding.value) > _CLEARED * abs(fault.value)
+        return fault if fault is not None and holds and not finding.is_fault else finding
+
+    def _is_old(self, name: str, before: FrameTextures, now: FrameTextures) -> bool:
+        """Return whether a camera's image is that of the frame before."""
+        core = self._rig.core
+        own = correlate_at_rest(now.own[core], now.own[name], now.surface.is_smooth)
+        old = self._grid.sample(now.textures[name], name, before.surface.points_mm)
+        return correlate_at_rest(before.own[core], old, before.surface.is_smooth) > max(_OLD, own + 0.1)

@@ -1,1 +1,0 @@
-"""Geometry: triangulation, visibility, ray march and rasterised heights."""

@@ -1,0 +1,165 @@
+"""Kernels of networks: rectified layers evaluated at every pixel, and rounds of messages between pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.errors import KernelError
+from beltscape.kernels.arrays import float32
+from beltscape.kernels.backend import KernelFamily
+
+_MOST_UNITS = 256
+"""Largest number of inputs, and of units of a layer; the native kernel's arrays have this size."""
+
+
+class NetworkInput(NamedTuple):
+    """Checked input of `evaluate_network`."""
+
+    planes: list[NDArray[np.float32]]
+    """n of (H, W)"""
+    limits: NDArray[np.float32]
+    """(2, n)"""
+    layers: list[NDArray[np.float32]]
+
+
+class NetworkKernels(KernelFamily):
+    """Kernel of a multilayer perceptron at every pixel."""
+
+    def evaluate_network(
+        self,
+        planes: Sequence[NDArray[np.floating]],
+        limits: NDArray[np.floating],
+        layers: Sequence[NDArray[np.floating]],
+        *,
+        threads: int = 0,
+        out: Sequence[NDArray[np.float32]] | None = None,
+    ) -> Sequence[NDArray[np.floating]]:
+        """Return a network's outputs for each pixel's features x.
+
+            x₀ = min(max(x, low), high),  xᵢ₊₁ = max(0, Wᵢ xᵢ + wᵢ),  out = the last layer's W x + w
+
+        Parameters
+        ----------
+        planes
+            n of (H, W), at most 256: the features. NaN counts as ``low``.
+        limits
+            (2, n): low, then high.
+        layers
+            (k, n + 1), each of at most 256 units k: W and in its last column w; n is the k of the layer before.
+        out
+            Where the outputs are written, contiguous (H, W) float32, one per unit of the last layer; new by default.
+
+        Returns
+        -------
+        (H, W) float32, one per unit of the last layer.
+
+        References
+        ----------
+        Rumelhart, Hinton & Williams, Nature 323, 533–536, 1986, doi:10.1038/323533a0.
+        """
+        weights = network_layers(layers, "planes", len(planes))
+        first = float32("planes[0]", planes[0], ("H", "W"))
+        checked = [float32(f"planes[{i}]", plane, first.shape) for i, plane in enumerate(planes)]
+        given = NetworkInput(checked, float32("limits", limits, (2, len(planes))), weights)
+        if out is None:
+            out = [np.empty(first.shape, np.float32) for _ in weights[-1]]
+        _check_outputs(out, len(weights[-1]), first.shape)
+        for array, output in zip(out, self._run("evaluate_network", given, out, threads), strict=True):
+            if output is not array:  # the reference returns arrays of its own
+                array[:] = output
+        return out
+
+
+def network_layers(
+    layers: Sequence[NDArray[np.floating]], what: str, inputs: int
+) -> list[NDArray[np.float32]]:
+    """Return layers that fit each other and the inputs (``what`` in errors), or raise KernelError."""
+    _check_number(what, inputs)
+    if not layers:
+        raise KernelError("layers must be at least one")
+    weights: list[NDArray[np.float32]] = []
+    for i, layer in enumerate(layers):
+        weights.append(float32(f"layers[{i}]", layer, ("k", inputs + 1)))
+        inputs = len(weights[-1])
+        _check_number(f"units of layers[{i}]", inputs)
+    return weights
+
+
+def _check_number(what: str, number: int) -> None:
+    if not 1 <= number <= _MOST_UNITS:
+        raise KernelError(f"{what} must be 1 to {_MOST_UNITS}, not {number}")
+
+
+def _check_outputs(out: Sequence[NDArray[np.float32]], number: int, shape: tuple[int, ...]) -> None:
+    if len(out) != number:
+        raise KernelError(f"out must be {number} arrays, not {len(out)}")
+    for i, array in enumerate(out):
+        if array.shape != shape or array.dtype != np.float32 or not array.flags.c_contiguous:
+            raise KernelError(f"out[{i}] must be contiguous float32 {shape}, not {array.dtype} {array.shape}")
+
+
+class MessagePassingInput(NamedTuple):
+    """Checked input of `pass_messages`."""
+
+    messages: NDArray[np.float32]
+    """(K, A)"""
+    senders: NDArray[np.int32]
+    """(H, N)"""
+    state: NDArray[np.float32]
+    """(C, N)"""
+    layers: list[NDArray[np.float32]]
+
+
+class MessagePassingKernels(KernelFamily):
+    """Kernel of a round of messages between pixels."""
+
+    def pass_messages(
+        self,
+        messages: NDArray[np.floating],
+        senders: NDArray[np.int32],
+        state: NDArray[np.floating],
+        layers: Sequence[NDArray[np.floating]],
+        *,
+        threads: int = 0,
+    ) -> NDArray[np.floating]:
+        """Return a network's outputs for the messages that each pixel receives and its own state.
+
+            x₀ = (messages[0, senders[0]], messages[0, senders[1]], …, messages[K − 1, senders[H − 1]], state),
+            xᵢ₊₁ = max(0, Wᵢ xᵢ + wᵢ),  out = the last layer's W x + w
+
+        Parameters
+        ----------
+        messages
+            (K, A): a message of K numbers from each of A senders.
+        senders
+            (H, N): the H senders of each of N pixels.
+        state
+            (C, N): the rest of each pixel's own state.
+        layers
+            (k, n + 1), each of at most 256 units k: W and in its last column w; the first n is H K + C, at most 256.
+
+        Returns
+        -------
+        (M, N) float32, a row per unit of the last layer.
+
+        References
+        ----------
+        Gilmer, Schoenholz, Riley, Vinyals & Dahl, ICML 2017, arXiv:1704.01212; here messages are not summed.
+        """
+        messages = float32("messages", messages, ("K", "A"))
+        if senders.ndim != 2 or senders.dtype != np.int32 or not senders.size:
+            raise KernelError(f"senders must be (H, N) int32, not {senders.dtype} {senders.shape}")
+        if senders.view(np.uint32).max() >= messages.shape[1]:  # negative numbers are large ones
+            raise KernelError(
+                f"senders must be 0 to {messages.shape[1] - 1}, not {senders.min()} to {senders.max()}"
+            )
+        state = float32("state", state, ("C", senders.shape[1]))
+        weights = network_layers(layers, "inputs", len(senders) * len(messages) + len(state))
+        given = MessagePassingInput(messages, np.ascontiguousarray(senders), state, weights)
+        out = np.empty((len(weights[-1]), senders.shape[1]), np.float32)
+        (outputs,) = self._run("pass_messages", given, (out,), threads)
+        return outputs

@@ -1,1 +1,0 @@
-"""Small networks, and message passing between pixels."""

@@ -1,1 +1,0 @@
-"""Images and fields: splines, warps, values about given pixels, and statistics of windows (reference)."""

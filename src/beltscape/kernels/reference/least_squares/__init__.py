@@ -1,1 +1,0 @@
-"""Least squares of inverse depth: normal equations of all views, and local planes (reference)."""

@@ -1,1 +1,0 @@
-"""Candidate surfaces of a pixel: their photo-consistency, and propagation from its neighbours (reference)."""

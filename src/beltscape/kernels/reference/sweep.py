@@ -1,0 +1,89 @@
+"""The references of the kernels of the sweep: dissimilarity plane by plane, and semi-global aggregation.
+
+Costs are aggregated over eight paths.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels.reference.view import bilinear, centred_windows, project, window_dissimilarity
+from beltscape.kernels.sweep import WORST, AggregateInput, SweepAndAggregateInput, SweepInput, bands
+
+Array = NDArray[np.float64]
+PATHS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
+"""Steps (dy, dx) along the eight paths."""
+
+
+def aggregate(given: AggregateInput) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return plane and margin (rows, W) each."""
+    cost, small_jump, large_jump = given
+    cost_of_plane = np.minimum(cost, WORST).astype(np.float64)
+    sums = np.sum([_path(cost_of_plane, dy, dx, small_jump, large_jump) for dy, dx in PATHS], axis=0)
+    return _decide(sums)
+
+
+def _path(cost: Array, dy: int, dx: int, small_jump: int, large_jump: int) -> Array:
+    """Return the costs (rows, W, D) along paths that come from (y + dy, x + dx)."""
+    rows, width, _ = cost.shape
+    path = cost.copy()
+    for y in range(rows) if dy <= 0 else range(rows - 1, -1, -1):
+        for x in range(width) if dx <= 0 else range(width - 1, -1, -1):
+            if not (0 <= y + dy < rows and 0 <= x + dx < width):
+                continue
+            before = path[y + dy, x + dx]
+            padded = np.pad(before, 1, constant_values=np.inf)
+            neighbour = np.minimum(padded[:-2], padded[2:]) + small_jump
+            least = before.min()
+            path[y, x] += np.minimum(np.minimum(before, neighbour), least + large_jump) - least
+    return path
+
+
+def _decide(sums: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return planes and margins (rows, W) from sums (rows, W, D)."""
+    planes = np.arange(int(sums.shape[2]))
+    best = sums.argmin(axis=2)
+    at = best[..., None]
+    least = np.take_along_axis(sums, at, axis=2)
+    other = np.where(abs(planes - at) > 1, sums, np.inf).min(axis=2)
+    left = np.take_along_axis(sums, np.maximum(at - 1, 0), axis=2)
+    right = np.take_along_axis(sums, np.minimum(at + 1, planes[-1]), axis=2)
+    rise = np.maximum(left, right) - least
+    inner = (at > 0) & (at < planes[-1]) & (rise > 0)
+    part = np.where(inner, 0.5 * (left - right) / np.where(rise > 0, rise, 1), 0)[..., 0]
+    return (best + part).astype(np.float32), ((other - least[..., 0]) / (len(PATHS) * WORST)).astype(
+        np.float32
+    )
+
+
+def sweep(given: SweepInput, rows: int) -> tuple[NDArray[np.uint8]]:
+    """Return the costs (rows, W, planes)."""
+    cost = np.stack([_plane(given, given.first + given.step * d) for d in range(given.planes)], axis=-1)
+    return (cost[given.first_row : given.first_row + rows],)
+
+
+def sweep_and_aggregate(given: SweepAndAggregateInput) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return plane and margin (H, W) each."""
+    kept: list[list[NDArray[np.float32]]] = []
+    for band in bands(len(given.core)):
+        (cost,) = sweep(SweepInput(*given[:8], band.first), band.last - band.first)
+        middle = slice(band.keep_first - band.first, band.keep_last - band.first)
+        parts = aggregate(AggregateInput(cost, given.small_jump, given.large_jump))
+        kept.append([part[middle] for part in parts])
+    index, margin = (np.concatenate(part) for part in zip(*kept, strict=True))
+    return index, margin
+
+
+def _plane(given: SweepInput, s: float) -> NDArray[np.uint8]:
+    """Return the costs (H, W) of one plane."""
+    height, width = given.core.shape
+    v, u = np.mgrid[:height, :width].astype(np.float64)
+    core = centred_windows(given.core.astype(np.float64))
+    each: list[NDArray[np.float64]] = []
+    for image, view in zip(given.images, given.views, strict=True):
+        seen_u, seen_v, _ = project(view, u, v, np.full((height, width), s))
+        aux = centred_windows(bilinear(image.astype(np.float64), seen_u, seen_v))
+        each.append(window_dissimilarity(core, aux, given.floor))
+    mean = np.sort(each, axis=0)[: given.best].mean(axis=0)
+    return np.floor(WORST * mean + 0.5).astype(np.uint8)

@@ -1,1 +1,0 @@
-"""Plane sweep and semi-global aggregation: the reference."""

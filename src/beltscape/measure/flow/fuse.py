@@ -1,0 +1,163 @@
+"""Fusion of several frames of the same belt into one surface.
+
+Dots, markers and shadows fall on other parts of the material in every frame, so frames complement each other. Where
+frames disagree, cells that differ from the weighted median are excluded, so that two surfaces are never averaged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.measure.belt.reference import Layer
+from beltscape.measure.surface import close_pinholes
+
+_OUTLIER = 4.0
+"""A value farther than this many σ, beyond the tolerance, from the median is excluded."""
+_RANK = 0.65
+"""Rank of the weighted median: slightly above a half, because of two surfaces at one position the upper is the top,
+and each frame loses half a pixel of its rim."""
+_TOLERANCE_CELLS = 0.35
+"""Tolerated displacement, in cells: heights may differ by this times the surface's rise per cell."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusedRows:
+    """Rows of belt, each cell fused from all frames that measured it."""
+
+    layer: Layer
+    """The fused surface, with σ and noise for independent errors of the frames."""
+    single_share: NDArray[np.float64]
+    """(n,) share of a row's cells that a single frame measures, averaged over the frames with the row in view."""
+    frames: NDArray[np.int64]
+    """(n,) number of frames with the row in view."""
+    scatter: Scatter
+    """Differences between the frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """Sums over cells that several frames measured, for the noise of one frame and of the fused surface."""
+
+    cells: int = 0
+    """Number of compared values of single frames."""
+    single_mm2: float = 0.0
+    """Sum of their squared deviations, corrected for the estimated mean."""
+    claimed_mm2: float = 0.0
+    """Sum of their stated variances."""
+    fused_mm2: float = 0.0
+    """Sum of the fused cells' variances according to the scatter of single values."""
+    outliers: int = 0
+    """Number of excluded values."""
+
+    def __add__(self, other: Scatter) -> Scatter:
+        return Scatter(
+            self.cells + other.cells,
+            self.single_mm2 + other.single_mm2,
+            self.claimed_mm2 + other.claimed_mm2,
+            self.fused_mm2 + other.fused_mm2,
+            self.outliers + other.outliers,
+        )
+
+    @property
+    def single_noise_mm(self) -> float:
+        """Scatter of one frame's heights about the fused surface."""
+        return float(np.sqrt(self.single_mm2 / self.cells)) if self.cells else float("nan")
+
+    @property
+    def fused_noise_mm(self) -> float:
+        """Part of ``single_noise_mm`` that remains in the fused heights."""
+        return float(np.sqrt(self.fused_mm2 / self.cells)) if self.cells else float("nan")
+
+
+def fuse(layers: Sequence[Layer], first: int, end: int) -> FusedRows:
+    """Rows ``first`` to ``end`` of the belt from all layers that have one of them; at least one layer must."""
+    parts = [layer.rows(first, end) for layer in layers if layer.first < end and layer.end > first]
+    columns = parts[0].height_mm.shape[1]
+    shape = (len(parts), end - first, columns)
+    height, sigma, noise = (np.full(shape, np.nan, np.float32) for _ in range(3))
+    inside, share, ray_slope = np.zeros(shape[:2], bool), np.zeros(shape[:2]), np.zeros(shape[:2])
+    for k, part in enumerate(parts):
+        rows = slice(part.first - first, part.end - first)
+        height[k, rows], sigma[k, rows], noise[k, rows] = part.height_mm, part.sigma_mm, part.noise_mm
+        inside[k, rows], share[k, rows], ray_slope[k, rows] = True, part.share, part.ray_slope
+    number = np.maximum(inside.sum(axis=0), 1)
+    layer, scatter = _fuse_stack(height, sigma, noise, first, ray_slope.sum(axis=0) / number)
+    return FusedRows(layer, share.sum(axis=0) / number, number, scatter)
+
+
+def _fuse_stack(
+    height: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    first: int,
+    ray_slope: NDArray[np.float64],
+) -> tuple[Layer, Scatter]:
+    """Fuse stacks (k, n, Nx) of k layers."""
+    known = np.isfinite(height)
+    weight = np.where(known, 1 / np.maximum(sigma, 1e-4) ** 2, 0.0).astype(np.float32)
+    middle = _weighted_median(height, weight)
+    cell_tolerance = _TOLERANCE_CELLS * _compute_slope(middle)
+    with np.errstate(invalid="ignore"):
+        agrees = known & (np.abs(height - middle) <= _OUTLIER * sigma + cell_tolerance)
+    kept = np.where(agrees, weight, 0.0)
+    total = kept.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = (np.where(agrees, height, 0.0) * kept).sum(axis=0) / total
+        # weights are 1/σ²: the variance of the weighted mean of independent values is Σ w² v / (Σ w)²
+        own = np.sqrt((kept**2 * np.where(agrees, sigma, 0) ** 2).sum(axis=0)) / total
+        shared = np.sqrt((kept**2 * np.where(agrees, noise, 0) ** 2).sum(axis=0)) / total
+    height_mm, sigma_mm, noise_mm = (part.astype(np.float32) for part in (mean, own, shared))
+    measured = close_pinholes(cast("NDArray[np.bool_]", known.any(axis=0)))
+    layer = Layer(first, height_mm, sigma_mm, noise_mm, measured.mean(axis=1), ray_slope)
+    return layer, _compute_scatter(height, sigma, kept, agrees, known, mean, total)
+
+
+def _weighted_median(height: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the weighted quantile (n, Nx) at `_RANK`, always one of the values."""
+    order = np.argsort(height, axis=0)  # NaN goes last, with no weight
+    ranked = np.take_along_axis(height, order, axis=0)
+    reached = np.cumsum(np.take_along_axis(weight, order, axis=0), axis=0)
+    pick = np.argmax(reached >= _RANK * reached[-1], axis=0)
+    return np.take_along_axis(ranked, pick[None], axis=0)[0]
+
+
+def _compute_slope(middle: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the rise of the surface per cell (n, Nx), mm; 0 where it is unknown."""
+    if min(middle.shape) < 2:
+        return np.zeros_like(middle)
+    down, right = np.gradient(middle)
+    return np.nan_to_num(np.hypot(down, right)).astype(np.float32)
+
+
+def _compute_scatter(
+    height: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    kept: NDArray[np.floating],
+    agrees: NDArray[np.bool_],
+    known: NDArray[np.bool_],
+    mean: NDArray[np.floating],
+    total: NDArray[np.floating],
+) -> Scatter:
+    several = agrees.sum(axis=0) >= 2
+    chosen = agrees & several
+    if not chosen.any():
+        return Scatter(outliers=int((known & ~agrees).sum()))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        left = np.where(chosen, (height - mean) ** 2, 0.0)
+        # a value contributes to the mean with its share of the weight
+        freedom = np.where(chosen, np.maximum(1 - kept / total, 1e-6), 1.0)
+        single = np.where(chosen, left / freedom, 0.0)
+        keeps = np.where(several, (kept**2).sum(axis=0) / total**2, 0.0)
+    typical = float(single.sum() / chosen.sum())
+    return Scatter(
+        cells=int(chosen.sum()),
+        single_mm2=float(single.sum()),
+        claimed_mm2=float(np.where(chosen, sigma**2, 0.0).sum()),
+        fused_mm2=float((keeps * agrees.sum(axis=0)).sum() * typical),
+        outliers=int((known & ~agrees).sum()),
+    )

@@ -1,1 +1,0 @@
-"""Several frames of the same stretch of belt fused into rows of heights."""

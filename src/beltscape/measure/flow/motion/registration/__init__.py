@@ -1,1 +1,0 @@
-"""Registration of the load between two frames: its high-pass heights, and the shift between two of them."""

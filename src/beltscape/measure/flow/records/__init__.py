@@ -1,1 +1,0 @@
-"""Strips of belt as flow records and totals with their standard deviation."""

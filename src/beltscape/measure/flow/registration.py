@@ -1,0 +1,343 @@
+"""Registration of the load between two frames by its heights.
+
+The projected pattern is static while the material passes below it, so the motion follows from the material's shape
+and not from images. A masked normalised correlation (Padfield, IEEE Trans. Image Process. 21(5), 2012,
+doi:10.1109/TIP.2011.2181402) over all shifts along y finds the shift to a cell, robust least squares on the
+heights refines it.
+
+Consecutive frames are registered by the high-pass heights of their loads.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, ndimage
+
+from beltscape.core.statistics import MAD_TO_SIGMA
+
+_SMOOTH_MM = 20.0
+"""Gaussian σ of the low-pass that is subtracted: broader hills do not determine a position sharply."""
+_LEAST_MM = 3.0
+"""Lower loads are excluded: errors of the empty belt stand still and would bias the registration to no motion."""
+_LEAST_SHARE = 0.005
+"""With a smaller share of loaded cells there is nothing to register."""
+_TALLEST = 4.0
+"""Heights are clipped to this multiple of their spread, so that single rocks do not dominate."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HighPassHeights:
+    """Heights and high-pass heights of a load, on a static grid (rows along y ascending, columns along x)."""
+
+    height_mm: NDArray[np.float64]
+    """(Ny, Nx) height over the empty belt; NaN where there is no load."""
+    high_pass_mm: NDArray[np.float64]
+    """(Ny, Nx) height over the neighbourhood's mean, clipped; 0 where there is no load."""
+    load: NDArray[np.bool_]
+    """(Ny, Nx) whether a load was measured."""
+    cell_mm: float
+    """Edge of a cell."""
+    surface_mm: NDArray[np.float32]
+    """(Ny, Nx) height over the empty belt wherever it was measured; NaN elsewhere."""
+
+    def leave_out(self, cells: NDArray[np.bool_], noise_mm: float) -> HighPassHeights:
+        """Return the high-pass without the load of some cells (Ny, Nx)."""
+        without = compute_high_pass(np.where(cells, np.nan, self.surface_mm), self.cell_mm, noise_mm)
+        return replace(without, surface_mm=self.surface_mm)
+
+    @property
+    def has_load(self) -> bool:
+        """Return whether there is enough load for registration."""
+        return float(self.load.mean()) >= _LEAST_SHARE
+
+
+def compute_high_pass(height_mm: NDArray[np.float64], cell_mm: float, noise_mm: float) -> HighPassHeights:
+    """Return the high-pass of a load (Ny, Nx), NaN where not measured; ``noise_mm`` is the empty belt's noise."""
+    load = np.nan_to_num(height_mm, nan=-np.inf) > max(_LEAST_MM, 6 * noise_mm)
+    # isolated cells are flying points, not load
+    load &= ndimage.uniform_filter(load.astype(np.float32), 5) > 0.5
+    value = np.where(load, height_mm, 0.0)
+    blur = _SMOOTH_MM / cell_mm
+    weight = ndimage.gaussian_filter(load.astype(np.float64), blur)
+    mean = ndimage.gaussian_filter(value, blur) / np.maximum(weight, 1e-9)
+    high_pass = np.where(load, value - mean, 0.0)
+    spread = float(np.sqrt(np.mean(high_pass[load] ** 2))) if load.any() else 0.0
+    high_pass = np.clip(high_pass, -_TALLEST * spread, _TALLEST * spread)
+    return HighPassHeights(
+        np.where(load, height_mm, np.nan), high_pass, load, cell_mm, height_mm.astype(np.float32)
+    )
+
+
+def compute_free_mm(frame: HighPassHeights, direction: int) -> float:
+    """Return the length without load at the end of the view at which the belt leaves it.
+
+    ``direction`` of travel is +1 towards +y, -1 towards -y.
+    """
+    rows = np.flatnonzero(frame.load.any(axis=1))
+    count = len(frame.load)
+    if not len(rows):
+        return count * frame.cell_mm
+    return float((count - 1 - rows[-1] if direction > 0 else rows[0]) * frame.cell_mm)
+
+
+_LEAST_SCORE = 0.45
+"""Least correlation of the best shift. Chosen; `plausibility` recognises other material that reaches it by chance."""
+_CLEAR_MARGIN = 0.15
+"""Margin by which the best correlation must exceed that of any other shift. Chosen."""
+_NEXT_MM = 25.0
+"""Shifts nearer than this to the best one belong to the same peak: about the size of the high-pass, 20 mm."""
+_BLOCK_MM = 30.0
+"""Errors of different blocks of this size count as independent: beyond the windows of matching on the belt."""
+_ROUNDS = 8
+"""Iterations of the subcell fit at most; Gauss-Newton from the best whole shift needs three to five."""
+_SETTLED_CELLS = 1e-4
+"""The fit has converged if the shift changes by less: a hundredth of `_LEAST_SIGMA_CELLS`."""
+_WORST_CONDITION = 1e12
+"""Above this condition number the heights do not determine the shift."""
+_LEAST_COMMON = 0.004
+"""Least share of the grid that is load in both frames, for a correlation. Chosen."""
+_NEAR_SHARE = 0.1
+"""Relative difference of a shift from the predicted motion up to which they agree. Chosen."""
+_TUKEY = 4.7
+"""Tukey's biweight ends at this multiple of the robust σ; as `core.statistics.TUKEY`, rounded."""
+_REWEIGHTINGS = 3
+"""Iterations of the weights within a step of the fit, which is itself repeated."""
+_LEAST_CELLS = 100
+"""Least number of cells in both frames: some blocks, so that σ can be estimated."""
+_FARTHEST_CELLS = 3.0
+"""A fit that moves farther than this from the best whole shift has diverged."""
+_LEAST_SIGMA_CELLS = 0.01
+"""Lower limit of σ: the interpolation between cells."""
+_LOCKING_CELLS = 0.01
+"""σ of the bias of interpolation, the same for equal steps: 0.009 cells over nine steps at two resolutions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shift:
+    """Motion of the load between two frames, in the belt frame."""
+
+    along_mm: float
+    """Motion towards +y."""
+    sigma_mm: float
+    """One standard deviation of ``along_mm``."""
+    across_mm: float
+    """Motion towards +x."""
+    score: float
+    """Correlation of the two frames' high-pass heights, 0..1."""
+    clear: bool = True
+    """Whether no other shift fits nearly as well; else it was selected by the predicted motion."""
+    support: float = 1.0
+    """Share of the view's cells on which both frames have a load at this shift, 0..1."""
+    common_mm: float = 0.0
+    """σ of the part of the error that equal steps of the belt have in common; included in ``sigma_mm``."""
+
+
+@dataclass(frozen=True, slots=True)
+class PredictedMatch:
+    """The similarity of two frames at the predicted motion."""
+
+    score: float
+    """Correlation of their high-pass heights; NaN without a common load."""
+    support: float
+    """Share of the view's cells on which both frames have a load."""
+
+
+def register(
+    before: HighPassHeights, after: HighPassHeights, *, least_overlap: float, near_mm: float | None = None
+) -> Shift | None:
+    """Register the loads of two frames on the same grid; None where the material does not determine the motion.
+
+    ``least_overlap`` is the share of the grid's rows that both frames must contain. The predicted motion ``near_mm``,
+    where given, selects one of several similar shifts; an unambiguous shift elsewhere takes precedence.
+    """
+    if not (before.has_load and after.has_load):
+        return None
+    shifts, score, support = correlate_along(before, after, least_overlap)
+    shifts_mm = cast("NDArray[np.float64]", shifts * before.cell_mm)
+    peak = _select_peak(shifts_mm, score, near_mm)
+    if peak is None:
+        return None
+    clear = _select_peak(shifts_mm, score, None) is not None
+    shift = _refine(before, after, int(shifts[peak]), float(score[peak]), clear)
+    return None if shift is None else replace(shift, support=float(support[peak]))
+
+
+def match_prediction(
+    before: HighPassHeights, after: HighPassHeights, *, least_overlap: float, near_mm: float
+) -> PredictedMatch:
+    """Return how well two frames match at a predicted motion along y."""
+    shifts, score, support = correlate_along(before, after, least_overlap)
+    near = (np.abs(shifts * before.cell_mm - near_mm) <= _compute_tolerance_mm(near_mm)) & (score > -1)
+    if not near.any():
+        return PredictedMatch(float("nan"), 0.0)
+    best = int(np.argmax(np.where(near, score, -1.0)))
+    return PredictedMatch(float(score[best]), float(support[best]))
+
+
+def correlate_along(
+    before: HighPassHeights, after: HighPassHeights, least_overlap: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return the shifts along y in cells, the masked normalised correlation (-1 without enough overlap), the support.
+
+    The support is the share of the view's cells on which both frames have a load.
+    """
+    rows, columns = before.load.shape
+    reach = int(rows * (1 - least_overlap))
+    size = fft.next_fast_len(rows + reach, real=True)
+
+    def spectra(of: HighPassHeights) -> list[NDArray[np.complex128]]:
+        parts = (of.load.astype(np.float64), of.high_pass_mm, of.high_pass_mm**2)
+        return [np.asarray(fft.rfft(part, size, axis=0)) for part in parts]
+
+    one, two = spectra(before), spectra(after)
+
+    def correlate(i: int, j: int) -> NDArray[np.float64]:
+        """Return Σ over cells of before_i(y) · after_j(y + shift), for all shifts."""
+        spectrum = cast("NDArray[np.complex128]", (one[i].conj() * two[j]).sum(axis=1))
+        return np.asarray(fft.irfft(spectrum, size))
+
+    number = np.maximum(np.rint(correlate(0, 0)), 0)
+    shifts = np.arange(-reach, reach + 1)
+    number, a, b, aa, bb, ab = (
+        part[shifts]
+        for part in (
+            number,
+            correlate(1, 0),
+            correlate(0, 1),
+            correlate(2, 0),
+            correlate(0, 2),
+            correlate(1, 1),
+        )
+    )
+    safe = np.maximum(number, 1)
+    spread = np.maximum(aa - a * a / safe, 0) * np.maximum(bb - b * b / safe, 0)
+    enough = number >= _LEAST_COMMON * rows * columns
+    with np.errstate(invalid="ignore", divide="ignore"):
+        score = (ab - a * b / safe) / np.sqrt(spread)
+    return shifts, np.where(enough & (spread > 0), score, -1.0), number / (rows * columns)
+
+
+def _select_peak(
+    shifts_mm: NDArray[np.float64], score: NDArray[np.float64], near_mm: float | None
+) -> int | None:
+    """Return the index of the unambiguous shift, else of the best one near the predicted motion."""
+    best = int(np.argmax(score))
+    if score[best] < _LEAST_SCORE:
+        return None
+    others = score[np.abs(shifts_mm - shifts_mm[best]) > _NEXT_MM]
+    if not others.size or score[best] - others.max() >= _CLEAR_MARGIN:
+        return best
+    if near_mm is None:
+        return None
+    near = np.abs(shifts_mm - near_mm) <= _compute_tolerance_mm(near_mm)
+    if not near.any():
+        return None
+    local = int(np.argmax(np.where(near, score, -1.0)))
+    return local if score[local] >= max(_LEAST_SCORE, score[best] - _CLEAR_MARGIN) else None
+
+
+def _compute_tolerance_mm(near_mm: float) -> float:
+    """Return the distance from a predicted motion within which a shift agrees with it."""
+    return max(_NEAR_SHARE * abs(near_mm), 0.5 * _NEXT_MM)
+
+
+def _refine(
+    before: HighPassHeights, after: HighPassHeights, shift: int, score: float, clear: bool
+) -> Shift | None:
+    """Refine a shift by robust least squares (Tukey) on the heights, warped again in each iteration.
+
+    The high-pass heights are not used, because occlusion beside rocks changes with their position, and with it the
+    mean around each cell. σ is a sandwich estimate over blocks, since errors of neighbouring cells are correlated.
+    """
+    a, step = before.height_mm, np.array([float(shift), 0.0])
+    cell, covariance = before.cell_mm, np.eye(3)
+    for _ in range(_ROUNDS):
+        warped = _warp(after.height_mm, step)
+        slopes = np.gradient(0.5 * (a + warped))
+        both = np.isfinite(slopes[0]) & np.isfinite(slopes[1]) & np.isfinite(warped - a)
+        if both.sum() < _LEAST_CELLS:
+            return None
+        design = np.stack([slopes[0][both], slopes[1][both], np.ones(int(both.sum()))])
+        solved = _solve_robustly(design, (warped - a)[both])
+        if solved is None:
+            return None
+        step = step + solved.change[:2]
+        if np.hypot(step[0] - shift, step[1]) > _FARTHEST_CELLS:
+            return None
+        covariance = _estimate_covariance(
+            design, solved.pulls, solved.normal, both, max(1, round(_BLOCK_MM / cell))
+        )
+        if np.abs(solved.change[:2]).max() < _SETTLED_CELLS:
+            break
+    sigma = cell * float(np.hypot(np.sqrt(covariance[0, 0]), _LEAST_SIGMA_CELLS))
+    common = _LOCKING_CELLS * cell
+    return Shift(float(step[0]) * cell, sigma, float(step[1]) * cell, score, clear, common_mm=common)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Solution:
+    """The solution of one robust least-squares problem."""
+
+    change: NDArray[np.float64]
+    """(3,) change of the motion along and across, in cells, and of the height, mm."""
+    pulls: NDArray[np.float64]
+    """(N,) weighted residuals."""
+    normal: NDArray[np.float64]
+    """(3, 3) normal matrix."""
+
+
+def _solve_robustly(design: NDArray[np.float64], residual: NDArray[np.float64]) -> _Solution | None:
+    """Solve robust least squares of design (3, N) on residuals (N,), mm; None if the problem is singular."""
+    solved: _Solution | None = None
+    left = residual - np.median(residual)
+    for _ in range(_REWEIGHTINGS):
+        reach = _TUKEY * MAD_TO_SIGMA * float(np.median(np.abs(left))) + 1e-9
+        weight = np.clip(1 - (left / reach) ** 2, 0, None) ** 2
+        normal = (design * weight) @ design.T
+        if np.linalg.cond(normal) > _WORST_CONDITION:
+            return None
+        change = -cast("NDArray[np.float64]", np.linalg.solve(normal, (design * weight) @ residual))
+        left = residual + change @ design
+        solved = _Solution(change, weight * left, normal)
+    return solved
+
+
+def _warp(values: NDArray[np.float64], step: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values (Ny, Nx) at (i + step[0], j + step[1]), interpolated bilinearly; NaN next to unknown cells."""
+    for axis in (0, 1):
+        whole = int(np.floor(step[axis]))
+        part = step[axis] - whole
+        values = (1 - part) * _shift_cells(values, whole, axis) + part * _shift_cells(values, whole + 1, axis)
+    return values
+
+
+def _shift_cells(values: NDArray[np.float64], cells: int, axis: int) -> NDArray[np.float64]:
+    """Return values displaced by whole cells along an axis; NaN from outside."""
+    size: int = values.shape[axis]
+    places = np.arange(size) + cells
+    out = np.take(values, np.clip(places, 0, size - 1), axis=axis)
+    lost = (places < 0) | (places >= size)
+    if axis == 0:
+        out[lost] = np.nan
+    else:
+        out[:, lost] = np.nan
+    return out
+
+
+def _estimate_covariance(
+    design: NDArray[np.float64],
+    pulls: NDArray[np.float64],
+    normal: NDArray[np.float64],
+    cells: NDArray[np.bool_],
+    side: int,
+) -> NDArray[np.float64]:
+    """Return the covariance (3, 3) of the estimate from the score of each block of cells."""
+    row, column = np.nonzero(cells)
+    block = (row // side) * (cells.shape[1] // side + 1) + column // side
+    sums = np.stack([np.bincount(block, part * pulls) for part in design])
+    inverse = np.linalg.inv(normal)
+    return inverse @ (sums @ sums.T) @ inverse

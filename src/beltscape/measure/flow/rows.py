@@ -1,0 +1,397 @@
+"""Rows of fused belt: the layers still in view, the filling of holes in finished rows, and the sums over each row.
+
+Layers are fused when their belt has left the view. For reports the belt is kept from end to end at a reduced
+resolution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from beltscape.core.height_map import HeightMap
+from beltscape.measure.belt.reference import EmptyBeltReference, Layer
+from beltscape.measure.flow.fuse import FusedRows, Scatter, fuse
+from beltscape.measure.flow.settings import FlowSettings
+from beltscape.measure.holes.fill import Filled, fill_holes
+from beltscape.measure.surface import close_pinholes
+from beltscape.measure.volume.volume import EDGE_PX, STEP_SLOPE
+
+_MIN_SHARE = 0.02
+"""A row with a smaller measured share counts as not in view."""
+_MIN_RIM_SHARE = 0.5
+"""The limit beside a gap, where only low surfaces are in view."""
+_LOWER_SIGMA = 0.8
+"""Cells that none of many frames measured lie lower, by this many σ, than cells that one frame does not measure, on
+which the networks were trained: by 0.6, 0.7 and 1.1 on three simulated heaps."""
+_COMMON = 0.35
+"""Share of the holes' σ that is common to all holes: the variation between materials."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Sums over each of n rows of belt; row j reaches from (j - ½) to (j + ½) cells in s."""
+
+    first: int
+    """Number of the first row."""
+    area_mm2: NDArray[np.float64]
+    """(n,) cross-section of the load."""
+    share: NDArray[np.float64]
+    """(n,) share of the row that was measured."""
+    single_share: NDArray[np.float64]
+    """(n,) share of the row that one frame measures on average."""
+    apart_mm5: NDArray[np.float64]
+    """(n,) variance per mm of belt of errors that are independent over long stretches: noise and holes."""
+    edges_mm2: NDArray[np.float64]
+    """(n,) σ of the volume per mm of belt due to the common displacement of all edges."""
+    holes_mm2: NDArray[np.float64]
+    """(n,) σ of the volume per mm of belt due to the common error of all filled holes."""
+
+    def __len__(self) -> int:
+        return len(self.area_mm2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeltPiece:
+    """A finished piece of the fused belt, for pictures."""
+
+    first: int
+    """Number of the first row; row j is at s = j · cell."""
+    height_mm: NDArray[np.float32]
+    """(n, Nx) load over the empty belt, holes filled."""
+    sigma_mm: NDArray[np.float32]
+    """(n, Nx) σ of ``height_mm``."""
+    measured: NDArray[np.bool_]
+    """(n, Nx) whether any frame measured the cell."""
+
+
+PieceCallback = Callable[[BeltPiece], None]
+
+
+class RowFiller:
+    """Fills the holes of fused rows block by block, the same blocks of belt whatever the frame rate.
+
+    A stretch without any measured row ends a segment; what comes after begins another.
+    """
+
+    def __init__(
+        self, ground: EmptyBeltReference, settings: FlowSettings, watch: PieceCallback | None
+    ) -> None:
+        """``watch`` receives every finished piece of belt."""
+        self._ground, self._watch = ground, watch
+        self._block = max(1, round(settings.block_mm / ground.cell_mm))
+        self._margin = max(1, round(settings.margin_mm / ground.cell_mm))
+        self._rows: list[NDArray[np.float64]] = []
+        """Stacks (6, n, Nx) of the open segment: height, σ, noise; and by row: frames, single share, ray slope."""
+        self._first = 0
+        self._done = 0
+        self._after_gap = False
+
+    @property
+    def open_row(self) -> int | None:
+        """Return the next row to be filled of the open segment; None without one."""
+        return self._done if self._rows else None
+
+    @property
+    def _end(self) -> int:
+        """Return the number of the row after the segment's last."""
+        return self._first + sum(part.shape[1] for part in self._rows)
+
+    def add(self, fused: FusedRows) -> list[Rows]:
+        """Add further rows and return the finished ones."""
+        layer = fused.layer
+        out = self.mark_unseen(layer.first)
+        columns = layer.height_mm.shape[1]
+        by_row = [
+            np.repeat(values[:, None], columns, axis=1)
+            for values in (fused.frames, fused.single_share, layer.ray_slope)
+        ]
+        stack = np.stack([layer.height_mm, layer.sigma_mm, layer.noise_mm, *by_row]).astype(np.float64)
+        seen = layer.share >= _MIN_SHARE
+        for start, stop in _find_runs(seen):
+            if not seen[start]:
+                out += self.mark_unseen(layer.first + stop)
+                continue
+            if not self._rows:
+                # a start after a gap needs a larger measured share, as does the end before it
+                complete_rows = np.flatnonzero(
+                    layer.share[start:stop] >= (_MIN_RIM_SHARE if self._after_gap else _MIN_SHARE)
+                )
+                if not len(complete_rows):
+                    continue
+                first = start + int(complete_rows[0])
+                self._first = self._done = layer.first + first
+            else:
+                first = start
+                self._append_blank_rows(layer.first + first)
+            self._rows.append(stack[:, first:stop])
+            out += self._fill_ready_blocks(closed=False)
+        return out
+
+    def mark_unseen(self, row: int) -> list[Rows]:
+        """Mark the rows up to ``row`` as not in view; beyond the margin this ends the segment."""
+        if not self._rows or row - self._end <= self._margin:
+            return []
+        self._after_gap = True
+        whole = np.concatenate(self._rows, axis=1)
+        complete_rows = np.flatnonzero(np.isfinite(whole[0]).mean(axis=1) >= _MIN_RIM_SHARE)
+        end = max(int(complete_rows[-1]) + 1 if len(complete_rows) else 0, self._done - self._first)
+        self._rows = [whole[:, :end]]
+        return self.close()
+
+    def _append_blank_rows(self, row: int) -> None:
+        """Append rows that were not in view, up to one that was."""
+        if self._rows and row > self._end:
+            shape = (6, row - self._end, self._rows[-1].shape[2])
+            blank = np.full(shape, np.nan)
+            blank[3:] = 0.0
+            self._rows.append(blank)
+
+    def close(self) -> list[Rows]:
+        """End the segment and return its remaining rows."""
+        if not self._rows:
+            return []
+        out = self._fill_ready_blocks(closed=True)
+        self._rows = []
+        return out
+
+    def _fill_ready_blocks(self, *, closed: bool) -> list[Rows]:
+        """Fill the blocks whose margins are complete."""
+        out: list[Rows] = []
+        end = self._end
+        ready = end if closed else end - self._margin
+        while self._done < ready:
+            stop = (self._done // self._block + 1) * self._block
+            if stop > ready and not closed:
+                break
+            out.append(self._fill_block(min(stop, ready), min(end, min(stop, ready) + self._margin)))
+        return out
+
+    def _fill_block(self, stop: int, ahead: int) -> Rows:
+        """Fill the rows up to ``stop``, using those up to ``ahead``."""
+        whole = np.concatenate(self._rows, axis=1)
+        behind = max(self._first, self._done - self._margin)
+        height, sigma, noise, frames, single, ray_slope = whole[:, behind - self._first : ahead - self._first]
+        measured = close_pinholes(np.isfinite(height))
+        slopes = np.stack([np.broadcast_to(self._ground.ray_slope_across(), height.shape), ray_slope])
+        narrow = measured & ~np.isfinite(height)
+        own = slice(self._done - behind, stop - behind)
+        requested = slice(max(own.start - 1, 0), own.stop)  # steps are looked for from the row before
+        filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, slopes, rows=requested)
+        filled = _lower_holes(filled, frames)
+        rows = self._sum_rows(filled, noise, measured, single[:, 0], own)
+        if self._watch is not None:
+            parts = (filled.value_mm[own].astype(np.float32), filled.sigma_mm[own].astype(np.float32))
+            self._watch(BeltPiece(self._done, *parts, measured[own]))
+        self._done = stop
+        keep = max(self._first, stop - self._margin)
+        self._rows, self._first = [whole[:, keep - self._first :]], keep
+        return rows
+
+    def _sum_rows(
+        self,
+        filled: Filled,
+        noise: NDArray[np.float64],
+        measured: NDArray[np.bool_],
+        single: NDArray[np.float64],
+        own: slice,
+    ) -> Rows:
+        """Sums over the rows ``own`` of a filled block."""
+        cell = self._ground.cell_mm
+        shared = np.where(measured, np.nan_to_num(noise), 0.0)
+        sampling = np.clip(np.where(measured, filled.sigma_mm, 0.0) ** 2 - shared**2, 0, None)
+        apart = cell * self._ground.patch_mm2 * (shared**2).sum(axis=1) + cell**3 * sampling.sum(axis=1)
+        open_mm = np.where(measured, 0.0, filled.sigma_mm)[own]
+        label = np.zeros(open_mm.shape, np.int32)
+        ndimage.label(open_mm > 0, np.ones((3, 3)), output=label)
+        # a hole's variance (Σ cell² σ)² is distributed over its rows by their part of the sum
+        whole = cell**2 * np.bincount(label.ravel(), open_mm.ravel())
+        holes = (whole[label] * open_mm).sum(axis=1) * cell
+        rise_x = np.abs(np.diff(filled.value_mm, axis=1, prepend=filled.value_mm[:, :1]))
+        rise_y = np.abs(np.diff(filled.value_mm, axis=0, prepend=filled.value_mm[:1]))
+        steps = sum((np.where(rise > STEP_SLOPE * cell, rise, 0.0)).sum(axis=1) for rise in (rise_x, rise_y))
+        return Rows(
+            first=self._done,
+            area_mm2=cell * filled.value_mm[own].sum(axis=1),
+            share=measured[own].mean(axis=1),
+            single_share=single[own],
+            apart_mm5=apart[own] + holes,
+            edges_mm2=EDGE_PX * cell * np.asarray(steps)[own],
+            holes_mm2=_COMMON * cell * open_mm.sum(axis=1),
+        )
+
+
+def _lower_holes(filled: Filled, frames: NDArray[np.float64]) -> Filled:
+    """Lower the holes, the more frames (Ny, Nx) had them in view, but not from above the belt to below it."""
+    low = filled.value_mm - _LOWER_SIGMA * (1 - 1 / np.maximum(frames, 1)) * filled.sigma_mm
+    value = np.where(filled.hole, np.fmax(low, np.fmin(filled.value_mm, 0.0)), filled.value_mm)
+    return Filled(value, filled.sigma_mm, filled.hole)
+
+
+def _find_runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the stretches of equal flags as (first, end)."""
+    cuts = [0, *(np.flatnonzero(np.diff(flags)) + 1).tolist(), len(flags)]
+    return [(a, b) for a, b in pairwise(cuts) if b > a]
+
+
+class LayerBuffer:
+    """Holds the layers that the settings allow for one position; of a slow belt, those that moved far enough."""
+
+    def __init__(self, ground: EmptyBeltReference, settings: FlowSettings, filler: RowFiller) -> None:
+        """Finished rows go through ``filler``."""
+        self._ground, self._filler = ground, filler
+        self.step_mm = (ground.seen_mm[1] - ground.seen_mm[0]) / settings.layers
+        """Least distance between kept frames; the newest frame is kept until the next one."""
+        self.scatter = Scatter()
+        self._layers: list[Layer] = []
+        self._kept_mm: float | None = None
+        self._newest: Layer | None = None
+        self._next: int | None = None
+
+    @property
+    def open_mm(self) -> float:
+        """Return the start of the piece of belt that is being filled; infinite if there is none."""
+        row = self._filler.open_row
+        return np.inf if row is None else (row - 0.5) * self._ground.cell_mm
+
+    def add(self, layer: Layer, position_mm: float) -> None:
+        """Add a frame's layer at a belt position."""
+        if self._kept_mm is None or abs(position_mm - self._kept_mm) >= self.step_mm:
+            self._layers.append(layer)
+            self._kept_mm, self._newest = position_mm, None
+        else:
+            self._newest = layer
+        if self._next is None:
+            self._next = layer.first
+
+    def move(self, moves_mm: Mapping[int, float]) -> None:
+        """Move the layers of these frames along the belt, by whole cells."""
+        if self._layers and self._kept_mm is not None:
+            self._kept_mm += moves_mm.get(self._layers[-1].frame, 0.0)
+        self._layers = [self._move_layer(layer, moves_mm) for layer in self._layers]
+        if self._newest is not None:
+            self._newest = self._move_layer(self._newest, moves_mm)
+
+    def _move_layer(self, layer: Layer, moves_mm: Mapping[int, float]) -> Layer:
+        return replace(
+            layer, first=layer.first + round(moves_mm.get(layer.frame, 0.0) / self._ground.cell_mm)
+        )
+
+    def clear(self) -> None:
+        """Discard the layers, which were added for the wrong direction."""
+        self._layers, self._kept_mm, self._newest = [], None, None
+
+    def discard_from(self, frame: int) -> None:
+        """Discard the layers of a frame and of those after it."""
+        self._layers = [layer for layer in self._layers if layer.frame < frame]
+        if self._newest is not None and self._newest.frame >= frame:
+            self._newest = None
+
+    def fuse_until(self, until_mm: float) -> list[Rows]:
+        """Return the rows finished when the belt before ``until_mm`` has left the view."""
+        return self._fuse(int(np.floor(until_mm / self._ground.cell_mm)))
+
+    def close(self) -> list[Rows]:
+        """Return the remaining rows after the last frame."""
+        out = self._fuse(max((layer.end for layer in self._list_layers()), default=0))
+        return out + self._filler.close()
+
+    def leave_out(self, frame: int, cells: NDArray[np.bool_], direction: int) -> None:
+        """Leave cells (Ny, Nx) of a coarser static grid out of a frame's layer."""
+
+        def change(layer: Layer) -> Layer:
+            if layer.frame != frame:
+                return layer
+            return layer.leave_out(self._ground.refine(cells, layer.height_mm.shape)[::-direction])
+
+        self._layers = [change(layer) for layer in self._layers]
+        self._newest = None if self._newest is None else change(self._newest)
+
+    def _list_layers(self) -> list[Layer]:
+        return self._layers if self._newest is None else [*self._layers, self._newest]
+
+    def _fuse(self, until: int) -> list[Rows]:
+        if self._next is None or until <= self._next:
+            return []
+        out: list[Rows] = []
+        for first, end in self._find_stretches_in_view(self._next, until):
+            fused = fuse(self._list_layers(), first, end)
+            self.scatter = self.scatter + fused.scatter
+            out += self._filler.add(fused)
+        out += self._filler.mark_unseen(until)
+        self._next = until
+        self._layers = [layer for layer in self._layers if layer.end > until]
+        return out
+
+    def _find_stretches_in_view(self, first: int, end: int) -> list[tuple[int, int]]:
+        """Return the stretches of rows that any frame has in view, in order."""
+        out: list[tuple[int, int]] = []
+        for layer in sorted(self._list_layers(), key=lambda one: one.first):
+            low, high = max(layer.first, first), min(layer.end, end)
+            if high <= low:
+                continue
+            if out and low <= out[-1][1]:
+                out[-1] = (out[-1][0], max(out[-1][1], high))
+            else:
+                out.append((low, high))
+        return out
+
+
+_CELL_MM = 4.0
+"""Cell of the picture."""
+_LONGEST_ROWS = 50_000
+"""Rows kept for the picture, 200 m of belt; older ones are dropped, which bounds the memory."""
+
+
+class BeltPicture:
+    """Collects finished pieces of belt as means over blocks of cells; very long belts lose their oldest part."""
+
+    def __init__(self, ground: EmptyBeltReference) -> None:
+        """Use the cells of an empty-belt reference."""
+        self._cell_mm = ground.cell_mm
+        self._x_mm = ground.grid.origin_mm[0]
+        self._side = max(1, round(_CELL_MM / ground.cell_mm))
+        self._parts: dict[int, NDArray[np.float64]] = {}
+        """For each row of blocks: (3, m) sums of height and of measured cells, and the number of rows."""
+
+    @property
+    def cell_mm(self) -> float:
+        """Return the edge of a block."""
+        return self._side * self._cell_mm
+
+    def add(self, piece: BeltPiece) -> None:
+        """Add a finished piece."""
+        columns = piece.height_mm.shape[1] // self._side * self._side
+        rows = piece.first + np.arange(len(piece.height_mm))
+        for block in np.unique(rows // self._side):
+            own = rows // self._side == block
+            values = np.stack([piece.height_mm[own, :columns], piece.measured[own, :columns]]).astype(
+                np.float64
+            )
+            sums = values.sum(axis=1).reshape(2, -1, self._side).mean(axis=2)
+            sums = np.vstack([sums, np.full(sums.shape[1], own.sum())])
+            self._parts[int(block)] = self._parts.get(int(block), 0.0) + sums
+        while len(self._parts) > _LONGEST_ROWS:
+            del self._parts[next(iter(self._parts))]
+
+    def height_map(self) -> tuple[HeightMap, NDArray[np.float64]]:
+        """Return heights over the empty belt on x and s, NaN outside all views, and the share of measured cells."""
+        if not self._parts:
+            empty = np.full((1, 1), np.nan)
+            return HeightMap(empty, empty, (self._x_mm, 0.0), self.cell_mm), np.zeros((1, 1))
+        first, last = min(self._parts), max(self._parts)
+        columns = next(iter(self._parts.values())).shape[1]
+        sums = np.full((3, last - first + 1, columns), np.nan)
+        for block, part in self._parts.items():
+            sums[:, block - first] = part
+        middle = 0.5 * (self._side - 1) * self._cell_mm
+        origin = (self._x_mm + middle, first * self.cell_mm + middle)
+        height = sums[0] / sums[2]
+        return HeightMap(height, np.full_like(height, np.nan), origin, self.cell_mm), np.nan_to_num(
+            sums[1] / sums[2]
+        )

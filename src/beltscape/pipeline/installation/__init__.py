@@ -1,1 +1,0 @@
-"""The checks of ``beltscape doctor``: what is installed, and whether the machine suits the job."""

@@ -1,1 +1,0 @@
-"""Frame sets to ledger entries: one run, the ledger that joins runs, and the mean cross-sections."""

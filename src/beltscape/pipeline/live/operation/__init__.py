@@ -1,1 +1,0 @@
-"""Actions of operators and engineers: the belt's zero, and maintenance."""

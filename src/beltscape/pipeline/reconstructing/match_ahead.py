@@ -1,0 +1,264 @@
+"""Matching of a sequence's frames side by side: while one frame is measured, the next ones are matched already.
+
+They are matched on threads, or on workers, which read the images themselves where they can see the files.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from uuid import uuid4
+
+import numpy as np
+
+from beltscape.core.depth import DepthMap
+from beltscape.core.errors import InputError
+from beltscape.core.frames import FrameSet, Image
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.progress import Reporter, Silent
+from beltscape.core.system_calls import count_usable_cores
+from beltscape.files.images import read_image
+from beltscape.pipeline.reconstructing.checked_matcher import (
+    CheckedMatcher,
+    FrameMatcher,
+    MatchPool,
+    PendingMatch,
+)
+from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor
+from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings
+from beltscape.workers.options import WorkerOptions
+from beltscape.workers.tasks import PendingTask, TaskPool, open_pool
+
+_MOST_FRAMES = 2
+"""Frames that are matched side by side. The steps between the kernels run on one thread, so one frame keeps two cores
+busy for about three quarters of its time; two frames on a thread each, for all of it."""
+_MOST_PIXELS = 3_000_000
+"""Pixels of a frame above which it is matched alone: the preset ``standard`` takes 550 bytes for each, so that two
+frames of this size take 3.3 GB."""
+
+
+def choose_threads(frames: int, size_px: tuple[int, int]) -> tuple[int, int]:
+    """Return how many frames of a sequence to match side by side, and the number of threads for each of them."""
+    cores = count_usable_cores()
+    is_large = size_px[0] * size_px[1] > _MOST_PIXELS
+    at_a_time = 1 if is_large else max(1, min(_MOST_FRAMES, cores, frames))
+    return at_a_time, max(1, cores // at_a_time)
+
+
+class MatchThreads:
+    """Matches frames on threads of this process."""
+
+    def __init__(self, pool: ThreadPoolExecutor) -> None:
+        self._pool = pool
+
+    def submit(
+        self, frame_set: FrameSet, auxiliaries: tuple[str, ...], make_matcher: Callable[[], FrameMatcher]
+    ) -> Future[DepthMap]:
+        """Begin to match a frame; see `MatchPool`."""
+        del auxiliaries
+        return self._pool.submit(make_matcher().reconstruct, frame_set, Silent())
+
+
+@contextmanager
+def open_threads(at_a_time: int) -> Generator[MatchThreads]:
+    """Yield threads that match frames; what is not begun at the end is left out."""
+    pool = ThreadPoolExecutor(at_a_time)
+    try:
+        yield MatchThreads(pool)
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def match_ahead(
+    frames: Iterable[FrameSet], matcher: CheckedMatcher, pool: MatchPool, at_a_time: int
+) -> Generator[tuple[FrameSet, PendingMatch | None]]:
+    """Yield the frames in order, each with its match, which was begun while the frames before it were measured.
+
+    At most ``at_a_time`` frames are handed out at a time, and one more is read; a single one is left to the caller.
+    """
+    if at_a_time < 2:
+        yield from ((frame_set, None) for frame_set in frames)
+        return
+    waiting: deque[tuple[FrameSet, PendingMatch | None]] = deque()
+    for frame_set in frames:
+        waiting.append((frame_set, matcher.submit(frame_set, pool)))
+        if len(waiting) > at_a_time:
+            yield waiting.popleft()
+    while waiting:
+        yield waiting.popleft()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatcherFactory:
+    """Makes matchers of one rig with the same settings, whose type is the method's."""
+
+    rig: Rig
+    depth_range_mm: tuple[float, float]
+    settings: MultiviewSettings | PairwiseSettings
+
+    def __call__(self, auxiliaries: tuple[str, ...]) -> FrameMatcher:
+        """Return the matcher of a set of auxiliaries."""
+        if isinstance(self.settings, PairwiseSettings):
+            return PairwiseReconstructor(
+                self.rig, self.depth_range_mm, self.settings, auxiliaries=auxiliaries
+            )
+        return MultiviewReconstructor(self.rig, self.depth_range_mm, self.settings, auxiliaries=auxiliaries)
+
+
+_AHEAD_OF_WORKER = 2
+"""Frames handed out for each worker: one is matched, one waits, so that no worker waits for this process."""
+_MOST_BYTES = 4 << 30
+"""Memory of the frames that are handed out; a frame of five 1.3 MP cameras takes 25 MB with its depth map."""
+_DEPTH_BYTES = 13
+"""Bytes of a pixel of a depth map: depth, σ and confidence in float32, the number of views in one byte."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchParameters:
+    """Parameters that all frames of a reconstruction share."""
+
+    token: str
+    """Identity of the reconstruction: a worker keeps the matchers of one."""
+    make_matcher: MatcherFactory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MatchTask:
+    """A frame to match."""
+
+    auxiliaries: tuple[str, ...]
+    """The matcher's auxiliaries."""
+    frame_set: FrameSet
+    """The frame; without images where the worker is to read them."""
+    files: Mapping[str, tuple[Path, int]]
+    """Camera → file and the checksum of its decoded image."""
+
+
+_matchers: dict[tuple[str, tuple[str, ...]], FrameMatcher] = {}
+"""The matchers of this worker by reconstruction and auxiliaries."""
+
+
+def match_frame(parameters: MatchParameters, task: MatchTask) -> DepthMap | None:
+    """Return the depth of a frame; None if this worker does not see the driver's images in the files."""
+    frame_set = task.frame_set
+    if task.files:
+        images = _read_images(task.files)
+        if images is None:
+            return None
+        frame_set = replace(frame_set, images=images)
+    return _get_matcher(parameters, task.auxiliaries).reconstruct(frame_set, Silent())
+
+
+def _read_images(files: Mapping[str, tuple[Path, int]]) -> dict[str, Image] | None:
+    images: dict[str, Image] = {}
+    for name, (path, checksum) in files.items():
+        try:
+            images[name] = read_image(path)
+        except InputError:
+            return None
+        if compute_checksum(images[name]) != checksum:
+            return None
+    return images
+
+
+def _get_matcher(parameters: MatchParameters, auxiliaries: tuple[str, ...]) -> FrameMatcher:
+    key = parameters.token, auxiliaries
+    if key not in _matchers:
+        for other in [other for other in _matchers if other[0] != parameters.token]:
+            del _matchers[other]
+        _matchers[key] = parameters.make_matcher(auxiliaries)
+    return _matchers[key]
+
+
+def compute_checksum(image: Image) -> int:
+    """Return the CRC-32 of an image's pixels and shape."""
+    return zlib.crc32(
+        np.ascontiguousarray(image).data, zlib.crc32(repr((image.shape, image.dtype.str)).encode())
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _PendingFrame:
+    """A frame that a worker matches."""
+
+    workers: MatchWorkers
+    task: MatchTask
+    images: Mapping[str, Image]
+    pending: PendingTask[DepthMap | None]
+
+    def result(self) -> DepthMap | None:
+        """Return the depth; None if no worker could match the frame, of which this process then finds the reason."""
+        end = self.pending.result()
+        if end.value is None and not end.failure:
+            end = self.workers.send_images(self.task, self.images).result()
+        if end.failure and not end.worker:
+            self.workers.report_death(self.task.frame_set.frame, end.failure)
+        return end.value
+
+
+class MatchWorkers:
+    """Matches frames on workers; the images are sent from the first frame on whose files a worker did not see."""
+
+    def __init__(
+        self,
+        pool: TaskPool[MatchTask, DepthMap | None],
+        files: Callable[[str], Mapping[str, Path]],
+        reporter: Reporter,
+    ) -> None:
+        """``files`` returns the files of a frame's images by camera."""
+        self._pool, self._files, self._reporter = pool, files, reporter
+        self._sends_images = False
+
+    def count_frames_ahead(self, size_px: tuple[int, int], cameras: int) -> int:
+        """Return how many frames to hand out at a time: enough for every worker, within `_MOST_BYTES`."""
+        frame_bytes = size_px[0] * size_px[1] * (cameras + _DEPTH_BYTES)
+        return max(2, min(_AHEAD_OF_WORKER * self._pool.workers, _MOST_BYTES // frame_bytes))
+
+    def submit(
+        self, frame_set: FrameSet, auxiliaries: tuple[str, ...], make_matcher: Callable[[], FrameMatcher]
+    ) -> _PendingFrame:
+        """Begin to match a frame; see `MatchPool`."""
+        del make_matcher
+        files = {} if self._sends_images else self._describe_files(frame_set)
+        task = MatchTask(auxiliaries, replace(frame_set, images={}), files)
+        images = frame_set.images
+        pending = self._pool.submit(task, frame_set.frame) if files else self.send_images(task, images)
+        return _PendingFrame(self, task, images, pending)
+
+    def _describe_files(self, frame_set: FrameSet) -> dict[str, tuple[Path, int]]:
+        """Return the files of all images with their checksums; empty where an image has no file."""
+        files = self._files(frame_set.frame)
+        if not frame_set.images.keys() <= files.keys():
+            return {}
+        return {
+            name: (files[name].absolute(), compute_checksum(image))
+            for name, image in frame_set.images.items()
+        }
+
+    def send_images(self, task: MatchTask, images: Mapping[str, Image]) -> PendingTask[DepthMap | None]:
+        """Hand out a frame with its images, as all frames after it."""
+        self._sends_images = True
+        frame_set = replace(task.frame_set, images=images)
+        return self._pool.submit(MatchTask(task.auxiliaries, frame_set, {}), frame_set.frame)
+
+    def report_death(self, frame: str, failure: str) -> None:
+        """Warn of a frame that no worker survived."""
+        self._reporter.warn(f"frame {frame}: {failure}; it is matched by this process")
+
+
+@contextmanager
+def open_workers(
+    make_matcher: MatcherFactory,
+    options: WorkerOptions,
+    files: Callable[[str], Mapping[str, Path]],
+    reporter: Reporter,
+) -> Generator[MatchWorkers]:
+    """Yield workers that match frames; what they match at the end is cancelled. Errors as `open_pool`."""
+    with open_pool(match_frame, MatchParameters(uuid4().hex, make_matcher), options) as pool:
+        yield MatchWorkers(pool, files, reporter)

@@ -1,1 +1,0 @@
-"""The report page of a plan: feasibility, drawings of the rig, tables."""

@@ -1,1 +1,0 @@
-"""Presentation of a comparison: sentences for terminal and page, JSON document, page with charts."""

@@ -1,1 +1,0 @@
-"""Users: roles, passwords, accounts, sessions and keys of programs."""

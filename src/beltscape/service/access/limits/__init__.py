@@ -1,1 +1,0 @@
-"""Limits against overload and guessing: throttling, queues, connections."""

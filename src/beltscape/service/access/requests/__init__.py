@@ -1,1 +1,0 @@
-"""Requests: checked, authorised and audited before any route handles them."""

@@ -1,1 +1,0 @@
-"""The routes and pages of access: set-up, login, accounts, users."""

@@ -1,1 +1,0 @@
-"""Alarms: their routes, the models of the answers, and the journal as CSV."""

@@ -1,1 +1,0 @@
-"""The present state: values, cameras' last images, the stream to open pages, metrics for Prometheus."""

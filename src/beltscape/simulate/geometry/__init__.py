@@ -1,1 +1,0 @@
-"""The simulated world: solids, cameras and projector, triangle meshes, exact ray casting."""

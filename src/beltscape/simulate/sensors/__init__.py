@@ -1,1 +1,0 @@
-"""Other sensors over the same belt: fringe projection, line laser and LiDAR scanner."""

@@ -1,1 +1,0 @@
-"""A time-of-flight camera: rays, phases, multipath and noise."""

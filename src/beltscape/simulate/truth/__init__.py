@@ -1,1 +1,0 @@
-"""The truth of a simulated capture: depth, visibility, volumes and dimensions."""

@@ -1,1 +1,0 @@
-"""Closed days as Parquet files, and retention."""

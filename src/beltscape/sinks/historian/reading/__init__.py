@@ -1,1 +1,0 @@
-"""Records, series and events read back from database and day files."""

@@ -1,1 +1,0 @@
-"""Diagnosis of inconsistent cameras: moved, exchanged, mirrored, or too little to match."""

@@ -1,1 +1,0 @@
-"""Tie points: points of the core image and their matches in the auxiliary images."""

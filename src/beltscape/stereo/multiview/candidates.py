@@ -1,0 +1,193 @@
+"""Selection among candidate surfaces: uncertain pixels compare theirs with those of reliable pixels nearby.
+
+Propagation compares candidates by windows of 3 × 3 normalised levels. Here the features of a candidate are also the
+levels themselves, the other candidates and the pixel's neighbourhood. A small network, trained on simulated frames
+with known truth, estimates the probability of each (docs/explanation/matching.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels.selection import Candidates
+from beltscape.learned.registry import load_network
+from beltscape.stereo.multiview.frame import PreparedFrame
+from beltscape.stereo.multiview.parallel import Pixels, run_parallel, split_pixels
+from beltscape.stereo.multiview.photoconsistency import (
+    PhotoConsistencyModel,
+    PhotometricGain,
+    compute_photo_consistency_features,
+    estimate_gain,
+)
+from beltscape.stereo.multiview.surface import Surface
+
+Array = NDArray[np.floating]
+
+REACH_PX = 8
+"""Distance from which candidates come, at scale 1."""
+SAME_PX = 1.0
+"""Difference in s up to which candidates are the same surface, at scale 1."""
+RELIABLE, OCCLUDING, UNCERTAIN = 1.0, 0.0, 1.5
+"""Initial confidence (logit) from which on a pixel offers its surface and occludes others, and below which it is
+compared with candidates."""
+PIXEL_FEATURES = (
+    "initial confidence", "initial confidence within 3", "initial confidence within 7",
+    "initial confidence within 15", "log sigma", "cost", "margin", "relative brightness within 5",
+    "relative brightness within 11", "relative contrast within 5", "log grid scale",
+)  # fmt: skip
+"""Features of the pixel itself that are common to all its candidates."""
+_PIXELS = 16384
+"""Number of pixels that are processed together."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Selection:
+    """The surface of the selected candidates, and its initial confidence."""
+
+    surface: Surface
+    initial_confidence: NDArray[np.float32]
+    """(H, W) logit of the probability of being right; the selected candidate's where there were candidates."""
+    gain: PhotometricGain
+    """Gain with which the levels were compared."""
+
+
+def select_candidates(surface: Surface, planes: Mapping[str, Array], prepared: PreparedFrame) -> Selection:
+    """Return the surface on which uncertain pixels near reliable ones have the most probable candidate's surface.
+
+    ``planes`` (H, W) are the `PIXEL_FEATURES` by name.
+    """
+    selector = CandidateSelector.from_surface(surface, planes, prepared)
+    s, slope_u, slope_v = (x.copy() for x in (surface.s, surface.slope_u, surface.slope_v))
+    confidence = np.array(planes["initial confidence"], np.float32)
+
+    def select_at(pixels: Pixels) -> None:
+        candidates, features = selector.find_candidates(pixels)
+        selected, logit = selector.select(candidates, features)
+        changed = np.flatnonzero(selected)  # 0 is the pixel's own surface
+        at = pixels[0][changed], pixels[1][changed]
+        offers = (s, candidates.s), (slope_u, candidates.slope_u), (slope_v, candidates.slope_v)
+        for plane, offered in offers:
+            plane[at] = offered[selected[changed], changed]
+        confidence[pixels] = np.where(np.isfinite(logit), logit, confidence[pixels])
+
+    jobs = [partial(select_at, pixels) for pixels in selector.find_uncertain_pixels()]
+    run_parallel(jobs, prepared.context.threads)
+    return Selection(Surface(s, slope_u, slope_v), confidence, selector.consistency.gain)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CandidateSelector:
+    """The surface, features and images from which candidates are found and ranked."""
+
+    surface: Surface
+    planes: Mapping[str, Array]
+    reliable: NDArray[np.uint8]
+    """(H, W) 1 for pixels that offer their surface."""
+    consistency: PhotoConsistencyModel
+
+    @classmethod
+    def from_surface(
+        cls, surface: Surface, planes: Mapping[str, Array], prepared: PreparedFrame
+    ) -> CandidateSelector:
+        """Return the selector for a surface with its `PIXEL_FEATURES` (H, W) by name."""
+        context, confidence = prepared.context, planes["initial confidence"]
+        occluders = np.where(confidence > OCCLUDING, surface.s, np.nan).astype(np.float32)
+        buffers = context.kernels.inverse_depth_buffers(
+            occluders, prepared.views, prepared.sizes, threads=context.threads
+        )
+        gain = estimate_gain(surface.s, planes["cost"], prepared, buffers)
+        reliable = (confidence >= RELIABLE).astype(np.uint8)
+        return cls(surface, planes, reliable, PhotoConsistencyModel(prepared, gain, buffers))
+
+    @property
+    def scale(self) -> float:
+        """Factor of distances in px."""
+        return self.consistency.prepared.context.scale
+
+    @property
+    def reach(self) -> int:
+        """Distance from which candidates come, px."""
+        return max(1, round(REACH_PX * self.scale))
+
+    def find_uncertain_pixels(self) -> list[Pixels]:
+        """Return the uncertain pixels within reach of reliable ones, in parts."""
+        window = np.ones((2 * self.reach + 1, 2 * self.reach + 1), np.uint8)
+        uncertain = self.planes["initial confidence"] < UNCERTAIN
+        uncertain = uncertain & np.isfinite(self.consistency.prepared.core)
+        return split_pixels(uncertain & (cv2.dilate(self.reliable, window) > 0), _PIXELS)
+
+    def find_candidates(self, pixels: Pixels) -> tuple[Candidates, dict[str, Array]]:
+        """Return the candidates of some pixels, and the features (1, M) by name of the M with a surface, in rows."""
+        surface, prepared = self.surface, self.consistency.prepared
+        candidates = prepared.context.kernels.candidate_surfaces(
+            surface.s, surface.slope_u, surface.slope_v, self.reliable, pixels[1], pixels[0], reach=self.reach,
+            separation=SAME_PX * self.scale, threads=1,
+        )  # fmt: skip
+        listed = _list_candidates(candidates)
+        if not len(listed.pixel):
+            return candidates, {}
+        features = {name: self.planes[name][pixels][listed.pixel][None] for name in PIXEL_FEATURES}
+        features |= _compute_candidate_features(candidates, listed, self.scale)
+        consistency = self.consistency.evaluate(
+            (pixels[0][listed.pixel], pixels[1][listed.pixel]),
+            listed.candidates.s,
+            (listed.candidates.slope_u, listed.candidates.slope_v),
+        )
+        return candidates, features | dict(
+            compute_photo_consistency_features(consistency, len(prepared.images))
+        )
+
+    def select(self, candidates: Candidates, features: Mapping[str, Array]) -> tuple[NDArray[np.int_], Array]:
+        """Return (N,) each: the selected candidate, and the logit of its probability; -inf where there is none."""
+        logits = np.full(candidates.s.shape, -np.inf, np.float32)
+        if features:
+            (logit,) = load_network("candidates").evaluate(
+                features, self.consistency.prepared.context.kernels, 1
+            )
+            logits[np.isfinite(candidates.s)] = logit[0]
+        selected = logits.argmax(axis=0)
+        return selected, logits[selected, np.arange(len(selected))]
+
+
+class _ListedCandidates(NamedTuple):
+    """The M candidates of N pixels that have a surface, row by row."""
+
+    candidates: Candidates
+    """(1, M) each."""
+    pixel: NDArray[np.int_]
+    """(M,) among the N."""
+    own: NDArray[np.bool_]
+    """(M,) whether it is the pixel's own surface."""
+
+
+def _list_candidates(candidates: Candidates) -> _ListedCandidates:
+    """Return the candidates (9, N) that have a surface."""
+    pixels, places = candidates.s.shape[1], np.flatnonzero(np.isfinite(candidates.s))
+    listed = Candidates(*(plane.ravel()[places][None] for plane in candidates))
+    return _ListedCandidates(listed, places % pixels, places < pixels)
+
+
+def _compute_candidate_features(
+    candidates: Candidates, listed: _ListedCandidates, scale: float
+) -> Iterator[tuple[str, Array]]:
+    """Yield features (1, M) by name, of the listed candidates' positions among all (9, N) of their pixels."""
+    px, (s, slope_u, slope_v, distance, support) = np.float32(1 / scale), listed.candidates
+    yield "distance", distance * px
+    yield "support", support
+    yield "slope", np.hypot(slope_u, slope_v)
+    yield "offset from own surface", _compress(px * (s - candidates.s[0][listed.pixel]))
+    yield "offset from farthest", _compress(px * (s - np.fmin.reduce(candidates.s)[listed.pixel]))
+    yield "offset from nearest", _compress(px * (np.fmax.reduce(candidates.s)[listed.pixel] - s))
+    yield "own surface", listed.own.astype(np.float32)[None]
+
+
+def _compress(px: Array) -> Array:
+    """Return distances with large ones compressed to their logarithm."""
+    return np.copysign(np.log1p(np.abs(px)), px)

@@ -1,0 +1,227 @@
+"""The estimate of a matched surface: inverse depth, sigma, confidence and number of views of every pixel.
+
+A network predicts sigma and confidence of every pixel from its features. The uncertain pixels are refined, because
+planes fitted over windows cut edges and round flanks, which shows in the neighbours: the refinement network gives
+each a state, whose first numbers are a message to the eight pixels around. In every round of message passing a small
+network computes a change of the state from the messages; the last round's network gives shift, confidence and sigma.
+So the result of a pixel can depend on features several pixels away (Gilmer et al. 2017, arXiv:1704.01212, with the
+messages in their order instead of their sum).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels import Kernels
+from beltscape.learned.network import Network
+from beltscape.learned.registry import load_network
+from beltscape.stereo.multiview.correlated_noise import inflate_sigma
+from beltscape.stereo.multiview.features import ConfidenceInputs, MatcherState, compute_initial_features
+from beltscape.stereo.multiview.parallel import Pixels, run_pair, run_parallel, split_pixels
+from beltscape.stereo.multiview.refined_features import RefinementInputs
+from beltscape.stereo.multiview.surface import Surface
+
+Array = NDArray[np.floating]
+
+CONTRADICTION = 0.4
+"""Mean dissimilarity from which on the surface is rejected where no view agrees."""
+_REJECTED, _ACCEPTED = -2.0, 5.5
+"""Logits below which a pixel is rejected and from which on it is accepted without refinement."""
+MOST_PX = 2.0
+"""Largest shift of a pixel, at scale 1."""
+_PIXELS = 4096
+"""Number of pixels that are processed together."""
+REJECTED, ACCEPTED, FIRST_UNCERTAIN = 0, 1, 2
+"""Addresses: rejected and accepted pixels have no state of their own; uncertain ones count from the last on."""
+OFFSETS = tuple((du, dv) for dv, du in product((-1, 0, 1), repeat=2))
+"""Offsets of the pixels whose messages a pixel takes, itself included."""
+_ROUNDS = 3
+"""Number of rounds; each has a network of its own."""
+_FLAGS = np.array([[1, 0], [0, 1]], np.float32)
+"""(2, 2) last two numbers of the messages of rejected and of accepted pixels, whose other numbers are 0."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthEstimate:
+    """The estimate per pixel of the matcher's grid."""
+
+    surface: Surface
+    """Its inverse depth is refined at uncertain pixels."""
+    sigma: Array
+    """(H, W) one standard deviation of s, px."""
+    confidence: NDArray[np.float32]
+    """(H, W) probability that the pixel is not a false surface."""
+    views: NDArray[np.uint8]
+    """(H, W) number of auxiliaries that see the pixel."""
+
+
+class Prediction(NamedTuple):
+    """The networks' prediction for some pixels (N,) or for all (H, W)."""
+
+    s: NDArray[np.float32]
+    """Inverse depth."""
+    logit: NDArray[np.float32]
+    """Of the probability that the pixel is right."""
+    log_sigma: NDArray[np.float32]
+    """Logarithm of the sigma of s, px."""
+
+
+def estimate_depth(state: MatcherState) -> DepthEstimate:
+    """Return inverse depth, sigma, confidence and views of a matched surface.
+
+    Sigma and confidence are predicted by small networks trained on simulated frames with known truth
+    (docs/explanation/matching.md): the confidence is the probability of being right, sigma follows the median error.
+    Without a candidate selection the initial features are used. The training frames have white noise; the effect of
+    correlated noise is added to sigma afterwards.
+    """
+    inputs, context = ConfidenceInputs.from_state(state), state.prepared.context
+    features = compute_initial_features(inputs)
+    if state.selection is None:
+        network = load_network("fast_confidence")
+        outputs = network.evaluate(features, context.kernels, context.threads)
+        prediction = Prediction(inputs.surface.s, *outputs)
+    else:
+        network, refinement = (
+            load_network("confidence"),
+            RefinementInputs.from_selection(inputs, features, state.selection),
+        )
+        outputs = network.evaluate(refinement.planes, context.kernels, context.threads)
+        prediction = refine_uncertain_pixels(Prediction(inputs.surface.s, *outputs), refinement)
+    sigma, confidence = run_pair(
+        lambda: inflate_sigma(np.exp(prediction.log_sigma), inputs),
+        lambda: 1 / (1 + np.exp(-prediction.logit)),
+        context.threads,
+    )
+    contradicted = (inputs.agreeing == 0) & (features["mean cost"] > CONTRADICTION)
+    measurable = np.isfinite(inputs.prepared.core) & (state.textured | state.filled) & ~contradicted
+    valid = np.isfinite(prediction.s) & (inputs.visible > 0) & measurable
+    return DepthEstimate(
+        surface=Surface(prediction.s, inputs.surface.slope_u, inputs.surface.slope_v),
+        sigma=sigma,
+        confidence=np.where(valid, confidence, np.float32(0)),
+        views=np.where(valid, inputs.visible, np.uint8(0)),
+    )
+
+
+def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) -> Prediction:
+    """Return the prediction (H, W) with that of the refinement network at uncertain pixels."""
+    refined, context = Prediction(*(plane.copy() for plane in prediction)), inputs.context
+    uncertain = mask_uncertain(prediction.logit) & np.isfinite(prediction.s)
+    if not uncertain.any():
+        return refined
+    addresses = assign_addresses(uncertain, mask_accepted(prediction.logit))
+    states, neighbours = run_pair(
+        lambda: _compute_states(uncertain, addresses, prediction.logit, inputs),
+        lambda: gather_neighbour_addresses(addresses, uncertain, inputs.neighbourhood.spacing),
+        context.threads,
+    )
+    logit, log_sigma, shift = pass_messages(
+        states, neighbours, load_message_rounds(), context.kernels, context.threads
+    )
+    px = np.float32(context.scale)
+    s, at = refined.s.ravel(), np.flatnonzero(uncertain)
+    s[at] += px * np.clip(shift, -MOST_PX, MOST_PX)
+    refined.logit.ravel()[at] = logit
+    refined.log_sigma.ravel()[at] = log_sigma + np.log(px)
+    return refined
+
+
+def mask_uncertain(logit: Array) -> NDArray[np.bool_]:
+    """Return the mask of pixels that are refined: neither rejected nor accepted."""
+    return (logit >= _REJECTED) & (logit < _ACCEPTED)
+
+
+def mask_accepted(logit: Array) -> NDArray[np.bool_]:
+    """Return the mask of pixels that are accepted without refinement."""
+    return logit >= _ACCEPTED
+
+
+def _compute_states(
+    uncertain: NDArray[np.bool_], addresses: NDArray[np.int32], logit: Array, inputs: RefinementInputs
+) -> NDArray[np.float32]:
+    """Return the refinement network's (S, N) states of uncertain pixels in the order of their addresses (H, W)."""
+    network, context = load_network("refinement"), inputs.context
+    states = np.empty((len(network.outputs), np.count_nonzero(uncertain)), np.float32)
+
+    def compute(part: Pixels) -> None:
+        features = inputs.compute_features(part, logit[part])
+        first = addresses[part][0] - FIRST_UNCERTAIN
+        out = [state[None, first : first + len(part[0])] for state in states]
+        network.evaluate(features, context.kernels, 1, out)
+
+    run_parallel([partial(compute, part) for part in split_pixels(uncertain, _PIXELS)], context.threads)
+    return states
+
+
+def assign_addresses(uncertain: NDArray[np.bool_], accepted: NDArray[np.bool_]) -> NDArray[np.int32]:
+    """Return the (H, W) addresses: uncertain pixels are numbered row by row, others are accepted or rejected."""
+    address = np.where(accepted, ACCEPTED, REJECTED).astype(np.int32)
+    last = FIRST_UNCERTAIN + np.count_nonzero(uncertain)
+    address.ravel()[np.flatnonzero(uncertain)] = np.arange(FIRST_UNCERTAIN, last, dtype=np.int32)
+    return address
+
+
+def gather_neighbour_addresses(
+    address: NDArray[np.int32], uncertain: NDArray[np.bool_], spacing: int
+) -> NDArray[np.int32]:
+    """Return the (9, N) addresses of the uncertain pixels' neighbours, ``spacing`` px apart, limited to the image."""
+    padded = np.pad(address, spacing, mode="edge")
+    rows, columns = np.unravel_index(np.flatnonzero(uncertain), uncertain.shape)
+    places = (rows + spacing) * padded.shape[1] + columns + spacing
+    neighbours = np.empty((len(OFFSETS), len(places)), np.int32)
+    for (du, dv), row in zip(OFFSETS, neighbours, strict=True):
+        np.take(padded, places + spacing * (dv * padded.shape[1] + du), out=row, mode="clip")
+    return neighbours
+
+
+def load_message_rounds() -> tuple[Network, ...]:
+    """Return the shipped networks of the rounds."""
+    return tuple(load_network(f"message_round_{i + 1}") for i in range(_ROUNDS))
+
+
+def pass_messages(
+    states: NDArray[np.float32],
+    neighbours: NDArray[np.int32],
+    rounds: Sequence[Network],
+    kernels: Kernels,
+    threads: int,
+) -> NDArray[np.float32]:
+    """Return the (M, N) outputs of the last round, for states (S, N) and the addresses ``neighbours`` (9, N).
+
+    The states are overwritten.
+    """
+    messages, rest = split_states(states, rounds[0])
+    own = messages[: -len(_FLAGS), FIRST_UNCERTAIN:]
+
+    def evaluate(network: Network) -> NDArray[np.float32]:
+        outputs = kernels.pass_messages(messages, neighbours, rest, network.layers, threads=threads)
+        return outputs.astype(np.float32, copy=False)
+
+    *changes, last = rounds
+    for network in changes:
+        change = evaluate(network)
+        updates = (own, change[: len(own)]), (rest, change[len(own) :])
+        run_parallel([partial(np.add, state, update, out=state) for state, update in updates], threads)
+    return evaluate(last)
+
+
+def split_states(
+    states: NDArray[np.float32], network: Network
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the messages (K, 2 + N) of all addresses and the rest (C, N), a view, of states (S, N), for a network.
+
+    The networks of all rounds take messages of the same length.
+    """
+    # every offset gives the message and its flags as features; a pixel's own state gives the rest
+    length = (len(network.features) - len(states) - len(OFFSETS) * len(_FLAGS)) // (len(OFFSETS) - 1)
+    messages = np.empty((length + len(_FLAGS), FIRST_UNCERTAIN + states.shape[1]), np.float32)
+    messages[:length, :FIRST_UNCERTAIN], messages[:length, FIRST_UNCERTAIN:] = 0, states[:length]
+    messages[length:, :FIRST_UNCERTAIN], messages[length:, FIRST_UNCERTAIN:] = _FLAGS, 0
+    return messages, states[length:]

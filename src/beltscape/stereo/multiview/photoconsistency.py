@@ -1,0 +1,163 @@
+"""Photo-consistency of surfaces: differences between the core's levels and the auxiliaries', after the gain.
+
+The gain of each auxiliary relative to the core is estimated pixel by pixel, with the variance of level differences.
+At a depth step no window lies on one surface, so levels cannot be normalised within one. The ratio of the core's
+level to an auxiliary's changes slowly (gain, vignetting, angle of the light) and is estimated from the surface
+around.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.kernels.selection import PhotoConsistency
+from beltscape.stereo.multiview.frame import Noise, PreparedFrame
+from beltscape.stereo.multiview.parallel import Pixels, run_pair, run_parallel
+from beltscape.stereo.multiview.surface import OCCLUDER_PX, Surface, fill_nan, subsample_projection
+
+Array = NDArray[np.floating]
+
+_STRIDE = 4
+"""Stride of the rows and columns that are evaluated."""
+_WINDOW = 9
+"""Side of the averaging window in evaluated pixels, at scale 1."""
+_COST_SCALE = 0.02
+"""Dissimilarity that reduces a pixel's weight to a quarter."""
+_PRIOR = 0.01
+"""Weight of the whole image's gain in every window."""
+_NOISE, _LEVEL, _SLOPE = 3.0, 0.05, 0.15
+"""Contributions to the variance: noise of two images and of interpolation (in noise variances), share of the level,
+and px by which the sample may be displaced."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotometricGain:
+    """Gain and variance with which levels of the core and the auxiliaries are compared."""
+
+    gains: list[NDArray[np.float32]]
+    """n of (H, W)."""
+    variance: NDArray[np.float32]
+    """(H, W) levels²."""
+
+
+def estimate_gain(
+    s: Array, cost: Array, prepared: PreparedFrame, buffers: Sequence[Array]
+) -> PhotometricGain:
+    """Return the auxiliaries' gains and the variance of differences, estimated on the surface s (H, W).
+
+    ``cost`` (H, W) and ``buffers`` are those of `estimate_gain_maps`.
+    """
+    gains, variance = run_pair(
+        lambda: estimate_gain_maps(s, cost, prepared, buffers),
+        lambda: compute_difference_variance(prepared.filled_core, prepared.noise),
+        prepared.context.threads,
+    )
+    return PhotometricGain(gains, variance)
+
+
+def estimate_gain_maps(
+    s: Array, cost: Array, prepared: PreparedFrame, buffers: Sequence[Array]
+) -> list[NDArray[np.float32]]:
+    """Return n of (H, W): the factor by which each auxiliary's levels become the core's.
+
+    ``cost`` (H, W) is the dissimilarity of the images on the surface s (H, W), 0..1; ``buffers`` are the auxiliaries'
+    inverse-depth buffers of its occluders.
+    """
+    context, box = prepared.context, prepared.context.windows.boxes[_WINDOW]
+    stride = (slice(_STRIDE // 2, None, _STRIDE), slice(_STRIDE // 2, None, _STRIDE))
+    coarse_s, core = np.ascontiguousarray(s[stride], np.float32), prepared.filled_core[stride]
+    similarity = (_COST_SCALE / (_COST_SCALE + cost[stride])) ** 2 * np.isfinite(prepared.core[stride])
+
+    def estimate_one(view: Array, coefficients: Array, buffer: Array) -> NDArray[np.float32]:
+        coarse_view = subsample_projection(view, _STRIDE)
+        level, _ = context.kernels.warp(coarse_s, coarse_view, coefficients, threads=1)
+        visible = context.kernels.visible(coarse_s, coarse_view, buffer, OCCLUDER_PX, threads=1)
+        weight = np.where(np.isfinite(level) & (visible > 0), similarity, 0)
+        level = fill_nan(level)
+        cross, square = (np.asarray(weight * level * x, np.float32) for x in (core, level))
+        total = float(square.sum())
+        overall = float(cross.sum()) / total if total > 0 else 1.0
+        prior = np.float32(max(_PRIOR * total / square.size, 1e-6))
+        gain = (cv2.blur(cross, box) + overall * prior) / (cv2.blur(square, box) + prior)
+        size = s.shape[1], s.shape[0]
+        return np.asarray(cv2.resize(gain, size, interpolation=cv2.INTER_LINEAR), np.float32)
+
+    views = zip(prepared.views, prepared.coefficients, buffers, strict=True)
+    return run_parallel([partial(estimate_one, *view) for view in views], context.threads)
+
+
+def compute_difference_variance(core: Array, noise: Noise) -> NDArray[np.float32]:
+    """Return the (H, W) variance, levels², of the difference between an auxiliary's and the core's level."""
+    across, down = (cv2.Sobel(core, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))
+    variance = cv2.multiply(across, across)
+    variance = cv2.accumulateSquare(down, variance)
+    variance = cv2.accumulateSquare(core * np.float32(_LEVEL), variance)
+    return np.asarray(cv2.add(variance, _NOISE * noise.levels), np.float32)
+
+
+PHOTOMETRIC_LIMIT = 3.5
+"""Initial confidence (logit) from which on the photo-consistency of a surface is not evaluated."""
+_LOG_OFFSET = 0.1
+"""Added to differences before the logarithm; smaller differences are equal."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoConsistencyModel:
+    """Images, gain and occluders with which surfaces are compared."""
+
+    prepared: PreparedFrame
+    gain: PhotometricGain
+    buffers: Sequence[Array]
+    """n of (h, w): inverse-depth buffers of the occluders in each auxiliary."""
+
+    def evaluate(
+        self, pixels: Pixels, s: Array, slopes: tuple[Array, Array], threads: int = 1
+    ) -> PhotoConsistency:
+        """Return the photo-consistency of n surfaces with s and slopes (n, N) at each of N pixels."""
+        prepared = self.prepared
+        return prepared.context.kernels.photo_consistency(
+            pixels[1], pixels[0], s, *slopes, core=prepared.core, variance=self.gain.variance,
+            images=prepared.images, views=prepared.views, buffers=self.buffers, gains=self.gain.gains,
+            tolerance=OCCLUDER_PX, threads=threads,
+        )  # fmt: skip
+
+
+def compute_photo_consistency_features(
+    consistency: PhotoConsistency, auxiliaries: int
+) -> Iterator[tuple[str, Array]]:
+    """Yield features by name: logarithms of the differences, and the visible views, also as a share."""
+    for name, plane in zip(PhotoConsistency._fields[:-1], consistency[:-1], strict=True):
+        offset = plane + np.float32(_LOG_OFFSET)
+        yield name.replace("_", " "), np.log(offset, out=offset)
+    yield "visible views", np.minimum(consistency.views, 4)
+    yield "share of visible views", consistency.views / np.float32(auxiliaries)
+
+
+def compute_photometric_features(
+    surface: Surface, initial_confidence: Array, consistency: PhotoConsistencyModel
+) -> Iterator[tuple[str, Array]]:
+    """Yield the photo-consistency (H, W) by name, evaluated below `PHOTOMETRIC_LIMIT`.
+
+    The other pixels count as consistent and visible in no view.
+    """
+    prepared = consistency.prepared
+    auxiliaries = len(prepared.images)
+    places = np.flatnonzero(initial_confidence < PHOTOMETRIC_LIMIT)
+    if not len(places):
+        places = np.zeros(1, int)
+    planes = surface.s, surface.slope_u, surface.slope_v
+    s, slope_u, slope_v = (plane.ravel()[places][None] for plane in planes)
+    pixels = np.unravel_index(places, surface.s.shape)
+    evaluated = consistency.evaluate(pixels, s, (slope_u, slope_v), prepared.context.threads)
+    consistent = PhotoConsistency(*(np.zeros((1, 1), np.float32) for _ in evaluated))
+    elsewhere = dict(compute_photo_consistency_features(consistent, auxiliaries))
+    for name, values in compute_photo_consistency_features(evaluated, auxiliaries):
+        plane = np.full(surface.s.shape, elsewhere[name].item(), np.float32)
+        plane.ravel()[places] = values[0]
+        yield name, plane

@@ -1,0 +1,261 @@
+"""Grey levels of a frame's images, equalised in channel, contrast and sharpness, and the noise in them.
+
+Where the core is defocused, the auxiliaries are blurred to match, since sharp and blurred texture do not correlate.
+
+Images interpolated from a colour filter array are detected by their 2 × 2 pattern of sharpness.
+A demosaiced image repeats, with a period of two pixels, which colour of a pixel was measured and which was
+interpolated. Measured values differ more from their neighbours than interpolated ones do. The pattern survives the
+conversion to grey and JPEG compression; no scene has a structure that follows the pixel grid in this way.
+
+References
+----------
+Gallagher & Chen, Image authentication by detecting traces of demosaicing, CVPR Workshops 2008,
+doi:10.1109/CVPRW.2008.4562984.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.frames import Image
+from beltscape.stereo.multiview.parallel import run_parallel
+
+WINDOW_PX = 7
+"""Radius of the window in which levels are normalised."""
+_FULL = 255.0
+"""Levels are given in 8-bit counts for images of any bit depth."""
+_QUANTISATION = 1.0 / np.sqrt(12.0)
+"""σ of rounding to whole levels."""
+_GAIN = (0.5, 2.0)
+"""Range of the gain by which a camera's levels are multiplied."""
+_QUIET = 20.0
+"""Percentile of the blocks that represents the image's parts of least texture."""
+_BLOCK_PX = 16
+"""Side of the blocks in which the noise is estimated."""
+_BRIGHTEST = 8.0
+"""Largest ratio of the noise variance of a bright region to that of the quietest blocks."""
+_LAPLACIAN = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+"""Difference of two Laplacians, blind to planes of brightness (Immerkær 1996)."""
+
+
+def compute_grey_levels(
+    images: Mapping[str, Image], core: str, threads: int = 1
+) -> dict[str, NDArray[np.float32]]:
+    """Return (H, W) float32 levels of every camera in 8-bit counts, with the contrast of the core.
+
+    Colour channels are weighted by their contrast over all cameras. Where the noise of all channels is the same, this
+    gives the best single image of a coloured pattern.
+    """
+    weights = _compute_channel_weights([image for image in images.values() if image.ndim == 3])
+
+    def compute_level(image: Image) -> tuple[NDArray[np.float32], float]:
+        level = _compute_levels(image, weights)
+        return level, float(level.std())
+
+    jobs = [partial(compute_level, image) for image in images.values()]
+    found = dict(zip(images, run_parallel(jobs, threads), strict=True))
+    _, core_contrast = found[core]
+    gains = {
+        name: np.clip(core_contrast / contrast, *_GAIN) if contrast else 1
+        for name, (_, contrast) in found.items()
+    }
+    return {name: level * np.float32(gains[name]) for name, (level, _) in found.items()}
+
+
+def estimate_noise_variance(level: NDArray[np.float32]) -> float:
+    """Return the noise variance, levels², of the least textured fifth of an image; at least that of 8 bits.
+
+    References
+    ----------
+    Immerkær, Fast noise variance estimation, CVIU 64(2), 1996, doi:10.1006/cviu.1996.0060.
+    """
+    edges = np.abs(cv2.filter2D(level, -1, _LAPLACIAN))
+    size = (max(1, level.shape[1] // _BLOCK_PX), max(1, level.shape[0] // _BLOCK_PX))
+    blocks = cv2.resize(edges, size, interpolation=cv2.INTER_AREA)
+    sigma = float(np.percentile(blocks, _QUIET)) * np.sqrt(np.pi / 2) / 6
+    return max(sigma, _QUANTISATION) ** 2
+
+
+def compute_local_mean(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the (H, W) float32 mean within `WINDOW_PX` around each pixel."""
+    size = (2 * WINDOW_PX + 1, 2 * WINDOW_PX + 1)
+    return np.asarray(cv2.blur(level, size, borderType=cv2.BORDER_REPLICATE), np.float32)
+
+
+def compute_local_variance(level: NDArray[np.float32], stride: int = 1) -> NDArray[np.float32]:
+    """Return the float32 variance, levels², in the window of `compute_local_mean` of every ``stride``-th pixel."""
+    return compute_local_moments(level, stride)[1]
+
+
+def compute_local_moments(
+    level: NDArray[np.float32], stride: int = 1
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return mean and variance, levels², in the window of `compute_local_mean` of every ``stride``-th pixel."""
+    mean, square = (compute_local_mean(x)[::stride, ::stride] for x in (level, level * level))
+    return mean, _compute_variance(mean, square)
+
+
+def compute_box_moments(
+    image: NDArray[np.float32], box: tuple[int, int]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the (H, W) mean and (H, W) variance in windows of (width, height) ``box``."""
+    mean, square = (np.asarray(cv2.blur(x, box), np.float32) for x in (image, image * image))
+    return mean, _compute_variance(mean, square)
+
+
+def _compute_variance(mean: NDArray[np.float32], square: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the variance of values with a mean and a mean square, which it overwrites."""
+    square -= mean * mean
+    return np.maximum(square, 0, out=square)
+
+
+def compute_texture_ratio(level: NDArray[np.float32], noise: float, side: int) -> NDArray[np.float32]:
+    """Return the (H, W) variance of the levels in windows of ``side`` px over that of noise.
+
+    The variance that a plane explains is subtracted: linear shading does not identify a pixel. Bright regions are
+    noisier than ``noise``, the variance of the quietest blocks; their noise is estimated from the Laplacian.
+    """
+    reach = np.arange(side, dtype=np.float32) - side // 2
+    even, slope = np.full(side, 1 / side, np.float32), reach / np.square(reach).sum()
+    mean, square = (
+        cv2.blur(x, (side, side), borderType=cv2.BORDER_REPLICATE) for x in (level, level * level)
+    )
+    across, down = (
+        cv2.sepFilter2D(level, cv2.CV_32F, *kernels, borderType=cv2.BORDER_REPLICATE)
+        for kernels in ((slope, even), (even, slope))
+    )
+    texture = square - mean * mean - (across * across + down * down) * np.square(reach).mean()
+    edges = cv2.filter2D(level, -1, _LAPLACIAN)
+    rough = compute_local_mean(np.abs(edges, out=edges)) * np.float32(np.sqrt(np.pi / 2) / 6)
+    rough *= rough
+    return np.asarray(texture / rough.clip(noise / _BRIGHTEST, noise * _BRIGHTEST, out=rough), np.float32)
+
+
+def _compute_channel_weights(images: list[Image]) -> NDArray[np.float32]:
+    if not images:
+        return np.full(3, 1 / 3, np.float32)
+    contrast = np.mean([cv2.meanStdDev(_subsample(image))[1].ravel() for image in images], axis=0)
+    total = float(contrast.sum())
+    return (contrast / total if total > 0 else np.full(3, 1 / 3)).astype(np.float32)
+
+
+def _subsample(image: Image) -> NDArray[np.integer]:
+    return np.ascontiguousarray(image[::4, ::4, :3])
+
+
+def _compute_levels(image: Image, weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    scale = np.float32(_FULL / np.iinfo(image.dtype).max)
+    if image.ndim == 2:
+        return image.astype(np.float32) * scale
+    # cv2.transform mixes the channels of 8 and 16 bit images without a float copy of all three
+    mixed = cv2.transform(image[..., :3].astype(np.float32), (weights * scale)[None])
+    return np.ascontiguousarray(mixed, dtype=np.float32)
+
+
+Level = NDArray[np.float32]
+
+_BLURS_PX = np.arange(1.5, 4.01, 0.25)
+"""Blurs that are tried. A smaller difference does no harm; sound rigs and scenes differ by up to one pixel."""
+_FINE_PX, _MIDDLE_PX = 1.0, 3.0
+"""Sharpness is the variance of texture finer than the first blur over that between the two blurs."""
+_SHARE = 0.75
+"""Share of the estimated blur that is applied: slightly sharper auxiliaries match better (0.5 to 1 were tried)."""
+_ROWS = 160
+"""Number of rows in the middle of the image that are examined."""
+
+
+def match_defocus(core: str, levels: Mapping[str, Level], threads: int = 1) -> dict[str, Level]:
+    """Return levels (H, W) by camera, the auxiliaries blurred where ``core`` is out of focus compared with them."""
+    blur_px = _SHARE * estimate_defocus(
+        levels[core], [level for name, level in levels.items() if name != core], threads
+    )
+    return {name: level if name == core else _blur(level, blur_px) for name, level in levels.items()}
+
+
+def estimate_defocus(core: Level, others: list[Level], threads: int = 1) -> float:
+    """Return the sigma (px) of the Gaussian that makes the median auxiliary no sharper than the core.
+
+    It is 0 where less than 1.5 px suffices, and 4 where more is needed.
+    """
+    core_sharpness = _measure_sharpness(_select_middle_rows(core), 0)
+    bands = [_select_middle_rows(other) for other in others]
+    for blur_px in _BLURS_PX:
+        jobs = [partial(_measure_sharpness, band, float(blur_px)) for band in bands]
+        if np.median(run_parallel(jobs, threads)) <= core_sharpness:
+            return 0.0 if blur_px == _BLURS_PX[0] else float(blur_px)
+    return float(_BLURS_PX[-1])
+
+
+def _measure_sharpness(band: Level, blur_px: float) -> float:
+    """Return the variance of fine texture over that of medium texture after a blur, with noise subtracted."""
+    fine_px, middle_px = np.hypot(blur_px, _FINE_PX), np.hypot(blur_px, _MIDDLE_PX)
+    levels, fine, medium = (_blur(band, sigma) for sigma in (blur_px, fine_px, middle_px))
+    high = float(np.var(levels - fine)) - estimate_noise_variance(band) * _compute_noise_gain(
+        blur_px, fine_px
+    )
+    low = float(np.var(fine - medium))
+    return max(high, 0.0) / low if low > 0 else 0.0
+
+
+def _compute_noise_gain(narrow_px: float, wide_px: float) -> float:
+    """Return the share of white noise's variance that passes a difference of two Gaussians."""
+    impulse = np.zeros((41, 41), np.float32)
+    impulse[20, 20] = 1
+    return float(np.square(_blur(impulse, narrow_px) - _blur(impulse, wide_px)).sum())
+
+
+def _select_middle_rows(level: Level) -> Level:
+    start = max(0, (len(level) - _ROWS) // 2)
+    return level[start : start + _ROWS]
+
+
+def _blur(level: Level, sigma_px: float) -> Level:
+    return (
+        level if sigma_px == 0 else np.asarray(cv2.GaussianBlur(level, (0, 0), float(sigma_px)), np.float32)
+    )
+
+
+_RATIO = 1.07
+"""Ratio of the sharpest to the least sharp of the four pixel phases: at most 1.04 in simulated images of three
+sensors or one, 1.4 and more after OpenCV's demosaicing methods, 1.1 and more after JPEG of quality 90 besides, where
+dots are up to 5 px wide."""
+_CHANCE = 2.0
+"""Added to the ratio per root of the pixels of a phase: small images differ more by chance."""
+_PIXELS = 80_000
+"""Size of the band of rows that is examined."""
+_CROSS = np.array([[0, -1, 0], [-1, 4, -1], [0, -1, 0]], np.float32)
+"""Second difference over the four neighbours; it is smaller where a value was interpolated."""
+
+
+def are_demosaiced(levels: Iterable[NDArray[np.float32]]) -> bool:
+    """Return whether most of the images (H, W) show the pattern of demosaicing."""
+    is_periodic = [
+        compute_phase_ratio(level) > _RATIO + _CHANCE / np.sqrt(_select_middle_pixels(level).size / 4)
+        for level in levels
+    ]
+    return bool(sum(is_periodic) > len(is_periodic) / 2)
+
+
+def compute_phase_ratio(level: NDArray[np.float32]) -> float:
+    """Return the ratio of sharpness between the sharpest and the least sharp of the 2 × 2 pixel phases.
+
+    The sharpness of a phase is the mean absolute difference of its pixels to their four neighbours, in the middle
+    rows of the image (H, W).
+    """
+    band = _select_middle_pixels(level)
+    height, width = (side // 2 * 2 for side in band.shape)
+    difference = np.abs(cv2.filter2D(band, -1, _CROSS))[:height, :width]
+    sharpness = [float(difference[row::2, column::2].mean()) for row in (0, 1) for column in (0, 1)]
+    return max(sharpness) / min(sharpness) if min(sharpness) > 0 else 1.0
+
+
+def _select_middle_pixels(level: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the middle rows (h, W) of an image (H, W)."""
+    rows = max(2, _PIXELS // level.shape[1])
+    start = max(0, (len(level) - rows) // 2)
+    return level[start : start + rows]

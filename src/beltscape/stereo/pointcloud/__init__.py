@@ -1,1 +1,0 @@
-"""Depth maps as point clouds with normals and colour."""

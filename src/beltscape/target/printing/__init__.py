@@ -1,1 +1,0 @@
-"""Calibration boards as sheets to print in true size."""

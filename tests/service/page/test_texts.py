@@ -177,7 +177,7 @@ def test_every_message_has_a_text_with_its_values(key, names):
 def test_every_fault_of_a_check_is_a_message():
     """Check that what makes a finding's text, in the checks' own modules, is a message with a key."""
     modules = [*(SOURCE / "health").rglob("*.py"), *(SOURCE / "stereo" / "consistency").rglob("*.py")]
-    for path in [*modules, SOURCE / "measure" / "flow" / "motion" / "encoder_finding.py"]:
+    for path in [*modules, SOURCE / "measure" / "flow" / "encoder_check.py"]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.FunctionDef):
                 continue

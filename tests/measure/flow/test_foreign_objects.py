@@ -187,3 +187,16 @@ def test_the_meter_measures_what_lies_under_a_plate() -> None:
     assert disturbed.volume_mm3 == pytest.approx(sound.volume_mm3, rel=0.02)
     assert abs(disturbed.volume_mm3 - sound.volume_mm3) < 2 * disturbed.sigma_mm3
     assert disturbed.sigma_mm3 < 0.15 * sound.volume_mm3
+
+
+def test_a_lump_that_rolls_back_out_of_view_is_not_accused():
+    """At the end of the view the matcher's cut-off windows show the belt where a lump begins."""
+    check = ForeignObjectCheck(CELL_MM, CELL_MM * ROWS)
+    findings = []
+    for number, position_mm in enumerate((210.0, 105.0, 0.0)):
+        y = Y - position_mm
+        height_mm = np.where((np.abs(X) < 45) & (np.abs(y + 290) < 35), 80.0, 0.0).astype(np.float32)
+        height_mm[:11] = 0.0
+        found = check.check(number, position_mm, 1, height_mm, is_proven=False)
+        findings.append(found.finding.is_fault)
+    assert findings == [False, False, False]

@@ -37,12 +37,11 @@ from beltscape.calibration.solver.levenberg_marquardt import (
     minimise,
     single_thread,
 )
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import Board, corner_points_mm
-
-Array = NDArray[np.float64]
 
 SHAPE_SIGMA_SHARE = 0.002
 """Prior standard deviation of a corner about its nominal position, over the board's diagonal."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from beltscape.core.arrays import Array
 from beltscape.core.depth import DepthMap
 from beltscape.simulate.core_truth import compute_pixel_rays
 from beltscape.simulate.profile_scanners import Laser, LineImage, ProfileScan
@@ -25,8 +26,6 @@ from beltscape.simulate.world import Label, Solid, Station
 
 _SECOND_PEAK = 0.5
 """Height of a second peak, over the highest one, from which a column is ambiguous; chosen."""
-
-Array = NDArray[np.float64]
 
 
 class PeakSettings(BaseModel):

@@ -25,13 +25,12 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.ndimage import map_coordinates
 
+from beltscape.core.arrays import Array
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.simulate.projected_sequence import FringeSettings
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.checks import is_dict
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
@@ -18,8 +18,6 @@ from beltscape.files.paths import AnyPath, as_path, read_text
 from beltscape.files.rig_json import describe_lens, parse_camera
 
 FORMAT = "beltscape-intrinsics/1"
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,9 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Float32Array
 from beltscape.core.frames import Image, to_grey
-
-FloatArray = NDArray[np.float32]
 
 GRID = 32, 40
 """Rows and columns of blocks: about 16 px in an image of 612×512, and the same picture of dirt at any image size."""
@@ -40,11 +39,11 @@ _TEXTURED = 0.25
 class ImageStatistics:
     """Statistics of one image; grids are `GRID` float32, levels in counts of 255."""
 
-    level: FloatArray
+    level: Float32Array
     """Mean level."""
-    fine: FloatArray
+    fine: Float32Array
     """Variance of fine texture, levels²; its noise is subtracted."""
-    coarse: FloatArray
+    coarse: Float32Array
     """Variance of coarse texture, levels²; its noise is subtracted."""
     saturated_share: float
     """Share of saturated pixels."""
@@ -66,12 +65,12 @@ class ImageStatistics:
     """Exposure time of the image; 1 where it never changes, NaN where it is not known."""
 
     @property
-    def amplitude(self) -> FloatArray:
+    def amplitude(self) -> Float32Array:
         """Root of the texture's variance, `GRID`, levels: under speckle the amplitude of the projected light."""
         return np.asarray(np.sqrt(self.fine + self.coarse), np.float32)
 
     @property
-    def contrasts(self) -> FloatArray:
+    def contrasts(self) -> Float32Array:
         """Root of the texture's variance over the level, `GRID`."""
         return _compute_contrasts(self.fine + self.coarse, self.level)
 
@@ -81,13 +80,13 @@ def _choose_rows(image: Image) -> NDArray[np.intp]:
     return ((np.arange(_ROWS) + 0.5) * len(image) / _ROWS).astype(np.intp)
 
 
-def compute_levels(image: Image) -> FloatArray:
+def compute_levels(image: Image) -> Float32Array:
     """Return the grey levels (160, W) of evenly spaced rows of an image, in counts of 255."""
     grey = to_grey(image[_choose_rows(image)])
     return grey if image.dtype == np.uint8 else grey * np.float32(_FULL / np.iinfo(image.dtype).max)
 
 
-def compute_statistics(image: Image, levels: FloatArray) -> ImageStatistics:
+def compute_statistics(image: Image, levels: Float32Array) -> ImageStatistics:
     """Return the statistics of an image and the result of `compute_levels` of it."""
     narrow, wide = cv2.blur(levels, _NARROW_PX), cv2.blur(levels, _WIDE_PX)
     edges = np.abs(cv2.filter2D(levels, -1, _THIRD_DIFFERENCE))
@@ -124,11 +123,11 @@ def _compute_saturated_share(image: Image) -> float:
     return float(np.mean(strongest >= _SATURATED * np.iinfo(image.dtype).max))
 
 
-def _compute_contrasts(texture: FloatArray, level: FloatArray) -> FloatArray:
+def _compute_contrasts(texture: Float32Array, level: Float32Array) -> Float32Array:
     return np.asarray(np.sqrt(texture) / np.maximum(level, 1), np.float32)
 
 
-def _compute_log_sharpness(fine: FloatArray, coarse: FloatArray) -> float:
+def _compute_log_sharpness(fine: Float32Array, coarse: Float32Array) -> float:
     textured = coarse > _TEXTURED * np.percentile(coarse, 75)
     high, low = float(fine[textured].sum()), float(coarse[textured].sum())
     return float(np.log(max(high, 1e-6) / low)) if low > 0 else _NO_TEXTURE
@@ -139,13 +138,13 @@ def compute_block_size(size_px: tuple[int, int]) -> tuple[float, float]:
     return float(max(size_px[0] // GRID[1], 1)), size_px[1] / GRID[0]
 
 
-def average_blocks(values: FloatArray) -> FloatArray:
+def average_blocks(values: Float32Array) -> Float32Array:
     """Return the mean of (160, W) values in each block of `GRID`; a rest at the right rim is left out."""
     whole = values[:, : max(values.shape[1] // GRID[1], 1) * GRID[1]]
     return np.asarray(cv2.resize(whole, GRID[::-1], interpolation=cv2.INTER_AREA), np.float32)
 
 
-def _average_square(one: FloatArray, other: FloatArray) -> FloatArray:
+def _average_square(one: Float32Array, other: Float32Array) -> Float32Array:
     difference = one - other
     return average_blocks(np.asarray(cv2.multiply(difference, difference), np.float32))
 

@@ -8,11 +8,9 @@ homography of the tilted sensor (9, row by row).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.geometry import tilt
-
-Array = NDArray[np.float64]
 
 PROJECTION_SIZE = 39
 """Numbers of a packed projection."""

@@ -20,11 +20,10 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Float32Array
 from beltscape.core.errors import InputError
 from beltscape.files.arrays import parse_arrays
 from beltscape.kernels import Kernels, load
-
-Array = NDArray[np.float32]
 
 LOG_VARIANCE = (-12.0, 3.0)
 """Limits to which a predicted logarithm of a variance is clipped: σ from 0.0025 to 4.5 of its unit."""
@@ -42,9 +41,9 @@ class Network:
     """Names of the n features, in order."""
     outputs: tuple[str, ...]
     """Names of the m outputs, in order."""
-    limits: Array
+    limits: Float32Array
     """(2, n) least and largest value to which each feature is clipped."""
-    layers: tuple[Array, ...]
+    layers: tuple[Float32Array, ...]
     """(k, n + 1) each: weights and, in the last column, offset of k units."""
 
     @property
@@ -57,8 +56,8 @@ class Network:
         features: Mapping[str, NDArray[np.floating]],
         kernels: Kernels | None = None,
         threads: int = 1,
-        out: Sequence[Array] | None = None,
-    ) -> list[Array]:
+        out: Sequence[Float32Array] | None = None,
+    ) -> list[Float32Array]:
         """Return the m outputs (H, W) for features (H, W) by name; NaN counts as a feature's least value.
 
         They are written into ``out``, m contiguous arrays (H, W), where it is given.

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
 from beltscape.core.geometry.rig import Rig
@@ -87,8 +88,6 @@ _NODES = 61
 """Nodes of the map across the belt; along it they are as dense. The σ is smooth between them."""
 _LEAST_NODES = 9
 """Least number of nodes along the belt, for short pieces."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

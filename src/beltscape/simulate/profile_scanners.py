@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from beltscape.core.arrays import Array
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
@@ -38,8 +39,6 @@ from beltscape.simulate.ray_casting import RayScene, reflectance_at
 from beltscape.simulate.rendering.sensor import Sensor, expose
 from beltscape.simulate.scene_assembly import EXPOSURE_SHARE
 from beltscape.simulate.world import Station, World
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

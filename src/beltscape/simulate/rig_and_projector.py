@@ -10,8 +10,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import MODELS
@@ -23,8 +23,6 @@ from beltscape.simulate.world import Projector, Station
 from beltscape.target.board import Board, corner_points_mm
 from beltscape.target.pattern import PRESETS, Pattern, PatternSettings, make_pattern
 from beltscape.target.pattern_formats import draw_pattern, read_pattern
-
-Array = NDArray[np.float64]
 
 DOWN = np.diag([1.0, -1.0, -1.0])
 """Rotation of a camera that looks vertically down, its rows across the belt."""

@@ -46,6 +46,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
@@ -192,8 +193,6 @@ def _compute_offset(surface: TofSurface, settings: TofSettings) -> NDArray[np.fl
     )
     return (1 - settings.scatter) * direct + settings.scatter * direct.mean()
 
-
-Array = NDArray[np.float64]
 
 _PAIRS = 1 << 19
 """Pairs of points and discs processed at a time."""

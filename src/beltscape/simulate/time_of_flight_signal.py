@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
-Array = NDArray[np.float64]
+from beltscape.core.arrays import Array
+
 _Value = TypeVar("_Value", bound=np.inexact)
 
 

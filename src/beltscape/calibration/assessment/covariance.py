@@ -21,6 +21,7 @@ from beltscape.calibration.solver.lens import (
     project_with_jacobians,
 )
 from beltscape.calibration.solver.levenberg_marquardt import LinearisedBundle, single_thread
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.rig import Rig
 
@@ -43,8 +44,6 @@ def group_frames(adjustment: BundleAdjustmentResult) -> dict[int, int]:
     numbers = np.unique(group, return_inverse=True)[1]
     return {int(frame): int(number) for frame, number in zip(frames, numbers, strict=True)}
 
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.99
 """Probability of a smaller scatter from noise alone above which the views are taken to disagree."""

@@ -15,7 +15,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from beltscape.calibration.assessment.covariance import (
@@ -26,13 +25,12 @@ from beltscape.calibration.assessment.covariance import (
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.solver.bundle import Bundle, Geometry
 from beltscape.calibration.solver.lens import compute_lens_prior, list_parameters, pad_rows, stack_intrinsics
+from beltscape.core.arrays import Array, Mask
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-
-Array = NDArray[np.float64]
 
 GENERAL = {"brown": "rational"}
 """Lens model → the model that has its terms and more; the others are general enough, and limited to their corners."""
@@ -111,8 +109,6 @@ def make_view_volume(rig: Rig, geometry: Geometry) -> MeasuringVolume:
     points = np.concatenate([depth * rays for depth in np.quantile(depths, [NEAR, FAR])])
     return MeasuringVolume(f"the whole view of {rig.core}", points, is_given=False)
 
-
-Mask = NDArray[np.bool_]
 
 REACH = 0.08
 """Distance from the nearest corner, over the image's diagonal, within which the board reached a pixel: distortion is

@@ -10,7 +10,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.covariance import (
     compute_depth_jacobian,
@@ -23,13 +22,12 @@ from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.zhang import MIN_VIEWS
 from beltscape.calibration.solver.lens import LensPrior
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Silent
 from beltscape.kernels import Kernels
 from beltscape.target.board import Board
-
-Array = NDArray[np.float64]
 
 SAME_POSE = 0.02
 """Two frames show the same pose of the board if no camera's corners moved by more than this share of the board's size

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.cross_validation import CrossValidation
 from beltscape.calibration.assessment.fit_quality import (
@@ -21,6 +20,7 @@ from beltscape.calibration.hierarchy import HierarchyResult, find_unsynchronised
 from beltscape.calibration.network.association import Misclosure
 from beltscape.calibration.network.fault_isolation import describe_fault
 from beltscape.calibration.network.resection import fit_board_pose
+from beltscape.core.arrays import Array
 from beltscape.core.checks import is_dict
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
@@ -150,8 +150,6 @@ def _find_overfit(halves: CrossValidation | None, training: Score) -> list[str]:
         "with the board tilted to every side and in every corner of the images"
     ]
 
-
-Array = NDArray[np.float64]
 
 MAX_GROWTH, MIN_LIMIT_PX = 3.0, 0.02
 """Limit of a rig's residuals, as a multiple of those on its held-out views, and the least limit in px."""

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.score import RigErrors, Score, ViewResiduals
 from beltscape.calibration.solver.bundle import estimate_robust_sigma
-
-Array = NDArray[np.float64]
+from beltscape.core.arrays import Array
 
 MIN_DIFFERENCES = 40
 """Least number of differences for an estimate: its relative standard deviation is then below a fifth."""

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.covariance import (
     RigCovariance,
@@ -17,10 +16,9 @@ from beltscape.calibration.assessment.covariance import (
     make_view_points,
 )
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
 from beltscape.core.geometry.rig import Rig
-
-Array = NDArray[np.float64]
 
 TILT_RAD = np.deg2rad(35.0)
 """Tilt of the tried boards; below the 45° at which Zhang (2000) finds the least error, since corners foreshorten."""

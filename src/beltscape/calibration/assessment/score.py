@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.network.resection import fit_board_pose
 from beltscape.calibration.solver.lens import pack_intrinsics, project_points, project_with_jacobians
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels import Kernels
 from beltscape.target.board import Board, adjacent_corners, corner_points_mm
-
-Array = NDArray[np.float64]
 
 STEPS = 3
 """Gauss-Newton steps from the linear solution, which is near the minimum: the third moves it by below 1e-6 mm."""

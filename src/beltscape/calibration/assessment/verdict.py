@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.covariance import RigCovariance, group_frames
 from beltscape.calibration.assessment.fit_quality import CameraFit
@@ -13,8 +12,6 @@ from beltscape.calibration.assessment.score import Score
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.intrinsics.like_cameras import MAX_FOCAL, MIN_FOCAL, compute_coherence_factor
 from beltscape.core.errors import CalibrationError
-
-Array = NDArray[np.float64]
 
 MAX_FOCAL_SIGMA = 0.03
 """Largest σ of a focal length, over it, of a credible rig: depths are uncertain by as much. Sound sets: 0.001.

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import Corners, has_planar_extent
 from beltscape.calibration.detection.subpixel import refine_corners
+from beltscape.core.arrays import Array
 from beltscape.core.frames import Image, to_grey
 from beltscape.target.board import MIN_CORNERS, Board, BoardSet
 from beltscape.target.planar_boards import AprilGrid, CharucoBoard, Chessboard, PlanarBoard, load_dictionary
@@ -115,8 +116,6 @@ def _order_from_dark_end(
     parity = np.indices(values.shape).sum(axis=0) % 2
     return pixels if values[parity == 0].mean() < values[parity == 1].mean() else pixels[::-1].copy()
 
-
-Array = NDArray[np.float64]
 
 NEIGHBOURS = 12
 """Tags about one whose centres place its corners: a lens bends less over these than a contour errs."""

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from beltscape.calibration.detection.corners import Corners
-
-Array = NDArray[np.float64]
+from beltscape.core.arrays import Array
 
 PARAMETERS = 9
 """Parameters of a corner."""

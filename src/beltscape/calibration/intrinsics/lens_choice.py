@@ -12,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.intrinsics.lens_fits import (
@@ -23,11 +22,10 @@ from beltscape.calibration.intrinsics.lens_fits import (
     predict_gain,
 )
 from beltscape.calibration.intrinsics.zhang import MIN_VIEWS, MonocularCalibration, calibrate_camera
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.files.rig_limits import find_corner_radius_px, find_turning_radius_px
-
-Array = NDArray[np.float64]
 
 AUTO = "auto"
 """The request that the model be chosen: Brown's, the rational, the fisheye or the tilted one."""

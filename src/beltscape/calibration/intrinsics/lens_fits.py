@@ -10,7 +10,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners, has_planar_extent
 from beltscape.calibration.intrinsics.zhang import (
@@ -31,14 +30,13 @@ from beltscape.calibration.solver.lens import (
     unpack_intrinsics,
 )
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.lens_domain import find_radius_of_image_radius
 from beltscape.files.rig_limits import find_turning_radius_px
 from beltscape.target.planar_boards import MIN_CORNERS
-
-Array = NDArray[np.float64]
 
 EQUIDISTANT_FOCALS = 0.22, 0.27, 0.33, 0.4, 0.5, 0.62, 0.77, 0.95, 1.3
 """Focal lengths over the image's longer side that are tried; 0.22 is 260° across it, 0.32 180°, 0.95 60°."""

@@ -13,7 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.intrinsics.zhang import (
@@ -23,10 +22,9 @@ from beltscape.calibration.intrinsics.zhang import (
     reject_outlying_views,
 )
 from beltscape.calibration.solver.lens import fit_view_pose
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
-
-Array = NDArray[np.float64]
 
 MAX_SIGMA = 0.02
 """Largest σ of the focal length, over it, of a camera whose own views determine its lens; good sets have 0.002."""

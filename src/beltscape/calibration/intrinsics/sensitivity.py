@@ -16,9 +16,9 @@ from beltscape.calibration.solver.lens import (
     pack_intrinsics,
     project_with_jacobians,
 )
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.pose import Pose
 
-Array = NDArray[np.float64]
 SharedCorners = Mapping[str, tuple[NDArray[np.int64], NDArray[np.int64]]]
 """Ids of the corners that relate two cameras, by frame: those of the first camera and those of the second."""
 

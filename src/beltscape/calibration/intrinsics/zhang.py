@@ -30,11 +30,10 @@ from beltscape.calibration.solver.lens import (
     unpack_intrinsics,
 )
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-
-Array = NDArray[np.float64]
 
 
 def set_up_adjustment(

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import gammaincc
 
 from beltscape.calibration.detection.corners import BoardDetections
@@ -19,9 +18,8 @@ from beltscape.calibration.network.pose_chains import (
     list_triangles,
     log,
 )
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.pose import Pose
-
-Array = NDArray[np.float64]
 
 NEGLIGIBLE_VARIANCE = 1e-7
 """Share of the pairs' variance below which first-order propagation cannot distinguish a variance from 0."""

@@ -19,11 +19,10 @@ from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
 from beltscape.calibration.network.synchronisation import CLEAR_IMPROVEMENT, MIN_FRAMES, SHIFTS
 from beltscape.calibration.solver.lens import fit_view_pose
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.pose import Pose
 from beltscape.files.frame_names import natural_key
 from beltscape.target.board import Board, BoardSet, Chessboard, corner_points_mm, outer_corners
-
-Array = NDArray[np.float64]
 
 TOLERANCE = 0.1
 """Two boards coincide if their outer corners are no farther apart, RMS, than this share of the diagonal.

@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import Corners
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.target.board_set import BoardSet
-
-Array = NDArray[np.float64]
 
 MAX_STEPS = 20
 """Steps of the adjustment at most; from poses of single views it converges within five, of a camera behind a board

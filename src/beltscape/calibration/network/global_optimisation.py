@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from beltscape.calibration.network.association import CameraNetwork, compute_path_errors
@@ -21,9 +20,9 @@ from beltscape.calibration.network.pose_chains import (
     log,
 )
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.pose import Pose
 
-Array = NDArray[np.float64]
 Poses = Mapping[str, Pose]
 
 

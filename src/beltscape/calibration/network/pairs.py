@@ -20,11 +20,10 @@ from beltscape.calibration.intrinsics.zhang import OUTLIER_FACTOR, MonocularCali
 from beltscape.calibration.solver.bundle import Bundle, BundlePrior, Geometry, Observations
 from beltscape.calibration.solver.lens import stack_intrinsics
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Reporter
-
-Array = NDArray[np.float64]
 
 MISFIT_FACTOR = 1.5
 """Factor on the cameras' own RMS above which a pair's frames are taken to be of different instants."""

@@ -16,13 +16,11 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import inv
 
 from beltscape.calibration.network.pairs import Pair
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.pose import Pose
-
-Array = NDArray[np.float64]
 
 SERIES_BELOW = 1.0
 """Angle, rad, below which the Jacobian's series is summed: the closed form loses digits by cancellation."""

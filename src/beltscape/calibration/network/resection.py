@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import Corners
 from beltscape.calibration.solver.lens import (
@@ -20,10 +19,9 @@ from beltscape.calibration.solver.lens import (
     stack_intrinsics,
 )
 from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
 from beltscape.core.geometry.rig import Rig
-
-Array = NDArray[np.float64]
 
 
 def fit_board_pose(rig: Rig, views: Mapping[str, Corners], board_mm: Array) -> Pose:

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
-
-Array = NDArray[np.float64]
+from beltscape.core.arrays import Array
 
 SHIFTS = range(-3, 4)
 """Frame shifts that are tested."""

@@ -21,11 +21,9 @@ from beltscape.calibration.solver.lens import (
     rotate_vectors,
 )
 from beltscape.calibration.solver.levenberg_marquardt import LinearisedBundle
+from beltscape.core.arrays import Array, Indices
 from beltscape.core.geometry.pose import rotation_from_vector
 from beltscape.core.statistics import MAD_TO_SIGMA
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

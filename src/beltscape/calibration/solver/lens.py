@@ -17,12 +17,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array, Indices
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
 
-Array = NDArray[np.float64]
 Number = TypeVar("Number", np.float64, np.bool_)
 
 PINHOLE = ("fx", "fy", "cx", "cy")
@@ -148,8 +148,6 @@ class LensPrior:
         information[np.ix_(free, free)] = np.linalg.inv(self.covariance[np.ix_(free, free)])
         return pack_intrinsics(self.camera), information
 
-
-Indices = NDArray[np.int64]
 
 ModelRows = tuple[tuple[str, slice | Indices], ...]
 """Lens models, each with the observations whose cameras have it."""

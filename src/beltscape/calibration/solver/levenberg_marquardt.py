@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from threadpoolctl import threadpool_limits
 
+from beltscape.core.arrays import Array
+
 State = TypeVar("State")
 
 
@@ -112,9 +114,6 @@ def minimise(problem: Problem[State], state: State, damping: Damping | None = No
         elif lam > 1e12:
             return Minimum(state, linear.cost, iteration, converged=True)
     return Minimum(state, linear.cost, rule.iterations, converged=False)
-
-
-Array = NDArray[np.float64]
 
 
 class LinearisedBundle:

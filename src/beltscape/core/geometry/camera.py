@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.checks import is_list_or_tuple, require_array, require_number, require_text, show_value
 from beltscape.core.errors import ArgumentError
 from beltscape.core.geometry import lens_domain, tilt
 from beltscape.core.geometry.lens import MODELS, LensModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

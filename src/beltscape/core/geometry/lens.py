@@ -26,15 +26,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol, TypeAlias
+from typing import Protocol
 
 import numpy as np
 from numpy.polynomial import polynomial
-from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.geometry import tilt
-
-Array: TypeAlias = NDArray[np.float64]
 
 _SERIES_BELOW = 1e-2
 """r² below which the series of atan(r)/r replaces the quotient: its ninth term is then below 1e-17."""

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.lens import MODELS, LensModel
-
-Array: TypeAlias = NDArray[np.float64]
 
 _FARTHEST = 10.0
 """Radius up to which a lens without turning point is searched for folds of its other terms: 84° off the axis."""

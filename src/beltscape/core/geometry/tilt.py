@@ -19,7 +19,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from beltscape.core.arrays import Array
+
 Angle: TypeAlias = NDArray[np.float64] | float
 """Radians, of all points or of each."""
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from beltscape.core.arrays import Array
 from beltscape.kernels.arrays import CellIndices
 from beltscape.kernels.images import (
     BAND_ROWS,
@@ -41,8 +42,6 @@ def gather(given: GatherInput) -> tuple[NDArray[np.float32]]:
     column = np.clip(given.u.astype(int) + du, 0, width - 1)
     return (np.concatenate([plane[row, column] for plane in given.planes]),)
 
-
-Array = NDArray[np.float64]
 
 STEP = 1e-3
 """Step of s for slopes by central differences; the projection is smooth over a much larger range."""

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.kernels.images import WarpInput
 from beltscape.kernels.least_squares import MOST_DISAGREEMENT, FitWindow, LocalFitInput, NormalEquationsInput
 from beltscape.kernels.reference.images import warp
-
-Array = NDArray[np.float64]
 
 SLOPE_RIDGE = 0.1
 """px²: ridge that draws slopes to the earlier ones, per weight of the window. On a quarter-size heap half and double

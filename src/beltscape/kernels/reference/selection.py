@@ -10,6 +10,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.kernels.reference.view import (
     bilinear,
     centred_windows,
@@ -24,8 +25,6 @@ from beltscape.kernels.selection import (
     Propagated,
     PropagationInput,
 )
-
-Array = NDArray[np.float64]
 
 NO_CANDIDATE = 1e6
 """The inverse depth of an empty place: far from all others, and exact in single precision."""

@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.kernels.reference.view import bilinear, centred_windows, project, window_dissimilarity
 from beltscape.kernels.sweep import WORST, AggregateInput, SweepAndAggregateInput, SweepInput, bands
 
-Array = NDArray[np.float64]
 PATHS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
 """Steps (dy, dx) along the eight paths."""
 

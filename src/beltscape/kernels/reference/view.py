@@ -8,10 +8,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.lens import BROWN, FISHEYE, THIN_PRISM
 from beltscape.kernels.projection import CODES
-
-Array = NDArray[np.float64]
 
 
 def project(view: NDArray[np.floating], u: Array, v: Array, s: Array) -> tuple[Array, Array, Array]:

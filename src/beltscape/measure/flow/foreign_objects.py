@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from beltscape.core.arrays import Mask
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
 from beltscape.measure.flow.location import Location
 
 CHECK = "foreign_object"
-Mask = NDArray[np.bool_]
 Heights = NDArray[np.float32]
 
 _AROUND_MM = 30.0

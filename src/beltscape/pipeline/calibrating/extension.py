@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.covariance import POSE_NAMES, compute_rig_covariance
 from beltscape.calibration.assessment.cross_validation import list_folds
@@ -29,6 +28,7 @@ from beltscape.calibration.network.association import associate_cameras, find_gr
 from beltscape.calibration.network.board_symmetry import unify_numbering
 from beltscape.calibration.network.pairs import calibrate_pairs
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.pose import Pose
@@ -42,8 +42,6 @@ from beltscape.pipeline.calibrating.calibration import check_scale
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
 from beltscape.pipeline.calibrating.views import detect_rig_board
 from beltscape.target.board import Board, corner_points_mm, list_triples
-
-Array = NDArray[np.float64]
 
 
 def join_covariances(

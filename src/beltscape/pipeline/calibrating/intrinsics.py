@@ -25,6 +25,7 @@ from beltscape.calibration.intrinsics.sensitivity import NOISE_FLOOR_PX
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera, set_up_adjustment
 from beltscape.calibration.solver.lens import LensPrior, compute_lens_prior, list_parameters
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import list_intrinsics
@@ -42,8 +43,6 @@ from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.calibrating.views import has_board_views, read_board_views, split_boards
 from beltscape.target.board import Board, BoardSet, corner_points_mm
-
-Array = NDArray[np.float64]
 
 MAX_HELD_OUT_RATIO, MAX_EXCESS_PX = 1.5, 0.1
 """Ratio of a camera's held-out RMS to that in training, and px more, above which its views do not determine its lens:

@@ -5,17 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.coverage import MeasuringVolume
+from beltscape.core.arrays import Array
 from beltscape.core.errors import InputError
 from beltscape.files.belt_json import read_belt
 from beltscape.files.toml_text import read_toml, validate
 from beltscape.pipeline.live.project import MatchingSettings
 from beltscape.plan.plan import make_plan
 from beltscape.plan.settings import PlanSettings
-
-Array = NDArray[np.float64]
 
 ACROSS, ALONG, HEIGHTS = 41, 31, 3
 """Points of a volume in its three directions."""

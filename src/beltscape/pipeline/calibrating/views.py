@@ -14,12 +14,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from beltscape.calibration.detection.corners import BoardDetections, Corners, drop_beyond_domains
 from beltscape.calibration.detection.detect_capture import detect_board
 from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.calibration.network.two_sides import Side, classify_back_views
+from beltscape.core.arrays import Array
 from beltscape.core.errors import InputError
 from beltscape.core.frames import to_grey
 from beltscape.core.geometry.camera import Camera
@@ -115,8 +115,6 @@ def _describe_side(side: Side) -> str:
         "whether the camera mirrors or sees it from behind; going on without these views"
     )
 
-
-Array = NDArray[np.float64]
 
 FRAMES_FOLDER = "frames"
 """Folder of the chosen frames below the output folder."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Mask
 from beltscape.core.errors import InputError
 from beltscape.reprocessing.comparison.ledger import NO_TIME, Codes, ComparedLedger, LedgerColumns, Numbers
 
@@ -129,9 +130,6 @@ def _snap(edges: Numbers, to: Numbers) -> Numbers:
     return np.where(np.abs(nearest - edges) <= EDGE_MM, nearest, edges)
 
 
-Flags = NDArray[np.bool_]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Side:
     """One ledger's part in n segments."""
@@ -141,7 +139,7 @@ class Side:
     """(n,) place of the record that covers a segment; -1: the ledger has no record there."""
     share: Numbers
     """(n,) share of that record's length."""
-    is_counted: Flags
+    is_counted: Mask
     """(n,) whether the ledger has a volume there."""
 
     @property
@@ -175,7 +173,7 @@ class Segments:
         return self.edges_mm[:, 1] - self.edges_mm[:, 0]
 
     @property
-    def is_compared(self) -> Flags:
+    def is_compared(self) -> Mask:
         """Return where both ledgers have a volume."""
         return self.first.is_counted & self.second.is_counted
 
@@ -231,7 +229,7 @@ def _make_side(ledger: ComparedLedger, from_mm: Numbers, to_mm: Numbers, pairs: 
     return Side(ledger, record, share, (record >= 0) & columns.is_counted[record])
 
 
-def _select(pairs: Numbers, sides: tuple[Side, Side], block: Codes, kept: Flags) -> Segments:
+def _select(pairs: Numbers, sides: tuple[Side, Side], block: Codes, kept: Mask) -> Segments:
     chosen = [Side(side.ledger, side.record[kept], side.share[kept], side.is_counted[kept]) for side in sides]
     return Segments(pairs[kept], chosen[0], chosen[1], np.unique(block[kept], return_inverse=True)[1])
 

@@ -16,6 +16,7 @@ from itertools import combinations
 
 import numpy as np
 
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.statistics import MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA
@@ -28,7 +29,7 @@ from beltscape.stereo.consistency.residuals import (
     compute_pair_residuals,
     find_blocks,
 )
-from beltscape.stereo.consistency.tie_points import Array, TiePoints
+from beltscape.stereo.consistency.tie_points import TiePoints
 
 _LOSS_PX = 0.5
 """Scale of Cauchy's loss; larger residuals are false matches and weigh less."""

@@ -13,9 +13,10 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.statistics import MAD_TO_SIGMA, MEDIAN_TO_MEAN_SIGMA
-from beltscape.stereo.consistency.tie_points import Array, TiePoints
+from beltscape.stereo.consistency.tie_points import TiePoints
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,10 +12,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.stereo.consistency.pose_change import PoseChange
 from beltscape.stereo.consistency.residuals import LEAST_POINTS
-from beltscape.stereo.consistency.tie_points import Array, TiePoints
+from beltscape.stereo.consistency.tie_points import TiePoints
 
 TERMS = 4
 """Offset, slope in x, slope in y, and change with the inverse depth."""

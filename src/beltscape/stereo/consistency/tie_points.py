@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Array
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet, Image, to_grey
@@ -21,8 +22,6 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig, scale_rig
 from beltscape.stereo.multiview.photometry import compute_texture_ratio, estimate_noise_variance
 from beltscape.stereo.pairwise.rectification import RectifiedPair, quantise_root, rectify_pair
-
-Array = NDArray[np.float64]
 
 MAX_POINTS = 300
 """More points take longer and change the medians by less than the matching's own bias."""

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.pose import Pose
@@ -17,7 +18,7 @@ from beltscape.stereo.consistency.residuals import (
     compute_disparity_residuals,
     compute_pair_residuals,
 )
-from beltscape.stereo.consistency.tie_points import Array, TiePoints
+from beltscape.stereo.consistency.tie_points import TiePoints
 
 _LEAST_RAD, _LEAST_PX = 2e-4, (0.1, 0.25)
 """Least tolerance of one frame as an angle, and its bounds in px; rendered captures stay below 0.03 px, real lenses

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beltscape.core.arrays import Array
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
@@ -14,7 +15,6 @@ from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.stereo.consistency.pose_change import apply_pose_change
 from beltscape.stereo.consistency.residuals import compute_disparity_residuals, compute_pair_residuals
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
-from beltscape.stereo.consistency.tie_points import Array
 
 _LEFT = 0.25
 """A correction explains the residuals if it leaves at most this share of them, the robust RMS."""

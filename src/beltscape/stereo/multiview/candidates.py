@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Floats
 from beltscape.kernels.selection import Candidates
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.frame import PreparedFrame
@@ -27,8 +28,6 @@ from beltscape.stereo.multiview.photoconsistency import (
     estimate_gain,
 )
 from beltscape.stereo.multiview.surface import Surface
-
-Array = NDArray[np.floating]
 
 REACH_PX = 8
 """Distance from which candidates come, at scale 1."""
@@ -58,7 +57,7 @@ class Selection:
     """Gain with which the levels were compared."""
 
 
-def select_candidates(surface: Surface, planes: Mapping[str, Array], prepared: PreparedFrame) -> Selection:
+def select_candidates(surface: Surface, planes: Mapping[str, Floats], prepared: PreparedFrame) -> Selection:
     """Return the surface on which uncertain pixels near reliable ones have the most probable candidate's surface.
 
     ``planes`` (H, W) are the `PIXEL_FEATURES` by name.
@@ -87,14 +86,14 @@ class CandidateSelector:
     """The surface, features and images from which candidates are found and ranked."""
 
     surface: Surface
-    planes: Mapping[str, Array]
+    planes: Mapping[str, Floats]
     reliable: NDArray[np.uint8]
     """(H, W) 1 for pixels that offer their surface."""
     consistency: PhotoConsistencyModel
 
     @classmethod
     def from_surface(
-        cls, surface: Surface, planes: Mapping[str, Array], prepared: PreparedFrame
+        cls, surface: Surface, planes: Mapping[str, Floats], prepared: PreparedFrame
     ) -> CandidateSelector:
         """Return the selector for a surface with its `PIXEL_FEATURES` (H, W) by name."""
         context, confidence = prepared.context, planes["initial confidence"]
@@ -123,7 +122,7 @@ class CandidateSelector:
         uncertain = uncertain & np.isfinite(self.consistency.prepared.core)
         return split_pixels(uncertain & (cv2.dilate(self.reliable, window) > 0), _PIXELS)
 
-    def find_candidates(self, pixels: Pixels) -> tuple[Candidates, dict[str, Array]]:
+    def find_candidates(self, pixels: Pixels) -> tuple[Candidates, dict[str, Floats]]:
         """Return the candidates of some pixels, and the features (1, M) by name of the M with a surface, in rows."""
         surface, prepared = self.surface, self.consistency.prepared
         candidates = prepared.context.kernels.candidate_surfaces(
@@ -144,7 +143,9 @@ class CandidateSelector:
             compute_photo_consistency_features(consistency, len(prepared.images))
         )
 
-    def select(self, candidates: Candidates, features: Mapping[str, Array]) -> tuple[NDArray[np.int_], Array]:
+    def select(
+        self, candidates: Candidates, features: Mapping[str, Floats]
+    ) -> tuple[NDArray[np.int_], Floats]:
         """Return (N,) each: the selected candidate, and the logit of its probability; -inf where there is none."""
         logits = np.full(candidates.s.shape, -np.inf, np.float32)
         if features:
@@ -176,7 +177,7 @@ def _list_candidates(candidates: Candidates) -> _ListedCandidates:
 
 def _compute_candidate_features(
     candidates: Candidates, listed: _ListedCandidates, scale: float
-) -> Iterator[tuple[str, Array]]:
+) -> Iterator[tuple[str, Floats]]:
     """Yield features (1, M) by name, of the listed candidates' positions among all (9, N) of their pixels."""
     px, (s, slope_u, slope_v, distance, support) = np.float32(1 / scale), listed.candidates
     yield "distance", distance * px
@@ -188,6 +189,6 @@ def _compute_candidate_features(
     yield "own surface", listed.own.astype(np.float32)[None]
 
 
-def _compress(px: Array) -> Array:
+def _compress(px: Floats) -> Floats:
     """Return distances with large ones compressed to their logarithm."""
     return np.copysign(np.log1p(np.abs(px)), px)

@@ -16,12 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Floats
 from beltscape.core.statistics import CHI2_MEDIAN
 from beltscape.stereo.multiview.features import ConfidenceInputs
 from beltscape.stereo.multiview.frame import PreparedFrame
 from beltscape.stereo.multiview.surface import crop_projection
-
-Array = NDArray[np.floating]
 
 TILE_PX = 18
 """Side of a tile at scale 1: as much area as the last fit's Gaussian window of 5 px counts, √(4π) · 5."""
@@ -69,7 +68,7 @@ _ALONE = 2.2
 """Inflation of demosaiced images with a single auxiliary: the median of frames with four."""
 
 
-def inflate_sigma(sigma: Array, inputs: ConfidenceInputs) -> Array:
+def inflate_sigma(sigma: Floats, inputs: ConfidenceInputs) -> Floats:
     """Return sigma (H, W), px, with the excess variance of correlated noise added to it.
 
     The excess is a multiple of the least squares' variance, or of sigma's square where that is less: the part of
@@ -86,7 +85,7 @@ def inflate_sigma(sigma: Array, inputs: ConfidenceInputs) -> Array:
     return np.asarray(sigma * np.sqrt(1 + pixel_excess * share), np.float32)
 
 
-def _compute_excess(inflation: Inflation, *, demosaiced: bool) -> tuple[Array, Array]:
+def _compute_excess(inflation: Inflation, *, demosaiced: bool) -> tuple[Floats, Floats]:
     """Return the excess (n,) of sigma's variance over that of least squares, and the log information (n,) it is for.
 
     Resampling and denoising correlate the noise of a whole image; no part of it has more excess than the whole.
@@ -101,7 +100,7 @@ def _compute_excess(inflation: Inflation, *, demosaiced: bool) -> tuple[Array, A
 
 
 def _interpolate_by_information(
-    values: Array, log_information: Array, information: Array, side: int
+    values: Floats, log_information: Floats, information: Floats, side: int
 ) -> NDArray[np.float32]:
     """Return (H, W) values that depend on the information (H, W) around a pixel, interpolated between tiles."""
     height, width = information.shape
@@ -111,7 +110,7 @@ def _interpolate_by_information(
     return np.asarray(cv2.resize(tile_values, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def estimate_inflation(s: Array, depth_steps: NDArray[np.bool_], prepared: PreparedFrame) -> Inflation:
+def estimate_inflation(s: Floats, depth_steps: NDArray[np.bool_], prepared: PreparedFrame) -> Inflation:
     """Estimate the inflation from a few bands of rows of the final surface s (H, W), away from its depth steps.
 
     With a single auxiliary there is no disagreement; the estimate is empty.
@@ -132,13 +131,13 @@ def compute_tile_side(scale: float) -> int:
 
 
 def _accumulate_tiles(
-    s: Array, smooth: NDArray[np.bool_], prepared: PreparedFrame, rows: slice
-) -> tuple[Array, Array]:
+    s: Floats, smooth: NDArray[np.bool_], prepared: PreparedFrame, rows: slice
+) -> tuple[Floats, Floats]:
     """Sum information and pull over the tiles of a band, each (views, tile rows, tile columns)."""
     band, noise, context = np.ascontiguousarray(s[rows]), prepared.noise, prepared.context
     levels_px, side = context.windows.levels_px, compute_tile_side(context.scale)
     core = np.ascontiguousarray(prepared.core[rows])
-    sums: list[list[Array]] = []
+    sums: list[list[Floats]] = []
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
         equations = context.kernels.normal_equations(
             band, core, [coefficients], crop_projection(view, 0, rows.start)[None], window=levels_px,
@@ -151,18 +150,18 @@ def _accumulate_tiles(
     return information, pull
 
 
-def _select(plane: Array, mask: NDArray[np.bool_]) -> Array:
+def _select(plane: Floats, mask: NDArray[np.bool_]) -> Floats:
     """Return the values inside the mask, and 0 outside it and in place of NaN."""
     return np.where(mask & ~np.isnan(plane), plane, np.float32(0))
 
 
-def _sum_tiles(plane: Array, side: int) -> NDArray[np.float64]:
+def _sum_tiles(plane: Floats, side: int) -> NDArray[np.float64]:
     height, width = plane.shape[0] // side, plane.shape[1] // side
     blocks = plane[: height * side, : width * side].reshape(height, side, width, side)
     return blocks.sum(axis=(1, 3), dtype=np.float64)
 
 
-def _compute_squared_deviations(information: Array, pull: Array, side: int) -> tuple[Array, Array]:
+def _compute_squared_deviations(information: Floats, pull: Floats, side: int) -> tuple[Floats, Floats]:
     """Return information per pixel (N,) of all views, and a view's squared shift over its expected variance (N,)."""
     whole = np.maximum(information.sum(axis=0), 1e-9)
     share = information / whole
@@ -176,12 +175,12 @@ def _compute_squared_deviations(information: Array, pull: Array, side: int) -> t
     return np.broadcast_to(whole / side**2, used.shape)[used], squares[used]
 
 
-def _average_rows(planes: Array) -> Array:
+def _average_rows(planes: Floats) -> Floats:
     """Average every plane (n, rows, columns) along its rows."""
     return np.stack([cv2.blur(p, (_SMOOTH_TILES, 1), borderType=cv2.BORDER_REPLICATE) for p in planes])
 
 
-def _estimate_groups(log_information: Array, squares: Array) -> Inflation:
+def _estimate_groups(log_information: Floats, squares: Floats) -> Inflation:
     """Take the robust mean of the squares in groups of similar information."""
     if len(squares) < _LEAST_TILES:
         return Inflation(np.empty(0), np.empty(0), np.nan)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Floats
 from beltscape.kernels import Kernels
 from beltscape.learned.network import Network
 from beltscape.learned.registry import load_network
@@ -27,8 +28,6 @@ from beltscape.stereo.multiview.features import ConfidenceInputs, MatcherState, 
 from beltscape.stereo.multiview.parallel import Pixels, run_pair, run_parallel, split_pixels
 from beltscape.stereo.multiview.refined_features import RefinementInputs
 from beltscape.stereo.multiview.surface import Surface
-
-Array = NDArray[np.floating]
 
 CONTRADICTION = 0.4
 """Mean dissimilarity from which on the surface is rejected where no view agrees."""
@@ -54,7 +53,7 @@ class DepthEstimate:
 
     surface: Surface
     """Its inverse depth is refined at uncertain pixels."""
-    sigma: Array
+    sigma: Floats
     """(H, W) one standard deviation of s, px."""
     confidence: NDArray[np.float32]
     """(H, W) probability that the pixel is not a false surface."""
@@ -133,18 +132,18 @@ def refine_uncertain_pixels(prediction: Prediction, inputs: RefinementInputs) ->
     return refined
 
 
-def mask_uncertain(logit: Array) -> NDArray[np.bool_]:
+def mask_uncertain(logit: Floats) -> NDArray[np.bool_]:
     """Return the mask of pixels that are refined: neither rejected nor accepted."""
     return (logit >= _REJECTED) & (logit < _ACCEPTED)
 
 
-def mask_accepted(logit: Array) -> NDArray[np.bool_]:
+def mask_accepted(logit: Floats) -> NDArray[np.bool_]:
     """Return the mask of pixels that are accepted without refinement."""
     return logit >= _ACCEPTED
 
 
 def _compute_states(
-    uncertain: NDArray[np.bool_], addresses: NDArray[np.int32], logit: Array, inputs: RefinementInputs
+    uncertain: NDArray[np.bool_], addresses: NDArray[np.int32], logit: Floats, inputs: RefinementInputs
 ) -> NDArray[np.float32]:
     """Return the refinement network's (S, N) states of uncertain pixels in the order of their addresses (H, W)."""
     network, context = load_network("refinement"), inputs.context

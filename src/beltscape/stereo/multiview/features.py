@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Floats
 from beltscape.learned.registry import load_network
 from beltscape.stereo.multiview.candidates import Selection
 from beltscape.stereo.multiview.frame import PreparedFrame, Windows
@@ -31,8 +32,6 @@ from beltscape.stereo.multiview.photometry import (
 )
 from beltscape.stereo.multiview.surface import Surface, compute_visibility, detect_depth_steps, fill_nan
 
-Array = NDArray[np.floating]
-
 _WIDE_PX = 31
 """Side of the window, several dots wide, with whose brightness and contrast a pixel's own are compared."""
 REACH_PX = 9
@@ -44,7 +43,7 @@ TEXTURE, TEXTURE_PX = 2.0, 9
 class ImageFeatures(NamedTuple):
     """Features of the pixels of the core's image, and where it has texture."""
 
-    planes: dict[str, Array]
+    planes: dict[str, Floats]
     """(H, W) features by name."""
     textured: NDArray[np.bool_]
     """(H, W) pixels inside the image near which there is texture."""
@@ -55,7 +54,7 @@ def compute_image_features(prepared: PreparedFrame) -> ImageFeatures:
     return ImageFeatures(dict(_compare_with_neighbourhood(prepared)), _mask_textured(prepared))
 
 
-def _compare_with_neighbourhood(prepared: PreparedFrame) -> Iterator[tuple[str, Array]]:
+def _compare_with_neighbourhood(prepared: PreparedFrame) -> Iterator[tuple[str, Floats]]:
     """Yield brightness and contrast relative to the surroundings: both are lower outside the projector's light."""
     boxes = prepared.context.windows.boxes
     core = np.maximum(prepared.filled_core, 0)  # splines undershoot
@@ -94,7 +93,7 @@ class MatcherState:
     """Result of the candidate selection; None without one."""
 
 
-Features = Iterator[tuple[str, Array]]
+Features = Iterator[tuple[str, Floats]]
 """Planes (H, W) by name."""
 
 _MOST_LOGIT = 8.0
@@ -177,7 +176,7 @@ class ConfidenceInputs:
         return len(self.prepared.images)
 
 
-def compute_initial_features(inputs: ConfidenceInputs) -> dict[str, Array]:
+def compute_initial_features(inputs: ConfidenceInputs) -> dict[str, Floats]:
     """Return the features before candidate selection."""
     of_surface = (
         compute_shape_features,
@@ -189,7 +188,7 @@ def compute_initial_features(inputs: ConfidenceInputs) -> dict[str, Array]:
     return collect_parallel(parts, inputs.prepared.context.threads) | inputs.image_features
 
 
-def compute_selection_features(inputs: ConfidenceInputs) -> dict[str, Array]:
+def compute_selection_features(inputs: ConfidenceInputs) -> dict[str, Floats]:
     """Return the initial features with the initial confidence, its means and its minimum around."""
     features, context = compute_initial_features(inputs), inputs.prepared.context
     network = load_network("initial_confidence")
@@ -197,12 +196,12 @@ def compute_selection_features(inputs: ConfidenceInputs) -> dict[str, Array]:
     return features | dict(compute_initial_confidence_features(logit, context.windows))
 
 
-def limit_confidence(logit: Array) -> NDArray[np.float32]:
+def limit_confidence(logit: Floats) -> NDArray[np.float32]:
     """Return the initial confidence (H, W), logit, within ±`_MOST_LOGIT`."""
     return np.asarray(np.clip(logit, -_MOST_LOGIT, _MOST_LOGIT), np.float32)
 
 
-def compute_initial_confidence_features(logit: Array, windows: Windows) -> Features:
+def compute_initial_confidence_features(logit: Floats, windows: Windows) -> Features:
     """Yield the initial confidence (H, W), logit, its means and its minimum around."""
     logit = limit_confidence(logit)
     yield "initial confidence", logit
@@ -280,23 +279,23 @@ def compute_relief_features(inputs: ConfidenceInputs) -> Features:
         yield f"farther within {window_px}", _limit(px * (s - cv2.erode(s, square)), _MOST_STEP_PX)
 
 
-def _compute_step_distance(depth_steps: NDArray[np.bool_]) -> Array:
+def _compute_step_distance(depth_steps: NDArray[np.bool_]) -> Floats:
     """Return the (H, W) distance to the nearest depth step of the surface, px."""
     distance = cv2.distanceTransform((~depth_steps).astype(np.uint8), cv2.DIST_L2, 5)
     # without any step OpenCV returns nearly the largest number
     return np.minimum(np.asarray(distance, np.float32), 1e4)
 
 
-def _compute_difference(s: Array, other: Array) -> Array:
+def _compute_difference(s: Floats, other: Floats) -> Floats:
     """Return the absolute difference, which overwrites the other plane: a new one costs as much as computing it."""
     return np.abs(np.subtract(s, other, out=other), out=other)
 
 
-def _limit(plane: Array, most: float) -> Array:
+def _limit(plane: Floats, most: float) -> Floats:
     """Return the plane with its values limited in place."""
     return np.minimum(plane, most, out=plane)
 
 
-def _take_log(plane: Array) -> Array:
+def _take_log(plane: Floats) -> Floats:
     """Return the logarithm of the plane, taken in place."""
     return np.log(plane, out=plane)

@@ -16,12 +16,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Floats
 from beltscape.kernels.selection import PhotoConsistency
 from beltscape.stereo.multiview.frame import Noise, PreparedFrame
 from beltscape.stereo.multiview.parallel import Pixels, run_pair, run_parallel
 from beltscape.stereo.multiview.surface import OCCLUDER_PX, Surface, fill_nan, subsample_projection
-
-Array = NDArray[np.floating]
 
 _STRIDE = 4
 """Stride of the rows and columns that are evaluated."""
@@ -47,7 +46,7 @@ class PhotometricGain:
 
 
 def estimate_gain(
-    s: Array, cost: Array, prepared: PreparedFrame, buffers: Sequence[Array]
+    s: Floats, cost: Floats, prepared: PreparedFrame, buffers: Sequence[Floats]
 ) -> PhotometricGain:
     """Return the auxiliaries' gains and the variance of differences, estimated on the surface s (H, W).
 
@@ -62,7 +61,7 @@ def estimate_gain(
 
 
 def estimate_gain_maps(
-    s: Array, cost: Array, prepared: PreparedFrame, buffers: Sequence[Array]
+    s: Floats, cost: Floats, prepared: PreparedFrame, buffers: Sequence[Floats]
 ) -> list[NDArray[np.float32]]:
     """Return n of (H, W): the factor by which each auxiliary's levels become the core's.
 
@@ -74,7 +73,7 @@ def estimate_gain_maps(
     coarse_s, core = np.ascontiguousarray(s[stride], np.float32), prepared.filled_core[stride]
     similarity = (_COST_SCALE / (_COST_SCALE + cost[stride])) ** 2 * np.isfinite(prepared.core[stride])
 
-    def estimate_one(view: Array, coefficients: Array, buffer: Array) -> NDArray[np.float32]:
+    def estimate_one(view: Floats, coefficients: Floats, buffer: Floats) -> NDArray[np.float32]:
         coarse_view = subsample_projection(view, _STRIDE)
         level, _ = context.kernels.warp(coarse_s, coarse_view, coefficients, threads=1)
         visible = context.kernels.visible(coarse_s, coarse_view, buffer, OCCLUDER_PX, threads=1)
@@ -92,7 +91,7 @@ def estimate_gain_maps(
     return run_parallel([partial(estimate_one, *view) for view in views], context.threads)
 
 
-def compute_difference_variance(core: Array, noise: Noise) -> NDArray[np.float32]:
+def compute_difference_variance(core: Floats, noise: Noise) -> NDArray[np.float32]:
     """Return the (H, W) variance, levels², of the difference between an auxiliary's and the core's level."""
     across, down = (cv2.Sobel(core, cv2.CV_32F, *d, scale=_SLOPE / 8) for d in ((1, 0), (0, 1)))
     variance = cv2.multiply(across, across)
@@ -113,11 +112,11 @@ class PhotoConsistencyModel:
 
     prepared: PreparedFrame
     gain: PhotometricGain
-    buffers: Sequence[Array]
+    buffers: Sequence[Floats]
     """n of (h, w): inverse-depth buffers of the occluders in each auxiliary."""
 
     def evaluate(
-        self, pixels: Pixels, s: Array, slopes: tuple[Array, Array], threads: int = 1
+        self, pixels: Pixels, s: Floats, slopes: tuple[Floats, Floats], threads: int = 1
     ) -> PhotoConsistency:
         """Return the photo-consistency of n surfaces with s and slopes (n, N) at each of N pixels."""
         prepared = self.prepared
@@ -130,7 +129,7 @@ class PhotoConsistencyModel:
 
 def compute_photo_consistency_features(
     consistency: PhotoConsistency, auxiliaries: int
-) -> Iterator[tuple[str, Array]]:
+) -> Iterator[tuple[str, Floats]]:
     """Yield features by name: logarithms of the differences, and the visible views, also as a share."""
     for name, plane in zip(PhotoConsistency._fields[:-1], consistency[:-1], strict=True):
         offset = plane + np.float32(_LOG_OFFSET)
@@ -140,8 +139,8 @@ def compute_photo_consistency_features(
 
 
 def compute_photometric_features(
-    surface: Surface, initial_confidence: Array, consistency: PhotoConsistencyModel
-) -> Iterator[tuple[str, Array]]:
+    surface: Surface, initial_confidence: Floats, consistency: PhotoConsistencyModel
+) -> Iterator[tuple[str, Floats]]:
     """Yield the photo-consistency (H, W) by name, evaluated below `PHOTOMETRIC_LIMIT`.
 
     The other pixels count as consistent and visible in no view.

@@ -23,6 +23,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Floats
 from beltscape.core.statistics import CHI2_MEDIAN
 from beltscape.stereo.multiview.depth_range import (
     compute_robust_range,
@@ -93,8 +94,6 @@ def _narrow_range(
     return max(far, s_range[0]), min(near, s_range[1])
 
 
-Array = NDArray[np.floating]
-
 _BANDS, _ROWS = 4, 64
 """Number of bands that are examined, and of rows in each."""
 _SCALE = (1 / 16, 64.0)
@@ -113,7 +112,7 @@ def estimate_noise(surface: Surface, prepared: PreparedFrame) -> Noise:
     return replace(noise, levels=noise.levels * scale, model=noise.model * scale)
 
 
-def _compute_squared_residuals(s: Array, prepared: PreparedFrame, first: int) -> list[Array]:
+def _compute_squared_residuals(s: Floats, prepared: PreparedFrame, first: int) -> list[Floats]:
     """Return each view's squared residuals over their expected variance, for the more textured half of a band."""
     rows = slice(first, first + _ROWS)
     noise, context = prepared.noise, prepared.context
@@ -121,7 +120,7 @@ def _compute_squared_residuals(s: Array, prepared: PreparedFrame, first: int) ->
     core_level, core_variance = _normalise(core, noise.floor)
     textured = np.isfinite(prepared.core[rows]) & (core_variance >= np.median(core_variance))
     band = np.ascontiguousarray(s[rows])
-    residuals: list[Array] = []
+    residuals: list[Floats] = []
     for view, coefficients in zip(prepared.views, prepared.coefficients, strict=True):
         warped, _ = context.kernels.warp(band, crop_projection(view, 0, first), coefficients, threads=1)
         valid = np.isfinite(warped)
@@ -131,7 +130,7 @@ def _compute_squared_residuals(s: Array, prepared: PreparedFrame, first: int) ->
     return residuals
 
 
-def _normalise(level: Array, floor: float) -> tuple[Array, Array]:
+def _normalise(level: Floats, floor: float) -> tuple[Floats, Floats]:
     mean, variance = compute_local_moments(level)
     variance = variance + np.float32(floor)
     return (level - mean) / np.sqrt(variance), variance

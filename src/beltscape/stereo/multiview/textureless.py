@@ -12,11 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Floats
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.stereo.multiview.frame import PreparedFrame
 from beltscape.stereo.multiview.surface import Surface
-
-Array = NDArray[np.floating]
 
 _WINDOW_PX = 9
 """Window that is larger than a dot, at scale 1."""
@@ -52,7 +51,7 @@ class FilledDiscs(NamedTuple):
     """(H, W) pixels of the discs that were filled."""
 
 
-def fill_textureless_discs(surface: Surface, information: Array, prepared: PreparedFrame) -> FilledDiscs:
+def fill_textureless_discs(surface: Surface, information: Floats, prepared: PreparedFrame) -> FilledDiscs:
     """Return the surface with the textureless discs that have smooth rims filled.
 
     ``information`` (H, W) is that of the least squares: a region that has texture of its own is no disc.
@@ -80,14 +79,14 @@ def fill_textureless_discs(surface: Surface, information: Array, prepared: Prepa
     return FilledDiscs(Surface(s, slope_u, slope_v), filled)
 
 
-def _has_texture(information: Array, inside: NDArray[np.bool_]) -> bool:
+def _has_texture(information: Floats, inside: NDArray[np.bool_]) -> bool:
     """Return whether the least squares have information inside a region, compared with that around it."""
     return _compute_quantile(information[inside], _QUANTILE) > _LEAST_INFORMATION * _compute_quantile(
         information[~inside], 0.5
     )
 
 
-def _compute_quantile(values: Array, share: float) -> float:
+def _compute_quantile(values: Floats, share: float) -> float:
     """Return a quantile without interpolation; for few values this is faster than `numpy.quantile`."""
     at = int(share * (values.size - 1))
     return float(np.partition(values, at)[at])
@@ -103,8 +102,8 @@ def _mask_bright_regions(prepared: PreparedFrame) -> NDArray[np.uint8]:
 
 
 def _fit_quadratic(
-    s: Array, inside: NDArray[np.bool_], any_disc: NDArray[np.bool_], scale: float
-) -> tuple[Array, Array, Array] | None:
+    s: Floats, inside: NDArray[np.bool_], any_disc: NDArray[np.bool_], scale: float
+) -> tuple[Floats, Floats, Floats] | None:
     """Return s and its slopes from the quadratic through the ring around ``inside``; None if that is not smooth."""
     size = 2 * int(np.ceil(_RING_PX * scale)) + 1
     near = cv2.dilate(inside.astype(np.uint8), np.ones((size, size), np.uint8)) > 0

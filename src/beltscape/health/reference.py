@@ -8,7 +8,8 @@ from statistics import median
 
 import numpy as np
 
-from beltscape.health.image_statistics import FloatArray, ImageStatistics
+from beltscape.core.arrays import Float32Array
+from beltscape.health.image_statistics import ImageStatistics
 from beltscape.health.settings import HealthSettings
 
 FrameStatistics = Mapping[str, ImageStatistics]
@@ -39,9 +40,9 @@ class CameraReference:
     """Sharpness of the camera itself."""
     own_shading: float
     """Spread between blocks of the camera itself."""
-    level: FloatArray
+    level: Float32Array
     """`GRID` median level, counts of 255, at the exposure time `exposure_us`."""
-    amplitude: FloatArray
+    amplitude: Float32Array
     """`GRID` median amplitude of the texture, as ``level``; NaN in references of versions that did not keep it."""
     exposure_us: float = 1.0
 
@@ -60,7 +61,7 @@ class ImageReferences:
     """All that a monitor of images has learned; it outlives a run."""
 
     reference: Reference
-    window_light: Mapping[str, FloatArray]
+    window_light: Mapping[str, Float32Array]
     """By camera, `GRID` float32: light through clean windows, logarithms over the median camera; NaN: not known."""
     light: float
     """Logarithm of the present light over that of ``reference``."""
@@ -88,7 +89,7 @@ def _learn_camera(frames: Sequence[FrameStatistics], name: str) -> CameraReferen
         offsets = [compare_cameras(frame, value)[name] for frame in frames if len(frame) > 1]
         return float(np.clip(np.median(offsets), -limit, limit)) if offsets else float("nan")
 
-    def learn_grid(value: Callable[[ImageStatistics], FloatArray]) -> FloatArray:
+    def learn_grid(value: Callable[[ImageStatistics], Float32Array]) -> Float32Array:
         values = [value(one) * (first.exposure_us / one.exposure_us) for one in own]
         return np.median(values, axis=0).astype(np.float32)
 

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.core.translatable_message import Message
-from beltscape.health.image_statistics import FloatArray, ImageStatistics, find_place, remove_single_blocks
+from beltscape.health.image_statistics import ImageStatistics, find_place, remove_single_blocks
 from beltscape.health.reference import (
     LEAST_SPECKLE,
     FrameStatistics,
@@ -178,7 +179,7 @@ def measure_light_step(before: FrameStatistics, now: FrameStatistics) -> tuple[f
     return float(np.median(pooled)), float(MAD_TO_SIGMA * np.median(np.abs(pooled - np.median(pooled))) / 10)
 
 
-def compute_lit_ratios(one: ImageStatistics, level: FloatArray, exposure_us: float) -> FloatArray:
+def compute_lit_ratios(one: ImageStatistics, level: Float32Array, exposure_us: float) -> Float32Array:
     """Return the logarithms of the light over that of earlier levels, (N,), in the blocks that were lit.
 
     ``exposure_us`` is the exposure time of the earlier levels: a longer one is no more light.
@@ -188,7 +189,7 @@ def compute_lit_ratios(one: ImageStatistics, level: FloatArray, exposure_us: flo
     return np.log(ratio * np.float32(exposure_us / one.exposure_us))
 
 
-def estimate_mode(values: FloatArray) -> tuple[float, float]:
+def estimate_mode(values: Float32Array) -> tuple[float, float]:
     """Return the half-sample mode (Bickel and Frühwirth 2006) of values, and half the width of the densest eighth."""
     ordered = np.sort(values)
     width = float("nan")

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
-from beltscape.health.image_statistics import FloatArray, ImageStatistics
+from beltscape.health.image_statistics import ImageStatistics
 from beltscape.health.images.exposure import estimate_mode
 from beltscape.health.reference import CameraReference, FrameStatistics, Reference, has_projector
 from beltscape.health.settings import HealthSettings
@@ -63,7 +64,7 @@ def _measure_amplitude(frame: FrameStatistics, reference: Reference) -> tuple[fl
     return (mode, _SIGMA_WIDTHS * width) if width <= _SAME else (float("nan"), float("nan"))
 
 
-def _compute_ratios(one: ImageStatistics, known: CameraReference) -> FloatArray:
+def _compute_ratios(one: ImageStatistics, known: CameraReference) -> Float32Array:
     """Return the logarithms of the amplitude over the reference, (N,), in the blocks that showed the pattern."""
     usual = known.amplitude > 0.5 * np.nanmedian(known.amplitude)
     ratio = np.maximum(one.amplitude[usual], 0.1) / np.maximum(known.amplitude[usual], 0.1)

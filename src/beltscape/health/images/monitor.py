@@ -9,11 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Float32Array
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding, worst_effect
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.health.image_statistics import FloatArray, ImageStatistics, compute_levels, compute_statistics
+from beltscape.health.image_statistics import ImageStatistics, compute_levels, compute_statistics
 from beltscape.health.images.exposure import (
     check_brightness,
     check_flicker,
@@ -79,7 +80,7 @@ class ImageMonitor:
         self._must_forget = False
         self._set_learned(learned)
         self._before: dict[str, ImageStatistics] = {}
-        self._levels_before: dict[str, FloatArray] = {}
+        self._levels_before: dict[str, Float32Array] = {}
         self._recorded = ""
         """Of the frame before, the recorded frame that it shows."""
         self._lit_before: dict[str, ImageStatistics] = {}
@@ -99,7 +100,9 @@ class ImageMonitor:
         self._light = self._kept_light = 0.0 if learned is None else learned.light
         """Logarithm of the light over that of the reference; ``_kept_light``: when it was kept."""
         self._light_maps: dict[str, LightMap] = {}
-        self._light_references: dict[str, FloatArray] = {} if learned is None else dict(learned.window_light)
+        self._light_references: dict[str, Float32Array] = (
+            {} if learned is None else dict(learned.window_light)
+        )
         self._recent_maps: dict[str, LightMap] = {}
         self._moving_frames = 0
         self._dirt: tuple[Finding, ...] = ()
@@ -178,7 +181,7 @@ class ImageMonitor:
         ]
 
     def _check(
-        self, statistics: dict[str, ImageStatistics], levels: dict[str, FloatArray]
+        self, statistics: dict[str, ImageStatistics], levels: dict[str, Float32Array]
     ) -> tuple[Finding, ...]:
         settings, reference = self._settings, self._reference
         noise = min(one.noise for one in statistics.values())

@@ -9,17 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Float32Array
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.translatable_message import Message
-from beltscape.health.image_statistics import (
-    GRID,
-    FloatArray,
-    compute_block_size,
-    find_place,
-    remove_single_blocks,
-)
+from beltscape.health.image_statistics import GRID, compute_block_size, find_place, remove_single_blocks
 from beltscape.health.settings import HealthSettings
 
 MEMORY, SHORT_MEMORY = 60.0, 3.0
@@ -52,19 +47,19 @@ _HARMLESS = 0.01
 class LightMap:
     """Light of one camera's blocks over the median camera's, as sums over frames; `GRID`."""
 
-    logarithm: FloatArray
+    logarithm: Float32Array
     """Sum of the logarithms."""
-    square: FloatArray
+    square: Float32Array
     """Sum of their squares."""
-    count: FloatArray
+    count: Float32Array
     """Number of samples."""
 
-    def mean(self, least: float) -> FloatArray:
+    def mean(self, least: float) -> Float32Array:
         """Return the mean logarithm; NaN in blocks with fewer than ``least`` samples."""
         enough = self.count >= least
         return np.where(enough, self.logarithm / np.maximum(self.count, 1e-3), np.nan).astype(np.float32)
 
-    def sigma(self) -> FloatArray:
+    def sigma(self) -> Float32Array:
         """Return one standard deviation of the mean; successive frames show the same material three times."""
         count = np.maximum(self.count, 1)
         variance = np.maximum(self.square / count - (self.logarithm / count) ** 2, 0)
@@ -72,7 +67,7 @@ class LightMap:
 
 
 def sample_light(
-    levels: Mapping[str, FloatArray], rig: Rig, rays: NDArray[np.float64], depth: DepthMap
+    levels: Mapping[str, Float32Array], rig: Rig, rays: NDArray[np.float64], depth: DepthMap
 ) -> dict[str, LightMap]:
     """Return the light of one frame: every surface point's level in each camera over the median of all cameras.
 
@@ -98,7 +93,7 @@ def accumulate_light(before: LightMap | None, now: LightMap, memory: float = MEM
     )
 
 
-def learn_light(light: LightMap, settings: HealthSettings) -> FloatArray:
+def learn_light(light: LightMap, settings: HealthSettings) -> Float32Array:
     """Return the mean light of a camera's blocks as its reference, `GRID`; strong dirt is not learned as sound."""
     mean = light.mean(_LEAST_SAMPLES)
     expected = fit_shading(light)
@@ -110,7 +105,7 @@ def check_obstruction(
     camera: str,
     light: LightMap,
     recent: LightMap,
-    reference: FloatArray | None,
+    reference: Float32Array | None,
     settings: HealthSettings,
 ) -> Finding:
     """Return the finding "dirt": the share of a camera's picture that lacks light at fixed places, percent.
@@ -145,7 +140,7 @@ def check_obstruction(
     )
 
 
-def _find_dark(change: FloatArray, light: LightMap, limit: float, sigmas: float = 2.0) -> NDArray[np.bool_]:
+def _find_dark(change: Float32Array, light: LightMap, limit: float, sigmas: float = 2.0) -> NDArray[np.bool_]:
     """Return the blocks that are darker than expected by more than the limit and ``sigmas``."""
     if np.isfinite(change).mean() < _LEAST_KNOWN:
         return np.zeros(GRID, np.bool_)
@@ -153,7 +148,7 @@ def _find_dark(change: FloatArray, light: LightMap, limit: float, sigmas: float 
     return remove_single_blocks(np.nan_to_num(relative + sigmas * light.sigma()) < np.log(1 - limit))
 
 
-def fit_shading(light: LightMap) -> FloatArray:
+def fit_shading(light: LightMap) -> Float32Array:
     """Return the robust quadratic surface through the light of a camera's blocks, `GRID`."""
     mean = light.mean(_LEAST_SAMPLES)
     rows, columns = np.meshgrid(*(np.linspace(-1, 1, n) for n in GRID), indexing="ij")
@@ -202,7 +197,7 @@ def _project_blocks(points: NDArray[np.float64], rig: Rig, name: str) -> NDArray
     return (pixels / compute_block_size(camera.size_px) - 0.5).astype(np.float32)
 
 
-def _sample(grid: FloatArray, places: NDArray[np.float32]) -> NDArray[np.float64]:
+def _sample(grid: Float32Array, places: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return a grid's values (N,) at places, linearly interpolated; NaN outside."""
     return np.asarray(
         cv2.remap(

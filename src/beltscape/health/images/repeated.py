@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
-from beltscape.health.image_statistics import FloatArray
 
 _ROWS_STEP = 4
 """Every fourth row of the examined rows is compared."""
@@ -32,7 +32,7 @@ class Change:
 
 
 def measure_changes(
-    before: Mapping[str, FloatArray], now: Mapping[str, FloatArray], noise: float
+    before: Mapping[str, Float32Array], now: Mapping[str, Float32Array], noise: float
 ) -> dict[str, Change]:
     """Return the change of each camera that is in both frames.
 

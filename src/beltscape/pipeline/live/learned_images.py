@@ -16,13 +16,14 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from beltscape.core.arrays import Float32Array
 from beltscape.core.checks import is_dict
 from beltscape.core.errors import BeltscapeError, InputError
 from beltscape.core.progress import Reporter
 from beltscape.files.arrays import encode_arrays, read_arrays
 from beltscape.files.atomic import describe_damage, keep_state, output_error, set_aside
 from beltscape.files.json_text import add_digest, read_json, require_digest, to_json
-from beltscape.health.image_statistics import GRID, FloatArray
+from beltscape.health.image_statistics import GRID
 from beltscape.health.images.projector_position import LearnedPattern
 from beltscape.health.reference import CameraReference, ImageReferences, Reference
 
@@ -153,7 +154,7 @@ def _read_number(value: Any) -> float:
     return float("nan") if value is None else float(value)
 
 
-def _read_grid(values: Any) -> FloatArray:
+def _read_grid(values: Any) -> Float32Array:
     grid = np.array(values, np.float32)
     if grid.shape != GRID:
         raise ValueError(f"a grid has {grid.shape} values")

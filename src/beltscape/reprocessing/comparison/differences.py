@@ -10,9 +10,10 @@ from typing import Literal
 
 import numpy as np
 
+from beltscape.core.arrays import Mask
 from beltscape.core.ledger import STANDINGS
 from beltscape.reprocessing.comparison.ledger import NO_TIME, Codes, Numbers
-from beltscape.reprocessing.comparison.segments import Flags, Segments, Side
+from beltscape.reprocessing.comparison.segments import Segments, Side
 from beltscape.reprocessing.comparison.uncertainty import COVERAGE_FACTOR, PairedSums
 
 NO_RECORD = "no record"
@@ -70,7 +71,7 @@ def name_standing(code: int) -> str:
     return (*STANDINGS, NO_RECORD)[code]
 
 
-def _describe_part(segments: Segments, chosen: Flags) -> BeltPart:
+def _describe_part(segments: Segments, chosen: Mask) -> BeltPart:
     sides = segments.first, segments.second
     standings = [name_standing(int(encode_standings(side)[chosen][0])) for side in sides]
     pairs = _list_reasons(segments, chosen)
@@ -91,7 +92,7 @@ def _describe_part(segments: Segments, chosen: Flags) -> BeltPart:
     )
 
 
-def find_connected(segments: Segments, chosen: Flags) -> list[tuple[int, int]]:
+def find_connected(segments: Segments, chosen: Mask) -> list[tuple[int, int]]:
     """Return the connected stretches of chosen segments: first place, and the place behind the last."""
     touches = np.concatenate([[False], segments.edges_mm[1:, 0] == segments.edges_mm[:-1, 1]])
     starts = chosen & ~(touches & np.concatenate([[False], chosen[:-1]]))
@@ -99,7 +100,7 @@ def find_connected(segments: Segments, chosen: Flags) -> list[tuple[int, int]]:
     return list(zip(np.flatnonzero(starts).tolist(), (np.flatnonzero(ends) + 1).tolist(), strict=True))
 
 
-def _list_reasons(segments: Segments, chosen: Flags) -> list[ReasonPair]:
+def _list_reasons(segments: Segments, chosen: Mask) -> list[ReasonPair]:
     """Return the pairs of reasons on chosen segments, the longest first; none where both are empty."""
     names, codes = zip(
         *(_encode_reasons(side, chosen) for side in (segments.first, segments.second)), strict=True
@@ -115,7 +116,7 @@ def _list_reasons(segments: Segments, chosen: Flags) -> list[ReasonPair]:
     )
 
 
-def _encode_reasons(side: Side, chosen: Flags) -> tuple[list[str], Codes]:
+def _encode_reasons(side: Side, chosen: Mask) -> tuple[list[str], Codes]:
     record = side.record[chosen]
     reasons = np.where(record >= 0, side.columns.reason[record], "")
     names, codes = np.unique(reasons, return_inverse=True)
@@ -177,7 +178,7 @@ def list_differing_stretches(
     return tuple(_describe_stretch(segments, of_segment == at, sums, at) for at in chosen)
 
 
-def _describe_stretch(segments: Segments, chosen: Flags, sums: PairedSums, at: int) -> DifferingStretch:
+def _describe_stretch(segments: Segments, chosen: Mask, sums: PairedSums, at: int) -> DifferingStretch:
     edges = segments.edges_mm[chosen]
     times = segments.time_ns[chosen]
     known = times[times != NO_TIME]
@@ -192,7 +193,7 @@ def _describe_stretch(segments: Segments, chosen: Flags, sums: PairedSums, at: i
     )
 
 
-def _describe_side(side: Side, chosen: Flags, volume_mm3: float, sigma_mm3: float) -> StretchSide:
+def _describe_side(side: Side, chosen: Mask, volume_mm3: float, sigma_mm3: float) -> StretchSide:
     columns, records = side.columns, np.unique(side.record[chosen])
     reasons = dict.fromkeys(str(text) for text in columns.reason[records] if text)
     return StretchSide(

@@ -17,8 +17,9 @@ from typing import Literal
 
 import numpy as np
 
+from beltscape.core.arrays import Mask
 from beltscape.reprocessing.comparison.ledger import NO_TIME, Codes, Numbers
-from beltscape.reprocessing.comparison.segments import Flags, Segments, Side
+from beltscape.reprocessing.comparison.segments import Segments, Side
 
 COVERAGE_FACTOR = 2.0
 """Multiple of σ within which two values agree: coverage probability 95 % (JCGM 100:2008, 6.3.3)."""
@@ -80,7 +81,7 @@ class PairedSums:
         return np.sqrt(self.own_apart + common**2 + density**2)
 
     @property
-    def agrees(self) -> Flags:
+    def agrees(self) -> Mask:
         """Return (n,) whether the difference is within `COVERAGE_FACTOR` σ."""
         return np.abs(self.difference) <= COVERAGE_FACTOR * self.difference_sigma
 
@@ -108,7 +109,7 @@ def sum_masses(segments: Segments) -> PairedSums:
     return _make_sums(segments, densities, np.where(same, parts, 0.0), np.where(same, 0.0, parts))
 
 
-def measure_with_same_rig(segments: Segments) -> Flags:
+def measure_with_same_rig(segments: Segments) -> Mask:
     """Return where both ledgers measured with the same rig and empty belt, by the SHA-256 of their runs."""
     codes: dict[tuple[str, str], int] = {}
     each: list[Codes] = []
@@ -139,7 +140,7 @@ def _make_sums(
     )
 
 
-def _make_terms(segments: Segments, side: Side, factor: Numbers, same: Flags) -> tuple[Numbers, ...]:
+def _make_terms(segments: Segments, side: Side, factor: Numbers, same: Mask) -> tuple[Numbers, ...]:
     """Return value, own variance, shared σ, and both of these for the difference.
 
     A shared part that is not known is up to all of σ: all of it in the ledger's own sum. In a difference with the

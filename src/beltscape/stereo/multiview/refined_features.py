@@ -18,10 +18,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.arrays import Floats
 from beltscape.kernels import Kernels
 from beltscape.stereo.multiview.candidates import Selection
 from beltscape.stereo.multiview.features import (
-    Array,
     ConfidenceInputs,
     Features,
     compute_initial_confidence_features,
@@ -66,10 +66,10 @@ TRIED_PX = (-1.5, -0.8, -0.4, 0.4, 0.8, 1.5)
 
 def compute_refined_features(
     inputs: ConfidenceInputs,
-    initial_features: Mapping[str, Array],
-    initial_confidence: Array,
+    initial_features: Mapping[str, Floats],
+    initial_confidence: Floats,
     consistency: PhotoConsistencyModel,
-) -> dict[str, Array]:
+) -> dict[str, Floats]:
     """Return the features (H, W) after candidate selection, which gave the initial confidence (H, W), a logit."""
     parts = (
         partial(compute_photometric_features, inputs.surface, initial_confidence, consistency),
@@ -85,7 +85,7 @@ def compute_refined_features(
     return of_surface | collect_parallel(parts, inputs.prepared.context.threads)
 
 
-def compute_reliability_features(inputs: ConfidenceInputs, initial_confidence: Array) -> Features:
+def compute_reliability_features(inputs: ConfidenceInputs, initial_confidence: Floats) -> Features:
     """Yield the distance from the planes of reliable pixels around (px at scale 1), and their weight."""
     windows, surface = inputs.windows, inputs.filled
     weight = (1 / (1 + np.exp(-limit_confidence(initial_confidence)))) ** 3
@@ -106,7 +106,7 @@ def compute_reliability_features(inputs: ConfidenceInputs, initial_confidence: A
         yield f"reliable weight within {window_px}", np.asarray(total, np.float32)
 
 
-def compute_roughness_features(inputs: ConfidenceInputs, slope_deviation: Array) -> Features:
+def compute_roughness_features(inputs: ConfidenceInputs, slope_deviation: Floats) -> Features:
     """Yield the roughness of the material below the size of the matcher's windows.
 
     A single pixel does not show it. On rough material the windows of the fit disagree more often than noise
@@ -136,11 +136,11 @@ def compute_roughness_features(inputs: ConfidenceInputs, slope_deviation: Array)
             yield f"{name} within {window_px}", cv2.resize(plane, used.shape[::-1])
 
 
-def _compute_mean(total: Array, share: Array) -> Array:
+def _compute_mean(total: Floats, share: Floats) -> Floats:
     return total / np.maximum(share, np.float32(_LEAST_SHARE))
 
 
-def _average_tiles(plane: Array, scale: float) -> Array:
+def _average_tiles(plane: Floats, scale: float) -> Floats:
     """Return means over tiles."""
     side = max(1, int(_TILE_PX * scale))
     height, width = plane.shape
@@ -152,7 +152,7 @@ def _average_tiles(plane: Array, scale: float) -> Array:
 class RefinementInputs:
     """The surface, features and images from which the refinement network's features are computed."""
 
-    planes: Mapping[str, Array]
+    planes: Mapping[str, Floats]
     """(H, W) features by name, ``initial confidence`` among them."""
     surface: Surface
     consistency: PhotoConsistencyModel
@@ -160,7 +160,7 @@ class RefinementInputs:
 
     @classmethod
     def from_selection(
-        cls, inputs: ConfidenceInputs, initial_features: Mapping[str, Array], selection: Selection
+        cls, inputs: ConfidenceInputs, initial_features: Mapping[str, Floats], selection: Selection
     ) -> RefinementInputs:
         """Return the inputs for a surface after candidate selection."""
         prepared, surface = inputs.prepared, inputs.surface
@@ -175,7 +175,7 @@ class RefinementInputs:
         """Context of the frame."""
         return self.consistency.prepared.context
 
-    def compute_features(self, pixels: Pixels, logit: Array) -> dict[str, Array]:
+    def compute_features(self, pixels: Pixels, logit: Floats) -> dict[str, Floats]:
         """Return the features (1, N) by name of some pixels, whose confidence so far has the logits (N,)."""
         features = sample_planes(self.planes, pixels, self.context.kernels)
         features |= {"confidence": np.asarray(logit, np.float32)}
@@ -186,7 +186,7 @@ class RefinementInputs:
         features |= self._shifted_consistency(pixels, slopes)
         return {name: values[None] for name, values in features.items()}
 
-    def _shifted_consistency(self, pixels: Pixels, slopes: tuple[Array, Array]) -> dict[str, Array]:
+    def _shifted_consistency(self, pixels: Pixels, slopes: tuple[Floats, Floats]) -> dict[str, Floats]:
         """Return (N,) by name: the photo-consistency if the pixels were shifted by `TRIED_PX`."""
         scale = np.float32(self.context.scale)
         shifted = self.surface.s[pixels] + scale * np.array(TRIED_PX, np.float32)[:, None]
@@ -206,16 +206,16 @@ class RefinementInputs:
 class Neighbourhood:
     """The planes (H, W) whose values at neighbours are features."""
 
-    s: Array
+    s: Floats
     """Inverse depth of the surface."""
-    initial_confidence: Array
+    initial_confidence: Floats
     """Logit."""
     log_level: NDArray[np.float32]
     """Logarithm of the core's level."""
     context: MatchContext
 
     @classmethod
-    def from_surface(cls, s: Array, initial_confidence: Array, prepared: PreparedFrame) -> Neighbourhood:
+    def from_surface(cls, s: Floats, initial_confidence: Floats, prepared: PreparedFrame) -> Neighbourhood:
         """Return the neighbourhood in a surface s, its initial confidence (H, W) and the core's levels."""
         log_level = np.log(np.maximum(prepared.filled_core, 0) + np.float32(_DARK))
         return cls(s, initial_confidence, log_level, prepared.context)
@@ -225,7 +225,7 @@ class Neighbourhood:
         """Distance between neighbours, px."""
         return max(1, round(self.context.scale))
 
-    def compute_image_features(self, pixels: Pixels) -> dict[str, Array]:
+    def compute_image_features(self, pixels: Pixels) -> dict[str, Floats]:
         """Return (N,) by name: each neighbour's initial confidence and its brightness relative to the pixel's."""
         confidence, level = self._gather([self.initial_confidence, self.log_level], pixels)
         return _name("initial confidence", confidence) | _name(
@@ -233,8 +233,8 @@ class Neighbourhood:
         )
 
     def compute_offset_features(
-        self, pixels: Pixels, s: Array, slopes: tuple[Array, Array]
-    ) -> dict[str, Array]:
+        self, pixels: Pixels, s: Floats, slopes: tuple[Floats, Floats]
+    ) -> dict[str, Floats]:
         """Return (N,) by name: each neighbour's distance in front of the pixel's plane, px at scale 1."""
         (neighbour_s,) = self._gather([self.s], pixels)
         du, dv = self.spacing * _OFFSETS.T[..., None].astype(np.float32)
@@ -242,11 +242,11 @@ class Neighbourhood:
         offset = fill_nan(neighbour_s - plane) * np.float32(1 / self.context.scale)
         return _name("offset", np.clip(offset, -_MOST_OFFSET_PX, _MOST_OFFSET_PX))
 
-    def _gather(self, planes: Sequence[Array], pixels: Pixels) -> Array:
+    def _gather(self, planes: Sequence[Floats], pixels: Pixels) -> Floats:
         return self.context.kernels.gather(planes, pixels[1], pixels[0], self.spacing * _OFFSETS, threads=1)
 
 
-def sample_planes(planes: Mapping[str, Array], pixels: Pixels, kernels: Kernels) -> dict[str, Array]:
+def sample_planes(planes: Mapping[str, Floats], pixels: Pixels, kernels: Kernels) -> dict[str, Floats]:
     """Return (N,) values of planes (H, W) at some pixels, by name."""
     values = kernels.gather(list(planes.values()), pixels[1], pixels[0], _CENTRE, threads=1)
     return dict(zip(planes, values[:, 0], strict=True))
@@ -257,5 +257,5 @@ def _list_names(feature: str) -> tuple[str, ...]:
     return tuple(f"{feature} at {du:+d} {dv:+d}" for du, dv in _OFFSETS)
 
 
-def _name(feature: str, rows: Array) -> dict[str, Array]:
+def _name(feature: str, rows: Floats) -> dict[str, Floats]:
     return dict(zip(_list_names(feature), rows, strict=True))

@@ -34,6 +34,7 @@ SHORT = {
     ),
     "a heavy import that waits until it is needed": ("kernels/native.py", "report/production/pdf.py"),
     "a small type or function that several packages share": (
+        "core/arrays.py",
         "core/cloud.py",
         "core/depth.py",
         "core/display.py",

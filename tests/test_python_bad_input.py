@@ -16,7 +16,6 @@ from beltscape.core.errors import BeltscapeError, InputError, ReconstructionErro
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.files import belt_json, encoder_csv, exchange, images, ply, rig_json, stl, tiff
-from beltscape.files import ply as ply_points
 from beltscape.files.capture import read_capture
 from beltscape.files.reconstruction import read_frame
 from beltscape.files.rig_json import read_rig, write_rig
@@ -33,7 +32,7 @@ WIDTH, HEIGHT = RIG.core_camera.size_px
 RANGE_MM = (500.0, 900.0)
 READERS = [
     read_rig, read_board, read_module, read_capture, read_frame, belt_json.read_belt, encoder_csv.read_encoder,
-    images.read_image, ply_points.read_cloud, stl.read_stl, tiff.read_height_tiff, exchange.read_intrinsics,
+    images.read_image, ply.read_cloud, stl.read_stl, tiff.read_height_tiff, exchange.read_intrinsics,
 ]  # fmt: skip
 
 

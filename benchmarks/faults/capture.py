@@ -128,19 +128,17 @@ def open_capture(
     out = folder / (f"{sizes.name}-{seed}" + ("" if belt_width_mm is None else f"-{belt_width_mm:g}mm"))
     capture = RoundCapture(out, sizes, seed, belt_width_mm)
     plant = _describe_plant(capture)
-    moving = {
-        **plant,
-        "kind": "belt_moving",
-        "seed": seed + 1,
-        "frames": sizes.frames,
-        "motion": {"gap_mm": _GAP_MM},
-    }
+    motion = {"frames_per_s": FRAMES_PER_S, "gap_mm": _GAP_MM}
+    moving = {**plant, "kind": "belt_moving", "seed": seed + 1, "frames": sizes.frames, "motion": motion}
     if not (out / "moving" / "encoder.csv").is_file():
         speed = _choose_speed(Scenario.model_validate(moving), sizes.frames)
-        motion = {"speed_mm_s": speed, "frames_per_s": FRAMES_PER_S, "gap_mm": _GAP_MM}
         if belt_width_mm is not None:
             moving["belt"] = {**plant["belt"], "length_mm": speed / FRAMES_PER_S * sizes.frames}
-        simulate(Scenario.model_validate({**moving, "motion": motion}), out / "moving", reporter)
+        simulate(
+            Scenario.model_validate({**moving, "motion": {**motion, "speed_mm_s": speed}}),
+            out / "moving",
+            reporter,
+        )
     capture.learn_zero("empty_rec", {}, reporter)
     return capture
 

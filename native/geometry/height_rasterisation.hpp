@@ -1,4 +1,4 @@
-// Orthographic projection of a depth map's triangles, which kernels/geometry/height_rasterisation.py defines.
+// Orthographic projection of a depth map's triangles, which kernels/geometry.py defines.
 // The mesh is not stored: two rows of points at a time are connected square by square, and each triangle
 // raises the nodes below it. For the CPU alone.
 #pragma once
@@ -14,7 +14,7 @@
 
 namespace beltscape {
 
-inline constexpr double kEdge = 1e-9;  // kernels/geometry/height_rasterisation.py EDGE
+inline constexpr double kEdge = 1e-9;  // kernels/geometry.py EDGE
 
 struct RasterisationInput {
     Grid<const float> depth, sigma;

@@ -1,4 +1,4 @@
-// The first measured cell along lines over a grid (kernels/geometry/ray_march.py). A line skips as many steps
+// The first measured cell along lines over a grid (kernels/geometry.py). A line skips as many steps
 // as the nearest measured cell is away, because a step moves by one row and one column at most. For the CPU
 // alone.
 #pragma once

@@ -1,5 +1,5 @@
 // Cells of a field, and the cut into bands of rows whose cells share summed-area tables
-// (kernels/images/window_statistics.py). For the CPU alone.
+// (kernels/images.py). For the CPU alone.
 #pragma once
 
 #include <algorithm>
@@ -11,7 +11,7 @@
 
 namespace beltscape {
 
-inline constexpr std::int64_t kBandRows = 128;  // kernels/images/window_statistics.py BAND_ROWS
+inline constexpr std::int64_t kBandRows = 128;  // kernels/images.py BAND_ROWS
 
 // A field, NaN: not measured; cells of it and odd sides of windows about them.
 struct WindowsInput {

@@ -1,4 +1,4 @@
-// Slopes of planes through the measured cells about each cell (kernels/images/window_statistics.py); sums run
+// Slopes of planes through the measured cells about each cell (kernels/images.py); sums run
 // in SciPy's order, from the window's ends to its middle, so that a mirrored field has mirrored slopes. For
 // the CPU alone.
 #pragma once
@@ -13,7 +13,7 @@
 
 namespace beltscape {
 
-inline constexpr std::ptrdiff_t kSlopeHalf = 3;  // kernels/images/window_statistics.py SLOPE_SIDE
+inline constexpr std::ptrdiff_t kSlopeHalf = 3;  // kernels/images.py SLOPE_SIDE
 inline constexpr double kSlopeSide = 7, kLeastSpread = 1e-3;
 
 enum class Weight { even, odd, square };  // 1, k, k² of the k-th cell

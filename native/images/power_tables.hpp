@@ -1,4 +1,4 @@
-// Running sums of powers of a band's cells, for quadratics in windows (kernels/images/window_statistics.py);
+// Running sums of powers of a band's cells, for quadratics in windows (kernels/images.py);
 // their order is the reference's. For the CPU alone.
 #pragma once
 

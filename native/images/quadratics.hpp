@@ -1,4 +1,4 @@
-// Least-squares quadratics in windows about cells (kernels/images/window_statistics.py); the order of
+// Least-squares quadratics in windows about cells (kernels/images.py); the order of
 // operations is the reference's. For the CPU alone.
 #pragma once
 
@@ -13,7 +13,7 @@
 namespace beltscape {
 
 inline constexpr double kFewest = 12, kMostLeverage = 30,
-                        kRidge = 1e-6;  // kernels/images/window_statistics.py
+                        kRidge = 1e-6;                                      // kernels/images.py
 inline constexpr std::size_t kPlacesPerJob = 2048, kCellsPerJob = 1 << 17;  // a millisecond or two
 inline constexpr int kTogether = 16;                                        // places in step
 inline constexpr int kChoose[5][5] = {

@@ -1,4 +1,4 @@
-// Means and minima of the measured cells in windows about given cells (kernels/images/window_statistics.py).
+// Means and minima of the measured cells in windows about given cells (kernels/images.py).
 // For the CPU alone.
 #pragma once
 
@@ -11,7 +11,7 @@
 
 namespace beltscape {
 
-inline constexpr double kLeastShare = 1e-3;  // kernels/images/window_statistics.py LEAST_SHARE
+inline constexpr double kLeastShare = 1e-3;  // kernels/images.py LEAST_SHARE
 
 // Running sums over a band whose border is repeated outside.
 struct MeanTable {

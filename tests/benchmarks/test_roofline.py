@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import networks
-from beltscape.kernels import networks as messages
 from tests.synthetic.demo import DEMO, TRUE_RIG
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -29,7 +28,7 @@ def test_operations_of_networks_are_exact():
     per_pixel = 2 * 3 * 4 + 3 + 2 * 2 * 3
     assert operations["evaluate_network"](given, ()) == 14 * (per_pixel + 2 * 4)
     senders = np.zeros((9, 5), np.int32)
-    passed = messages.MessagePassingInput(
+    passed = networks.MessagePassingInput(
         np.zeros((1, 6), np.float32), senders, np.zeros((1, 5), np.float32), layers
     )
     assert operations["pass_messages"](passed, ()) == 5 * per_pixel

@@ -20,9 +20,7 @@ from beltscape.core.ledger import Totals
 
 pytest.importorskip("pymodbus", reason="pymodbus is not installed; pip install 'beltscape[modbus]' brings it")
 
-from beltscape.protocols import kept_number
-from beltscape.protocols import outputs as module_module
-from beltscape.protocols import outputs as writer_module
+from beltscape.protocols import kept_number, outputs
 from beltscape.protocols.output_pulses import CoilOutput, CounterOutput, PulseOutput, PulseTarget, read_steps
 from beltscape.protocols.outputs import ModuleAwayError, OutputWriter, compute_current_ma
 from beltscape.protocols.settings import AnalogueSettings, OutputSettings, PulseSettings
@@ -134,8 +132,8 @@ def test_no_pulse_is_lost_or_doubled_wherever_the_program_is_killed(
 def test_pulses_at_a_module_that_restarts(
     io: IoModule, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(module_module, "_TIMEOUT_S", 0.15)
-    monkeypatch.setattr(writer_module, "_PAUSE_S", 0.02)
+    monkeypatch.setattr(outputs, "_TIMEOUT_S", 0.15)
+    monkeypatch.setattr(outputs, "_PAUSE_S", 0.02)
     plant, rng, messages = FakePlant(), random.Random(3), list[str]()
     weigh(plant, 1000.0)  # what has passed before the outputs began gives no pulse
     writer = OutputWriter(make_settings(io), plant, tmp_path, messages.append)

@@ -125,9 +125,7 @@ class Rewriter(cst.CSTTransformer):
 
     METADATA_DEPENDENCIES = (ScopeProvider, ParentNodeProvider)
 
-    def __init__(
-        self, world: World, old: str, own: str, place: str, tree: cst.Module, wrapper: MetadataWrapper
-    ) -> None:
+    def __init__(self, world: World, old: str, own: str, place: str, wrapper: MetadataWrapper) -> None:
         super().__init__()
         self.world, self.old, self.own, self.place = world, old, own, place
         self.replaced: dict[int, cst.CSTNode] = {}
@@ -136,7 +134,6 @@ class Rewriter(cst.CSTTransformer):
         scopes = wrapper.resolve(ScopeProvider)
         self.parents = wrapper.resolve(ParentNodeProvider)
         self.scopes = {scope for scope in scopes.values() if scope is not None}
-        self.scope_of = scopes
         self.bound = {name for scope in self.scopes for name in (a.name for a in scope.assignments)}
         self._plan()
 
@@ -183,7 +180,7 @@ class Rewriter(cst.CSTTransformer):
             if local.split(".")[0] != assignment.name.split(".")[0] or local != assignment.name:
                 continue
             if isinstance(node, cst.Import) and not alias:
-                self._plan_plain_import(assignment, origin[0])
+                self._plan_plain_import(assignment)
                 continue
             found = self.resolve(origin, alias)
             if found is None:
@@ -194,7 +191,7 @@ class Rewriter(cst.CSTTransformer):
             elif found.local != found.new_local:
                 self._replace_references(assignment, found.local, found.new_local)
 
-    def _plan_plain_import(self, assignment: ImportAssignment, module: str) -> None:
+    def _plan_plain_import(self, assignment: ImportAssignment) -> None:
         for access in assignment.references:
             node = access.node
             full = get_full_name_for_node(node)
@@ -355,7 +352,7 @@ def rewrite_file(world: World, path: Path, old: str, own: str) -> cst.Module:
     """Return a file's rewritten tree; problems are added to the world's."""
     wrapper = MetadataWrapper(cst.parse_module(path.read_text()))
     place = str(path.relative_to(REPOSITORY))
-    return wrapper.module.visit(Rewriter(world, old, own, place, wrapper.module, wrapper))
+    return wrapper.module.visit(Rewriter(world, old, own, place, wrapper))
 
 
 _WORLD: list[World] = []
@@ -416,9 +413,6 @@ class Part:
 def split_module(source: str, tree: cst.Module) -> Part:
     docstring, imports, typing_imports, body = "", [], [], []
     statements = list(tree.body)
-    if tree.header and statements:
-        first = statements[0]
-        del first
     if statements and tree.get_docstring() is not None:
         docstring = tree.get_docstring() or ""
         statements = statements[1:]

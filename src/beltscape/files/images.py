@@ -152,8 +152,6 @@ VIDEO_EXTENSIONS = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm", ".mpg", ".m
 
 def read_video(path: Path) -> Iterator[NDArray[np.uint8]]:
     """Yield the frames (H, W, 3) uint8 RGB of a video; InputError if it cannot be opened or holds no frame."""
-    import cv2
-
     video = cv2.VideoCapture(str(path))
     try:
         count = 0

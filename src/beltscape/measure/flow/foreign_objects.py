@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,10 +126,10 @@ class ForeignObjectCheck:
             rows = round(direction * (now.position_mm - before.position_mm) / self._cell_mm)
             if abs(rows) > (1 - _LEAST_OVERLAP) * len(now.height_mm):
                 continue
-            now.appeared = now.appeared | self._find_higher(now, before, rows)
+            now.appeared = now.appeared | self._find_higher(now, before.roof_mm, rows)
             is_back = now.position_mm < before.position_mm - self._cell_mm
             roof_mm = self._cut_ends(now.roof_mm) if is_back else now.roof_mm
-            vanished.append((before, self._find_higher(before, replace(now, roof_mm=roof_mm), -rows)))
+            vanished.append((before, self._find_higher(before, roof_mm, -rows)))
         return vanished
 
     def _decide(
@@ -167,10 +167,10 @@ class ForeignObjectCheck:
         systematic_mm = share * max(self._sum_excess(view) for view in found) / view_mm2
         return _make_finding(area_mm2, systematic_mm, is_proven=is_proven)
 
-    def _find_higher(self, view: _View, other: _View, rows: int) -> Mask:
-        """Return the cells (Ny, Nx) of a view that are higher than ``other``, moved by ``rows``, shows the belt."""
+    def _find_higher(self, view: _View, roof_mm: Heights, rows: int) -> Mask:
+        """Return the cells (Ny, Nx) of a view that are higher than another view's roof, moved by ``rows``."""
         with np.errstate(invalid="ignore"):
-            return (view.height_mm > _move(other.roof_mm, rows) + _HIGHER_MM) & ~view.foreign
+            return (view.height_mm > _move(roof_mm, rows) + _HIGHER_MM) & ~view.foreign
 
     @staticmethod
     def _is_motion_wrong(found: Sequence[tuple[_View, Mask]]) -> bool:

@@ -47,6 +47,27 @@ def test_nominal_cameras_are_aimed_at_one_point_with_rows_across(count, baseline
             assert pose.rotation[1, 1] < 0  # … and rows against its motion
 
 
+@given(st.floats(-180, 180), st.floats(10, 360), st.integers(1, 4))
+def test_a_turned_rig_keeps_its_shape_and_its_place(yaw, around, count):
+    spec = DRAWN.model_copy(update={"auxiliaries": count, "around_deg": around})
+    before, after = make_station(spec), make_station(spec.model_copy(update={"yaw_deg": yaw}))
+    across, along = np.cos(np.deg2rad(yaw)), np.sin(np.deg2rad(yaw))
+    turn = np.array([[across, -along, 0], [along, across, 0], [0, 0, 1]])
+    for name in before.rig.cameras:
+        np.testing.assert_allclose(
+            after.cam_from_world(name).center_mm, turn @ before.cam_from_world(name).center_mm, atol=1e-9
+        )
+        for each in ("rotation", "translation_mm"):
+            same = [getattr(stands.rig.cam_from_core[name], each) for stands in (before, after)]
+            np.testing.assert_allclose(*same, atol=1e-9)
+
+
+def test_two_auxiliaries_in_180_degrees_form_an_l():
+    stands = make_station(DRAWN.model_copy(update={"auxiliaries": 2, "around_deg": 180.0}))
+    places = [stands.cam_from_world(name).center_mm[:2] for name in ("cam1", "cam2")]
+    np.testing.assert_allclose(places, [[300, 0], [0, 300]], atol=1e-9)
+
+
 def test_camera_rotates_by_the_shortest_way():
     stands = make_station(DRAWN)
     down = np.diag([1.0, -1.0, -1.0])

@@ -40,7 +40,8 @@ def make_station(spec: RigSpec) -> Station:
     InputError
         If ``spec.file`` cannot be read.
     """
-    core_from_world = Pose(DOWN.copy(), DOWN @ np.array([0.0, 0.0, -spec.height_mm]))
+    turn = Pose.of([0.0, 0.0, -np.deg2rad(spec.yaw_deg)], np.zeros(3))
+    core_from_world = Pose(DOWN.copy(), DOWN @ np.array([0.0, 0.0, -spec.height_mm])) @ turn
     if spec.file is not None:
         rig = read_rig(spec.file)
         cameras = {name: scale_camera(camera, spec.image_scale) for name, camera in rig.cameras.items()}
@@ -49,7 +50,7 @@ def make_station(spec: RigSpec) -> Station:
     count = spec.auxiliaries + 1
     cameras = {f"cam{i}": _make_camera(f"cam{i}", spec, rng) for i in range(count)}
     from_world = [
-        _perturb(_aim(position, np.array([0.0, 0.0, spec.aim_mm])), spec.scatter, rng)
+        _perturb(_aim(position, np.array([0.0, 0.0, spec.aim_mm])), spec.scatter, rng) @ turn
         for position in _camera_positions(spec)
     ]
     core_from_world = from_world[0]
@@ -111,8 +112,10 @@ def _make_camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
 
 
 def _camera_positions(spec: RigSpec) -> list[Array]:
-    """Return (3,) positions of the cameras, the core first."""
-    angles = np.deg2rad(spec.first_deg) + 2 * np.pi * np.arange(spec.auxiliaries) / spec.auxiliaries
+    """Return (3,) positions of the cameras, the core first, of a rig that is not turned."""
+    angles = np.deg2rad(
+        spec.first_deg + spec.around_deg * np.arange(spec.auxiliaries) / spec.auxiliaries
+    )
     offsets = [spec.baseline_mm * np.array([np.cos(a), np.sin(a), 0.0]) for a in angles]
     return [np.array([0.0, 0.0, spec.height_mm]) + offset for offset in (np.zeros(3), *offsets)]
 

@@ -49,6 +49,10 @@ class RigSpec(_Part):
     """Horizontal distance from the core to each auxiliary."""
     first_deg: Angle = 0.0
     """Direction of the first auxiliary, from across the belt towards along it."""
+    around_deg: Annotated[float, Field(gt=0, le=360)] = 360.0
+    """Angle around the core in which the auxiliaries stand evenly: 360 all around; two in 180 form an L."""
+    yaw_deg: Angle = 0.0
+    """Angle by which the whole rig is turned about the vertical against the belt, from across it towards along it."""
     aim_mm: Place = 60.0
     """Height above the belt of the point at which all cameras are aimed."""
     size_px: tuple[Annotated[int, Field(ge=64, le=20_000)], Annotated[int, Field(ge=64, le=20_000)]] = (

@@ -1,7 +1,7 @@
 # Every target does what it needs first: a fresh clone needs nothing but Python 3.11, g++, cmake and make.
 .DEFAULT_GOAL := help
-.PHONY: help install dev system demo test quick sanitize scalar check check-types check-imports check-lint check-python \
-  check-native format bench train faults wheel screenshots docs lock clean
+.PHONY: help install dev system demo test thorough quick sanitize scalar check check-types check-imports check-lint \
+  check-python check-native format bench train faults wheel screenshots docs lock clean
 VENV   := .venv
 BIN    := $(VENV)/bin
 SOURCES := $(wildcard native/*.* native/*/*)
@@ -44,6 +44,9 @@ demo: install ## the whole chain on a small rig; writes out/demo/report.html
 
 test: dev ## every test
 	$(BIN)/python -m pytest
+
+thorough: dev ## every test, every property with all its examples, every case: every night and before a release
+	BELTSCAPE_THOROUGH=1 $(BIN)/python -m pytest
 
 quick: dev ## the tests that take no capture, no browser and no cameras: under a minute
 	$(BIN)/python -m pytest -m "not slow and not browser and not cameras and not gpu"

@@ -16,8 +16,9 @@ from hypothesis import settings
 from beltscape.target.board import CharucoBoard
 from tests.once import make_once
 from tests.synthetic.boards import BoardCapture, board_poses, capture, name_frames, row_of_cameras
+from tests.thorough import THOROUGH, count_examples
 
-settings.register_profile("beltscape", deadline=None, max_examples=30, derandomize=True)
+settings.register_profile("beltscape", deadline=None, max_examples=count_examples(30), derandomize=True)
 settings.load_profile("beltscape")
 
 cv2.setNumThreads(1)  # xdist already keeps every core busy
@@ -52,8 +53,12 @@ def _is_slow(path: Path) -> bool:
     return path.relative_to(Path(__file__).parent).parts[:1] in {(folder,) for folder in SLOW_FOLDERS}
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark tests by their folder and by the fixtures that they use."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark tests by their folder and by the fixtures that they use; leave out what only `make thorough` runs."""
+    left_out = [item for item in items if item.get_closest_marker("thorough") and not THOROUGH]
+    if left_out:
+        config.hook.pytest_deselected(items=left_out)
+        items[:] = [item for item in items if not item.get_closest_marker("thorough")]
     for item in items:
         if _is_slow(item.path):
             item.add_marker("slow")

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.calibration.assessment.cross_validation import cross_validate
@@ -27,6 +27,7 @@ from beltscape.stereo.settings import MultiviewSettings
 from tests.stereo.scenes import DEPTH_MM, make_ring, plane, quantise, render_images
 from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.detections import make_detections
+from tests.thorough import examples
 
 LENSES = {
     "rational": (280.0, [0.9, 0.2, 3e-4, -2e-4, 0.01, 1.25, 0.45, 0.05]),
@@ -84,7 +85,7 @@ def test_a_wide_rig_as_brown_ends_in_one_line_or_a_rig(board):
 
 @pytest.mark.parametrize("model", LENSES)
 @given(reach_px=st.floats(60, 320), seed=st.integers(0, 10_000))
-@settings(max_examples=20, deadline=None)
+@examples(20)
 def test_no_pixel_beyond_the_domain_is_projected_to_or_measured_from(model, reach_px, seed):
     camera = widen(row_of_cameras(["a"]), model, reach_px).cameras["a"]
     rng = np.random.default_rng(seed)

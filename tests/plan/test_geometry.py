@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
@@ -19,6 +19,7 @@ from beltscape.plan.coverage import (
 )
 from beltscape.plan.planned_rig import make_planned_rig, predict_sigma_mm, projection_jacobian
 from beltscape.plan.settings import CameraSettings, PlanSettings, RigSettings
+from tests.thorough import examples
 
 
 @st.composite
@@ -84,7 +85,7 @@ def test_clipping_is_symmetric_and_within(a, b):
     assert first <= min(area_mm2(a), area_mm2(b)) + 1e-6
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(shapes, st.lists(shapes, min_size=1, max_size=4))
 def test_overlap_agrees_with_counted_cells(base, others):
     def inside(polygon, points):

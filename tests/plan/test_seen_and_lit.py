@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.plan.baseline import visible_shares
@@ -28,11 +28,12 @@ from beltscape.plan.settings import (
     PlanSettings,
     PrecisionSettings,
 )
+from tests.thorough import examples
 
 directions = st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=4).map(np.array)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(directions, st.floats(0, 0.7))
 def test_more_lumps_occlude_more(others, cover):
     straight_up = np.zeros(2)

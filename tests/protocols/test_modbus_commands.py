@@ -12,7 +12,7 @@ from beltscape.core.errors import InputError
 
 pytest.importorskip("pymodbus", reason="pymodbus is not installed; pip install 'beltscape[modbus]' brings it")
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pymodbus.client import ModbusTcpClient
 
@@ -20,6 +20,7 @@ from beltscape.protocols.modbus import NAME_WORDS, Commands, ModbusServer, place
 from beltscape.protocols.modbus_registers import place_registers, write_csv
 from beltscape.protocols.settings import ModbusSettings
 from tests.protocols.plant import FakePlant
+from tests.thorough import examples
 
 SETTINGS = ModbusSettings.model_validate({"port": 0, "commands": {"first": 100}})
 
@@ -189,7 +190,7 @@ def test_a_stale_heartbeat_and_a_restart(plant: FakePlant, tmp_path: Path) -> No
     assert len(control.calls) == 1
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(words=st.lists(st.integers(0, 65_535), min_size=20, max_size=20))
 def test_any_words_are_taken_without_a_failure(
     tmp_path_factory: pytest.TempPathFactory, words: list[int]

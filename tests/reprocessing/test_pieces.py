@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.reprocessing.pieces import Overlap, cut_into_pieces, join_recordings
 from tests.reprocessing.recordings_made import FRAME_NS, STEP_MM, make_recording
+from tests.thorough import examples
 
 OVERLAP = Overlap(lead_in_mm=700.0, lead_out_mm=900.0)
 
@@ -16,7 +17,7 @@ OVERLAP = Overlap(lead_in_mm=700.0, lead_out_mm=900.0)
     most=st.integers(20, 60),
     has_encoder=st.booleans(),
 )
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_every_frame_is_one_pieces_own(lengths: list[int], most: int, has_encoder: bool) -> None:
     recordings, first = [], 0
     for index, count in enumerate(lengths):

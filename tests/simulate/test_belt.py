@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from beltscape.simulate.shapes import Mesh
 from beltscape.simulate.solids.belt import BeltSettings, make_belt_solids
 from beltscape.simulate.world import Label
+from tests.thorough import examples
 
 belts = st.builds(
     BeltSettings,
@@ -38,7 +39,7 @@ def test_sharp_trough_equals_the_analytic_one():
     assert np.isnan(belt.height_at([-377, 377])).all()
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(belt=belts)
 def test_section_has_the_width_of_the_belt_and_bends_only_by_its_angle(belt):
     step = np.diff(belt.section_mm, axis=0)
@@ -49,7 +50,7 @@ def test_section_has_the_width_of_the_belt_and_bends_only_by_its_angle(belt):
     np.testing.assert_allclose(slope[[0, -1]], np.deg2rad([-belt.wing_deg, belt.wing_deg]), atol=1e-9)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(belt=belts)
 def test_slab_is_closed_and_its_upper_side_is_height_at(belt):
     slab, floor = make_belt_solids(belt)

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -26,6 +26,7 @@ from beltscape.simulate.time_of_flight_signal import (
     common_range_mm,
     unambiguous_range_mm,
 )
+from tests.thorough import examples
 
 IDEAL = partial(
     TofSettings,
@@ -56,7 +57,7 @@ def test_camera_has_the_angles_of_view_of_the_paper():
     np.testing.assert_allclose(np.rad2deg(2 * np.arctan(-corner)), [43, 33])
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.floats(300, 5000), st.floats(0.05, 0.9))
 def test_depth_without_errors_is_exact(depth, albedo):
     camera = QUIET()
@@ -116,7 +117,7 @@ def test_intensity_error_follows_its_curve():
         assert frame.depth_mm[24, 32] - 1000 == pytest.approx(expected, abs=0.01)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.integers(1, 3), st.floats(500, 1500), st.floats(10, 800))
 def test_flying_pixels_lie_between_the_surfaces(columns, near, gap):
     """A step through the middle of a column of pixels, ``columns`` of four sub-pixels on the near side."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import SettingsError
@@ -22,6 +22,7 @@ from beltscape.simulate.solids.heap import HeapSettings, make_heap, rasterise_ro
 from beltscape.simulate.solids.rocks import Rock, SizeSettings
 from beltscape.simulate.world import Label
 from tests.strategies import seeds
+from tests.thorough import examples
 
 BELT = BeltSettings(length_mm=600)
 SETTINGS = HeapSettings(
@@ -37,7 +38,7 @@ def heap():
     return make_heap(SETTINGS, BELT)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=seeds, slope=st.floats(0.1, 2))
 def test_limited_slope_gives_the_highest_admissible_surface(seed, slope):
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
@@ -13,6 +13,7 @@ from beltscape.simulate.ray_casting import RayScene
 from beltscape.simulate.shapes import Mesh, make_box, make_cylinder, make_sphere, triangulate_height_field
 from beltscape.simulate.world import Solid
 from tests.strategies import cameras, poses, seeds
+from tests.thorough import examples
 
 LENS = Camera(
     "cam0", (200, 160), np.array([190.0, 191.0]), np.array([101.3, 78.8]),
@@ -36,7 +37,7 @@ def tilted() -> Pose:
     return turn @ DOWN
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(camera=cameras(), pose=poses(), seed=seeds)
 def test_points_are_projected_as_opencv_projects_them(camera, pose, seed):
     import cv2
@@ -125,7 +126,7 @@ def test_depth_of_a_cylinder_matches_the_exact_cylinder():
     assert (np.abs(hits.distance - side) / np.maximum(steep, 1))[on_side].max() < 0.005
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seed=seeds)
 def test_nearest_of_random_triangles_is_hit_as_in_float64(seed):
     rng = np.random.default_rng(seed)
@@ -184,7 +185,7 @@ def test_wall_hides_what_is_behind_it():
     assert not scene.is_visible_from(points, -up, eye).any()
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=seeds)
 def test_convex_body_is_visible_where_it_faces_the_eye(seed):
     rng = np.random.default_rng(seed)

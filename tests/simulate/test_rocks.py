@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -17,6 +17,7 @@ from beltscape.simulate.solids.rocks import (
     make_rock,
 )
 from tests.strategies import seeds
+from tests.thorough import examples
 
 LAWS = [
     SizeSettings(),
@@ -56,7 +57,7 @@ def test_sizes_in_the_wrong_order_are_refused():
         SizeSettings(smallest_mm=50, largest_mm=40)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(
     seed=seeds,
     size=st.floats(3, 150),

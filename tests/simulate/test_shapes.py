@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.simulate.shapes import (
@@ -19,6 +19,7 @@ from beltscape.simulate.shapes import (
     triangulate_height_field,
 )
 from tests.strategies import poses
+from tests.thorough import examples
 
 SHAPES = {
     "box": (make_box([30.0, 20.0, 7.0]), 30 * 20 * 7),
@@ -35,7 +36,7 @@ def test_shape_is_closed_and_has_its_volume(name):
     assert mesh.volume_mm3 == pytest.approx(volume, rel=1e-9)  # positive: its faces look outside
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(pose=poses(), name=st.sampled_from(sorted(SHAPES)))
 def test_transform_and_subdivision_keep_volume_and_closedness(pose, name):
     mesh, volume = SHAPES[name]

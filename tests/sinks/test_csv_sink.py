@@ -8,7 +8,7 @@ import os
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError, OutputError
@@ -18,6 +18,7 @@ from beltscape.sinks.csv_sink import FIRST_HEADER, HEADER, CsvSink, read_last_nu
 from beltscape.sinks.settings import CsvSettings
 from tests.optional import require
 from tests.sinks.ledgers import START_NS, ledger
+from tests.thorough import examples
 
 DAY_NS = 86_400_000_000_000
 SETTINGS = CsvSettings(enabled=True)
@@ -86,7 +87,7 @@ def test_words_with_commas_and_ends_of_lines_stay_one_cell(tmp_path):
     assert CsvSink(tmp_path, SETTINGS).last == 1
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.integers(0, 5000), st.integers(1, 8))
 def test_truncated_tail_is_repaired_without_duplicates(tmp_path_factory, cut, more):
     folder = tmp_path_factory.mktemp("csv")

@@ -5,11 +5,12 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.stereo.multiview.photometry import estimate_defocus, match_defocus
 from tests.strategies import seeds
+from tests.thorough import examples
 
 
 def make_dots(seed: int, noise: float = 1.5) -> np.ndarray:
@@ -25,7 +26,7 @@ def blur(image: np.ndarray, sigma_px: float) -> np.ndarray:
     return cv2.GaussianBlur(image, (0, 0), sigma_px) + noise
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(seeds, st.floats(1.8, 3.2))
 def test_defocus_is_estimated(seed, sigma_px):
     core = blur(make_dots(seed, 0), sigma_px)
@@ -34,7 +35,7 @@ def test_defocus_is_estimated(seed, sigma_px):
     )
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(seeds)
 def test_sharp_frames_and_blurred_auxiliaries_are_unchanged(seed):
     levels = {

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.kernels import load
 from beltscape.stereo.multiview.surface import Surface, fit_slopes, upsample_surface
 from tests.strategies import seeds
+from tests.thorough import examples
 
 slopes = st.floats(-0.25, 0.25)
 V, U = np.indices((30, 40)).astype(np.float32)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(slopes, slopes, st.floats(5, 60))
 def test_slopes_of_a_plane_are_exact_up_to_its_border(slope_u, slope_v, s0):
     s = (s0 + slope_u * U + slope_v * V).astype(np.float32)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import KDTree
 from scipy.stats import chi2
@@ -17,6 +17,7 @@ from beltscape.target.pattern import (
     saturated_count,
     throw_darts,
 )
+from tests.thorough import examples
 
 NO_DISCS = np.empty((0, 3))
 
@@ -32,7 +33,7 @@ def in_grains(points):
     return grains.astype(np.int64)
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     st.tuples(st.integers(20, 200), st.integers(20, 200)),
     st.integers(500, 40_000),
@@ -49,7 +50,7 @@ def test_every_point_is_farther_than_d_min_from_every_other_exactly(size, d_min_
     assert (grains >= 0).all() and (grains <= np.array(size) * GRAINS).all()
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.integers(0, 60), st.integers(1, 40), st.integers(0, 2**32))
 def test_round_of_darts_is_accepted_as_if_thrown_one_by_one(count, d_min, seed):
     darts = np.random.default_rng(seed).integers(0, 100, (count, 2))

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.target.pattern_formats import compute_disc_coverage
+from tests.thorough import examples
 
 CENTERS = st.floats(40, 50)
 
@@ -20,7 +21,7 @@ def sampled(size, x, y, radius, n):
     return inside.reshape(height, n, width, n).mean(axis=(1, 3))
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.floats(-1, 12), st.floats(-1, 10), st.floats(0.3, 4))
 def test_each_pixel_gets_the_share_that_is_covered(x, y, radius):
     got = compute_disc_coverage((12, 10), np.array([[x, y, radius, 1.0]]))
@@ -39,7 +40,7 @@ def test_each_share_is_exact(x, y, radius):
     np.testing.assert_allclose(got, length.reshape(10, 10, n).mean(axis=2), atol=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(CENTERS, CENTERS, st.floats(0.3, 30), st.floats(0.1, 1))
 def test_area_is_exact(x, y, radius, weight):
     image = compute_disc_coverage((92, 91), np.array([[x, y, radius, weight]]))
@@ -48,7 +49,7 @@ def test_area_is_exact(x, y, radius, weight):
     assert image.max() < weight + 1e-9
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(CENTERS, CENTERS, st.floats(2, 30))
 def test_centroid_is_accurate_to_the_pixel_size(x, y, radius):
     """A pixel shows how much of it is covered, not where: the centroid strays, less the larger the disc."""

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.calibration.detection.corners import BoardDetections
@@ -24,6 +24,7 @@ from beltscape.core.progress import Silent
 from beltscape.target.board import CharucoBoard, Chessboard, corner_points_mm
 from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.detections import make_detections, project_corners
+from tests.thorough import examples
 
 ODD = Chessboard(corners=(7, 5), square_mm=40)
 EVEN = Chessboard(corners=(8, 6), square_mm=35)
@@ -259,7 +260,7 @@ def test_a_charuco_board_has_no_turns():
     assert list_quarter_turns(SQUARE) == (0, 1, 2, 3)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(board=st.sampled_from([ODD, EVEN, SQUARE]), index=st.integers(0, 3), seed=st.integers(0, 2**32 - 1))
 def test_turned_corners_lie_where_the_turned_board_has_them_and_turn_back(board, index, seed):
     rng = np.random.default_rng(seed)

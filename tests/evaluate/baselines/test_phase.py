@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.evaluate.structured_light import Phase, estimate_phase, unwrap_phases
 from beltscape.simulate.projected_sequence import FringeSettings, make_fringe_patterns
+from tests.thorough import examples
 
 
 def images_of(phase: np.ndarray, steps: int, mean: float = 100.0, modulation: float = 60.0) -> np.ndarray:
@@ -36,7 +37,7 @@ def test_without_modulation_sigma_is_infinite():
     assert not np.isfinite(found.sigma).any() or found.sigma.min() > 1e6
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.lists(st.floats(2.5, 7.5), min_size=1, max_size=3))
 def test_columns_of_pictures_are_found_exactly(ratios: list[float]):
     fringes = FringeSettings(fringes=tuple(np.cumprod([1.0, *ratios])), steps=5)

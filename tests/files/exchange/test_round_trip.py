@@ -6,7 +6,7 @@ import shutil
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
@@ -15,6 +15,7 @@ from beltscape.core.progress import Silent
 from beltscape.files.exchange import FORMATS, detect_format, export_rig, import_rig, read_intrinsics
 from beltscape.files.rig_json import read_rig, write_rig
 from tests.strategies import rigs
+from tests.thorough import examples
 
 NAMES = ["Förderband links", "cam-1", "0815", "yes"]
 """Names that YAML, COLMAP prefixes and ROS topics could stumble over."""
@@ -54,7 +55,7 @@ def there_and_back(folder, rig: Rig, kind: str) -> tuple[Rig, list[str]]:
 
 
 @pytest.mark.parametrize("kind", ["opencv", "colmap", "ros"])
-@settings(max_examples=25)
+@examples(25)
 @given(rig=rigs())
 def test_content_of_a_format_reads_back_unchanged(tmp_path_factory, kind, rig):
     back, warnings = there_and_back(tmp_path_factory.getbasetemp(), rig, kind)
@@ -62,7 +63,7 @@ def test_content_of_a_format_reads_back_unchanged(tmp_path_factory, kind, rig):
     assert_same(back, rig)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(rig=rigs())
 def test_kalibr_carries_all_but_k3(tmp_path_factory, rig):
     rig = fit_without_k3(rig)
@@ -98,7 +99,7 @@ def test_the_core_can_be_chosen_at_import(tmp_path, kind):
 
 
 @given(rig=rigs(minimum=1, maximum=2))
-@settings(max_examples=10)
+@examples(10)
 def test_intrinsics_come_from_every_format_and_from_rig_json(tmp_path_factory, rig):
     folder = tmp_path_factory.mktemp("intrinsics")
     rig = fit_without_k3(rig)

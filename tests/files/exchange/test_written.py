@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 
 from beltscape.core.errors import BeltscapeError, InputError
 from beltscape.core.geometry.camera import Camera
@@ -20,6 +20,7 @@ from beltscape.files.exchange import export_rig
 from beltscape.files.exchange.kalibr import fit_without_k3
 from tests.strategies import cameras as some_cameras
 from tests.strategies import rigs
+from tests.thorough import examples
 
 TURN = Pose.of([0.3, -0.2, 0.1], [100.0, -20.0, 5.0])
 FAR = Pose.of([0.0, 0.0, 0.5], [-250.0, 0.0, 0.0])
@@ -47,7 +48,7 @@ def written(tmp_path, rig: Rig, kind: str, name: str = "") -> tuple[str, list[st
     ), reporter.warnings
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(rigs())
 def test_opencv_reads_what_is_written_and_projects_the_same(tmp_path_factory, rig):
     path = tmp_path_factory.getbasetemp() / "opencv.yaml"
@@ -104,7 +105,7 @@ def test_kalibrs_chain_starts_at_the_core_in_metres(tmp_path, rig):
     )
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(some_cameras())
 def test_the_lens_without_k3_is_the_nearest_and_its_figures_hold(camera):
     coefficients, rms_px, largest_px = fit_without_k3(camera)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.kernels.reference.images import WindowSums, bands
+from tests.thorough import examples
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([1, 3, 7, 51]))
 def test_sums_are_those_of_the_cells_in_the_window(seed: int, side: int) -> None:
     random = np.random.default_rng(seed)

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
@@ -16,6 +16,7 @@ from beltscape.kernels.native import levels
 from tests.kernels.grids import WIDTHS, surface
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds
+from tests.thorough import examples
 
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
@@ -156,7 +157,7 @@ def test_a_step_is_bounded_and_the_prior_holds(name):
 
 
 @everything
-@settings(max_examples=20)
+@examples(20)
 @given(seeds)
 def test_nothing_is_smoothed_across_a_step(name, seed):
     """Both sides come out as they do alone."""

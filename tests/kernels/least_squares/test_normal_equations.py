@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
@@ -16,6 +16,7 @@ from beltscape.kernels.native import levels
 from tests.kernels.grids import STRAIGHT, WIDTHS, project_grid, surface, texture, view_of_seed
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds
+from tests.thorough import examples
 
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
@@ -65,7 +66,7 @@ def test_native_agrees_with_the_reference(level, seed, height, width, window, re
 
 
 @every_level
-@settings(max_examples=20)
+@examples(20)
 @given(seeds, st.sampled_from([0.5, 3.0, 30.0]))
 def test_the_same_views_are_used(level, seed, gate):
     """But where the gate is within rounding."""
@@ -102,7 +103,7 @@ def test_the_pull_leads_to_the_truth(name, seed, off):
 
 
 @everything
-@settings(max_examples=20)
+@examples(20)
 @given(seeds, st.floats(0.3, 3), st.floats(-50, 50))
 def test_gain_and_offset_of_a_camera_do_not_matter(name, seed, gain, offset):
     core, image = shifted(seed)
@@ -116,7 +117,7 @@ def test_gain_and_offset_of_a_camera_do_not_matter(name, seed, gain, offset):
 
 
 @everything
-@settings(max_examples=20)
+@examples(20)
 @given(seeds)
 def test_views_add_up_in_any_order(name, seed):
     s, core, images, views = scene(seed, 17, 23, 3)
@@ -144,7 +145,7 @@ def test_a_view_of_nothing_adds_nothing(name):
 
 
 @everything
-@settings(max_examples=20)
+@examples(20)
 @given(seeds, st.integers(1, 8), st.integers(0, 3))
 def test_a_hole_reaches_no_farther_than_the_windows(name, seed, window, residual_window):
     core, image = shifted(seed)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
@@ -16,6 +16,7 @@ from beltscape.kernels.selection import CANDIDATES
 from tests.kernels.grids import STRAIGHT, WIDTHS, surface, texture, view_of_seed
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds
+from tests.thorough import examples
 
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
@@ -67,7 +68,7 @@ def test_native_candidates_equal_the_reference(level, seed, height, width, count
 
 
 @every_level
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, sizes, sizes, st.integers(1, 40), st.integers(1, 4))
 def test_native_photo_consistency_agrees_with_the_reference(level, seed, height, width, count, views):
     there = field(seed, height, width, count)

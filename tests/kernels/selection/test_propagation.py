@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import KernelError
@@ -15,6 +15,7 @@ from beltscape.kernels.native import levels
 from tests.kernels.grids import STRAIGHT, WIDTHS, surface, texture, view_of_seed
 from tests.kernels.rounding import first_alike
 from tests.strategies import seeds
+from tests.thorough import examples
 
 every_level = pytest.mark.parametrize("level", levels())
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
@@ -64,7 +65,7 @@ def assert_agree(found, expected):
 
 
 @every_level
-@settings(max_examples=25)
+@examples(25)
 @given(
     seeds,
     st.sampled_from(WIDTHS),
@@ -152,7 +153,7 @@ def test_a_smeared_step_returns_to_its_edge(name):
 
 @everything
 @given(seeds)
-@settings(max_examples=10)
+@examples(10)
 def test_without_an_active_pixel_everything_stays(name, seed):
     given_ = scene(seed, 20, 33, 2)
     given_["active"] = np.zeros((20, 33), bool)
@@ -165,7 +166,7 @@ def test_without_an_active_pixel_everything_stays(name, seed):
 
 @every_level
 @given(seeds)
-@settings(max_examples=10)
+@examples(10)
 def test_inactive_pixels_keep_their_own_whatever_is_around_them(level, seed):
     given_ = scene(seed, 30, 53, 3)
     active = blobs(seed, 30, 53)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
@@ -17,6 +17,7 @@ from beltscape.measure.features.measure import measure_module
 from beltscape.measure.features.result import MeasuredModule
 from beltscape.measure.features.solids import render_nominal_view
 from tests.synthetic.modules import DepthCameraView, module, module_pose, rig
+from tests.thorough import examples
 
 FLAT = ("height", "height_difference")
 
@@ -59,7 +60,7 @@ def test_without_an_image_edges_are_those_of_the_depth_map_with_a_wide_sigma(exa
     assert any("image.png" in warning for warning in measured.warnings)
 
 
-@settings(max_examples=3, deadline=None, derandomize=True)
+@examples(3)
 @given(
     x=st.floats(-90, 90),
     y=st.floats(-60, 60),

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.measure.features.solids import build_solids
 from tests.synthetic.modules import module
+from tests.thorough import examples
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@examples(30)
 @given(seed=st.integers(0, 10_000))
 def test_where_a_ray_enters_the_distance_is_nothing(seed):
     rng = np.random.default_rng(seed)
@@ -31,7 +32,7 @@ def test_where_a_ray_enters_the_distance_is_nothing(seed):
         assert ((points >= low) & (points <= high)).all()
 
 
-@settings(max_examples=30, deadline=None, derandomize=True)
+@examples(30)
 @given(seed=st.integers(0, 10_000))
 def test_distance_is_below_that_to_any_point_inside(seed):
     rng = np.random.default_rng(seed)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.measure.flow.belt_motion import EncoderScale
 from beltscape.measure.flow.registration import HighPassHeights, compute_high_pass, register
 from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, make_empty_belt
+from tests.thorough import examples
 
 HEAP = Heap(start_mm=-1500, end_mm=1500)
 GROUND = make_empty_belt()
@@ -23,7 +24,7 @@ def seen(place_mm: float, heap: Heap | None = HEAP) -> HighPassHeights:
 
 
 @given(st.floats(20, 350), st.floats(-300, 300), st.sampled_from([-1, 1]))
-@settings(max_examples=6, deadline=None)
+@examples(6)
 def test_motion_is_found_to_a_small_part_of_a_cell(step: float, start: float, way: int) -> None:
     shift = register(seen(start), seen(start + way * step), least_overlap=OVERLAP)
     assert shift is not None

@@ -6,12 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
 from beltscape.measure.holes import fill
 from beltscape.measure.holes.fill import Filled, compute_hole_inputs, fill_holes
+from tests.thorough import examples
 
 Turn = Callable[[np.ndarray], np.ndarray]
 X, Y = np.meshgrid(np.arange(90.0), np.arange(90.0))
@@ -59,7 +60,7 @@ def rocks(seed: int) -> np.ndarray:
     return np.where(hole, np.nan, field + 0.1 * rng.standard_normal(X.shape))
 
 
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(st.integers(0, 1000), st.sampled_from([np.fliplr, np.flipud, np.transpose, np.rot90]))
 def test_a_mirrored_or_turned_field_is_filled_mirrored_or_turned(seed: int, turned: Turn) -> None:
     field = rocks(seed)
@@ -70,7 +71,7 @@ def test_a_mirrored_or_turned_field_is_filled_mirrored_or_turned(seed: int, turn
     np.testing.assert_allclose(other.sigma_mm[inner], turned(one.sigma_mm)[inner], atol=1e-2)
 
 
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(st.integers(0, 1000))
 def test_filled_heights_lie_between_the_belt_and_the_neighbourhood(seed: int) -> None:
     field = rocks(seed)

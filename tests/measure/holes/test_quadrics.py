@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.measure.holes.rims import fit_quadrics
+from tests.thorough import examples
 
 Y, X = np.mgrid[-40.0:40.0, -300.0:-220.0]
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(
     st.tuples(*[st.floats(-2, 2)] * 3, *[st.floats(-0.02, 0.02)] * 3),
     st.integers(0, 9),

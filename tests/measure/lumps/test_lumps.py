@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
@@ -14,6 +14,7 @@ from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.lumps.lumps import FINES, assess_oversize, measure_lumps
 from beltscape.measure.lumps.settings import LumpSettings
 from tests.synthetic.packings import FLOOR_MM, Solid, camera, depth_map, make_ellipsoids, render_depth_map
+from tests.thorough import examples
 
 DEFAULT = LumpSettings()
 
@@ -152,7 +153,7 @@ def test_turning_the_picture_turns_the_lumps(turns):
 
 
 @given(st.floats(0.05, 20))
-@settings(max_examples=3, deadline=None)
+@examples(3)
 def test_a_larger_world_has_larger_lumps(scale):
     eye = camera(300, 250, 350.0)
     solids = make_ellipsoids(np.random.default_rng(3), columns=4, rows=3, pitch_mm=100, largest_mm=45)

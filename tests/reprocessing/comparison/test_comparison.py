@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
@@ -22,6 +22,7 @@ from tests.reprocessing.comparison.histories import (
     scaled,
     with_strips,
 )
+from tests.thorough import examples
 
 RECORDS = measured()
 
@@ -275,7 +276,7 @@ changes = st.fixed_dictionaries(
 )
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(changes)
 def test_the_comparison_of_b_with_a_is_the_opposite(change):
     numbers = range(change["lost"], change["lost"] + 4)

@@ -5,17 +5,18 @@ from __future__ import annotations
 import re
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
 from beltscape.service.access.passwords import ScryptCost, hash_password, validate_password, verify_password
+from tests.thorough import examples
 
 CHEAP = ScryptCost(log2_n=4, r=8, p=1)
 
 
 @given(st.text(max_size=40), st.text(max_size=40))
-@settings(max_examples=30)
+@examples(30)
 def test_only_the_same_password_is_accepted(one, other):
     kept = hash_password(one, CHEAP)
     assert verify_password(one, kept)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import hashlib
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import OutputError
 from beltscape.service.access.accounts import User
 from beltscape.service.access.database import Database
 from beltscape.service.access.sessions import IN_MEMORY_LIFE_S, MAX_PER_USER, Sessions, derive_page_token
+from tests.thorough import examples
 
 IDLE_S, LIFE_S = 3600.0, 10_000.0
 ANNA = User("anna", "engineer")
@@ -79,7 +80,7 @@ def test_a_used_session_ends_after_its_life(sessions, clock):
 
 
 @given(st.lists(st.floats(-50_000, 50_000), max_size=8))
-@settings(max_examples=20)
+@examples(20)
 def test_no_step_of_the_clock_prolongs_a_session(tmp_path_factory, steps):
     """A session older than its life by the current clock has ended."""
     clock = Clock()

@@ -9,7 +9,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError, SettingsError
@@ -17,6 +17,7 @@ from beltscape.sinks.historian import Historian, LedgerEnd, database
 from beltscape.sinks.settings import HistorySettings
 from tests.optional import require
 from tests.sinks.ledgers import START_NS, ledger, same, same_section
+from tests.thorough import examples
 
 ALWAYS = (0, 1 << 62)
 SETTINGS = HistorySettings(reserve_mib=1)
@@ -99,7 +100,7 @@ def test_history_continues_after_closing(tmp_path):
     historian.close()
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(st.lists(st.tuples(st.integers(0, 40), st.integers(0, 12)), min_size=1, max_size=12))
 def test_repeated_write_has_no_effect(tmp_path_factory, ranges):
     records = ledger(40, sections=False)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -15,6 +15,7 @@ from beltscape.files.capture import read_capture
 from beltscape.files.encoder_csv import read_encoder
 from beltscape.files.images import read_image
 from beltscape.sinks.recording import CaptureWriter, format_seconds
+from tests.thorough import examples
 
 sizes = st.tuples(st.integers(1, 12), st.integers(1, 12))
 images = st.one_of(
@@ -33,7 +34,7 @@ def frames(number: int, **values) -> FrameSet:
 
 
 @pytest.mark.parametrize("how", ["tiff", "png"])
-@settings(max_examples=30)
+@examples(30)
 @given(image=images)
 def test_images_read_back_exactly(tmp_path_factory, how, image):
     folder = tmp_path_factory.mktemp("capture")

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.sources.genicam.matching import (
@@ -17,6 +17,7 @@ from beltscape.sources.genicam.matching import (
     MatchingRules,
     count_missing,
 )
+from tests.thorough import examples
 
 MS = 1_000_000
 PERIOD = 100 * MS
@@ -114,7 +115,7 @@ def test_instants_are_never_mixed_with_lost_or_late_images(each, seed):
     assert_laws(given_out)
 
 
-@settings(max_examples=12)
+@examples(12)
 @given(
     st.lists(st.integers(0, 10**18), min_size=4, max_size=4),
     st.lists(st.floats(-80, 80), min_size=4, max_size=4),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import ReconstructionError
@@ -13,6 +13,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.stereo.pairwise.rectification import RectifiedPair, count_upright_turns, rectify_pair
 from tests.stereo.raycast import make_camera, make_world_rig
 from tests.strategies import seeds
+from tests.thorough import examples
 
 SMALL = (64, 52)
 
@@ -62,7 +63,7 @@ def test_the_disparity_range_covers_the_depth_range_and_starts_near_zero(seed, a
 
 
 @given(seeds, st.floats(-np.pi, np.pi))
-@settings(max_examples=20)
+@examples(20)
 def test_maps_give_the_distorted_pixel_of_the_same_point(seed, angle):
     rig = draw_rig(seed, angle)
     pair = rectify_pair(rig, "cam1", (600, 800))

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.ledger import BeltRecord
@@ -19,6 +19,7 @@ from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.pipeline.measuring.flow_chain import FlowChain
 from tests.synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, frames, make_context, run
+from tests.thorough import examples
 
 STEP_MM = 60.0
 
@@ -207,7 +208,7 @@ def test_encoder_that_starts_later_takes_over() -> None:
     lost=st.sets(st.integers(0, 40), max_size=12),
     blind=st.sets(st.integers(0, 40), max_size=8),
 )
-@settings(max_examples=15, deadline=None)
+@examples(15)
 def test_any_stops_kills_and_losses_leave_a_ledger_without_gap_or_overlap(cuts, lost, blind) -> None:
     """Runs of some frames, pauses of some frames during which the belt goes on, frames lost or without images."""
     entries: list[BeltRecord] = []

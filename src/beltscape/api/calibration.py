@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Literal
 
 from beltscape.calibration.intrinsics.lens_choice import AUTO
+from beltscape.calibration.result import Calibration
 from beltscape.core.checks import require_choice, require_reporter, require_text, show_value
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.lens import MODELS
 from beltscape.core.progress import Reporter, Silent
 from beltscape.files.paths import AnyPath, as_path
 from beltscape.pipeline.calibrating import calibration
-from beltscape.pipeline.calibrating.calibration import Calibration
 from beltscape.pipeline.calibrating.intrinsics import IntrinsicsUse, read_known_intrinsics
 from beltscape.pipeline.calibrating.measuring_volume import read_measuring_volume
 from beltscape.target.board import Board, read_board

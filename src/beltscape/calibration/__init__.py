@@ -2,6 +2,6 @@
 
 The stages in order: `detection` (board corners in images), `intrinsics` (one camera, Zhang), `network`
 (camera pairs, association, global optimisation: the paper's Section 2.2), `hierarchy` (these as one
-function), `bundle_adjustment` (the final rig) and `assessment` (scores, covariance, next views). `solver`
-holds the numerical parts of all of them.
+function), `bundle_adjustment` (the final rig), `assessment` (scores, covariance, next views) and `result`
+(all of it in one object). `solver` holds the numerical parts of all of them.
 """

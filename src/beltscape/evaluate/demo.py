@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import beltscape
+from beltscape.calibration.result import Calibration
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
 from beltscape.core.geometry.pose import Pose
@@ -31,7 +32,7 @@ from beltscape.files.tiff import read_float_tiff
 from beltscape.kernels import load
 from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import Volume
-from beltscape.pipeline.calibrating.calibration import Calibration, calibrate
+from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.calibration_files import write_calibration
 from beltscape.pipeline.measuring.volume import measure_volume_of_frames, write_volume
 from beltscape.pipeline.reconstructing.reconstruction import open_capture, reconstruct_capture

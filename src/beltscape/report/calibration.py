@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.covariance import DepthSigma, RigCovariance, list_parameter_columns
-from beltscape.calibration.assessment.coverage import Coverage
 from beltscape.calibration.assessment.fit_quality import FitQuality
 from beltscape.calibration.assessment.next_best_view import NextBestView
 from beltscape.calibration.assessment.score import RigErrors, Score
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.network.association import Misclosure
+from beltscape.calibration.result import Calibration
 from beltscape.core.frames import Image
 from beltscape.report.calibration_plots import (
     coverage_chart,
@@ -61,65 +61,57 @@ def make_board_scene(adjustment: BundleAdjustmentResult, board: Board) -> Scene:
 CLOSURE = ("error °", "error mm", "χ² / dof")
 
 
-def calibration_page(
-    hierarchy: HierarchyResult,
-    adjustment: BundleAdjustmentResult,
-    covariance: RigCovariance,
-    rig_errors: RigErrors,
-    board: Board,
-    depth_sigma: Sequence[DepthSigma],
-    following: NextBestView | None,
-    rejected_images: Sequence[tuple[str, Image]],
-    *,
-    held_out: Score | None,
-    training: Score,
-    fit: FitQuality,
-    warnings: Sequence[str],
-    notes: Sequence[str],
-    left_out: str,
-    coverage: Coverage,
-) -> str:
-    """Return report.html of a calibration; ``left_out`` counts the corners that the rig was not found from."""
-    score = held_out or training
+def calibration_page(calibration: Calibration, rejected_images: Sequence[tuple[str, Image]]) -> str:
+    """Return report.html of a calibration, with the captions and images of rejected views."""
+    adjustment, hierarchy, board = calibration.adjustment, calibration.hierarchy, calibration.board
     sections = [
-        Section(
-            "Quality",
-            f"Board: {board.describe()}; {_describe_shape(adjustment)}.",
-            [_make_tiles(score, depth_sigma[1]), _make_score_table(held_out, training), _make_fit_table(fit)],
-        ),
-        Section(
-            "The rig",
-            "Cameras as calibrated, with the outline of the board in every frame.",
-            [
-                InteractiveScene(
-                    make_board_scene(adjustment, board), "Core camera in orange, auxiliaries in blue."
-                ),
-                _make_camera_table(hierarchy, adjustment, covariance),
-            ],
-        ),
-        _depth_section(depth_sigma, covariance.inflation),
-        _next_section(adjustment, board, following),
-        *_view_sections(adjustment, rig_errors),
-        make_need_section(coverage),
+        _quality_section(calibration),
+        _rig_section(calibration),
+        _depth_section(calibration.depth_sigma, calibration.covariance.inflation),
+        _next_section(adjustment, board, calibration.next_best_view),
+        *_view_sections(adjustment, calibration.rig_errors),
+        make_need_section(calibration.coverage),
         _network_section(hierarchy),
-        *_make_notes_section(notes),
-        _make_left_out_section(hierarchy, rejected_images, left_out),
+        *_make_notes_section(calibration.notes),
+        _make_left_out_section(hierarchy, rejected_images, calibration.discards.describe()),
     ]
-    verdict = _describe_verdict(hierarchy, board, score, held_out is not None, fit)
-    return render("Calibration", verdict, sections, warnings=warnings)
+    return render("Calibration", _describe_verdict(calibration), sections, warnings=calibration.warnings)
 
 
-def _describe_verdict(
-    hierarchy: HierarchyResult, board: Board, score: Score, is_held_out: bool, fit: FitQuality
-) -> str:
+def _quality_section(calibration: Calibration) -> Section:
+    return Section(
+        "Quality",
+        f"Board: {calibration.board.describe()}; {_describe_shape(calibration.adjustment)}.",
+        [
+            _make_tiles(calibration.score, calibration.depth_sigma[1]),
+            _make_score_table(calibration.held_out, calibration.training),
+            _make_fit_table(calibration.fit),
+        ],
+    )
+
+
+def _rig_section(calibration: Calibration) -> Section:
+    scene = make_board_scene(calibration.adjustment, calibration.board)
+    return Section(
+        "The rig",
+        "Cameras as calibrated, with the outline of the board in every frame.",
+        [
+            InteractiveScene(scene, "Core camera in orange, auxiliaries in blue."),
+            _make_camera_table(calibration.hierarchy, calibration.adjustment, calibration.covariance),
+        ],
+    )
+
+
+def _describe_verdict(calibration: Calibration) -> str:
+    rig, board, score, fit = calibration.rig, calibration.board, calibration.score, calibration.fit
     views = (
-        "views that the rig was not calibrated with"
-        if is_held_out
-        else "the views that the rig was calibrated with (too few for two halves)"
+        "the views that the rig was calibrated with (too few for two halves)"
+        if calibration.held_out is None
+        else "views that the rig was not calibrated with"
     )
     doubt = "" if fit.is_sound else f"The fit is in doubt: {'; '.join(fit.findings)}. "
     return (
-        f"{doubt}{len(hierarchy.rig.cameras)} cameras about {hierarchy.rig.core}. On {views}, the reprojection error "
+        f"{doubt}{len(rig.cameras)} cameras about {rig.core}. On {views}, the reprojection error "
         f"is {score.rms_px:.3f} px RMS, {score.median_px:.3f} px in the median, and a {board.square_mm:g} mm square "
         f"measures {board.square_mm + score.square_bias_mm:.3f} ± {score.square_rms_mm:.3f} mm."
     )

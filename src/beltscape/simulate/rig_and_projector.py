@@ -113,9 +113,7 @@ def _make_camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
 
 def _camera_positions(spec: RigSpec) -> list[Array]:
     """Return (3,) positions of the cameras, the core first, of a rig that is not turned."""
-    angles = np.deg2rad(
-        spec.first_deg + spec.around_deg * np.arange(spec.auxiliaries) / spec.auxiliaries
-    )
+    angles = np.deg2rad(spec.first_deg + spec.around_deg * np.arange(spec.auxiliaries) / spec.auxiliaries)
     offsets = [spec.baseline_mm * np.array([np.cos(a), np.sin(a), 0.0]) for a in angles]
     return [np.array([0.0, 0.0, spec.height_mm]) + offset for offset in (np.zeros(3), *offsets)]
 

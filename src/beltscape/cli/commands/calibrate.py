@@ -18,7 +18,7 @@ from beltscape.core.errors import CalibrationError, SettingsError
 from beltscape.core.progress import Reporter
 
 if TYPE_CHECKING:
-    from beltscape.pipeline.calibrating.calibration import Calibration
+    from beltscape.calibration.result import Calibration
     from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
     from beltscape.target.board import Board
 

@@ -9,8 +9,9 @@ An empty belt shows no motion: its frames are located by the encoder until mater
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,18 +217,56 @@ class Location:
     """Earlier frames with new positions: the contradiction shows that the encoder located them wrongly."""
 
 
+MaterialState = Literal["unknown", "matched", "elsewhere", "standing"]
+"""What a frame shows of the material's motion: nothing; the motion since the key frame; that the material is not
+where a trusted encoder, or a standstill beside a distrusted one, puts it; that it stands while a trusted encoder
+counts."""
+
+
 @dataclass(frozen=True, slots=True)
 class Observation:
     """The material's motion in a frame."""
 
+    state: MaterialState = "unknown"
     shift: Shift | None = None
-    """Since the key frame; None: not known."""
+    """The motion since the key frame of matched material, else None."""
     contradiction: Contradiction | None = None
     """With the encoder."""
-    is_uncertain: bool = False
-    """Whether the material is not where the encoder puts it; while it is not trusted: whether it does not stand."""
-    is_stalled: bool = False
-    """Whether the material stands still since the frame before, while a trusted encoder counts."""
+
+
+Verdict = Literal["resumed", "contradicted", "distrusted", "trusted"]
+"""What is known of the encoder at a frame: it stood still and is now ahead; the frame contradicts it otherwise; it is
+not trusted since an earlier frame; it is trusted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Consequence:
+    """What an observation changes."""
+
+    earlier: Literal["kept", "relocated", "distributed"] = "kept"
+    """Positions of the frames since the last agreement: unchanged; by the material's proven motion; evenly over an
+    encoder's standstill."""
+    encoder: Literal["kept", "distrusted", "compared"] = "kept"
+    """Trust in the encoder: unchanged; lost; it may return, if the readings agree with a constant speed."""
+
+
+_MATCHED: Mapping[Verdict, Consequence] = {
+    "resumed": Consequence("distributed", "distrusted"),
+    "contradicted": Consequence("relocated", "distrusted"),
+    "distrusted": Consequence("relocated"),
+    "trusted": Consequence(),
+}
+_NOT_MATCHED: Mapping[Verdict, Consequence] = {
+    "resumed": Consequence("distributed", "distrusted"),
+    "contradicted": Consequence(encoder="distrusted"),
+    "distrusted": Consequence(encoder="compared"),
+    "trusted": Consequence(encoder="compared"),
+}
+
+
+def select_consequence(state: MaterialState, verdict: Verdict) -> Consequence:
+    """Return what an observation changes, given what is known of the encoder."""
+    return (_MATCHED if state == "matched" else _NOT_MATCHED)[verdict]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

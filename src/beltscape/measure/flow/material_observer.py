@@ -164,17 +164,18 @@ class MaterialObserver:
         """Register later frames without cells (Ny, Nx) of frame ``number`` that are no load."""
         self._key.leave_out(number, cells, self._reference.belt.noise_mm)
 
-    def _observe(self, frame: PushedFrame, *, trusted: bool) -> Observation:
-        """Observe the motion since the key frame; ``trusted``: the encoder may be used to predict it."""
+    def _observe(self, frame: PushedFrame, reading_mm: float | None) -> Observation:
+        """Observe the motion since the key frame; ``reading_mm`` is the encoder's, None where it is not trusted."""
         if self._key.heights is None or frame.high_pass is None:
             return Observation()
-        expected = self._expect(frame, trusted=trusted and frame.encoder_mm is not None)
+        expected = self._expect(frame, reading_mm)
         shift, by_encoder = self._register(frame.high_pass, expected)
         if expected.trusted and shift is not None and self._is_stalled(frame, shift):
             before = self._count_conflicts(frame, shift, expected)
             self.evidence.by_encoder += self.evidence.conflicting - before
-            return Observation(is_stalled=True)
-        self._turn(frame, shift, apart=expected.apart)
+            return Observation("standing")
+        if not expected.apart:
+            self._turn(frame, shift)
         before = self._count_conflicts(frame, shift, expected)
         if shift is None or not self._is_credible(frame, shift, expected):
             self.evidence.by_encoder += self.evidence.conflicting - before
@@ -183,12 +184,12 @@ class MaterialObserver:
         contradiction = None if by_encoder else self._compare(frame, shift)
         if expected.trusted and contradiction is not None and contradiction.kind == "standing":
             self._open = None
-            return Observation(is_stalled=True)
-        return Observation(shift, contradiction)
+            return Observation("standing")
+        return Observation("matched", shift, contradiction)
 
-    def _expect(self, frame: PushedFrame, *, trusted: bool) -> _Expectation:
-        """Return the expected motion since the key frame."""
-        by_speed = self.motion.predict_from_speed_mm(frame.clock)
+    def _expect(self, frame: PushedFrame, reading_mm: float | None) -> _Expectation:
+        """Return the expected motion since the key frame; ``reading_mm`` is that of a trusted encoder, else None."""
+        by_speed, trusted = self.motion.predict_from_speed_mm(frame.clock), reading_mm is not None
         along = self.motion.predict_mm(frame.clock, frame.encoder_mm)
         if not trusted and by_speed is not None:
             along = by_speed
@@ -221,9 +222,9 @@ class MaterialObserver:
         if not key.is_unmatched(frame, self.direction * near if expected.trusted else 0.0):
             return Observation()
         if not expected.trusted or not key.count_unmatched():
-            return Observation(is_uncertain=True)
+            return Observation("elsewhere")
         first = 1 + min(key.number, self.check.agreed)
-        return Observation(None, Contradiction("unmatched", first, np.nan, np.nan), is_uncertain=True)
+        return Observation("elsewhere", None, Contradiction("unmatched", first, np.nan, np.nan))
 
     def _count_conflicts(self, frame: PushedFrame, shift: Shift | None, expected: _Expectation) -> int:
         """Count a registration as evidence; return the number of conflicts before it."""
@@ -283,13 +284,13 @@ class MaterialObserver:
         by_speeds = (expected.by_speed_mm, self._travel.predict_motion_mm(elapsed))
         return is_certain(shift, along, by_speeds, speed_before, elapsed)
 
-    def _turn(self, frame: PushedFrame, shift: Shift | None, *, apart: bool) -> None:
+    def _turn(self, frame: PushedFrame, shift: Shift | None) -> None:
         """Replace an assumed direction by that of the material's motion.
 
         While encoder and material run back together, the direction is that of a belt that rolls back, until this
         takes longer than a belt does: then the encoder counts in reverse.
         """
-        if shift is None or not self.is_assumed or apart or abs(shift.along_mm) <= LEAST_MM:
+        if shift is None or not self.is_assumed or abs(shift.along_mm) <= LEAST_MM:
             return
         along, step = (1 if shift.along_mm > 0 else -1), self._encoder_step_mm(frame)
         if step is None or step >= -LEAST_MM:

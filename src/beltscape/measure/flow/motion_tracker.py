@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from beltscape.core.findings import Finding
 from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.belt_motion import BeltPosition, EncoderScale, MotionObservation
 from beltscape.measure.flow.encoder_check import (
@@ -26,6 +27,8 @@ from beltscape.measure.flow.location import (
     Observation,
     ProvenMotion,
     PushedFrame,
+    Verdict,
+    select_consequence,
 )
 from beltscape.measure.flow.material_observer import MaterialObserver
 from beltscape.measure.flow.motion_evidence import LEAST_PAIRS
@@ -124,58 +127,89 @@ class MotionTracker(MaterialObserver):
             return newest.high_pass is None or not newest.high_pass.has_load
         if not self._first.find(waiting):
             return is_known and not self._first.is_contradicting
-        along, before = self._first.along_mm, waiting[-2]
+        self._begin_with_first_motion(newest, waiting[-2])
+        return True
+
+    def _begin_with_first_motion(self, newest: PushedFrame, before: PushedFrame) -> None:
+        """Take direction and speed from the first motion; distrust an encoder that contradicts it."""
+        along, contradiction = self._first.along_mm, self._first.contradiction
         self.direction = self.direction or (1 if along > 0 else -1)
-        contradiction = self._first.contradiction
         if contradiction is not None:
             self.check.distrust(contradiction)
         if (newest.encoder_mm is None or contradiction is not None) and newest.clock > before.clock:
             self.motion.speed = self.direction * along / (newest.clock - before.clock)
-        return True
 
     def locate(self, frame: PushedFrame) -> Location:
         """Return the frame's position from the best observation, and compare the encoder with the material."""
         was_assumed, direction = self.is_assumed, self.direction
+        observed, contradiction = self._observe_and_judge(frame)
+        relocated = self._apply(frame, observed, contradiction)
+        self._check_speed(frame, observed)
+        before, place, finding = self.motion.last, self._place(frame, observed), None
+        if place is not None:
+            is_confirmed = observed.state == "matched" and (self._agrees or not self.check.is_trusted)
+            located = LocatedFrame(frame.number, frame.frame, place)
+            self._travel.add(located, self.motion.speed, is_confirmed=is_confirmed)
+            finding = self._make_finding(frame, observed, before, place)
+        return Location(
+            place,
+            observed.shift,
+            self.check.is_trusted,
+            contradiction,
+            finding,
+            has_turned=was_assumed and self.direction != direction,
+            is_sudden=self._undisputed_speed is not None,
+            is_stalled=observed.state == "standing",
+            relocated=tuple(relocated),
+        )
+
+    @property
+    def _agrees(self) -> bool:
+        """Whether encoder and material agree since the key frame."""
+        return self._open is not None and self._open[1]
+
+    def _observe_and_judge(self, frame: PushedFrame) -> tuple[Observation, Contradiction | None]:
+        """Return the observation, and what contradicts the encoder: the material, else its own readings."""
         self._open = None
         self._rolled_back.add(frame.encoder_mm)
         found = self._readings.find_contradiction(frame, self.motion, self._travel.confirmed)
         by_reading = found if self.check.is_trusted else None
-        observed = self._observe(frame, trusted=self.check.is_trusted and by_reading is None)
-        shift = observed.shift
-        agrees = self._open is not None and self._open[1]
-        contradiction = observed.contradiction or (None if agrees else by_reading)
+        is_trusted = self.check.is_trusted and by_reading is None
+        observed = self._observe(frame, frame.encoder_mm if is_trusted else None)
+        return observed, observed.contradiction or (None if self._agrees else by_reading)
+
+    def _apply(
+        self, frame: PushedFrame, observed: Observation, contradiction: Contradiction | None
+    ) -> list[LocatedFrame]:
+        """Apply an observation's consequences; return the earlier frames that it moves."""
+        consequence = select_consequence(observed.state, self._judge_encoder(contradiction))
         relocated: list[LocatedFrame] = []
-        if contradiction is not None and contradiction.kind == "resumed":
+        if consequence.earlier == "distributed":
             relocated = self._resume(frame)
-        elif shift is not None and (contradiction is not None or not self.check.is_trusted):
-            relocated = self._relocate(frame, shift, contradiction)
-        if contradiction is not None:
+        elif consequence.earlier == "relocated" and observed.shift is not None:
+            relocated = self._relocate(frame, observed.shift, contradiction)
+        if consequence.encoder == "distrusted" and contradiction is not None:
             self.check.distrust(contradiction)
-        elif shift is None:
+        elif consequence.encoder == "compared":
             self._compare_with_speed(frame)
-        self._check_speed(frame, observed)
-        before, place, finding = self.motion.last, self._place(frame, observed), None
-        if place is not None:
-            is_confirmed = shift is not None and (agrees or not self.check.is_trusted)
-            located = LocatedFrame(frame.number, frame.frame, place)
-            self._travel.add(located, self.motion.speed, is_confirmed=is_confirmed)
-            if observed.is_stalled:
-                step = (place.encoder_mm or 0.0) - (0.0 if before is None else before.encoder_mm or 0.0)
-                finding = make_stall_finding(step, self.check.tolerance)
-            elif frame.encoder_mm is not None or not self.check.is_trusted:
-                finding = make_encoder_finding(self.check, before, place)
-        has_turned = was_assumed and self.direction != direction
-        return Location(
-            place,
-            shift,
-            self.check.is_trusted,
-            contradiction,
-            finding,
-            has_turned,
-            self._undisputed_speed is not None,
-            observed.is_stalled,
-            tuple(relocated),
-        )
+        return relocated
+
+    def _judge_encoder(self, contradiction: Contradiction | None) -> Verdict:
+        """Return what is known of the encoder."""
+        if contradiction is not None:
+            return "resumed" if contradiction.kind == "resumed" else "contradicted"
+        return "trusted" if self.check.is_trusted else "distrusted"
+
+    def _make_finding(
+        self, frame: PushedFrame, observed: Observation, before: BeltPosition | None, place: BeltPosition
+    ) -> Finding | None:
+        """Return the finding about the encoder; None without one that was ever believed."""
+        if observed.state == "standing":
+            step = (place.encoder_mm or 0.0) - (0.0 if before is None else before.encoder_mm or 0.0)
+            return make_stall_finding(step, self.check.tolerance)
+        if frame.encoder_mm is not None or not self.check.is_trusted:
+            return make_encoder_finding(self.check, before, place)
+        return None
 
     def _check_speed(self, frame: PushedFrame, observed: Observation) -> None:
         """Note a change of the encoder's speed that only material can confirm, until the speed returns."""
@@ -190,7 +224,7 @@ class MotionTracker(MaterialObserver):
     def _place(self, frame: PushedFrame, observed: Observation) -> BeltPosition | None:
         """Return the frame's position from the best observation; None if unknown."""
         motion, trusted, shift = self.motion, self.check.is_trusted, observed.shift
-        if observed.is_uncertain and not trusted:
+        if observed.state == "elsewhere" and not trusted:
             motion.observe_movement(frame.clock)
         if motion.last is None and frame.depth is None:
             return None
@@ -200,7 +234,7 @@ class MotionTracker(MaterialObserver):
                 frame.encoder_mm,
                 None if shift is None else self.direction * shift.along_mm,
                 0.0 if shift is None else shift.sigma_mm,
-                uses_encoder=trusted and not (observed.is_uncertain and motion.speed is not None),
+                uses_encoder=trusted and not (observed.state == "elsewhere" and motion.speed is not None),
                 encoder_ratio=np.nan if trusted else self.check.constant_ratio,
             )
         )

@@ -6,7 +6,7 @@ Implausible are cameras at one place, boards of another unit, and halves of the 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -30,15 +30,14 @@ from beltscape.calibration.assessment.cross_validation import CrossValidation, c
 from beltscape.calibration.assessment.diagnosis import Discards, diagnose
 from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
 from beltscape.calibration.assessment.lens_domain import describe_domains, describe_tilts, limit_domains
-from beltscape.calibration.assessment.next_best_view import NextBestView, find_next_best_view
+from beltscape.calibration.assessment.next_best_view import find_next_best_view
 from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibration.assessment.verdict import PHOTOGRAPH
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
-from beltscape.calibration.detection.corners import BoardDetections
-from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
 from beltscape.calibration.network.two_sides import describe_back
+from beltscape.calibration.result import Calibration
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
@@ -125,50 +124,6 @@ def check_scale(board: Board, adjustment: BundleAdjustmentResult, rig: Rig, repo
 
 def _round(value: float) -> str:
     return f"{value:.4g}"
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
-    """Result of calibrating a capture."""
-
-    capture: Capture
-    board: Board
-    variant: PrintVariant
-    detections: BoardDetections
-    hierarchy: HierarchyResult
-    adjustment: BundleAdjustmentResult
-    rig: Rig
-    """The final rig, with its scores and its covariance."""
-    covariance: RigCovariance
-    depth_sigma: tuple[DepthSigma, ...]
-    """σ of depth from the calibration at the nearest, middle and farthest boards."""
-    next_best_view: NextBestView | None
-    """The most useful further view."""
-    rig_errors: RigErrors
-    training: Score
-    """Score on the views that the rig was calibrated with; it is optimistic."""
-    held_out: Score | None
-    """Score on views that the rig was not calibrated with; None if the views are too few."""
-    fit: FitQuality
-    """Assessment of the fit by its own residuals."""
-    given: tuple[str, ...]
-    """Cameras whose intrinsics were given."""
-    warnings: tuple[str, ...]
-    notes: tuple[str, ...]
-    """Remarks that are no faults: what looked like one before the joint adjustment, pixels that are not square."""
-    discards: Discards
-    """Corners, views and frames that the rig was not found from."""
-    coverage: Coverage
-    """Coverage of the measuring volume by the board's views."""
-
-    @property
-    def score(self) -> Score:
-        """The score on views that the rig was not calibrated with; with too few views, the optimistic one."""
-        return self.held_out or self.training
-
-    def __repr__(self) -> str:
-        kind = "held-out" if self.held_out else "training"
-        return f"Calibration({self.rig!r}, {kind} RMS {self.score.rms_px:.3f} px)"
 
 
 def calibrate(

@@ -12,12 +12,12 @@ from beltscape.calibration.assessment.next_best_view import NextBestView
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.calibration.network.association import Misclosure
+from beltscape.calibration.result import Calibration
 from beltscape.core.frames import Image
 from beltscape.files.atomic import write_bytes, write_text
 from beltscape.files.images import read_image
 from beltscape.files.json_text import write_json
 from beltscape.files.rig_json import write_rig
-from beltscape.pipeline.calibrating.calibration import Calibration
 from beltscape.report.calibration import calibration_page
 from beltscape.report.calibration_plots import coverage_picture
 
@@ -29,23 +29,7 @@ def write_calibration(out: Path, calibration: Calibration) -> None:
     """Write rig.json, calibration.json, report.html and coverage.png."""
     write_rig(out / "rig.json", calibration.rig)
     write_json(out / "calibration.json", make_calibration_document(calibration))
-    page = calibration_page(
-        calibration.hierarchy,
-        calibration.adjustment,
-        calibration.covariance,
-        calibration.rig_errors,
-        calibration.board,
-        calibration.depth_sigma,
-        calibration.next_best_view,
-        _read_rejected_images(calibration),
-        held_out=calibration.held_out,
-        training=calibration.training,
-        fit=calibration.fit,
-        warnings=calibration.warnings,
-        notes=calibration.notes,
-        left_out=calibration.discards.describe(),
-        coverage=calibration.coverage,
-    )
+    page = calibration_page(calibration, _read_rejected_images(calibration))
     write_text(out / "report.html", page)
     write_bytes(out / "coverage.png", coverage_picture(calibration.coverage))
 

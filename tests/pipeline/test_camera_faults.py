@@ -111,7 +111,7 @@ def test_exchanged_folders_are_named(run, capture, tmp_path):
     assert document["frames"][0]["auxiliaries"] == ["cam2", "cam4"]
 
 
-@pytest.mark.parametrize("other", ["cam1", "cam3"])
+@pytest.mark.parametrize("other", ["cam1", pytest.param("cam3", marks=pytest.mark.thorough)])
 def test_core_exchanged_with_an_auxiliary_is_named(run, capture, tmp_path, other):
     folder = capture("belt_loaded")
     (folder / "cam0").rename(folder / "x")

@@ -50,3 +50,15 @@ def small_frames(tmp_path_factory):
             reconstruct_capture(DEMO / scene, read_rig(TRUE_RIG), out / scene, Silent(), method="binocular")
 
     return make_once(tmp_path_factory, "small_frames", make)
+
+
+@pytest.fixture(scope="session")
+def small_belt(small_frames, tmp_path_factory):
+    """The belt.json of the empty belt's frame."""
+    from beltscape.core.progress import Silent
+    from beltscape.pipeline.measuring.belt import measure_empty_belt, write_belt_files
+
+    def make(out: Path) -> None:
+        write_belt_files(out / "belt.json", *measure_empty_belt(small_frames / "belt_empty", None, Silent()))
+
+    return make_once(tmp_path_factory, "small_belt", make) / "belt.json"

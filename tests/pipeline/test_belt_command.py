@@ -37,8 +37,8 @@ def test_measured_belt_is_accepted_by_volume(run, small_frames, tmp_path):
     assert volumes[1:] == pytest.approx([volumes[0]] * 2, rel=1e-12)
 
 
-def test_volume_writes_files_for_other_programs(run, small_frames, tmp_path):
-    empty, loaded = small_frames / "belt_empty", small_frames / "belt_loaded" / "000"
+def test_volume_writes_files_for_other_programs(run, small_frames, small_belt, tmp_path):
+    empty, loaded = small_belt, small_frames / "belt_loaded" / "000"
     code, out, _ = run(
         "measure", "volume", loaded, "--empty", empty, "--along", -100, 100, "--out", tmp_path, "--json"
     )

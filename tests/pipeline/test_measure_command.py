@@ -38,9 +38,9 @@ def test_answer_and_files_follow_the_contract(run, small_frames, tmp_path):
     assert "<canvas" not in (tmp_path / "v" / "report.html").read_text()
 
 
-def test_volumes_of_neighbouring_boxes_add_up(run, small_frames):
+def test_volumes_of_neighbouring_boxes_add_up(run, small_frames, small_belt):
     words = ("measure", "volume", small_frames / "belt_loaded" / "000")
-    words += ("--empty", small_frames / "belt_empty" / "000", "--across", -300, 300, "--json")
+    words += ("--empty", small_belt, "--across", -300, 300, "--json")
     parts = [
         parse_json(run(*words, "--along", a, b)[1])["volume_mm3"] for a, b in ((-120, -7.3), (-7.3, 120))
     ]
@@ -62,9 +62,11 @@ def test_folder_without_a_frame_is_refused(run, small_frames, tmp_path):
     assert line.startswith(f"beltscape: {tmp_path / 'nothing'}: no such file or folder; give a belt.json of")
 
 
-def test_only_frame_of_a_reconstruction_is_used_and_several_are_listed(run, small_frames, tmp_path):
-    loaded, empty = small_frames / "belt_loaded", small_frames / "belt_empty"
-    words = ("--empty", empty, "--along", -100, 100, "--json")
+def test_only_frame_of_a_reconstruction_is_used_and_several_are_listed(
+    run, small_frames, small_belt, tmp_path
+):
+    loaded = small_frames / "belt_loaded"
+    words = ("--empty", small_belt, "--along", -100, 100, "--json")
     answers = [parse_json(run("measure", "volume", place, *words)[1]) for place in (loaded, loaded / "000")]
     assert answers[0] == answers[1]
     several = tmp_path / "several"
@@ -92,15 +94,15 @@ def test_frames_of_different_rigs_are_refused(run, small_frames, tmp_path):
     )
 
 
-def test_reversed_box_is_refused(run, small_frames):
-    loaded, empty = small_frames / "belt_loaded" / "000", small_frames / "belt_empty" / "000"
+def test_reversed_box_is_refused(run, small_frames, small_belt):
+    loaded, empty = small_frames / "belt_loaded" / "000", small_belt
     code, _, err = run("measure", "volume", loaded, "--empty", empty, "--along", 100, -100)
     assert code == 2
     assert err == ["beltscape: --along 100 -100: the first number must be the smaller one"]
 
 
-def test_box_outside_is_refused_with_the_measured_range(run, small_frames):
-    loaded, empty = small_frames / "belt_loaded" / "000", small_frames / "belt_empty" / "000"
+def test_box_outside_is_refused_with_the_measured_range(run, small_frames, small_belt):
+    loaded, empty = small_frames / "belt_loaded" / "000", small_belt
     code, _, err = run("measure", "volume", loaded, "--empty", empty, "--along", 5000, 6000)
     assert code == 2
     assert err[-1].startswith(

@@ -94,7 +94,7 @@ def near_a_decision(fit, radii) -> np.ndarray:
 @everything
 @given(seeds, windows, st.sampled_from([0.0, 1.0]))
 def test_a_plane_stays_and_gives_its_slopes(name, seed, radii, prior):
-    s, by_u, by_v = planar(seed, 20)
+    s, by_u, by_v = planar(seed, 14)
     one, none = np.ones_like(s), np.zeros_like(s)
     slopes = np.full_like(s, by_u), np.full_like(s, by_v)
     fit = load(name).local_fit(one, none, s, *slopes, radii=radii, tolerance=0.5, prior_information=prior)
@@ -107,7 +107,7 @@ def test_a_plane_stays_and_gives_its_slopes(name, seed, radii, prior):
 @everything
 @given(seeds)
 def test_slopes_are_found_from_none(name, seed):
-    s, by_u, by_v = planar(seed, 24)
+    s, by_u, by_v = planar(seed, 16)
     one, none = np.ones_like(s), np.zeros_like(s)
     slopes, inner = (none, none), slice(3, -3)
     for _ in range(6):
@@ -133,7 +133,7 @@ def test_a_surface_that_is_not_flattened_keeps_its_shape(name):
 @everything
 @given(seeds, st.floats(-0.9, 0.9))
 def test_a_common_change_is_taken_whole_without_a_prior(name, seed, change):
-    s, by_u, by_v = planar(seed, 20)
+    s, by_u, by_v = planar(seed, 14)
     information = np.random.default_rng(seed).uniform(1, 50, s.shape)
     slopes = np.full_like(s, by_u), np.full_like(s, by_v)
     fit = load(name).local_fit(
@@ -144,7 +144,7 @@ def test_a_common_change_is_taken_whole_without_a_prior(name, seed, change):
 
 @everything
 def test_a_step_is_bounded_and_the_prior_holds(name):
-    s, none = np.full((20, 20), 100.0), np.zeros((20, 20))
+    s, none = np.full((12, 12), 100.0), np.zeros((12, 12))
     for information, prior, change in ((1.0, 0.0, 1.0), (1.0, 9.0, 0.5), (1.0, 99.0, 0.05)):
         fit = load(name).local_fit(
             none + information, none + 5, s, none, none, tolerance=1.0, prior_information=prior

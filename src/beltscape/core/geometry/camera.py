@@ -87,9 +87,13 @@ class Camera:
 
     def distort(self, ideal: Array) -> Array:
         """Distort undistorted image-plane coordinates x/z, y/z (..., 2); NaN beyond the domain of validity."""
-        distorted = self._distort(ideal)
-        squared = ideal[..., 0] ** 2 + ideal[..., 1] ** 2  # four times as fast as a sum over an axis of two
-        return np.where((squared <= self.valid_radius**2)[..., None], distorted, np.nan)
+        return np.stack(self.distort_axes(ideal[..., 0], ideal[..., 1]), axis=-1)
+
+    def distort_axes(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return the distorted x/z and y/z of undistorted ones as two arrays, which is faster than pairs."""
+        u, v = self.lens.distort(x, y, self.distortion)
+        is_valid = x**2 + y**2 <= self.valid_radius**2
+        return np.where(is_valid, u, np.nan), np.where(is_valid, v, np.nan)
 
     def undistort(self, pixels: NDArray[np.floating | np.integer]) -> Array:
         """Return undistorted image-plane coordinates x/z, y/z (..., 2) of distorted pixels (..., 2).
@@ -98,20 +102,23 @@ class Camera:
         """
         distorted = (np.asarray(pixels, dtype=np.float64) - self.center_px) / self.focal_px
         ideal = self._estimate_undistorted(distorted)
+        (x, y), (u, v) = (np.ascontiguousarray(np.moveaxis(pairs, -1, 0)) for pairs in (ideal, distorted))
+        lens, coefficients = self.lens, self.distortion
         with np.errstate(all="ignore"):  # pixels beyond the model's range diverge and end as NaN
             for _ in range(20):
-                xx, xy, yx, yy = self._differentiate(ideal)
-                dx, dy = np.moveaxis(distorted - self._distort(ideal), -1, 0)
-                step = np.stack([yy * dx - xy * dy, xx * dy - yx * dx], axis=-1)
-                step /= (xx * yy - xy * yx)[..., None]
-                ideal = ideal + step
-                if not (np.abs(step) > 1e-15).any():
+                xx, xy, yx, yy = lens.differentiate(x, y, coefficients)
+                at_u, at_v = lens.distort(x, y, coefficients)
+                du, dv, determinant = u - at_u, v - at_v, xx * yy - xy * yx
+                step_x, step_y = (yy * du - xy * dv) / determinant, (xx * dv - yx * du) / determinant
+                x, y = x + step_x, y + step_y
+                if not (np.fmax(np.abs(step_x), np.abs(step_y)) > 1e-15).any():
                     break
-            xx, xy, yx, yy = self._differentiate(ideal)
-            error = np.abs(self._distort(ideal) - distorted).max(axis=-1)
+            xx, xy, yx, yy = lens.differentiate(x, y, coefficients)
+            at_u, at_v = lens.distort(x, y, coefficients)
+            error = np.maximum(np.abs(at_u - u), np.abs(at_v - v))
             is_valid = (error < 1e-9) & (xx * yy > xy * yx) & (xx + yy > 0)
-            is_valid &= (ideal**2).sum(axis=-1) <= self.valid_radius**2
-        return np.where(is_valid[..., None], ideal, np.nan)
+            is_valid &= x**2 + y**2 <= self.valid_radius**2
+        return np.stack([np.where(is_valid, x, np.nan), np.where(is_valid, y, np.nan)], axis=-1)
 
     def rays(self, part: slice = slice(None)) -> Array:
         """Return x/z, y/z (H, W, 2) of the pixels of the *undistorted* pinhole grid; ``part`` thins both axes."""
@@ -119,12 +126,6 @@ class Camera:
         u = (np.arange(width, dtype=np.float64)[part] - float(self.center_px[0])) / float(self.focal_px[0])
         v = (np.arange(height, dtype=np.float64)[part] - float(self.center_px[1])) / float(self.focal_px[1])
         return np.stack(np.meshgrid(u, v), axis=-1)
-
-    def _distort(self, ideal: Array) -> Array:
-        return np.stack(self.lens.distort(ideal[..., 0], ideal[..., 1], self.distortion), axis=-1)
-
-    def _differentiate(self, ideal: Array) -> tuple[Array, Array, Array, Array]:
-        return self.lens.differentiate(ideal[..., 0], ideal[..., 1], self.distortion)
 
     def _estimate_undistorted(self, distorted: Array) -> Array:
         """Return the start of `undistort`: the coordinates themselves, or the inverse of a strong radial factor."""

@@ -12,6 +12,8 @@ from beltscape.core.errors import ArgumentError
 
 _ORTHONORMAL = 1e-6
 """Largest error of an element of R Rᵀ: the program writes all digits, and 1e-6 rad moves no pixel noticeably."""
+_CLEARLY_ORTHONORMAL = 5e-7
+"""Largest error at which plain floats accept R: half of `_ORTHONORMAL`, so that roundings decide nothing."""
 _SMALL_RAD = 1e-8
 """Below this angle the series is used: its error is the angle's cube, and (1 - cos a) / a² loses its digits."""
 _TINY_SINE = 1e-12
@@ -31,7 +33,7 @@ class Pose:
         """Raise ArgumentError unless they are a rotation and a translation."""
         require_array(self.rotation, "rotation", (3, 3))
         require_array(self.translation_mm, "translation_mm", (3,))
-        if np.isfinite(self.rotation).all() and not is_rotation(self.rotation):
+        if not is_rotation(self.rotation) and np.isfinite(self.rotation).all():
             raise ArgumentError(
                 "rotation is no rotation: its rows must be of length 1 and at right angles, its determinant +1"
             )
@@ -102,8 +104,24 @@ def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def is_rotation(matrix: NDArray[np.float64]) -> bool:
     """Return whether a matrix (3, 3) is orthonormal, up to rounding, with determinant +1."""
+    if _is_clearly_rotation(matrix):
+        return True
     is_orthonormal = np.allclose(matrix @ matrix.T, np.eye(3), rtol=0, atol=_ORTHONORMAL)
     return bool(is_orthonormal and np.linalg.det(matrix) >= 0)
+
+
+def _is_clearly_rotation(matrix: NDArray[np.float64]) -> bool:
+    """Return whether nine plain floats show a rotation, in a twentieth of the time that arrays of nine take."""
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    return (
+        abs(a * a + b * b + c * c - 1) < _CLEARLY_ORTHONORMAL
+        and abs(d * d + e * e + f * f - 1) < _CLEARLY_ORTHONORMAL
+        and abs(g * g + h * h + i * i - 1) < _CLEARLY_ORTHONORMAL
+        and abs(a * d + b * e + c * f) < _CLEARLY_ORTHONORMAL
+        and abs(a * g + b * h + c * i) < _CLEARLY_ORTHONORMAL
+        and abs(d * g + e * h + f * i) < _CLEARLY_ORTHONORMAL
+        and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0
+    )
 
 
 def vector_from_rotation(rotation: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -78,7 +78,7 @@ def refine_section(
     x, off = x[on], off[on]
     nodes = np.linspace(float(x_mm[0]), float(x_mm[-1]), max(len(x_mm), int(np.ptp(x_mm) / (2 * pixel_mm))))
     own = np.rint((x - nodes[0]) / (nodes[1] - nodes[0])).astype(np.intp)
-    order = np.lexsort((off, own))
+    order = _sort_within_labels(own, off, len(nodes))
     count = np.bincount(own, minlength=len(nodes))
     first = np.cumsum(count) - count
     full = np.flatnonzero(count >= 20)
@@ -184,12 +184,18 @@ def _compute_bin_medians(
     label: NDArray[np.intp], values: NDArray[np.float64], size: int
 ) -> NDArray[np.float64]:
     """Return the median of the values of each label (size,); empty ones are interpolated."""
-    order = np.lexsort((values, label))
+    order = _sort_within_labels(label, values, size)
     count = np.bincount(label, minlength=size)
     first = np.cumsum(count) - count
     full = np.flatnonzero(count)
     medians = values[order[first[full] + count[full] // 2]]
     return np.interp(np.arange(size), full, medians)
+
+
+def _sort_within_labels(label: NDArray[np.intp], values: NDArray[np.float64], size: int) -> NDArray[np.intp]:
+    """Return the order (N,) by labels below ``size``, then by values; labels of 16 bits are sorted in linear time."""
+    by_value = np.argsort(values)
+    return by_value[np.argsort(label[by_value].astype(np.min_scalar_type(size)), kind="stable")]
 
 
 def _solve_normal_equations(

@@ -77,10 +77,13 @@ def _intersect_belt(
     z = depth.depth_mm[use].astype(np.float64)
     eye = pose.translation_mm
     reach = (0.0 - eye[2]) / rays[:, 2]
+    across, along, up = np.ascontiguousarray(rays.T)
     for _ in range(12):  # the ray is steep against the belt: a few iterations converge
-        reach = (_extrapolate_section(belt, eye[0] + reach * rays[:, 0]) - eye[2]) / rays[:, 2]
-    x, y = eye[0] + reach * rays[:, 0], eye[1] + reach * rays[:, 1]
-    below = (z - reach) * -rays[:, 2]
+        before, reach = reach, (_extrapolate_section(belt, eye[0] + reach * across) - eye[2]) / up
+        if np.array_equal(before, reach, equal_nan=True):
+            break
+    x, y = eye[0] + reach * across, eye[1] + reach * along
+    below = (z - reach) * -up
     flag = np.where(below > _BELOW_MM, -1, np.where(below < 0.5 * _BELOW_MM, 1, 0)).astype(np.int8)
     return x, y, flag
 

@@ -178,7 +178,7 @@ def fit_block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlan
         right = weighted.transpose(0, 2, 1) @ filled[..., None]
         plane = cast("NDArray[np.float64]", np.linalg.solve(normal_matrix, right))[..., 0]
         residual = np.where(np.isfinite(inverse), inverse - (local @ plane[..., None])[..., 0], np.nan)
-        scale = MAD_TO_SIGMA * np.nanmedian(np.abs(residual), axis=1) + 1e-12
+        scale = MAD_TO_SIGMA * _compute_row_medians(np.abs(residual)) + 1e-12
         ratio = np.nan_to_num(residual / (TUKEY * scale[:, None]), nan=1.0)
         weight = np.where(np.abs(ratio) < 1, (1 - ratio**2) ** 2, 0.0)
     # w = a·x/z + b·y/z + c is the plane a·X + b·Y + c·Z = 1
@@ -187,6 +187,13 @@ def fit_block_planes(depth: DepthMap, camera: Camera, side_px: int) -> BlockPlan
     normal *= -1.0 / np.linalg.norm(normal, axis=1, keepdims=True)
     z = 1.0 / plane[:, 2]
     return BlockPlanes(normal, middle * z[:, None], scale * z**2, row, column)
+
+
+def _compute_row_medians(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the medians (N,) of rows (N, M) without their NaN, of which `nanmedian` makes masked arrays."""
+    count = np.isfinite(values).sum(axis=1)
+    ascending, row = np.sort(values, axis=1), np.arange(len(values))  # NaN goes last
+    return (ascending[row, (count - 1) // 2] + ascending[row, count // 2]) / 2
 
 
 def _split_blocks(plane: NDArray[np.float64], side: int) -> NDArray[np.float64]:

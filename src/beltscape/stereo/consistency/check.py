@@ -43,9 +43,9 @@ from beltscape.stereo.consistency.rig_consistency import (
 from beltscape.stereo.consistency.tie_points import (
     Array,
     TiePoints,
-    UnguidedMatcher,
     detect_textured_points,
     join_tie_points,
+    make_unguided_matcher,
     match_guided,
 )
 from beltscape.stereo.consistency.tolerance import Tolerance, compute_change_tolerance, compute_tolerance
@@ -152,7 +152,8 @@ def check_consistency(
         found = replace(found, textured_points=len(points))
         if _is_still_confirmed(found, confirmed):
             return find_undecided(found, rig, depth, points)
-    wide_points = UnguidedMatcher(rig, compute_search_range(rig, names)).match(frame_set, names, points)
+    matcher = make_unguided_matcher(rig, compute_search_range(rig, names))
+    wide_points = matcher.match(frame_set, names, points)
     tolerance = tolerance or _make_tolerance(wide_points, rig, names)
     wide = assess_tie_points(wide_points, rig, names, tolerance.widen(wide_points.pixel_scale))
     wide = replace(wide, textured_points=len(points), guided=False, is_searched=True)

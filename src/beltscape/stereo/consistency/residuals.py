@@ -38,7 +38,7 @@ def compute_pair_residuals(tie_points: TiePoints, rig: Rig, name: str) -> PairRe
         [(tie_points.core_px - core.center_px) / core.focal_px, np.ones((len(tie_points.core_px), 1))], axis=1
     )
     directions, shift = rays @ pose.rotation.T, pose.translation_mm
-    observed = camera.undistort(tie_points.observed_px[name])
+    observed = tie_points.undistort(name, camera)
     observed = np.concatenate([observed, np.ones((len(observed), 1))], axis=1)
     inverse_depth = _triangulate(observed, directions, shift)
     start = directions + tie_points.inverse_depth[:, None] * shift

@@ -7,7 +7,8 @@ rectified pairs over many rows.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import cast
 
 import cv2
@@ -49,6 +50,17 @@ class TiePoints:
     """By auxiliary: (N,) whether the point was searched in its image."""
     pixel_scale: float = 1.0
     """Pixel of the images in which the points were matched, in px of the rig's images."""
+    _undistorted: dict[str, tuple[Camera, Array]] = field(
+        default_factory=dict[str, tuple[Camera, Array]], init=False, repr=False
+    )
+    """By auxiliary: what `undistort` returned last, and for which camera."""
+
+    def undistort(self, name: str, camera: Camera) -> Array:
+        """Return (N, 2) undistorted coordinates of an auxiliary's positions, which fits ask for many times."""
+        last = self._undistorted.get(name)
+        if last is None or last[0] is not camera:
+            last = self._undistorted[name] = camera, camera.undistort(self.observed_px[name])
+        return last[1]
 
 
 def join_tie_points(frames: Sequence[TiePoints]) -> TiePoints:
@@ -352,6 +364,12 @@ class UnguidedMatcher:
                 pair = None
             self._pairs[name] = None if pair is None or max(pair.size_px) > 4 * _WIDTH_PX else pair
         return self._pairs[name]
+
+
+@lru_cache(maxsize=2)
+def make_unguided_matcher(rig: Rig, depth_range_mm: tuple[float, float]) -> UnguidedMatcher:
+    """Return the rig's matcher; all checks of a sequence rectify each of its pairs once."""
+    return UnguidedMatcher(rig, depth_range_mm)
 
 
 def _map_to_auxiliary(pair: RectifiedPair, rectified_px: Array) -> Array:

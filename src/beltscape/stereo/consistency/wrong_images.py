@@ -6,7 +6,7 @@ another instant fit those of the others one frame before or after.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
@@ -14,6 +14,7 @@ from typing import Literal
 
 import numpy as np
 
+from beltscape.core.arrays import Array
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.translatable_message import Message
@@ -25,6 +26,7 @@ from beltscape.stereo.consistency.tie_points import (
     TiePoints,
     UnguidedMatcher,
     detect_textured_points,
+    make_unguided_matcher,
 )
 from beltscape.stereo.multiview.depth_range import compute_search_range
 
@@ -43,55 +45,78 @@ class FittingPoints:
         self.frame_set, self.rig = frame_set, rig
         self.auxiliaries = tuple(name for name in rig.auxiliaries if name in frame_set.images)
         """The auxiliaries that have an image in the frame."""
-        self._matched: dict[tuple[tuple[int, ...], tuple[str, ...], int], tuple[FrameSet, TiePoints]] = {}
-        """By images, auxiliaries and number of points; the images are kept, so that none takes another's identity."""
+        self._matched: dict[tuple[int, int, str, int], tuple[FrameSet, TiePoints]] = {}
+        """By core image, auxiliary's image, auxiliary and number of points; the frame sets are kept, so that no image
+        takes another's identity."""
+        self._points_px: dict[tuple[int, int], tuple[Image, Array]] = {}
+        """By core image and number of points, the image kept as well."""
 
     @cached_property
     def unchanged(self) -> dict[str, int]:
         """The points that fit by auxiliary, with the images as they are."""
-        return self.count(self.frame_set, self.auxiliaries)
+        return {name: self._count(self.frame_set, name) for name in self.auxiliaries}
 
-    def count_with(self, changed: Mapping[str, Image]) -> dict[str, int]:
-        """Return by auxiliary the points that fit with these images by camera in place of the frame's own."""
-        affected = self.auxiliaries if self.rig.core in changed else tuple(changed)
+    def count_with(self, changed: Mapping[str, Image], above: Mapping[str, int]) -> dict[str, int] | None:
+        """Return by auxiliary the points that fit with these images by camera in place of the frame's own.
+
+        None as soon as an auxiliary that the images concern has no more points than ``above`` states for it.
+        """
         frame_set = replace(self.frame_set, images={**self.frame_set.images, **changed})
-        return {**self.unchanged, **self.count(frame_set, affected)}
+        points = dict(self.unchanged)
+        for name in self.list_affected(changed):
+            points[name] = self._count(frame_set, name)
+            if points[name] <= above[name]:
+                return None
+        return points
 
-    def count(self, frame_set: FrameSet, names: tuple[str, ...]) -> dict[str, int]:
-        """Return by auxiliary the number of points on their epipolar lines; 0 for one that does not fit."""
-        tie_points = self._match(frame_set, names, _POINTS)
-        epipolar = compute_frame_residuals(tie_points, self.rig, names).epipolar
-        return {
-            name: residual.points
-            if np.isfinite(residual.rms_px)
-            and residual.inlier_share > _LEAST_INLIERS
-            and residual.rms_px < _FITS_PX * tie_points.pixel_scale
-            else 0
-            for name, residual in epipolar.items()
-        }
+    def list_affected(self, changed: Collection[str]) -> tuple[str, ...]:
+        """Return the auxiliaries whose points depend on the images of these cameras."""
+        return self.auxiliaries if self.rig.core in changed else tuple(changed)
 
     def count_agreeing(self, frame_set: FrameSet, names: tuple[str, ...]) -> list[int]:
         """Return by auxiliary the number of points within a pixel of their lines, whether or not it fits."""
-        tie_points = self._match(frame_set, names, MAX_POINTS)
-        residuals = (compute_pair_residuals(tie_points, self.rig, name).epipolar_px for name in names)
-        return [int((np.abs(px) < _FITS_PX * tie_points.pixel_scale).sum()) for px in residuals]
+        counts: list[int] = []
+        for name in names:
+            tie_points = self._match(frame_set, name, MAX_POINTS)
+            epipolar_px = compute_pair_residuals(tie_points, self.rig, name).epipolar_px
+            counts.append(int((np.abs(epipolar_px) < _FITS_PX * tie_points.pixel_scale).sum()))
+        return counts
 
     def count_searched(self, frame_set: FrameSet, names: tuple[str, ...]) -> list[int]:
         """Return by auxiliary the number of points that were searched in its image."""
-        tie_points = self._match(frame_set, names, MAX_POINTS)
-        return [int(tie_points.searched[name].sum()) for name in names]
+        return [int(self._match(frame_set, name, MAX_POINTS).searched[name].sum()) for name in names]
 
-    def _match(self, frame_set: FrameSet, names: tuple[str, ...], max_points: int) -> TiePoints:
-        key = tuple(id(frame_set.images[name]) for name in (self.rig.core, *names)), names, max_points
+    def _count(self, frame_set: FrameSet, name: str) -> int:
+        """Return the number of an auxiliary's points on their epipolar lines; 0 if it does not fit."""
+        tie_points = self._match(frame_set, name, _POINTS)
+        residual = compute_frame_residuals(tie_points, self.rig, (name,)).epipolar[name]
+        fits = (
+            np.isfinite(residual.rms_px)
+            and residual.inlier_share > _LEAST_INLIERS
+            and residual.rms_px < _FITS_PX * tie_points.pixel_scale
+        )
+        return residual.points if fits else 0
+
+    def _match(self, frame_set: FrameSet, name: str, max_points: int) -> TiePoints:
+        core, auxiliary = frame_set.images[self.rig.core], frame_set.images[name]
+        key = id(core), id(auxiliary), name, max_points
         if key not in self._matched:
-            core, camera = frame_set.images[self.rig.core], self.rig.core_camera
-            points_px = detect_textured_points(core, camera, max_points=max_points)
-            self._matched[key] = frame_set, self._matcher.match(frame_set, names, points_px)
+            points_px = self._detect_points(core, max_points)
+            self._matched[key] = frame_set, self._matcher.match(frame_set, (name,), points_px)
         return self._matched[key][1]
+
+    def _detect_points(self, core: Image, max_points: int) -> Array:
+        key = id(core), max_points
+        if key not in self._points_px:
+            self._points_px[key] = (
+                core,
+                detect_textured_points(core, self.rig.core_camera, max_points=max_points),
+            )
+        return self._points_px[key][1]
 
     @cached_property
     def _matcher(self) -> UnguidedMatcher:
-        return UnguidedMatcher(self.rig, compute_search_range(self.rig, self.auxiliaries))
+        return make_unguided_matcher(self.rig, compute_search_range(self.rig, self.auxiliaries))
 
 
 _INSTANT_GAIN = 1.3
@@ -265,14 +290,15 @@ def find_mirroring(fitting: FittingPoints, consistency: RigConsistency) -> Mirro
     best: Mirroring | None = None
     most = _FLIP_GAIN * sum(before.values()) + 1
     for cameras in suspects:
-        affected = names if core in cameras else cameras
+        affected = fitting.list_affected(cameras)
         for flip in _STEPS:
             images = fitting.frame_set.images
-            points = fitting.count_with({name: _flip_image(images[name], flip) for name in cameras})
+            flipped = {name: _flip_image(images[name], flip) for name in cameras}
+            points = fitting.count_with(flipped, before)
+            if points is None:
+                continue
             total = sum(points.values())
-            if total >= most and all(
-                points[n] > max(before[n], _SHARE * max(points.values())) for n in affected
-            ):
+            if total >= most and all(points[n] > _SHARE * max(points.values()) for n in affected):
                 best, most = Mirroring(cameras, flip), total
     return best
 
@@ -313,9 +339,8 @@ def find_exchange_among(fitting: FittingPoints, suspects: tuple[str, ...]) -> tu
         exchanged = {one: images[other], other: images[one]}
         if any(image.shape[1::-1] != tuple(rig.cameras[name].size_px) for name, image in exchanged.items()):
             continue
-        points = fitting.count_with(exchanged)
-        affected = fitting.auxiliaries if rig.core in exchanged else (one, other)
-        total = sum(points.values())
-        if all(points[name] for name in affected) and total >= most:
+        points = fitting.count_with(exchanged, dict.fromkeys(fitting.auxiliaries, 0))
+        total = 0 if points is None else sum(points.values())
+        if total >= most:
             best, most = (one, other), total
     return best

@@ -227,13 +227,17 @@ def _make_source_map(
         y = (np.arange(top, min(top + _STRIP_ROWS, size_px[1])) - center_px[1]) / focal_px
         u, v = np.meshgrid(x, y)
         rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ rectified_from_cam.rotation
-        behind = rays[..., 2] < 0.05
-        ideal = rays[..., :2] / np.where(behind, 1.0, rays[..., 2])[..., None]
-        pixels = camera.distort(ideal) * camera.focal_px + camera.center_px
-        beyond = (np.abs(ideal) > limit) | np.isnan(pixels)
-        outside = behind | beyond[..., 0] | beyond[..., 1]
-        pixels[outside] = OUTSIDE_PX
-        source[top : top + len(y)] = pixels
+        depth = np.ascontiguousarray(rays[..., 2])
+        behind = depth < 0.05
+        depth[behind] = 1.0
+        ideal_x, ideal_y = rays[..., 0] / depth, rays[..., 1] / depth
+        distorted = camera.distort_axes(ideal_x, ideal_y)
+        outside = behind | (np.abs(ideal_x) > limit[0]) | (np.abs(ideal_y) > limit[1])
+        outside |= np.isnan(distorted[0]) | np.isnan(distorted[1])
+        for axis, values in enumerate(distorted):
+            pixels = values * camera.focal_px[axis] + camera.center_px[axis]
+            pixels[outside] = OUTSIDE_PX
+            source[top : top + len(y), :, axis] = pixels
     return source
 
 

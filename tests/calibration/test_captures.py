@@ -79,7 +79,12 @@ def test_the_given_core_camera_is_used(charuco_capture):
 
 @pytest.mark.parametrize(
     ("squares", "legacy", "inverted"),
-    [((8, 6), True, False), ((8, 6), False, True), ((8, 6), True, True), ((6, 5), False, True)],
+    [
+        pytest.param((8, 6), True, False, marks=pytest.mark.thorough),
+        pytest.param((8, 6), False, True, marks=pytest.mark.thorough),
+        ((8, 6), True, True),
+        ((6, 5), False, True),
+    ],
 )
 def test_the_print_variant_is_determined_from_the_images(tmp_path, squares, legacy, inverted):
     board = CharucoBoard(squares=squares, square_mm=44, marker_mm=31, dictionary="DICT_5X5_50")

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import settings
 
 from beltscape.target.board import CharucoBoard
+from tests.detection_store import use_detection_store
 from tests.once import make_once
 from tests.synthetic.boards import BoardCapture, board_poses, capture, name_frames, row_of_cameras
 from tests.thorough import THOROUGH, count_examples
@@ -77,6 +78,13 @@ def real_data():
         return path
 
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def detection_store(tmp_path_factory):
+    """Find the board in an image once in a run of the tests."""
+    with use_detection_store(make_once(tmp_path_factory, "detections", lambda _: None)):
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -12,6 +12,7 @@ from beltscape.core.progress import Silent
 from beltscape.evaluate.depth_scores import score_rig_against_truth
 from beltscape.kernels import load
 from tests.synthetic.detections import make_detections, replace_view
+from tests.thorough import count_examples
 
 NOISE_PX = 0.1
 
@@ -64,7 +65,7 @@ def test_depth_sigma_equals_the_scatter_of_many_rigs(rig, board, poses, adjusted
     x, y = np.meshgrid(sigma.x_mm, sigma.y_mm)
     points = np.stack([x[inner].ravel(), y[inner].ravel(), np.full(x[inner].size, 650.0)], axis=-1)
     errors = []
-    for seed in range(16):
+    for seed in range(count_examples(24)):
         own = make_detections(rig, board, poses, NOISE_PX, 100 + seed)
         again = adjust_bundle(solve_hierarchy(own, board, rig.core, Silent()), board).rig
         errors.append(triangulate_with(again, rig, points)[:, 2] - 650.0)

@@ -22,6 +22,7 @@ from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.calibration_files import make_calibration_document
 from beltscape.pipeline.calibrating.check import check
 from beltscape.target.board import CharucoBoard, Chessboard
+from tests.detection_store import detect_anew
 from tests.synthetic.boards import Print, board_poses, capture, row_of_cameras
 
 CHESSBOARD = Chessboard(corners=(8, 5), square_mm=40)
@@ -78,7 +79,12 @@ def test_the_given_core_camera_is_used(charuco_capture):
 
 @pytest.mark.parametrize(
     ("squares", "legacy", "inverted"),
-    [((8, 6), True, False), ((8, 6), False, True), ((8, 6), True, True), ((6, 5), False, True)],
+    [
+        pytest.param((8, 6), True, False, marks=pytest.mark.thorough),
+        pytest.param((8, 6), False, True, marks=pytest.mark.thorough),
+        ((8, 6), True, True),
+        ((6, 5), False, True),
+    ],
 )
 def test_the_print_variant_is_determined_from_the_images(tmp_path, squares, legacy, inverted):
     board = CharucoBoard(squares=squares, square_mm=44, marker_mm=31, dictionary="DICT_5X5_50")
@@ -150,7 +156,8 @@ def test_threads_do_not_change_a_byte(monkeypatch, charuco_capture):
         monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
         cv2.setNumThreads(threads)
         try:
-            found = calibrate(charuco_capture.folder, charuco_capture.board, None, Silent())
+            with detect_anew():
+                found = calibrate(charuco_capture.folder, charuco_capture.board, None, Silent())
         finally:
             cv2.setNumThreads(before)
         results.add(to_json(rig_document(found.rig)) + to_json(make_calibration_document(found)))

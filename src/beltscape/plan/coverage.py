@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations
 from math import comb
 
@@ -57,26 +58,28 @@ def area_mm2(polygon: Polygon) -> float:
     if len(polygon) < 3:
         return 0.0
     x, y = (polygon - polygon[0]).T
-    return float(abs(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) / 2)
+    next_x, next_y = (np.concatenate([each[1:], each[:1]]) for each in (x, y))
+    return float(abs(np.sum(x * next_y - next_x * y)) / 2)
 
 
 def clip(subject: Polygon, window: Polygon) -> Polygon:
     """Return the intersection of two convex polygons (Sutherland & Hodgman 1974, doi:10.1145/360767.360802)."""
-    result = subject
-    for start, end in zip(window, np.roll(window, -1, axis=0), strict=True):
-        if not len(result):
-            break
-        edge = end - start
-        inside = edge[0] * (result[:, 1] - start[1]) - edge[1] * (result[:, 0] - start[0])
-        corners: list[NDArray[np.float64]] = []
-        for i in range(len(result)):
-            a, b = inside[i], inside[(i + 1) % len(result)]
+    result: list[list[float]] = subject.tolist()  # numbers of Python, the fastest for a handful of corners
+    border: list[list[float]] = window.tolist()
+    for start, end in zip(border, border[1:] + border[:1], strict=True):
+        across, along = end[0] - start[0], end[1] - start[1]
+        inside = [across * (y - start[1]) - along * (x - start[0]) for x, y in result]
+        corners: list[list[float]] = []
+        for i, (x, y) in enumerate(result):
+            following = (i + 1) % len(result)
+            a, b = inside[i], inside[following]
             if a >= 0:
-                corners.append(result[i])
+                corners.append([x, y])
             if (a > 0 > b) or (a < 0 < b):
-                corners.append(result[i] + a / (a - b) * (result[(i + 1) % len(result)] - result[i]))
-        result = np.array(corners).reshape(-1, 2)
-    return result
+                share, (next_x, next_y) = a / (a - b), result[following]
+                corners.append([x + share * (next_x - x), y + share * (next_y - y)])
+        result = corners
+    return np.array(result, np.float64).reshape(-1, 2)
 
 
 def overlap_shares(base: Polygon, others: list[Polygon]) -> tuple[float, ...]:
@@ -88,13 +91,12 @@ def overlap_shares(base: Polygon, others: list[Polygon]) -> tuple[float, ...]:
     whole, count = area_mm2(base), len(others)
     if whole == 0:
         return (0.0,) * (count + 1)
-    sums = [0.0] * (count + 1)
-    for size in range(count + 1):
-        for chosen in combinations(others, size):
-            piece = base
-            for other in chosen:
-                piece = clip(piece, other)
-            sums[size] += area_mm2(piece)
+    sums = [whole] + [0.0] * count
+    pieces: dict[tuple[int, ...], Polygon] = {(): base}
+    for size in range(1, count + 1):
+        for chosen in combinations(range(count), size):
+            pieces[chosen] = clip(pieces[chosen[:-1]], others[chosen[-1]])
+            sums[size] += area_mm2(pieces[chosen])
     exactly = [
         sum((-1) ** (j - m) * comb(j, m) * sums[j] for j in range(m, count + 1)) for m in range(count + 1)
     ]
@@ -146,7 +148,7 @@ def compute_plane_coverage(
     for other in others:
         common = clip(common, other)
     whole = area_mm2(base)
-    lengths = tuple(_find_length(planned, height_mm, width_mm, number) for number in range(len(others) + 1))
+    lengths = _find_lengths(planned, height_mm, width_mm)
     return PlaneCoverage(
         name=name,
         height_mm=height_mm,
@@ -175,22 +177,31 @@ def usable_length_mm(planes: tuple[PlaneCoverage, ...], auxiliaries: int) -> flo
     return min(plane.lengths_mm[auxiliaries] for plane in planes)
 
 
-def _find_length(planned: PlannedRig, height_mm: float, width_mm: float, auxiliaries: int) -> float:
-    """Return twice the largest |y| up to which the core and n auxiliaries see the whole width."""
+def _find_lengths(planned: PlannedRig, height_mm: float, width_mm: float) -> tuple[float, ...]:
+    """Return twice the largest |y| up to which the core and at least 0, 1, …, n auxiliaries see the whole width."""
     across = np.linspace(-width_mm / 2, width_mm / 2, _POINTS_ACROSS)
+    points = np.array([[x, side, height_mm] for side in (-1.0, 1.0) for x in across])
 
-    def is_whole_width_seen(y: float) -> bool:
-        points = np.array([[x, side * y, height_mm] for side in (-1, 1) for x in across])
-        seen = sum(planned.sees(name, points).astype(int) for name in planned.rig.auxiliaries)
-        return bool((planned.sees(planned.rig.core, points) & (seen >= auxiliaries)).all())
+    @cache
+    def count_seeing(y: float) -> int:
+        """Return the number of auxiliaries that see the whole width at ±y, point by point; −1 without the core."""
+        at_y = points * np.array([1.0, y, 1.0])
+        if not planned.sees(planned.rig.core, at_y).all():
+            return -1
+        return int(np.sum([planned.sees(name, at_y) for name in planned.rig.auxiliaries], axis=0).min())
 
-    if not is_whole_width_seen(0.0):
-        return 0.0
-    low, high = 0.0, float(np.abs(project_footprint(planned, planned.rig.core, height_mm)[:, 1]).max()) + 1
-    for _ in range(_BISECTIONS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if is_whole_width_seen(middle) else (low, middle)
-    return 2 * low
+    longest = float(np.abs(project_footprint(planned, planned.rig.core, height_mm)[:, 1]).max()) + 1
+
+    def find_length(auxiliaries: int) -> float:
+        if count_seeing(0.0) < auxiliaries:
+            return 0.0
+        low, high = 0.0, longest
+        for _ in range(_BISECTIONS):
+            middle = (low + high) / 2
+            low, high = (middle, high) if count_seeing(middle) >= auxiliaries else (low, middle)
+        return 2 * low
+
+    return tuple(find_length(number) for number in range(len(planned.rig.auxiliaries) + 1))
 
 
 def _pixel_mm(planned: PlannedRig, name: str, height_mm: float, base: Polygon) -> tuple[float, float, float]:

@@ -5,7 +5,8 @@ Its standard deviation of depth is predicted: matching noise propagated through 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,10 +32,17 @@ class PlannedRig:
     """Angle between the optical axes of an auxiliary and the core."""
     target_mm: NDArray[np.float64]
     """(3,) the point where all axes meet."""
+    _cams_from_world: Mapping[str, Pose] = field(init=False, repr=False)
+    """The pose of each camera, which the search for the covered length asks for thousands of times."""
+
+    def __post_init__(self) -> None:
+        """Compute the cameras' poses in the world."""
+        poses = {name: pose @ self.core_from_world for name, pose in self.rig.cam_from_core.items()}
+        object.__setattr__(self, "_cams_from_world", poses)
 
     def cam_from_world(self, name: str) -> Pose:
         """Return the pose of one camera."""
-        return self.rig.cam_from_core[name] @ self.core_from_world
+        return self._cams_from_world[name]
 
     def position_mm(self, name: str) -> NDArray[np.float64]:
         """Return (3,) the position of one camera in the world."""

@@ -108,11 +108,17 @@ class _Plane:
             is_far = (darts[:, 0] - x) ** 2 + (darts[:, 1] - y) ** 2 > radius * radius
             darts = darts[is_far]
         column, row = self._cells(darts)
-        for dy, dx in _NEIGHBOURS:
-            neighbour = self.points[self.index[row + dy, column + dx]]
-            is_far = ((darts - neighbour) ** 2).sum(axis=1) > self.limit
-            darts, row, column = darts[is_far], row[is_far], column[is_far]
-        return darts
+        columns, index = self.index.shape[1], self.index.ravel()
+        place, (x, y) = row * columns + column, np.ascontiguousarray(darts.T)
+        points_x, points_y = np.ascontiguousarray(self.points.T)
+        for (
+            dy,
+            dx,
+        ) in _NEIGHBOURS:  # coordinate by coordinate: sums over an axis of two are slow
+            neighbour = index[place + (dy * columns + dx)]
+            is_far = (x - points_x[neighbour]) ** 2 + (y - points_y[neighbour]) ** 2 > self.limit
+            x, y, place = x[is_far], y[is_far], place[is_far]
+        return np.stack([x, y], axis=-1)
 
     def add(self, points: NDArray[np.int64]) -> None:
         """Accept points and mark the raster cells that they cover."""

@@ -14,6 +14,7 @@ from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.target.board import corner_points_mm
 from tests.synthetic.detections import make_detections
+from tests.thorough import count_examples
 
 NOISE_PX = 0.05
 
@@ -55,7 +56,7 @@ def test_independent_noise_needs_no_inflation(rig, board, poses):
 
 def test_a_board_that_bends_between_views_inflates_sigma_to_the_true_error(rig, board, poses):
     errors, sigmas, raised = [], [], []
-    for seed in range(8):
+    for seed in range(count_examples(16)):
         each = found(rig, board, detect_bending_board(rig, board, poses, 0.5, seed))
         covariance = compute_rig_covariance(each)
         sigma = compute_depth_sigma(each.rig, covariance.matrix, 650.0, columns=9)

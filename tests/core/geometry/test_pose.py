@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from beltscape.core.geometry.pose import Pose, rotation_from_vector, vector_from_rotation
+from beltscape.core.errors import ArgumentError
+from beltscape.core.geometry.pose import Pose, is_rotation, rotation_from_vector, vector_from_rotation
 from tests.strategies import ANGLES, poses, rotation_vectors, vectors
 
 
@@ -95,3 +96,19 @@ def test_poses_are_made_from_lists():
     np.testing.assert_allclose(pose.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
     np.testing.assert_allclose(pose.apply(np.array([1.0, 0, 0])), [1, 3, 3])
     same(Pose.of(pose.rotation.tolist(), (1, 2, 3)), pose)
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        np.diag([1.0, 1.0, -1.0]),
+        np.eye(3)[[1, 0, 2]],
+        np.diag([1.0, 1.0, 1 + 1e-6]),
+        np.array([[1, 1e-5, 0], [0, 1, 0], [0, 0, 1]]),
+    ],
+    ids=["mirror", "exchanged axes", "stretched", "sheared"],
+)
+def test_what_is_no_rotation_is_refused(matrix):
+    assert not is_rotation(matrix)
+    with pytest.raises(ArgumentError, match="rotation is no rotation"):
+        Pose(matrix, np.zeros(3))

@@ -62,12 +62,8 @@ def describe_contradiction(
     does.
     """
     views = list(images)
-    quads = {turned: list(_detect_quads(views, board, inverted=turned)) for turned in (False, True)}
-    shown_inverted = sum(len(ids) for ids, _ in quads[not inverted]) > 2 * sum(
-        len(ids) for ids, _ in quads[inverted]
-    )
-    is_inverted, (columns, rows) = inverted != shown_inverted, board.squares
-    markers = quads[is_inverted]
+    is_inverted, markers = _detect_either_print(views, board, inverted=inverted)
+    columns, rows = board.squares
     if not markers:
         return None
     options = [
@@ -75,9 +71,12 @@ def describe_contradiction(
         for squares in dict.fromkeys([(columns, rows), (rows, columns)])
         for is_legacy in (legacy, not legacy)
     ]
-    scores = [sum(_count_fitting(each, board, option) for each in markers) for option in options]
+    total = sum(len(ids) for ids, _ in markers)
+    scores = [sum(_count_fitting(each, board, options[0]) for each in markers)]
+    if scores[0] <= total - _MORE:  # else no other layout can fit so many markers more
+        scores += [sum(_count_fitting(each, board, option) for each in markers) for option in options[1:]]
     found = options[int(np.argmax(scores)) if max(scores) >= scores[0] + _MORE else 0]
-    if max(scores) < _FITTING_SHARE * sum(len(ids) for ids, _ in markers):
+    if max(scores) < _FITTING_SHARE * total:
         return None
     edge_mm = _measure_edge(markers, board, found)
     keys = [f"squares = [{rows}, {columns}]"] if found.squares != (columns, rows) else []
@@ -88,6 +87,21 @@ def describe_contradiction(
     if abs(edge_mm / board.marker_mm - 1) > _MARKER_TOLERANCE:
         keys.append(f"marker_mm = {edge_mm:.3g} (measured, where square_mm = {board.square_mm:g})")
     return " and ".join(keys) or None
+
+
+def _detect_either_print(
+    images: list[NDArray[np.uint8]], board: CharucoBoard, *, inverted: bool
+) -> tuple[bool, Markers]:
+    """Return whether images show inverted markers, and the markers: as stated, unless far more of them are not.
+
+    Where half of all markers are as stated, the images are not searched for others.
+    """
+    stated = list(_detect_quads(images, board, inverted=inverted))
+    count = sum(len(ids) for ids, _ in stated)
+    if 2 * count >= len(images) * len(board.marker_ids):
+        return inverted, stated
+    others = list(_detect_quads(images, board, inverted=not inverted))
+    return (not inverted, others) if sum(len(ids) for ids, _ in others) > 2 * count else (inverted, stated)
 
 
 def _detect_quads(

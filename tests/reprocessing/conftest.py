@@ -78,12 +78,21 @@ def recorded_plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def joined_store(tmp_path_factory: pytest.TempPathFactory, recorded_plant: Path) -> Path:
     """The store of the three recordings, measured in one process."""
+    return _make_store(tmp_path_factory, recorded_plant, "recordings")
 
+
+@pytest.fixture(scope="session")
+def moving_store(tmp_path_factory: pytest.TempPathFactory, recorded_plant: Path) -> Path:
+    """The store of the capture ``moving``, which is one recording."""
+    return _make_store(tmp_path_factory, recorded_plant, "moving")
+
+
+def _make_store(factory: pytest.TempPathFactory, plant: Path, source: str) -> Path:
     def make(folder: Path) -> None:
-        words = ("reprocess", recorded_plant / "recordings", "--project", recorded_plant / "project.toml")
+        words = ("reprocess", plant / source, "--project", plant / "project.toml")
         assert main([*map(str, words), "--out", str(folder / "store")]) == 0
 
-    return make_once(tmp_path_factory, "joined", make) / "store"
+    return make_once(factory, f"store_of_{source}", make) / "store"
 
 
 def _make_plant(folder: Path) -> None:

@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from beltscape.core.ledger import BeltRecord
+from beltscape.reprocessing import run as module
 from beltscape.sinks.historian.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.reprocessing.conftest import FRAMES, STEP_MM
@@ -42,19 +43,31 @@ def _list_values(record: BeltRecord) -> tuple[Any, ...]:
     )  # fmt: skip
 
 
-def test_one_recording_gives_the_records_of_a_replay(reprocess, run, recorded_plant, tmp_path) -> None:
+def read_result(store: Path) -> dict[str, Any]:
+    """Return the result of the run that filled a store."""
+    return json.loads((store / "reprocessing.json").read_text())
+
+
+def test_one_recording_gives_the_records_of_a_replay(run, recorded_plant, moving_store, tmp_path) -> None:
     code, out, _ = run("replay", recorded_plant / "project.toml", "--out", tmp_path / "replayed", "--json")
     assert code == 0
-    answer = reprocess("moving")
+    answer = read_result(moving_store)
     assert (answer["recordings"], answer["pieces"], answer["frames"]) == (1, 1, FRAMES)
-    assert read_records(tmp_path / "store" / "history") == read_records(tmp_path / "replayed")
+    assert read_records(moving_store / "history") == read_records(tmp_path / "replayed")
     assert answer["totals"]["volume_mm3"] == parse_json(out)["totals"]["volume_mm3"]
 
 
-def test_any_cut_counts_every_millimetre_once(reprocess, joined_store, tmp_path) -> None:
-    whole, cut = reprocess("moving"), json.loads((joined_store / "reprocessing.json").read_text())
+def test_workers_do_not_import_the_report() -> None:
+    """Every worker imports the module of its function; the report's charts would double the time for that."""
+    modules = {getattr(value, "__module__", "") for value in vars(module).values()}
+    assert "beltscape.reprocessing.measuring" in modules
+    assert "beltscape.reprocessing.report" not in modules
+
+
+def test_any_cut_counts_every_millimetre_once(moving_store, joined_store) -> None:
+    whole, cut = read_result(moving_store), read_result(joined_store)
     assert (cut["recordings"], cut["pieces"]) == (3, 3)
-    one, other = (read_records(store / "history") for store in (tmp_path / "store", joined_store))
+    one, other = (read_records(store / "history") for store in (moving_store, joined_store))
     assert [record[1] for record in one] == [record[1] for record in other]
     sigma = whole["totals"]["sigma_mm3"]
     assert abs(whole["totals"]["volume_mm3"] - cut["totals"]["volume_mm3"]) < 0.3 * sigma

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -53,8 +54,9 @@ class SummingLedger:
             )
 
 
+@lru_cache(256)
 def make_heights(start_mm: float, rows: int, seed: int = 7) -> np.ndarray:
-    """Return (rows, Nx) heights of a piece of belt: a heap of varying size with lumps; deterministic."""
+    """Return (rows, Nx) heights of a piece of belt, read-only: a heap of varying size with lumps; deterministic."""
     s = start_mm + np.arange(rows) * _CELL_MM
     level = 0.78 + 0.09 * np.sin(s / 19_000) + 0.05 * np.sin(s / 5300 + 1) + 0.03 * np.sin(s / 700)
     half = 330 * np.sqrt(level)[:, None]
@@ -74,7 +76,9 @@ def make_heights(start_mm: float, rows: int, seed: int = 7) -> np.ndarray:
             if stone.size:
                 load[at, by] = np.maximum(load[at, by], (stone > 0) * load[at, by].mean() + stone)
     rng = np.random.default_rng([seed, int(s[0]) + 1_000_000])
-    return (load + rng.normal(0, 0.8, load.shape)).astype(np.float32)
+    heights = (load + rng.normal(0, 0.8, load.shape)).astype(np.float32)
+    heights.flags.writeable = False
+    return heights
 
 
 def make_picture(camera: int, position_mm: float, *, size: tuple[int, int] = (300, 400)) -> np.ndarray:

@@ -32,7 +32,6 @@ from beltscape.reprocessing.measuring import Parcel, measure_piece, pack_project
 from beltscape.reprocessing.pieces import PIECE_FRAMES, Piece, compute_overlap, cut_into_pieces
 from beltscape.reprocessing.recordings.discovery import find_recordings
 from beltscape.reprocessing.recordings.recording import Recording, Unreadable
-from beltscape.reprocessing.report import render_report
 from beltscape.reprocessing.throughput import Throughput
 from beltscape.workers.options import WorkerOptions
 from beltscape.workers.tasks import run_tasks
@@ -89,6 +88,9 @@ def reprocess(
         manifest.remove_others(piece.key for piece in found.pieces)
         ledger = join_pieces(found.pieces, manifest, project, changes, store / HISTORY, reporter)
         document = _describe(found, failures, ledger, throughput)
+        # workers, which import this module, draw no report
+        from beltscape.reprocessing.report import render_report
+
         write_json(store / RESULT, document)
         write_text(store / REPORT, render_report(document, ledger, manifest.list_spans()))
         manifest.write_about("joined", state)

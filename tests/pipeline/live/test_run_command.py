@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,15 +16,27 @@ from pathlib import Path
 
 import pytest
 
+from beltscape.cli.main import main
 from tests.pipeline.live.conftest import PROJECT
 from tests.protocols.broker import MQTT_3_REFUSAL, answer_every_client, find_port
 from tests.synthetic.demo import parse_json
 
 
-def test_replay_gives_the_records_of_the_command(run, plant, tmp_path):
-    code, out, _ = run("replay", plant, "--out", tmp_path / "out", "--json")
-    assert code == 0
-    answer = parse_json(out)
+@pytest.fixture(scope="module")
+def replayed(standing_belt, tmp_path_factory) -> Path:
+    """The plant's folder, whose recording was replayed into its folder ``out``; no test writes into it."""
+    folder = tmp_path_factory.mktemp("replayed") / "plant"
+    shutil.copytree(standing_belt, folder)
+    (folder / "project.toml").write_text(PROJECT)
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        assert main(["replay", str(folder / "project.toml"), "--out", str(folder / "out"), "--json"]) == 0
+    (folder / "answer.json").write_text(printed.getvalue())
+    return folder
+
+
+def test_replay_gives_the_records_of_the_command(run, replayed, plant, tmp_path):
+    answer = parse_json((replayed / "answer.json").read_text())
     assert answer["records"] == 3
     assert answer["missing_mm"] == 0
     assert answer["totals"]["volume_mm3"] == answer["volume_mm3"]
@@ -36,12 +51,13 @@ def test_replay_gives_the_records_of_the_command(run, plant, tmp_path):
     assert answer["valid_mm"] + answer["degraded_mm"] == pytest.approx(answer["totals"]["valid_mm"], abs=1e-6)
 
 
-def test_second_replay_into_the_same_folder_counts_nothing_twice(run, plant, tmp_path):
+def test_second_replay_into_the_same_folder_counts_nothing_twice(run, replayed, plant, tmp_path):
+    shutil.copytree(replayed / "out", tmp_path / "out")
+    code, again, _ = run("replay", plant, "--out", tmp_path / "out", "--json")
+    assert code == 0
     lengths = []
-    for _ in range(2):
-        code, out, _ = run("replay", plant, "--out", tmp_path / "out", "--json")
-        assert code == 0
-        totals = parse_json(out)["totals"]
+    for printed in ((replayed / "answer.json").read_text(), again):
+        totals = parse_json(printed)["totals"]
         lengths.append(totals["valid_mm"] + totals["degraded_mm"] + totals["missing_mm"])
     assert lengths[1] == pytest.approx(lengths[0], abs=1e-6)
 

@@ -9,7 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
-from beltscape.service.access.passwords import ScryptCost, hash_password, validate_password, verify_password
+from beltscape.service.access import passwords
+from beltscape.service.access.passwords import (
+    ScryptCost,
+    hash_password,
+    make_unmatched_hash,
+    validate_password,
+    verify_password,
+)
 from tests.thorough import examples
 
 CHEAP = ScryptCost(log2_n=4, r=8, p=1)
@@ -32,6 +39,24 @@ def test_hashes_are_salted_and_hide_the_password():
     assert len(kept) == 4
     assert not any("coal" in one for one in kept)
     assert all(re.fullmatch(r"scrypt\$4\$8\$1\$[\w+/]{22}==\$[\w+/]{43}=", one) for one in kept)
+
+
+def test_an_unmatched_hash_looks_like_a_password_s_and_costs_as_much(monkeypatch):
+    costs = []
+    scrypt = passwords.hashlib.scrypt
+
+    def count(*given, n, r, p, **more):
+        costs.append((n, r, p))
+        return scrypt(*given, n=n, r=r, p=p, **more)
+
+    monkeypatch.setattr(passwords.hashlib, "scrypt", count)
+    unmatched = make_unmatched_hash(CHEAP)
+    assert costs == []
+    assert not verify_password("coal on the belt", unmatched)
+    own = hash_password("coal on the belt", CHEAP)
+    assert costs == [(16, 8, 1)] * 2
+    assert re.sub(r"[\w+/]", "x", own) == re.sub(r"[\w+/]", "x", unmatched)
+    assert unmatched != make_unmatched_hash(CHEAP)
 
 
 def test_hashes_carry_their_costs():

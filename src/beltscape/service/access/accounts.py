@@ -18,7 +18,13 @@ from starlette.requests import HTTPConnection
 
 from beltscape.core.errors import InputError
 from beltscape.service.access.database import Database
-from beltscape.service.access.passwords import ScryptCost, hash_password, validate_password, verify_password
+from beltscape.service.access.passwords import (
+    ScryptCost,
+    hash_password,
+    make_unmatched_hash,
+    validate_password,
+    verify_password,
+)
 from beltscape.service.access.throttle import normalise_address
 
 Role = Literal["viewer", "operator", "engineer"]
@@ -68,7 +74,7 @@ class Accounts:
         self._database = database
         self._cost = cost or ScryptCost()
         # checked for unknown users, so that known and unknown names take the same time
-        self._dummy_hash = hash_password("nobody has this password", self._cost)
+        self._dummy_hash = make_unmatched_hash(self._cost)
 
     @property
     def is_setup_open(self) -> bool:

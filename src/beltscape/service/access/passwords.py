@@ -48,10 +48,17 @@ class ScryptCost:
 def hash_password(password: str, cost: ScryptCost) -> str:
     """Return a password's hash as ``scrypt$log2_n$r$p$salt$hash``, the last two in base64."""
     salt = os.urandom(_SALT_BYTES)
-    parts = (salt, _scrypt(password, salt, cost))
-    return "$".join(
-        ["scrypt", str(cost.log2_n), str(cost.r), str(cost.p), *(base64.b64encode(p).decode() for p in parts)]
-    )
+    return _format_hash(salt, _scrypt(password, salt, cost), cost)
+
+
+def make_unmatched_hash(cost: ScryptCost) -> str:
+    """Return a hash that no known password has, at once; to verify a password against it takes as long as ever."""
+    return _format_hash(os.urandom(_SALT_BYTES), os.urandom(_HASH_BYTES), cost)
+
+
+def _format_hash(salt: bytes, digest: bytes, cost: ScryptCost) -> str:
+    parts = (base64.b64encode(part).decode() for part in (salt, digest))
+    return "$".join(["scrypt", str(cost.log2_n), str(cost.r), str(cost.p), *parts])
 
 
 def verify_password(password: str, kept: str) -> bool:

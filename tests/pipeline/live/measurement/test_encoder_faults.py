@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -112,6 +112,11 @@ JUMPS: dict[str, Callable[[Array], Array]] = {
 }
 
 
+def list_cases(table: Mapping[str, object], main: Sequence[str]) -> list[object]:
+    """Return the names of a table as cases; those that are not ``main`` are for ``make thorough``."""
+    return [name if name in main else pytest.param(name, marks=pytest.mark.thorough) for name in table]
+
+
 @cache
 def measure_sound_volume_mm3() -> float:
     """Return the volume by an encoder without a fault."""
@@ -120,7 +125,7 @@ def measure_sound_volume_mm3() -> float:
     return sum(entry.volume_mm3 for entry in entries)
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", list_cases(FAULTS, ["frozen, then catching up", "reversed", "10 % slow"]))
 def test_nothing_is_valid_from_the_first_contradicted_frame_on(fault: str) -> None:
     track = list_positions()
     entries, findings = measure(track, [float(reading) for reading in FAULTS[fault](track)])
@@ -133,7 +138,7 @@ def test_nothing_is_valid_from_the_first_contradicted_frame_on(fault: str) -> No
     assert sum(entry.volume_mm3 for entry in entries) == pytest.approx(measure_sound_volume_mm3(), rel=0.005)
 
 
-@pytest.mark.parametrize("jump", JUMPS)
+@pytest.mark.parametrize("jump", list_cases(JUMPS, ["by 300 mm", "reset to 0"]))
 def test_a_jump_is_no_belt_and_the_encoder_is_trusted_again_after_it(jump: str) -> None:
     track = list_positions()
     entries, findings = measure(track, [float(reading) for reading in JUMPS[jump](track)])
@@ -142,7 +147,7 @@ def test_a_jump_is_no_belt_and_the_encoder_is_trusted_again_after_it(jump: str) 
     assert not any(one.is_fault for one in findings[-1])
 
 
-@pytest.mark.parametrize(("slip", "frames"), [(0.01, 30), (0.03, 5)])
+@pytest.mark.parametrize(("slip", "frames"), [(0.01, 30), pytest.param(0.03, 5, marks=pytest.mark.thorough)])
 def test_slip_adds_up_until_it_exceeds_its_uncertainty(slip: float, frames: int) -> None:
     track = list_positions()
     steps = np.diff(track, prepend=track[0]) * np.where(np.arange(COUNT) >= FIRST, 1 - slip, 1.0)
@@ -154,7 +159,9 @@ def test_slip_adds_up_until_it_exceeds_its_uncertainty(slip: float, frames: int)
     assert list_not_valid(entries)[-1] == COUNT - 1
 
 
-@pytest.mark.parametrize(("step_mm", "slip"), [(75.0, 0.004), (150.0, 0.003)])
+@pytest.mark.parametrize(
+    ("step_mm", "slip"), [(75.0, 0.004), pytest.param(150.0, 0.003, marks=pytest.mark.thorough)]
+)
 def test_a_small_slip_is_a_trend_with_sigma_that_degrades_nothing(step_mm: float, slip: float) -> None:
     track = list_positions(step_mm)
     entries, findings = measure(track, [(1 - slip) * float(place) for place in track], SHARP_MATCHER)
@@ -165,7 +172,7 @@ def test_a_small_slip_is_a_trend_with_sigma_that_degrades_nothing(step_mm: float
     assert 0 < last.sigma < 0.0015
 
 
-@pytest.mark.parametrize("step_mm", [330.0, 460.0])
+@pytest.mark.parametrize("step_mm", [pytest.param(330.0, marks=pytest.mark.thorough), 460.0])
 def test_fast_belts_whose_views_hardly_overlap(step_mm: float) -> None:
     track = list_positions(step_mm)
     entries, _ = measure(track, [float(reading) for reading in FAULTS["frozen, then catching up"](track)])
@@ -175,7 +182,10 @@ def test_fast_belts_whose_views_hardly_overlap(step_mm: float) -> None:
 
 @pytest.mark.parametrize(
     ("step_mm", "is_empty"),
-    [(20.0, False), (75.0, False), (330.0, False), (600.0, False), (900.0, False), (75.0, True)],
+    [
+        *(pytest.param(step_mm, False, marks=pytest.mark.thorough) for step_mm in (20.0, 330.0, 900.0)),
+        *((75.0, False), (600.0, False), (75.0, True)),
+    ],
 )
 def test_a_sound_encoder_is_not_accused(step_mm: float, is_empty: bool) -> None:
     """Also where the views have nothing in common, and where nothing lies on the belt."""

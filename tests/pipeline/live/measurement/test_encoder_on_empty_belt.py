@@ -18,6 +18,7 @@ from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementRun
 from beltscape.simulate.faults.delivery import EncoderFault
 from tests.measure.flow import moving_belt
+from tests.pipeline.live.measurement.test_encoder_faults import list_cases
 from tests.synthetic.belt_feed import CAMERA, CAMERAS, IMAGE, FakeMatcher, make_context
 
 Array = NDArray[np.float64]
@@ -93,7 +94,9 @@ def sum_volume_mm3(entries: Sequence[BeltRecord]) -> float:
     return sum(entry.volume_mm3 for entry in entries)
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize(
+    "name", list_cases(FAULTS, ["frozen", "frozen, then true again", "reset", "silent, then true again"])
+)
 def test_the_metres_of_the_empty_belt_are_counted_afterwards(name: str, sound: list[BeltRecord]) -> None:
     entries, faulty = measure(FAULTS[name].apply(make_track()))
     assert faulty
@@ -134,7 +137,7 @@ class EmptyAfter(RoundMatcher):
         return moving_belt.depth_map(None, 0.0, seed=7, camera=CAMERA)
 
 
-@pytest.mark.parametrize("count", [60, 120])
+@pytest.mark.parametrize("count", [60, pytest.param(120, marks=pytest.mark.thorough)])
 def test_an_encoder_that_is_ahead_after_a_standstill_on_an_empty_belt(count: int) -> None:
     """Nothing shows whether the belt stood, until the reading returns where a belt that went on would be."""
     last = count - 15

@@ -71,7 +71,7 @@ def test_run_counts_the_encoders_travel_and_the_heap() -> None:
 
 
 def test_run_gives_the_records_of_the_command() -> None:
-    sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in positions(0, 3300)]
+    sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in positions(0, 1800)]
     context = make_context()
     chain = FlowChain(context.matcher, FlowMeter(context.empty_belt, context.flow, density=context.density))
     offline = [r for one in sets for r in chain.push(one, Silent(), whole=bool(one.images)).records]
@@ -81,12 +81,12 @@ def test_run_gives_the_records_of_the_command() -> None:
 
 
 def test_frame_without_one_camera_is_degraded_with_the_reason() -> None:
-    sets = [frames(p, p, cameras=("cam0",) if 900 <= p < 1100 else CAMERAS) for p in positions(0, 3000)]
+    sets = [frames(p, p, cameras=("cam0",) if 900 <= p < 1100 else CAMERAS) for p in positions(600, 1500)]
     entries = measured(LedgerState(1, 0, None), sets)
     check(entries)
     degraded = [e for e in entries if e.standing == "degraded"]
     assert {e.reason for e in degraded} == {"without cam1"}
-    assert len(degraded) == sum(900 <= p < 1100 for p in positions(0, 3000))
+    assert len(degraded) == sum(900 <= p < 1100 for p in positions(600, 1500))
     assert all(e.cameras == 1 for e in degraded)
 
 
@@ -173,7 +173,7 @@ def test_failure_leaves_a_gap_and_measuring_continues() -> None:
     with pytest.raises(ValueError, match="could not convert"):
         measurement.push(replace(frames(1200, 1200), frame="a frame that the matcher cannot read"))
     measurement.reset()
-    entries += [entry for p in positions(1260, 3300) for entry in measurement.push(frames(p, p)).entries]
+    entries += [entry for p in positions(1260, 2100) for entry in measurement.push(frames(p, p)).entries]
     entries += measurement.finish().entries
     check(entries)
     (gap,) = (e for e in entries if e.standing == "missing")
@@ -181,7 +181,7 @@ def test_failure_leaves_a_gap_and_measuring_continues() -> None:
 
 
 def test_flushing_changes_no_record_and_returns_them_earlier() -> None:
-    sets = [frames(p, p) for p in positions(0, 2400)]
+    sets = [frames(p, p) for p in positions(0, 1500)]
     plain, settled = run(LedgerState(1, 0, None)), run(LedgerState(1, 0, None))
     late, early, ahead = [], [], 0
     for number, one in enumerate(sets):
@@ -225,7 +225,7 @@ def test_any_stops_kills_and_losses_leave_a_ledger_without_gap_or_overlap(cuts, 
         assert entries[-1].belt_mm[1] <= 60.0 * frame + 500.0
 
 
-@pytest.mark.parametrize("direction", ["+y", None])
+@pytest.mark.parametrize("direction", ["+y", pytest.param(None, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize(
     "state",
     [LedgerState(1, 0, None), LedgerState(1, 0, 5000.0, 1000.0), LedgerState(1, 0, 9e6, 1000.0)],

@@ -4,6 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from beltscape.core.alarm_catalogue import (
+    CARRY_BACK,
+    CARRY_BACK_STUCK,
+    CARRY_BACK_TOTAL,
+    SPLICE,
+    TORN_EDGE_LEFT,
+    TORN_EDGE_RIGHT,
+)
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
@@ -16,11 +24,10 @@ from beltscape.health.belt.zero_shift import estimate_zero_shift, make_unmeasure
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference
 
-CARRY_BACK, CARRY_BACK_TOTAL, STUCK_TOTAL = "carry_back", "carry_back_total", "carry_back_stuck"
 _NAN = float("nan")
 _MM3_PER_L = 1e6
 """mm³ of a litre."""
-_CHECKS = {"splice": "splice", "torn left edge": "torn_edge_left", "torn right edge": "torn_edge_right"}
+_CHECKS = {"splice": SPLICE, "torn left edge": TORN_EDGE_LEFT, "torn right edge": TORN_EDGE_RIGHT}
 
 
 def make_carry_back_findings(
@@ -42,7 +49,7 @@ def make_carry_back_findings(
     )
     totals = [Finding(CARRY_BACK_TOTAL, passes.residue_mm3 / _MM3_PER_L, _NAN, _NAN, "l")]
     if limits.belt_length_m is not None:
-        totals.append(Finding(STUCK_TOTAL, passes.stuck_mm3 / _MM3_PER_L, _NAN, _NAN, "l"))
+        totals.append(Finding(CARRY_BACK_STUCK, passes.stuck_mm3 / _MM3_PER_L, _NAN, _NAN, "l"))
     return (Finding(CARRY_BACK, area, sigma, limit, "mm²", text=text if is_fault else ""), *totals)
 
 

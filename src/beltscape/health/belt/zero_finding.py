@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import ZERO_DRIFT, ZERO_SHIFT, ZERO_TILT
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
 from beltscape.health.belt.zero_shift import ZeroShift
@@ -68,7 +69,6 @@ def update_zero_history(history: ZeroHistory, shift: ZeroShift, jump_mm: float) 
     )
 
 
-SHIFT, DRIFT, TILT = "zero_shift", "zero_drift", "zero_tilt"
 _TILT_SHARES = np.array([0.1, 0.35, 0.1, 0.2])
 """Standard deviation of a strip's mean height by tilt across, tilt along, lateral shift and yaw, as a share of the
 rise at the edge: hidden parts are not spread evenly, and a strip is not seen equally often at both ends of the view
@@ -104,14 +104,14 @@ def _make_shift_finding(
     shift: ZeroShift, before: ZeroHistory, pixel_mm: float, limits: BeltLimits
 ) -> Finding:
     if not shift.is_measured:
-        return Finding(SHIFT, _NAN, _NAN, limits.zero_mm, "mm")
+        return Finding(ZERO_SHIFT, _NAN, _NAN, limits.zero_mm, "mm")
     tilts = _TILT_SHARES * shift.motion_mm[1:]
     systematic = float(np.sqrt(shift.offset_mm**2 + shift.sigma_mm**2 + np.sum(tilts**2)))
     if shift.offset_mm < -_SUNK_PX * pixel_mm:
         systematic *= _SUNK_FACTOR
     is_fault = _exceeds(shift.offset_mm, shift.sigma_mm, limits.zero_mm, limits)
     return Finding(
-        SHIFT,
+        ZERO_SHIFT,
         shift.offset_mm,
         shift.sigma_mm,
         limits.zero_mm,
@@ -135,7 +135,7 @@ def _make_drift_finding(shift: ZeroShift, history: ZeroHistory, limits: BeltLimi
         sigma=round(sigma, 2),
     )
     return Finding(
-        DRIFT,
+        ZERO_DRIFT,
         offset,
         sigma,
         limits.zero_mm,
@@ -154,7 +154,7 @@ def _make_tilt_finding(rise_mm: float, sigma_mm: float, limits: BeltLimits) -> F
         rise=round(abs(rise_mm), 1),
     )
     return Finding(
-        TILT,
+        ZERO_TILT,
         abs(rise_mm),
         sigma_mm,
         limits.tilt_mm,

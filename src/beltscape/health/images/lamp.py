@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import LAMP
 from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
@@ -73,7 +74,7 @@ def _compute_ratios(one: ImageStatistics, known: CameraReference) -> Float32Arra
 
 def _describe(log_share: float, sigma: float, limit: float, *, can_be_lamp: bool) -> Finding:
     value = 100 * float(np.exp(log_share))
-    finding = Finding("lamp", value, value * sigma, 100 * limit, "%")
+    finding = Finding(LAMP, value, value * sigma, 100 * limit, "%")
     if not (can_be_lamp and value + 2 * value * sigma < 100 * limit):
         return finding
     text = f"the light has fallen to {value:.0f} % of what was learned; replace the lamp soon"

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.alarm_catalogue import DIRT
 from beltscape.core.arrays import Float32Array
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
@@ -114,7 +115,7 @@ def check_obstruction(
     and without it only dirt that stands out from the shading of the scene is found.
     """
     limit = settings.dirt if reference is not None else min(_UNKNOWN_FACTOR * settings.dirt, 0.9)
-    finding = Finding("dirt", float("nan"), float("nan"), 100 * settings.dirt_area, "%", camera)
+    finding = Finding(DIRT, float("nan"), float("nan"), 100 * settings.dirt_area, "%", camera)
     mean = light.mean(_LEAST_SAMPLES)
     if np.isfinite(mean).mean() < _LEAST_KNOWN:
         return finding

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import FROZEN_IMAGE
 from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
@@ -62,7 +63,7 @@ def check_repeated(changes: Mapping[str, Change]) -> list[Finding]:
 
 
 def _check_camera(camera: str, change: Change, others: Sequence[Change]) -> Finding:
-    finding = Finding("frozen_image", change.noise_ratio, 0.05, _QUIET, "σ of noise", camera)
+    finding = Finding(FROZEN_IMAGE, change.noise_ratio, 0.05, _QUIET, "σ of noise", camera)
     known = [other for other in others if np.isfinite(other.noise_ratio)]
     is_still = False
     if known and float(np.median([other.noise_ratio for other in known])) > _MOVING:

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import ENCODER_MOTION
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
 from beltscape.measure.flow.belt_motion import BeltPosition
@@ -205,7 +206,6 @@ def _classify(encoder_mm: float, material_mm: float) -> Kind:
     return "reversed" if encoder_mm * material_mm < 0 else "scale"
 
 
-CHECK = "encoder_motion"
 _TEXTS: dict[Kind, str] = {
     "still": "the encoder stands still while the material moves: check its wheel and its cable",
     "standing": "the encoder counts while the material stands still: check its wheel, and the images for frozen ones",
@@ -231,13 +231,13 @@ def make_encoder_finding(check: EncoderCheck, before: BeltPosition | None, place
     contradiction = check.contradiction
     if contradiction is None:
         value, sigma = check.deviation if is_measured else (_NAN, _NAN)
-        return Finding(CHECK, value, sigma, check.tolerance, "", text=_describe_slip(value, sigma))
+        return Finding(ENCODER_MOTION, value, sigma, check.tolerance, "", text=_describe_slip(value, sigma))
     value, sigma = check.deviation
     if math.isnan(value):  # too few intervals since the contradiction
         value, sigma = contradiction.value, contradiction.sigma
     source = "the material" if is_measured else "the material's last speed"
     return Finding(
-        CHECK,
+        ENCODER_MOTION,
         value,
         sigma,
         check.tolerance,
@@ -264,7 +264,7 @@ def make_stall_finding(encoder_mm: float, tolerance: float) -> Finding:
         "encoder_stalled",
         metres=metres,
     )
-    return Finding(CHECK, 100.0, _NAN, tolerance, "", text=text, effect="missing", is_momentary=True)
+    return Finding(ENCODER_MOTION, 100.0, _NAN, tolerance, "", text=text, effect="missing", is_momentary=True)
 
 
 def _describe_slip(value: float, sigma: float) -> str:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import THIN_OVERLAP
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message
 from beltscape.measure.flow.belt_motion import BeltPosition
@@ -108,9 +109,7 @@ class StripCutter:
             view=view,
         )
         limit = (1 - self._overlap) * self._view_mm
-        return Finding(
-            "thin_overlap", step, 0.0, limit, "mm", text=text, effect="degraded", is_momentary=True
-        )
+        return Finding(THIN_OVERLAP, step, 0.0, limit, "mm", text=text, effect="degraded", is_momentary=True)
 
     def recut(self, strips: Iterable[Strip], places: Mapping[int, BeltPosition], high_mm: float) -> None:
         """Cut the strips of frames with new positions anew; ``high_mm`` is the newer end of the window."""

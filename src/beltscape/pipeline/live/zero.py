@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from time import monotonic
 
+from beltscape.core.alarm_catalogue import ZERO_DRIFT, ZERO_SHIFT, ZERO_TILT
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.events import ZeroProposal
@@ -16,7 +17,6 @@ from beltscape.core.progress import Reporter
 from beltscape.core.translatable_message import Message
 from beltscape.files.atomic import keep_state
 from beltscape.files.belt_json import format_belt, read_belt, read_zero_settings
-from beltscape.health.belt.zero_finding import DRIFT, SHIFT, TILT
 from beltscape.health.belt.zero_setting import ZeroSetting, zero_offset
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
@@ -31,7 +31,7 @@ _PATIENCE_S = 20.0
 """Longest time in which they must come."""
 _VALID_S = 300.0
 """Time in which a measured zero can be confirmed; the belt may be loaded again afterwards."""
-_ZERO_CHECKS = frozenset({SHIFT, DRIFT, TILT})
+_ZERO_CHECKS = frozenset({ZERO_SHIFT, ZERO_DRIFT, ZERO_TILT})
 """Checks whose faults setting the zero mends; a frame with any other fault is not used."""
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from beltscape.core.alarm_catalogue import CAMERA_POSE, CAMERA_POSE_UNCHECKED, CAMERA_SYNC
 from beltscape.core.findings import Effect, Finding
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.stereo.consistency.diagnosis import CameraFault
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 
@@ -59,7 +59,7 @@ def _make_instant_finding(each: PoseFault) -> Finding:
 
 def make_unreliable_finding(text: str) -> Finding:
     """Return the finding of a frame whose few pixels match by chance, because no image fits the rig."""
-    message = Message(text, "camera_pose_unreliable")
+    message = make_message("camera_pose_unreliable", detail=text)
     return Finding(CAMERA_POSE, _NAN, _NAN, _NAN, "mm", "", message, "missing")
 
 
@@ -71,11 +71,7 @@ def make_unchecked_finding(frames: int, limit: int, *, is_open: bool) -> Finding
     finding = Finding(CAMERA_POSE_UNCHECKED, float(frames), 0.0, float(limit), "")
     if not is_open:
         return finding
-    text = Message(
-        "no frame shows yet whether the cameras agree with the rig: two cameras share too few textured points",
-        "camera_pose_unchecked",
-    )
-    return replace(finding, text=text, effect="degraded")
+    return replace(finding, text=make_message("camera_pose_unchecked"), effect="degraded")
 
 
 def repeat_faults(findings: Sequence[Finding]) -> tuple[Finding, ...]:

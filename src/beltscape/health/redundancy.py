@@ -8,7 +8,7 @@ import numpy as np
 
 from beltscape.core.alarm_catalogue import CAMERA_REDUNDANCY
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 
 _LEAST_AGREEMENT = 0.4
@@ -29,14 +29,7 @@ def make_redundancy_finding(
     if count == len(auxiliaries):
         return Finding(CAMERA_REDUNDANCY, count, 0.0, len(auxiliaries), "cameras")
     without = ", ".join((*absent, *weak))
-    text = Message(
-        f"the depth comes from {count} of {len(auxiliaries)} auxiliary cameras, without {without}: another fault "
-        "would not be noticed as surely; restore the camera",
-        "camera_redundancy",
-        count=count,
-        all=len(auxiliaries),
-        without=without,
-    )
+    text = make_message("camera_redundancy", count=count, all=len(auxiliaries), without=without)
     return Finding(CAMERA_REDUNDANCY, count, 0.0, len(auxiliaries), "cameras", "", text, "degraded")
 
 

@@ -12,7 +12,7 @@ from beltscape.core.alarm_catalogue import EXPOSURE, FLICKER, LENS_COVERED, OVER
 from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
 from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.image_statistics import ImageStatistics, find_place, remove_single_blocks
 from beltscape.health.reference import (
     LEAST_SPECKLE,
@@ -51,11 +51,7 @@ def _check_saturation(camera: str, one: ImageStatistics, limit: float) -> Findin
     finding = Finding(OVEREXPOSURE, 100 * share, 0.0, 100 * limit, "%", camera)
     if share <= limit:
         return finding
-    text = Message(
-        f"{camera}: {share:.0%} of its pixels are saturated; expose shorter, or shade the belt from the sun",
-        "overexposure",
-        share=round(100 * share),
-    )
+    text = make_message("overexposure", subject=camera, share=round(100 * share))
     effect = "missing" if share > BLIND_SATURATION else "degraded"
     return replace(finding, text=text, effect=effect, relative_sigma=share)
 
@@ -88,20 +84,11 @@ def _check_exposure(
     limit = 100 / settings.brightness_factor if deviation < 0 else 100 * settings.brightness_factor
     finding = Finding(EXPOSURE, 100 * factor, 100 * factor * _BRIGHTNESS_SIGMA, limit, "%", camera)
     if one.mean_level < settings.dark_level:
-        text = Message(
-            f"{camera}: its image is too dark ({one.mean_level:.1f} of 255); expose longer, check the light",
-            "exposure_dark",
-            level=round(one.mean_level, 1),
-        )
+        text = make_message("exposure_dark", subject=camera, level=round(one.mean_level, 1))
         effect = "missing" if one.mean_level < BLIND_LEVEL else "degraded"
         return replace(finding, text=text, effect=effect, relative_sigma=0.03)
     if is_compared and abs(deviation) > np.log(settings.brightness_factor):
-        text = Message(
-            f"{camera}: its brightness is {factor:.2g} times that of the other cameras; correct its exposure, gain "
-            "or aperture, or clean its window",
-            "exposure_unequal",
-            factor=round(factor, 2),
-        )
+        text = make_message("exposure_unequal", subject=camera, factor=round(factor, 2))
         return replace(finding, text=text, effect="degraded", relative_sigma=0.01)
     return finding
 
@@ -112,11 +99,7 @@ def _check_cover(camera: str, one: ImageStatistics, deviation: float, settings: 
     finding = Finding(LENS_COVERED, 100 * factor, 100 * factor * _BRIGHTNESS_SIGMA, limit, "%", camera)
     if factor > BLIND_DARKNESS or one.mean_level > settings.dark_level:
         return finding
-    text = Message(
-        f"{camera}: its image is black ({factor:.1%} of the other cameras' brightness); uncover its lens",
-        "lens_covered",
-        share=round(100 * factor, 1),
-    )
+    text = make_message("lens_covered", subject=camera, share=round(100 * factor, 1))
     return replace(finding, text=text, effect="missing")
 
 
@@ -135,14 +118,7 @@ def check_sunlight(frame: FrameStatistics, reference: Reference | None, settings
     values = 100 * share, 0.1, 100 * settings.sunlight
     if share <= settings.sunlight:
         return Finding(SUNLIGHT, *values, "%")
-    text = Message(
-        f"a bright patch without the projected pattern covers {share:.0%} of the pictures (most in {camera}: "
-        f"{shares[camera]:.0%}); shade the belt from sunlight or lamps",
-        "sunlight",
-        share=round(100 * share),
-        camera=camera,
-        most=round(100 * shares[camera]),
-    )
+    text = make_message("sunlight", share=round(100 * share), camera=camera, most=round(100 * shares[camera]))
     return Finding(
         SUNLIGHT,
         *values,
@@ -213,9 +189,4 @@ def check_flicker(light: Sequence[float], sigma: float, settings: HealthSettings
     values = 100 * change, 100 * sigma, 100 * settings.flicker
     if not abs(change) > settings.flicker:
         return Finding(FLICKER, *values, "%")
-    text = Message(
-        f"the light changed by {change:+.0%} between frames; check lamps, projector and exposure times",
-        "flicker",
-        change=round(100 * change),
-    )
-    return Finding(FLICKER, *values, "%", "", text)
+    return Finding(FLICKER, *values, "%", "", make_message("flicker", change=round(100 * change)))

@@ -10,7 +10,7 @@ import numpy as np
 
 from beltscape.core.alarm_catalogue import DUST, PROJECTOR, PROJECTOR_FOCUS
 from beltscape.core.findings import Effect, Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.image_statistics import ImageStatistics
 from beltscape.health.images.exposure import compute_lit_ratios, estimate_mode
 from beltscape.health.images.sharpness import FAINT_SIGNAL
@@ -140,17 +140,8 @@ def _describe(check: str, contrast: float, light: float, limit: float, is_fault:
         return Finding(check, *values, "%")
     effect: Effect = "missing" if contrast < BLIND_CONTRAST else "degraded"
     state = "off" if effect == "missing" else "dim"
-    cause = {
-        PROJECTOR: f"the projector is {state}; check its lamp, its supply and its shutter",
-        PROJECTOR_FOCUS: "the projector is out of focus; focus it, clean its lens",
-        DUST: "dust or mist hangs in the air, or the ambient light is too bright; extract the dust, shade the belt",
-    }[check]
-    text = Message(
-        f"the projected pattern has {contrast:.0%} of its contrast and {light:.0%} of its light: {cause}",
-        f"projector_{state}" if check == PROJECTOR else check,
-        contrast=round(100 * contrast),
-        light=round(100 * light),
-    )
+    key = f"projector_{state}" if check == PROJECTOR else check
+    text = make_message(key, contrast=round(100 * contrast), light=round(100 * light))
     return Finding(check, *values, "%", "", text, effect, 0.0, 0.03 - 0.02 * float(np.log(min(contrast, 1))))
 
 
@@ -174,12 +165,7 @@ def _measure_dark_part(frame: FrameStatistics, reference: Reference) -> float:
 
 
 def _describe_part(part: float, limit: float) -> Finding:
-    text = Message(
-        f"{part:.0%} of the projected pattern is dark in the cameras, the rest is sound: check the projector's lamp, "
-        "its window and what stands before it",
-        "projector_part",
-        part=round(100 * part),
-    )
+    text = make_message("projector_part", part=round(100 * part))
     value = 100 * (1 - part)
     return Finding(PROJECTOR, value, 100 * _SIGMA, limit, "%", "", text, "degraded", 0.0, _PER_PART * part)
 
@@ -195,11 +181,7 @@ def _check_without_reference(frame: FrameStatistics, limit: float, settings: Hea
     nan = float("nan")
     if settings.projector == "no" or signal > _LEAST_SIGNAL:
         return Finding(PROJECTOR, nan, nan, limit, "%")
-    text = Message(
-        "no camera shows texture above its noise; is the projector on and in focus, is there light?",
-        "no_texture",
-    )
-    return Finding(PROJECTOR, nan, nan, limit, "%", "", text, "missing")
+    return Finding(PROJECTOR, nan, nan, limit, "%", "", make_message("no_texture"), "missing")
 
 
 def _check_veil(
@@ -221,12 +203,7 @@ def _check_veil(
     value = float(np.exp(max(change.contrast, change.shading)))
     if not (is_alike and is_lost and change.dark_level > _BRIGHTER):
         return Finding(DUST, nan, nan, limit, "%")
-    text = Message(
-        f"a veil leaves {value:.0%} of the contrast in all cameras: dust or mist hangs in the air, or the ambient "
-        "light is too bright; extract the dust, shade the belt",
-        "dust_veil",
-        contrast=round(100 * value),
-    )
+    text = make_message("dust_veil", contrast=round(100 * value))
     return Finding(DUST, 100 * value, 100 * value * _SIGMA, limit, "%", "", text, "degraded", 0.0, 0.03)
 
 

@@ -16,7 +16,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding, has_fault
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.images.surface_samples import (
     Surface,
     SurfaceGrid,
@@ -154,13 +154,7 @@ def check_projector_position(shift: PatternShift, is_confirmed: bool, settings: 
         return finding
     if not is_confirmed:
         return Finding(PROJECTOR_MOVED, float("nan"), shift.sigma_mm, limit, "mm")
-    size = f"by more than {value:.0f} mm" if is_far else f"by {value:.1f} mm"
-    text = Message(
-        f"the projected pattern has moved {size} on the belt: the projector has moved or turned; depth stays right, "
-        "but check that the pattern covers the belt, fasten the projector and restart the measurement",
-        "projector_far" if is_far else "projector_moved",
-        shift=round(value, 1),
-    )
+    text = make_message("projector_far" if is_far else "projector_moved", shift=round(value, 1))
     return Finding(PROJECTOR_MOVED, value, shift.sigma_mm, limit, "mm", "", text)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from beltscape.core.alarm_catalogue import CONDENSATION, DEFOCUS
 from beltscape.core.findings import Effect, Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.images.exposure import BLIND_DARKNESS
 from beltscape.health.reference import (
     LEAST_CONTRAST,
@@ -72,12 +72,7 @@ def _describe(check: str, camera: str, value: float, limit: float, is_fault: boo
     values = 100 * value, 100 * value * _SIGMA, 100 * limit
     if not is_fault:
         return Finding(check, *values, "%", camera)
-    cause = {
-        DEFOCUS: "it is out of focus; focus its lens and lock it",
-        CONDENSATION: "a veil lies over its picture; dry and clean its window (condensation or a film)",
-    }[check]
-    text = f"{camera}: its texture has {value:.0%} of the contrast of the other cameras': {cause}"
-    text = Message(text, check, contrast=round(100 * value))
+    text = make_message(check, subject=camera, contrast=round(100 * value))
     effect: Effect = "missing" if value < BLIND_CONTRAST else "degraded"
     sigma = _PER_LOSS * -float(np.log(value))
     return Finding(check, *values, "%", camera, text, effect, 0.0, sigma)

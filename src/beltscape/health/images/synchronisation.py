@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from beltscape.core.alarm_catalogue import CAMERA_SYNC
 from beltscape.core.findings import Finding
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.settings import HealthSettings
 
 SIGMAS = 3.0
@@ -95,14 +95,11 @@ def check_synchronisation(
     finding = Finding(CAMERA_SYNC, delay.delay_ms, delay.sigma_ms, limit, "ms", camera)
     if not delay.exceeds(settings.skew_ms):
         return finding
-    side = "after" if delay.delay_ms > 0 else "before"
-    shown_ms, travel_mm = round(abs(delay.delay_ms), 2), round(abs(delay.displacement_mm), 2)
-    text = Message(
-        f"{camera}: its images are taken {shown_ms:g} ms {side} the other cameras' "
-        f"({travel_mm:g} mm of the belt's travel); check its trigger cable, delay and clock",
+    text = make_message(
         "camera_sync_late" if delay.delay_ms > 0 else "camera_sync_early",
-        delay=shown_ms,
-        travel=travel_mm,
+        subject=camera,
+        delay=round(abs(delay.delay_ms), 2),
+        travel=round(abs(delay.displacement_mm), 2),
     )
     return Finding(
         CAMERA_SYNC,

@@ -17,7 +17,7 @@ from scipy import ndimage
 from beltscape.core.alarm_catalogue import FOREIGN_OBJECT
 from beltscape.core.arrays import Mask
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.measure.flow.location import Location
 
 Heights = NDArray[np.float32]
@@ -246,17 +246,7 @@ def _make_unjudged() -> ForeignObjects:
 
 def _make_finding(area_mm2: float, systematic_mm: float, *, is_proven: bool) -> Finding:
     """Return the finding of foreign cells of this area."""
-    area = round(area_mm2 / 100)
-    cause = (
-        "look into the view for a jammed lump, a plate, a chain or a cable"
-        if is_proven
-        else "look into the view for a jammed lump, and check the encoder if the belt stands"
-    )
-    text = Message(
-        f"{area} cm² over the belt do not travel with it and are not counted: {cause}",
-        "foreign_object" if is_proven else "foreign_object_alone",
-        area=area,
-    )
+    text = make_message("foreign_object" if is_proven else "foreign_object_alone", area=round(area_mm2 / 100))
     return Finding(
         FOREIGN_OBJECT,
         area_mm2,

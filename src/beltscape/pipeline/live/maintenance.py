@@ -14,7 +14,7 @@ from pydantic import TypeAdapter
 from beltscape.core.alarm_catalogue import MAINTENANCE
 from beltscape.core.events import Maintenance
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.files.atomic import describe_refusal, read_state, write_durably
 from beltscape.sinks.historian import Event
 
@@ -130,5 +130,5 @@ def make_maintenance_finding(maintenance: Maintenance | None) -> Finding:
     """Return the finding of a frame: 1 and "missing" during maintenance, which makes its belt missing, else 0."""
     if maintenance is None:
         return Finding(MAINTENANCE, 0.0, 0.0, _LIMIT, "")
-    text = Message(f"maintenance: {maintenance.reason}", "maintenance")
+    text = make_message("maintenance", detail=maintenance.reason)
     return Finding(MAINTENANCE, 1.0, 0.0, _LIMIT, "", text=text, effect="missing")

@@ -1,4 +1,6 @@
-"""Write the manual's tables that come from benchmarks/RESULTS.md, between ``figures: NAME`` and ``end``.
+"""Write the manual's tables that come from benchmarks/RESULTS.md and from the catalogue of alarms.
+
+They stand between ``figures: NAME`` and ``end``:
 
 python tools/write_figures.py
 """
@@ -7,8 +9,11 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from pathlib import Path
 
+from beltscape.core.alarm_catalogue import CHECKS, DEFINITIONS, GROUPS, KINDS, STATES, list_suppressed
+from beltscape.core.alarms import PRIORITIES
 from beltscape.plan.plan import Plan, make_plan, plan_to_document
 from beltscape.plan.settings import PlanSettings
 
@@ -17,7 +22,7 @@ RESULTS = ROOT / "benchmarks/RESULTS.md"
 PAGES = (
     "README.md", "docs/explanation/matching.md", "docs/reference/figures_matching.md",
     "docs/explanation/measuring.md", "docs/explanation/running.md", "docs/explanation/calibration.md",
-    "docs/howto/choose.md",
+    "docs/howto/choose.md", "docs/howto/alarms.md",
 )  # fmt: skip
 _MARKED = re.compile(r"(<!-- figures: (\w+) -->\n).*?(?= *<!-- end -->)", re.S)
 _SCENES = {"belt_empty": "empty belt", "module": "module", "belt_loaded": "loaded belt"}
@@ -221,9 +226,40 @@ def _choices(results: str, heading: str, *keys: str) -> str:
     return table(list(columns), rows) + "\n" + state(results, "Choices")
 
 
+def _list_names(names: Iterable[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
+
+
+def priorities(_results: str) -> str:
+    """Return the table of alarms by their default priority; most checks are medium."""
+    rows = [
+        [one, _list_names(name for name in (*KINDS, *CHECKS) if DEFINITIONS[name].rationale.priority == one)]
+        for one in reversed(PRIORITIES)
+        if one != "medium"
+    ]
+    return table(["priority", "alarms"], [*rows, ["medium", "all others"]])
+
+
+def groups(_results: str) -> str:
+    """Return the table of the groups of alarms, causes before their effects."""
+    return table(["group", "alarms"], [[group, _list_names(names)] for group, names in GROUPS.items()])
+
+
+def suppression(_results: str) -> str:
+    """Return the table of what each state of the plant hides."""
+    rows: list[list[str]] = []
+    for one in STATES:
+        hidden = list_suppressed(one)
+        others = [name for name in (*KINDS, *CHECKS) if name not in hidden]
+        is_most = len(others) < len(hidden)
+        rows.append([f"`{one}`", f"all but {_list_names(others)}" if is_most else _list_names(hidden)])
+    return table(["while", "are hidden"], rows)
+
+
 FIGURES = {
     "presets": presets, "standard": standard, "volumes": volumes, "speed": speed, "calibration": calibration,
     "accuracy": accuracy, "parts": parts, "rigs": rigs, "widths": widths,
+    "priorities": priorities, "groups": groups, "suppression": suppression,
 }  # fmt: skip
 
 

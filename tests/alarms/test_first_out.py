@@ -7,9 +7,9 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.alarms.management import GROUPS, FirstOut, Member, find_group
-from beltscape.alarms.names import require_alarm
+from beltscape.alarms.management import FirstOut, Member, find_group
 from beltscape.alarms.settings import AlarmSettings
+from beltscape.core.alarm_catalogue import GROUPS
 from tests.alarms.plant import BAD, GOOD, Plant, camera
 
 LOST = {"cameras": {"cam2": camera(state="lost", message="silent"), "cam3": camera("cam3")}}
@@ -75,9 +75,3 @@ def test_a_chain_has_one_first_and_it_stays_while_later_ones_come(steps):
         if present and before:
             assert marked == first  # whether it is still present or not
         first, before = marked, present
-
-
-def test_default_groups_name_alarms_that_exist_once():
-    names = [name for members in GROUPS.values() for name in members]
-    assert len(names) == len(set(names))
-    assert [require_alarm(name) for name in names] == names

@@ -103,7 +103,7 @@ def test_moved_core_degrades_or_voids_the_frame(frame):
 def test_mirrored_images_of_all_cameras_are_named(frame, step):
     matcher = make_matcher()
     mirrored = with_images(frame, lambda _, image: np.ascontiguousarray(image[:: step[0], :: step[1]]))
-    with pytest.raises(ReconstructionError, match="all images are"):
+    with pytest.raises(ReconstructionError, match="flipped back they fit the rig"):
         matcher.reconstruct(mirrored, Silent())
     assert {effect for _, _, effect in faults_of(matcher)} == {"missing"}
 
@@ -114,7 +114,7 @@ def test_mirrored_auxiliary_is_named(frame):
         frame, lambda name, image: np.ascontiguousarray(image[:, ::-1]) if name == "cam3" else image
     )
     matcher.reconstruct(mirrored, Silent())
-    assert any("cam3 is mirrored left to right" in f.text for f in matcher.findings)
+    assert any("mirrored images (cam3)" in f.text and "(left to right)" in f.text for f in matcher.findings)
     assert matcher.excluded == ("cam3",)
 
 

@@ -38,7 +38,7 @@ def reconstruct(run, rig, out, scene="belt_loaded"):
 def test_knocked_auxiliary_is_excluded_and_the_depth_is_right(run, tmp_path):
     code, out, err = reconstruct(run, write_knocked_rig(tmp_path, ("cam2", (0.1, 0.2, 0))), tmp_path / "r")
     assert code == 0
-    assert any(line.startswith("warning: cam2 is ") and "without cam2" in line for line in err)
+    assert any(line.startswith("warning: cam2: it is ") and "without cam2" in line for line in err)
     frame = parse_json(out)["frames"][0]
     assert frame["auxiliaries"] == ["cam1", "cam3", "cam4"]
     assert frame["systematic_mm"] == 0

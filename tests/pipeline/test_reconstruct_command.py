@@ -134,7 +134,7 @@ def test_overexposed_view_causes_one_warning_of_its_exposure(run, capture, tmp_p
     code, _, err = run(command, folder, "--rig", TRUE_RIG, "--out", tmp_path / "r")
     assert code == 0
     assert warnings(err) == [
-        "warning: frame 000: cam1: 50% of its pixels are saturated; expose shorter, or shade the belt from the sun",
+        "warning: frame 000: cam1: 50 % of its pixels are saturated: expose shorter, or shade the belt from the sun",
         "warning: frame 000: cam1: its brightness is 24 times that of the other cameras; "
         "correct its exposure, gain or aperture, or clean its window",
     ]

@@ -12,8 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from beltscape.alarms.management import MATRIX, get_rationale
-from beltscape.alarms.names import CHECKS, KINDS
+from beltscape.core.alarm_catalogue import MATRIX
 from beltscape.core.alarms import Alarm
 from beltscape.protocols.settings import SyslogSettings
 from beltscape.protocols.syslog import Origin, SyslogSender, describe_change, format_message
@@ -93,11 +92,6 @@ def test_rsyslog_takes_it_apart(tmp_path: Path) -> None:
     assert (message.app, message.severity, message.alarm["state"]) == ("belt4", 1, "raised")
 
 
-def test_the_priorities_of_the_page_are_the_program_s() -> None:
-    table = PAGE[PAGE.index("<!-- priorities -->") : PAGE.index("<!-- end -->")]
-    rows = dict(re.findall(r"^\| (urgent|high|low) \| (.*) \|$", table, re.MULTILINE))
-    shown = {name: priority for priority, names in rows.items() for name in re.findall(r"`(\w+)`", names)}
-    for name in (*KINDS, *CHECKS):
-        assert get_rationale(name).priority == shown.get(name, "medium"), name
+def test_the_matrix_of_the_page_is_the_program_s() -> None:
     for consequence, row in MATRIX.items():
         assert re.search(rf"\({consequence}\) \| {' '.join(f'{one} [|]' for one in row.values())}", PAGE)

@@ -8,24 +8,21 @@ from dataclasses import dataclass, field, replace
 from threading import Lock
 
 from beltscape.alarms.entry import Entry, make_name
-from beltscape.alarms.management import (
-    BELT_STOPPED,
-    CAMERAS_OFF,
-    FRAMES_DROPPED,
-    MAINTENANCE,
-    FirstOut,
-    Member,
-    find_group,
-    select_priority,
-    select_state,
-)
-from beltscape.alarms.names import CHECKS, split_name
+from beltscape.alarms.management import FirstOut, Member, find_group, select_priority, select_state
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES, Conditions
 from beltscape.alarms.settings import AlarmSettings, CommonSettings, NoMeasurement
 from beltscape.alarms.snapshot import BoardSnapshot, SavedAlarm
 from beltscape.alarms.state_machine import AlarmCondition, Elapsed, condition_from_finding
 from beltscape.alarms.texts import CustomTexts
+from beltscape.core.alarm_catalogue import (
+    BELT_STOPPED,
+    CAMERAS_OFF,
+    DEFINITIONS,
+    FRAMES_DROPPED,
+    MAINTENANCE,
+    split_name,
+)
 from beltscape.core.alarms import Alarm, Suppression
 
 _NAN = float("nan")
@@ -148,8 +145,7 @@ class AlarmBoard:
         with self._lock:
             for place, saved in enumerate(snapshot.alarms):
                 kind, subject = split_name(saved.name)
-                is_known = kind in RULES or kind in CHECKS
-                own = self._select_settings(kind, subject) if is_known else None
+                own = self._select_settings(kind, subject) if kind in DEFINITIONS else None
                 if own is None or subject in gone:
                     continue
                 self._restore_entry(saved, self._entry(kind, subject, own), place - len(snapshot.alarms))

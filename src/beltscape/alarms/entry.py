@@ -9,9 +9,10 @@ from beltscape.alarms.settings import CommonSettings, Fault, LoadSettings
 from beltscape.alarms.snapshot import SavedAlarm, SavedText
 from beltscape.alarms.state_machine import AlarmCondition, AlarmStateMachine, Delay, Elapsed
 from beltscape.alarms.texts import CustomTexts, format_amount, format_detail, format_over, format_unknown
+from beltscape.core.alarm_catalogue import MISALIGNED_BELT, OVERSIZE_LUMP
 from beltscape.core.alarms import Alarm, AlarmState, Priority, Severity, Suppression
 
-_PERIODIC = ("oversize_lump", "misaligned_belt")
+_PERIODIC = (OVERSIZE_LUMP, MISALIGNED_BELT)
 """Kinds whose values are measured periodically."""
 _FORGOTTEN_NS, _FORGOTTEN_PERIODIC_NS = 2_000_000_000, 120_000_000_000
 """Time after which a value that is no longer measured says nothing about now: four evaluations of the alarms, and

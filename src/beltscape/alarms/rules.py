@@ -16,6 +16,28 @@ from beltscape.alarms.state_machine import (
     condition_from_text,
     select_worst,
 )
+from beltscape.core.alarm_catalogue import (
+    BELT_STOPPED,
+    CAMERA_LOST,
+    CAMERA_SKEW,
+    CAMERAS_OFF,
+    CERTIFICATE_EXPIRING,
+    DISK_FULL,
+    EMPTY,
+    ENCODER_SILENT,
+    ENCODER_WRONG,
+    FRAMES_DROPPED,
+    HISTORY_REPAIRED,
+    KINDS,
+    LOW_COVERAGE,
+    MISALIGNED_BELT,
+    NO_MEASUREMENT,
+    OVERLOAD,
+    OVERSIZE_LUMP,
+    RECORDING_PAUSED,
+    REPORTS_FAILING,
+    USERS_UNREADABLE,
+)
 from beltscape.core.events import CameraHealth
 
 Conditions = Mapping[str, AlarmCondition]
@@ -165,25 +187,26 @@ def _certificate_expiring(now: Readings, settings: AlarmSettings) -> Conditions:
     return {"": AlarmCondition(compare_lower(days, 0, own.days, own.hysteresis), days, own.days, "d")}
 
 
-RULES: Mapping[str, Rule] = {
-    "no_measurement": _no_measurement,
-    "overload": _overload,
-    "oversize_lump": _oversize_lump,
-    "misaligned_belt": _misaligned_belt,
-    "belt_stopped": _belt_stopped,
-    "empty": _empty,
-    "low_coverage": _low_coverage,
-    "cameras_off": _cameras_off,
-    "camera_lost": _camera_lost,
-    "camera_skew": _camera_skew,
-    "frames_dropped": _frames_dropped,
-    "disk_full": lambda now, _: {"": condition_from_text(now.history_trouble)},
-    "history_repaired": lambda now, _: {"": condition_from_text(now.history_repair)},
-    "users_unreadable": lambda now, _: {"": condition_from_text(now.users_trouble)},
-    "reports_failing": lambda now, _: {"": condition_from_text(now.reports_trouble)},
-    "recording_paused": lambda now, _: {"": condition_from_text(now.recording_trouble)},
-    "encoder_silent": _encoder_silent,
-    "encoder_wrong": lambda now, _: {"": condition_from_text(now.encoder_trouble)},
-    "certificate_expiring": _certificate_expiring,
+_RULES: Mapping[str, Rule] = {
+    NO_MEASUREMENT: _no_measurement,
+    OVERLOAD: _overload,
+    OVERSIZE_LUMP: _oversize_lump,
+    MISALIGNED_BELT: _misaligned_belt,
+    BELT_STOPPED: _belt_stopped,
+    EMPTY: _empty,
+    LOW_COVERAGE: _low_coverage,
+    CAMERAS_OFF: _cameras_off,
+    CAMERA_LOST: _camera_lost,
+    CAMERA_SKEW: _camera_skew,
+    FRAMES_DROPPED: _frames_dropped,
+    DISK_FULL: lambda now, _: {"": condition_from_text(now.history_trouble)},
+    HISTORY_REPAIRED: lambda now, _: {"": condition_from_text(now.history_repair)},
+    USERS_UNREADABLE: lambda now, _: {"": condition_from_text(now.users_trouble)},
+    REPORTS_FAILING: lambda now, _: {"": condition_from_text(now.reports_trouble)},
+    RECORDING_PAUSED: lambda now, _: {"": condition_from_text(now.recording_trouble)},
+    ENCODER_SILENT: _encoder_silent,
+    ENCODER_WRONG: lambda now, _: {"": condition_from_text(now.encoder_trouble)},
+    CERTIFICATE_EXPIRING: _certificate_expiring,
 }
-"""The rule of every alarm, in the order of display; each name is that of its settings, as in `names.KINDS`."""
+RULES: Mapping[str, Rule] = {kind: _RULES[kind] for kind in KINDS}
+"""The rule of every alarm, in the order of display; each name is that of its settings."""

@@ -12,54 +12,59 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from beltscape.alarms.management import BELT_STOPPED, CAMERAS_OFF, FRAMES_DROPPED, GROUPS, MAINTENANCE
-from beltscape.alarms.names import CHECKS, KINDS, AlarmKey, require_check
+from beltscape.core.alarm_catalogue import (
+    CHECKS,
+    DEFINITIONS,
+    GROUPS,
+    KINDS,
+    STATES,
+    list_suppressed,
+    split_name,
+)
 from beltscape.core.alarms import Priority, Severity
+from beltscape.core.errors import suggest_name
 from beltscape.core.quantities import CROSS_SECTION, LUMP, OFFSET, STOPPED_SPEED
 
-_OF_THE_COMPUTER = (
-    "disk_full",
-    "history_repaired",
-    "users_unreadable",
-    "reports_failing",
-    "recording_paused",
-    "certificate_expiring",
-)
-"""Alarms that do not depend on what the cameras see."""
-_OF_IMAGES = (
-    "camera_lost", "camera_skew", "camera_sync", "low_coverage", "no_measurement", "frozen_image", "exposure",
-    "overexposure", "lens_covered", "projector", "lamp", "dust", "flicker", "sunlight",
-)  # fmt: skip
-"""Alarms that cameras without images explain."""
-_OF_DROPS = (
-    "no_measurement", "low_coverage", "camera_skew", "camera_sync", "camera_pose_unchecked", "encoder_silent",
-    "encoder_motion", "frozen_image", "flicker",
-)  # fmt: skip
-"""Alarms that a computer too slow for its frames explains: readings are late, neighbouring frames are missing."""
+
+def require_check(name: str) -> str:
+    """Return the name of a check; ValueError with the most similar one if there is none of that name."""
+    if name in CHECKS:
+        return name
+    hint = suggest_name(name, CHECKS) or f"give one of {', '.join(CHECKS)}"
+    raise ValueError(f"no check is called {name!r}; {hint}")
+
+
+def require_alarm(name: str) -> str:
+    """Return the name of an alarm; ValueError with the most similar kind if its kind does not exist."""
+    kind = split_name(name)[0]
+    if kind in DEFINITIONS:
+        return name
+    known = (*KINDS, *CHECKS)
+    hint = suggest_name(kind, known) or f"give one of {', '.join(known)}"
+    raise ValueError(f"no alarm is called {name!r}; {hint}")
+
+
+AlarmKey = Annotated[str, AfterValidator(require_alarm)]
+"""Name of an alarm, or of a kind of alarms: "camera_lost:cam2" or "camera_lost"."""
 
 
 class SuppressionSettings(BaseModel):
     """The alarms that are suppressed by a state of the plant; they are evaluated and journalled, but not shown."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
-    maintenance: tuple[AlarmKey, ...] = tuple(n for n in (*KINDS, *CHECKS) if n not in _OF_THE_COMPUTER)
+    maintenance: tuple[AlarmKey, ...] = list_suppressed("maintenance")
     """During maintenance: all that depend on what the cameras see."""
-    belt_stopped: tuple[AlarmKey, ...] = ("empty", "misaligned_belt", "no_measurement", "low_coverage")
+    belt_stopped: tuple[AlarmKey, ...] = list_suppressed("belt_stopped")
     """While the alarm belt_stopped is on: no new belt comes into view."""
-    cameras_off: tuple[AlarmKey, ...] = _OF_IMAGES
+    cameras_off: tuple[AlarmKey, ...] = list_suppressed("cameras_off")
     """While the alarm cameras_off is on for a bank; alarms of single cameras only for those of the bank."""
 
-    frames_dropped: tuple[AlarmKey, ...] = _OF_DROPS
+    frames_dropped: tuple[AlarmKey, ...] = list_suppressed("frames_dropped")
     """While the alarm frames_dropped is on: what comes of frames that are not measured."""
 
     def by_state(self) -> dict[str, tuple[str, ...]]:
         """Return the alarms of every state."""
-        return {
-            MAINTENANCE: self.maintenance,
-            BELT_STOPPED: self.belt_stopped,
-            CAMERAS_OFF: self.cameras_off,
-            FRAMES_DROPPED: self.frames_dropped,
-        }
+        return {state: getattr(self, state) for state in STATES}
 
 
 class ShelvingSettings(BaseModel):
@@ -317,10 +322,7 @@ class Fault(CommonSettings):
     clear_after_s: Seconds = 10.0
 
 
-_OF_CHECKS = {"camera_pose_unchecked": Fault(severity="info", after_s=30.0, latched=False)}
-"""Settings of checks whose faults are no faults of the plant: it is not known whether there is one.
-
-They wait as long as a camera without an image after the start."""
+_OWN_DEFAULTS = {name: Fault(**one.fault_defaults) for name, one in DEFINITIONS.items() if one.fault_defaults}
 
 
 class AlarmSettings(BaseModel):
@@ -361,4 +363,4 @@ class AlarmSettings(BaseModel):
 
     def select_fault(self, check: str) -> Fault:
         """Return the settings of a check's alarms."""
-        return self.checks.get(check) or _OF_CHECKS.get(check, self.faults)
+        return self.checks.get(check) or _OWN_DEFAULTS.get(check, self.faults)

@@ -15,7 +15,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
-from beltscape.alarms.names import list_keys, require_alarm
+from beltscape.alarms.settings import require_alarm
+from beltscape.core.alarm_catalogue import list_keys
 from beltscape.core.checks import is_dict
 from beltscape.core.errors import InputError
 from beltscape.core.translatable_message import reword

@@ -1,11 +1,19 @@
-"""A message of the running system in English, with the parts from which a page composes it in another language."""
+"""A message of the running system in English, with the parts from which a page composes it in another language.
+
+The English text of each message stands once: under ``cause.KEY`` in the page's English file, as a sentence.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
 from types import MappingProxyType
 
 Value = float | int | str
+LANGUAGES_FOLDER = Path(__file__).parents[1] / "data" / "web" / "languages"
+"""One file of texts for each language of the page."""
+_FAMILY = "cause."
 
 
 class Message(str):
@@ -21,6 +29,38 @@ class Message(str):
         message = super().__new__(cls, text)
         message.key, message.values = key, MappingProxyType(values)
         return message
+
+
+def make_message(key: str, /, *, subject: str = "", detail: str = "", **values: Value) -> Message:
+    """Return the message of a key with its values filled in; these are rounded to the digits to be shown.
+
+    The English line begins with ``subject``, such as a camera, and ends with ``detail`` in brackets, such as what a
+    driver answered. Pages show the subject in another place, and no detail.
+    """
+    line = _read_lines()[key].format_map({name: _format_value(value) for name, value in values.items()})
+    start, end = f"{subject}: " if subject else "", f" ({detail})" if detail else ""
+    return Message(f"{start}{line}{end}", key, **values)
+
+
+def _format_value(value: Value) -> str:
+    """Return a rounded value without the digits that a binary number adds."""
+    return f"{value:.10g}" if isinstance(value, float) else str(value)
+
+
+@cache
+def _read_lines() -> dict[str, str]:
+    """Return the English lines by their keys."""
+    import json
+
+    texts: dict[str, str] = json.loads((LANGUAGES_FOLDER / "en.json").read_text(encoding="utf-8"))
+    return {
+        key.removeprefix(_FAMILY): _to_line(text) for key, text in texts.items() if key.startswith(_FAMILY)
+    }
+
+
+def _to_line(sentence: str) -> str:
+    """Return a sentence as a part of a line: without the capital of its beginning and the full stop of its end."""
+    return (sentence[:1].lower() + sentence[1:]).removesuffix(".")
 
 
 def reword(message: str, text: str) -> str:

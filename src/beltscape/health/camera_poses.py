@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import CAMERA_POSE, CAMERA_POSE_UNCHECKED, CAMERA_SYNC
 from beltscape.core.findings import Effect, Finding
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
-from beltscape.health.settings import SYNCHRONISATION
+from beltscape.core.translatable_message import make_message
 from beltscape.stereo.consistency.diagnosis import CameraFault
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 
-POSE = "camera_pose"
-UNCHECKED = "camera_pose_unchecked"
-"""Check whether the cameras' poses could be checked: not known is not moved."""
 _NAN = float("nan")
 
 
@@ -40,7 +37,9 @@ def make_pose_findings(
     measured = [_make_finding(each) for each in consistency.cameras]
     finite = [finding for finding in measured if np.isfinite(finding.value)]
     # a movement of the core shows in all auxiliaries: in the least of them, too
-    core = min(finite, key=lambda finding: finding.value, default=Finding(POSE, _NAN, _NAN, _NAN, "mm"))
+    core = min(
+        finite, key=lambda finding: finding.value, default=Finding(CAMERA_POSE, _NAN, _NAN, _NAN, "mm")
+    )
     whole = max(finite, key=lambda finding: finding.value, default=core)
     findings = [replace(whole, subject=""), replace(core, subject=rig.core), *measured]
     if is_suspect:
@@ -54,14 +53,14 @@ def _make_instant_finding(each: PoseFault) -> Finding:
     """Return the finding of a camera whose images are of another instant; by how much is not measured."""
     (camera,) = each.fault.cameras
     return Finding(
-        SYNCHRONISATION, _NAN, _NAN, _NAN, "ms", camera, each.fault.text, each.effect, each.systematic_mm
+        CAMERA_SYNC, _NAN, _NAN, _NAN, "ms", camera, each.fault.text, each.effect, each.systematic_mm
     )
 
 
 def make_unreliable_finding(text: str) -> Finding:
     """Return the finding of a frame whose few pixels match by chance, because no image fits the rig."""
-    message = Message(text, "camera_pose_unreliable")
-    return Finding(POSE, _NAN, _NAN, _NAN, "mm", "", message, "missing")
+    message = make_message("camera_pose_unreliable", detail=text)
+    return Finding(CAMERA_POSE, _NAN, _NAN, _NAN, "mm", "", message, "missing")
 
 
 def make_unchecked_finding(frames: int, limit: int, *, is_open: bool) -> Finding:
@@ -69,14 +68,10 @@ def make_unchecked_finding(frames: int, limit: int, *, is_open: bool) -> Finding
 
     ``is_open``: the poses are not known to be right, although nothing shows that they are wrong.
     """
-    finding = Finding(UNCHECKED, float(frames), 0.0, float(limit), "")
+    finding = Finding(CAMERA_POSE_UNCHECKED, float(frames), 0.0, float(limit), "")
     if not is_open:
         return finding
-    text = Message(
-        "no frame shows yet whether the cameras agree with the rig: two cameras share too few textured points",
-        "camera_pose_unchecked",
-    )
-    return replace(finding, text=text, effect="degraded")
+    return replace(finding, text=make_message("camera_pose_unchecked"), effect="degraded")
 
 
 def repeat_faults(findings: Sequence[Finding]) -> tuple[Finding, ...]:
@@ -87,7 +82,7 @@ def repeat_faults(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 def _make_finding(each: CameraConsistency) -> Finding:
     sigma, limit = (px * each.depth_mm_per_px for px in (each.epipolar_sigma_px, each.tolerance_px))
     value = _NAN if each.state == "undecided" else each.depth_error_mm
-    return Finding(POSE, value, sigma, limit, "mm", each.camera)
+    return Finding(CAMERA_POSE, value, sigma, limit, "mm", each.camera)
 
 
 def _add_faults(finding: Finding, faults: Sequence[PoseFault]) -> Finding:

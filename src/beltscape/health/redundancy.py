@@ -6,11 +6,11 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import CAMERA_REDUNDANCY
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 
-REDUNDANCY = "camera_redundancy"
 _LEAST_AGREEMENT = 0.4
 """Share of the best auxiliary's agreement below which one hardly contributes; sound captures have at least 0.7."""
 
@@ -27,17 +27,10 @@ def make_redundancy_finding(
     absent = [name for name in auxiliaries if name not in used]
     count = len(auxiliaries) - len(absent) - len(weak)
     if count == len(auxiliaries):
-        return Finding(REDUNDANCY, count, 0.0, len(auxiliaries), "cameras")
+        return Finding(CAMERA_REDUNDANCY, count, 0.0, len(auxiliaries), "cameras")
     without = ", ".join((*absent, *weak))
-    text = Message(
-        f"the depth comes from {count} of {len(auxiliaries)} auxiliary cameras, without {without}: another fault "
-        "would not be noticed as surely; restore the camera",
-        "camera_redundancy",
-        count=count,
-        all=len(auxiliaries),
-        without=without,
-    )
-    return Finding(REDUNDANCY, count, 0.0, len(auxiliaries), "cameras", "", text, "degraded")
+    text = make_message("camera_redundancy", count=count, all=len(auxiliaries), without=without)
+    return Finding(CAMERA_REDUNDANCY, count, 0.0, len(auxiliaries), "cameras", "", text, "degraded")
 
 
 def _find_weak(consistency: RigConsistency, used: Collection[str]) -> list[str]:

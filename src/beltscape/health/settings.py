@@ -37,8 +37,6 @@ class BeltLimits(BaseModel):
     """Mean cross-section of material on otherwise empty belt from which carry-back is reported."""
 
 
-SYNCHRONISATION = "camera_sync"
-"""The check of whether all cameras show the same instant: by the material's motion, and by the points that match."""
 _Share = Annotated[float, Field(gt=0, lt=1)]
 
 

@@ -1,7 +1,7 @@
 """Settings of the operator's page and its HTTP interface, [web] in project.toml, and the page's languages.
 
 The tables below it are those of access (sessions, requests) and of connections. Each language is one file of texts in
-``page/languages``, found by itself.
+``data/web/languages``, found by itself.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Annotated, Literal, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.quantities import require_host
+from beltscape.core.translatable_message import LANGUAGES_FOLDER
 
 
 class AccessSettings(BaseModel):
@@ -77,7 +78,6 @@ class LimitSettings(BaseModel):
     """An idle connection is closed after this time."""
 
 
-LANGUAGES_FOLDER = Path(__file__).parent / "page" / "languages"
 DEFAULT_LANGUAGE = "en"
 """Code of the language that is the first of the list, and that every text is written in."""
 
@@ -146,7 +146,7 @@ class PageSettings(BaseModel):
     access: AccessSettings = AccessSettings()
     """Users and sessions: the table [web.access]."""
     language: LanguageCode = DEFAULT_LANGUAGE
-    """Language of the page until the user chooses another: the code of a file in ``page/languages``."""
+    """Language of the page until the user chooses another: the code of a file in ``data/web/languages``."""
     plant: Annotated[str, Field(max_length=60)] = ""
     """Name of the belt or plant, at the top of the page."""
 

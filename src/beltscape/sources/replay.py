@@ -9,7 +9,7 @@ from time import monotonic, monotonic_ns
 
 from beltscape.core.events import CameraHealth, CameraState
 from beltscape.core.frames import FrameSet
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.sources.folder import FolderSource
 
 _RATE_S = 5.0
@@ -83,8 +83,7 @@ class ReplaySource:
     def _health(self, name: str, rate_hz: float) -> CameraHealth:
         taken, missed = self._taken[name], self._missed[name]
         state: CameraState = "ok" if taken else "lost" if missed else "waiting"
-        message = Message(f"{name}: no image in the capture so far", "not_in_capture")
-        message = message if state == "lost" else ""
+        message = make_message("not_in_capture", subject=name) if state == "lost" else ""
         return CameraHealth(name, state, taken, missed, rate_hz if taken else 0.0, float("nan"), message)
 
     def _shift_to_round(self, frame_time: FrameTime, rounds: int) -> FrameTime:

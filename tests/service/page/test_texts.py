@@ -11,12 +11,12 @@ from typing import get_args
 
 import pytest
 
-from beltscape.alarms.names import CHECKS
-from beltscape.alarms.rules import RULES
+from beltscape.core.alarm_catalogue import CHECKS, DEFINITIONS, KINDS
 from beltscape.core.alarms import AlarmState, Severity
 from beltscape.core.events import CameraState
 from beltscape.core.findings import EFFECTS
 from beltscape.core.ledger import STANDINGS
+from beltscape.core.translatable_message import LANGUAGES_FOLDER
 from beltscape.measure.flow.encoder_check import Kind
 from beltscape.service import settings
 from beltscape.service.access.accounts import ROLES
@@ -48,7 +48,7 @@ def remove_comments(script: str) -> str:
 
 @pytest.mark.parametrize("language", list_languages(), ids=lambda language: language.code)
 def test_every_language_has_the_same_keys_each_once_with_a_text(language):
-    text = (FOLDER / "languages" / f"{language.code}.json").read_text(encoding="utf-8")
+    text = (LANGUAGES_FOLDER / f"{language.code}.json").read_text(encoding="utf-8")
     pairs: list[tuple[str, str]] = json.loads(text, object_pairs_hook=list)
     keys = [key for key, _ in pairs]
     assert len(keys) == len(set(keys))
@@ -68,7 +68,7 @@ def list_placeholders(text: str) -> set[str]:
 
 
 def test_a_language_is_one_file_that_is_found_by_itself(tmp_path, monkeypatch):
-    for file in (FOLDER / "languages").iterdir():
+    for file in LANGUAGES_FOLDER.iterdir():
         (tmp_path / file.name).write_bytes(file.read_bytes())
     header = {"language.name": "Latina", "language.locale": "la-VA", "language.tag": "la"}
     (tmp_path / "la.json").write_text(json.dumps({**TEXTS, **header}), encoding="utf-8")
@@ -111,45 +111,32 @@ def test_every_key_is_used():
 SOURCE = FOLDER.parents[1]
 
 
-def find_check_names() -> set[str]:
-    """Return the names of checks in the source: of findings and of the constants that name them."""
-    names: set[str] = set()
-    for path in SOURCE.rglob("*.py"):
-        text = path.read_text(encoding="utf-8")
-        names |= set(re.findall(r'\bFinding\(\s*"([a-z_]+)"', text))
-        if "core.findings import" in text:
-            for line in re.findall(r'(?m)^[A-Z][A-Z_, ]* = ("[a-z_]+"(?:, "[a-z_]+")*)$', text):
-                names |= set(re.findall(r'"([a-z_]+)"', line))
-    assert len(names) > 10
-    return names
-
-
-def test_the_list_of_checks_has_all_of_the_source():
-    assert find_check_names() - set(CHECKS) == set()
-
-
 KEYS_OF = {
     "check": ("defocus", "condensation"),
-    "projector_{state} or check": ("projector_off", "projector_dim", "projector_focus", "dust"),
-    "zero_{kind}": ("zero_moved", "zero_moved_on_one_side", "zero_film", "zero_worn"),
-    "zero_set_{name}": ("zero_set_rise", "zero_set_tilt"),
-    "encoder_{kind}": tuple(f"encoder_{kind}" for kind in get_args(Kind)),
-}
+    "f'projector_{state}' if check == PROJECTOR else check": (
+        "projector_off", "projector_dim", "projector_focus", "dust",
+    ),
+    "f'zero_{kind}'": ("zero_moved", "zero_moved_on_one_side", "zero_film", "zero_worn"),
+    "f'zero_set_{name}'": ("zero_set_rise", "zero_set_tilt"),
+    "f'encoder_{contradiction.kind}'": tuple(f"encoder_{kind}" for kind in get_args(Kind)),
+}  # fmt: skip
 """Keys of messages that are composed, by their expression."""
 
 
-def list_keys(expression: ast.expr) -> tuple[str, ...]:
-    """Return the keys that the second argument of a `Message` may be."""
+def list_keys(expression: ast.expr, function: ast.FunctionDef) -> tuple[str, ...]:
+    """Return the keys that the first argument of `make_message` may be."""
     if isinstance(expression, ast.Constant):
         return (str(expression.value),)
-    if isinstance(expression, ast.IfExp) and isinstance(expression.body, ast.Constant):
-        return (*list_keys(expression.body), *list_keys(expression.orelse))
+    if ast.unparse(expression) in KEYS_OF:
+        return KEYS_OF[ast.unparse(expression)]
     if isinstance(expression, ast.IfExp):
-        return KEYS_OF["projector_{state} or check"]
-    if isinstance(expression, ast.Name):
-        return KEYS_OF[expression.id]
-    form = re.sub(r"\{.*?([a-z]+)(?:\.replace\(.*?\))?\}", r"{\1}", ast.unparse(expression))
-    return KEYS_OF[form.strip("f\"'")]
+        return (*list_keys(expression.body, function), *list_keys(expression.orelse, function))
+    (value,) = (
+        one.value
+        for one in ast.walk(function)
+        if isinstance(one, ast.Assign) and ast.unparse(one.targets[0]) == ast.unparse(expression)
+    )
+    return list_keys(value, function)
 
 
 def find_messages() -> dict[str, set[str]]:
@@ -157,21 +144,36 @@ def find_messages() -> dict[str, set[str]]:
     messages: dict[str, set[str]] = {}
     for path in SOURCE.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        for node in ast.walk(ast.parse(text)) if "translatable_message import" in text else ():
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Message":
-                assert len(node.args) == 2, f"{path}:{node.lineno}: a message without a key"
-                names = {word.arg for word in node.keywords}
-                for key in list_keys(node.args[1]):
-                    messages[key] = {"value", "limit"} if names == {None} else {str(name) for name in names}
-    assert len(messages) > 50
+        functions = ast.walk(ast.parse(text)) if "import make_message" in text else ()
+        for function in functions:
+            for node in ast.walk(function) if isinstance(function, ast.FunctionDef) else ():
+                if isinstance(node, ast.Call) and ast.unparse(node.func) == "make_message":
+                    names = {str(word.arg) for word in node.keywords} - {"subject", "detail"}
+                    for key in list_keys(node.args[0], function):
+                        assert messages.setdefault(key, names) == names, f"{path}:{node.lineno}"
     return messages
 
 
-@pytest.mark.parametrize(("key", "names"), sorted(find_messages().items()))
-def test_every_message_has_a_text_with_its_values(key, names):
-    assert f"cause.{key}" in TEXTS
-    placeholders = {field for _, field, _, _ in Formatter().parse(TEXTS[f"cause.{key}"]) if field}
-    assert placeholders <= names
+MESSAGES = find_messages()
+
+
+def test_the_english_text_of_a_message_stands_in_the_file_of_texts_only():
+    """Check that no module words a message, that all are in the file, and that it has no others."""
+    worded = [
+        str(path.relative_to(SOURCE))
+        for path in SOURCE.rglob("*.py")
+        if re.search(r"translatable_message import .*\bMessage\b", path.read_text(encoding="utf-8"))
+    ]
+    assert worded == []
+    assert {key.removeprefix("cause.") for key in TEXTS if key.startswith("cause.")} == set(MESSAGES)
+
+
+@pytest.mark.parametrize(("key", "names"), sorted(MESSAGES.items()))
+def test_a_message_has_the_values_of_its_text_and_is_one_sentence(key, names):
+    text = TEXTS[f"cause.{key}"]
+    assert {field for _, field, _, _ in Formatter().parse(text) if field} == names
+    assert re.search(r"\.\s", text) is None
+    assert text.endswith((".", "?"))
 
 
 def test_every_fault_of_a_check_is_a_message():
@@ -190,17 +192,13 @@ def test_every_fault_of_a_check_is_a_message():
             )
             is_composed = any(isinstance(one, ast.JoinedStr) for one in ast.walk(node))
             if makes and is_composed and node.name not in ("_describe_residuals",):
-                assert "Message(" in ast.unparse(node), f"{path.name}: {node.name}"
+                assert "make_message(" in ast.unparse(node), f"{path.name}: {node.name}"
 
 
 @pytest.mark.parametrize(
     ("family", "names"),
     [
-        ("alarm.", RULES),
-        ("help.", RULES),
-        ("check.", CHECKS),
         ("health.", (*EFFECTS[1:], "ok", "unknown", "fault")),
-        ("alarm.", get_args(AlarmState)),
         ("severity.", get_args(Severity)),
         ("camera.", get_args(CameraState)),
         ("standing.", STANDINGS),
@@ -210,6 +208,14 @@ def test_every_fault_of_a_check_is_a_message():
 )
 def test_every_value_of_the_program_has_a_text(family, names):
     assert [name for name in names if f"{family}{name}" not in TEXTS] == []
+
+
+@pytest.mark.parametrize(
+    ("family", "names"),
+    [("alarm.", (*KINDS, *get_args(AlarmState))), ("check.", CHECKS), ("help.", DEFINITIONS)],
+)
+def test_texts_of_alarms_are_those_of_the_catalogue(family, names):
+    assert {key.removeprefix(family) for key in TEXTS if key.startswith(family)} == set(names)
 
 
 class TextParser(HTMLParser):

@@ -54,12 +54,12 @@ def health(settings=SETTINGS, monitor=None, statistics=None, trouble="", is_open
         ),
         ({"monitor": CameraMonitor(), "settings": LINE}, "waiting", "no pulse has come on Line1 yet"),
         ({"now_s": 100.4}, "ok", ""),
-        ({"now_s": 101.0}, "lost", "no image for 1 s; check its power, cable"),
+        ({"now_s": 101.0}, "lost", "no image for 1 s: check power, cable"),
         ({"now_s": 9000.0, "settings": LINE}, "ok", ""),
         (
             {"statistics": CameraStatistics(silent=True), "settings": LINE},
             "lost",
-            "check its trigger wire, power",
+            "check trigger wire, power",
         ),
         ({"is_open": False, "trouble": "no answer"}, "lost", "(no answer)"),
         ({"monitor": CameraMonitor(last_s=99.9, image_fault="odd")}, "unusable", "odd"),
@@ -69,7 +69,7 @@ def health(settings=SETTINGS, monitor=None, statistics=None, trouble="", is_open
         (
             {"statistics": CameraStatistics(out_of_skew=SKEWED_FROM, skew_ns=9_000_000)},
             "unusable",
-            "+9.00 ms from the core camera's, more than allowed_skew_ms = 2",
+            "more than allowed_skew_ms = 2 ms: check its trigger wire and trigger delay (+9.00 ms)",
         ),
         (
             {"monitor": CameraMonitor(last_s=99.9, broken=4, broken_s=95)},

@@ -89,7 +89,7 @@ def test_moved_auxiliary_is_isolated(rig, frame, camera, degrees, shift_mm):
     assert consistency.pose_change.camera == camera
     assert consistency.pose_change.angle_deg == pytest.approx(float(np.linalg.norm(degrees)), abs=0.06)
     (line,) = (fault.text for fault in list_faults(consistency, off))
-    assert line.startswith(f"{camera} is ")
+    assert line.startswith(f"{camera}: it is ")
 
 
 def test_moved_core_is_isolated(rig, frame):

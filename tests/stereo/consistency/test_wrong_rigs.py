@@ -75,7 +75,7 @@ def test_error_across_the_rows_is_named_with_its_size(auxiliaries, error, size, 
     assert consistency.inconsistent == ("right",)
     (fault,) = diagnose_cameras(frame, off, consistency)
     assert fault.cameras == (("right",) if auxiliaries > 1 else ())
-    assert "right is " in fault.text
+    assert ("right: it is " if auxiliaries > 1 else "right is ") in fault.text
     assert named in fault.text
 
 

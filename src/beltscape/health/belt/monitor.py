@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from beltscape.core.alarm_catalogue import (
+    CARRY_BACK,
+    CARRY_BACK_STUCK,
+    CARRY_BACK_TOTAL,
+    SPLICE,
+    TORN_EDGE_LEFT,
+    TORN_EDGE_RIGHT,
+)
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.belt.cells import compute_belt_cells
 from beltscape.health.belt.passes import BeltEvent, BeltPasses
 from beltscape.health.belt.residue import BeltRows, BesideLoad, arrange_rows, measure_residue
@@ -16,11 +24,10 @@ from beltscape.health.belt.zero_shift import estimate_zero_shift, make_unmeasure
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference
 
-CARRY_BACK, CARRY_BACK_TOTAL, STUCK_TOTAL = "carry_back", "carry_back_total", "carry_back_stuck"
 _NAN = float("nan")
 _MM3_PER_L = 1e6
 """mm³ of a litre."""
-_CHECKS = {"splice": "splice", "torn left edge": "torn_edge_left", "torn right edge": "torn_edge_right"}
+_CHECKS = {"splice": SPLICE, "torn left edge": TORN_EDGE_LEFT, "torn right edge": TORN_EDGE_RIGHT}
 
 
 def make_carry_back_findings(
@@ -33,17 +40,13 @@ def make_carry_back_findings(
     area, sigma = residue
     limit = limits.carry_back_mm2
     is_fault = area > limit and area > limits.zero_sigmas * sigma
-    text = Message(
-        f"{area / 100:.1f} ± {sigma / 100:.1f} cm² of material on the empty belt: "
-        "check the scraper; what returns with the belt is counted in every revolution",
-        "carry_back",
-        area=round(area / 100, 1),
-        sigma=round(sigma / 100, 1),
+    text = (
+        make_message("carry_back", area=round(area / 100, 1), sigma=round(sigma / 100, 1)) if is_fault else ""
     )
     totals = [Finding(CARRY_BACK_TOTAL, passes.residue_mm3 / _MM3_PER_L, _NAN, _NAN, "l")]
     if limits.belt_length_m is not None:
-        totals.append(Finding(STUCK_TOTAL, passes.stuck_mm3 / _MM3_PER_L, _NAN, _NAN, "l"))
-    return (Finding(CARRY_BACK, area, sigma, limit, "mm²", text=text if is_fault else ""), *totals)
+        totals.append(Finding(CARRY_BACK_STUCK, passes.stuck_mm3 / _MM3_PER_L, _NAN, _NAN, "l"))
+    return (Finding(CARRY_BACK, area, sigma, limit, "mm²", text=text), *totals)
 
 
 def make_beside_finding(
@@ -58,12 +61,8 @@ def make_beside_finding(
     limit = limits.carry_back_mm2
     if not (area > limit and area > limits.zero_sigmas * sigma):
         return None
-    text = Message(
-        f"{beside.thickness_mm:.1f} ± {zero_sigma_mm:.1f} mm of material on the belt on both sides of the load: "
-        "check the scraper, and whether the load lies too wide; the records hold it",
-        "carry_back_beside",
-        thickness=round(beside.thickness_mm, 1),
-        sigma=round(zero_sigma_mm, 1),
+    text = make_message(
+        "carry_back_beside", thickness=round(beside.thickness_mm, 1), sigma=round(zero_sigma_mm, 1)
     )
     systematic = beside.thickness_mm * min(beside.strip_mm / width_mm, 1.0)
     return Finding(
@@ -78,10 +77,9 @@ def make_event_findings(events: Iterable[BeltEvent], side_mm: float) -> tuple[Fi
     """
     out: list[Finding] = []
     for event in events:
-        text = Message(
-            f"{event.kind} of the belt at {event.position_mm / 1000:.2f} m: {event.size_mm:.0f} mm deep, "
-            f"{event.length_mm:.0f} mm long; inspect it there",
+        text = make_message(
             "torn_edge",
+            subject=event.kind.removeprefix("torn "),
             position=round(event.position_mm / 1000, 2),
             depth=round(event.size_mm),
             length=round(event.length_mm),

@@ -10,8 +10,9 @@ from typing import Literal
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import ZERO_DRIFT, ZERO_SHIFT, ZERO_TILT
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.belt.zero_shift import ZeroShift
 from beltscape.health.settings import BeltLimits
 
@@ -68,7 +69,6 @@ def update_zero_history(history: ZeroHistory, shift: ZeroShift, jump_mm: float) 
     )
 
 
-SHIFT, DRIFT, TILT = "zero_shift", "zero_drift", "zero_tilt"
 _TILT_SHARES = np.array([0.1, 0.35, 0.1, 0.2])
 """Standard deviation of a strip's mean height by tilt across, tilt along, lateral shift and yaw, as a share of the
 rise at the edge: hidden parts are not spread evenly, and a strip is not seen equally often at both ends of the view
@@ -76,7 +76,6 @@ rise at the edge: hidden parts are not spread evenly, and a strip is not seen eq
 _SUNK_PX, _SUNK_FACTOR = 2.0, 1.5
 """A belt that sank by more than this many pixels: the meter takes parts of it for mismatches, which makes holes. On
 three simulated loads the error grows by up to this factor."""
-_FIX = "check belt, idlers and mounting; then set the zero on the empty belt, or learn it again"
 
 
 def make_zero_findings(
@@ -104,14 +103,14 @@ def _make_shift_finding(
     shift: ZeroShift, before: ZeroHistory, pixel_mm: float, limits: BeltLimits
 ) -> Finding:
     if not shift.is_measured:
-        return Finding(SHIFT, _NAN, _NAN, limits.zero_mm, "mm")
+        return Finding(ZERO_SHIFT, _NAN, _NAN, limits.zero_mm, "mm")
     tilts = _TILT_SHARES * shift.motion_mm[1:]
     systematic = float(np.sqrt(shift.offset_mm**2 + shift.sigma_mm**2 + np.sum(tilts**2)))
     if shift.offset_mm < -_SUNK_PX * pixel_mm:
         systematic *= _SUNK_FACTOR
     is_fault = _exceeds(shift.offset_mm, shift.sigma_mm, limits.zero_mm, limits)
     return Finding(
-        SHIFT,
+        ZERO_SHIFT,
         shift.offset_mm,
         shift.sigma_mm,
         limits.zero_mm,
@@ -127,15 +126,9 @@ def _make_drift_finding(shift: ZeroShift, history: ZeroHistory, limits: BeltLimi
     offset, sigma = history.offset_mm, history.sigma_mm
     known = bool(history.weight)
     is_fault = known and _exceeds(offset, sigma, limits.zero_mm, limits)
-    verb = "higher" if offset > 0 else "lower"
-    text = Message(
-        f"the bare belt lies {abs(offset):.2f} ± {sigma:.2f} mm {verb} than learned; {_FIX}",
-        "zero_drift",
-        offset=round(offset, 2),
-        sigma=round(sigma, 2),
-    )
+    text = make_message("zero_drift", offset=round(offset, 2), sigma=round(sigma, 2))
     return Finding(
-        DRIFT,
+        ZERO_DRIFT,
         offset,
         sigma,
         limits.zero_mm,
@@ -148,13 +141,9 @@ def _make_drift_finding(shift: ZeroShift, history: ZeroHistory, limits: BeltLimi
 
 def _make_tilt_finding(rise_mm: float, sigma_mm: float, limits: BeltLimits) -> Finding:
     is_fault = _exceeds(rise_mm, sigma_mm, limits.tilt_mm, limits)
-    text = Message(
-        f"the bare belt is tilted or shifted sideways: {abs(rise_mm):.1f} mm at the edge of the view; {_FIX}",
-        "zero_tilt",
-        rise=round(abs(rise_mm), 1),
-    )
+    text = make_message("zero_tilt", rise=round(abs(rise_mm), 1))
     return Finding(
-        TILT,
+        ZERO_TILT,
         abs(rise_mm),
         sigma_mm,
         limits.tilt_mm,
@@ -180,21 +169,6 @@ def classify_shift(
     return "film" if shift.offset_mm > 0 else "worn"
 
 
-_CAUSES = {
-    "moved": "belt, idlers or the rig moved",
-    "moved on one side": "only one side of the belt is bare: belt, idlers or the rig moved, or material lies there",
-    "film": "slowly: material clings to the whole belt, or the rig sinks",
-    "worn": "slowly: the belt is worn, or the rig rises",
-}
-
-
 def _describe(shift: ZeroShift, before: ZeroHistory, limits: BeltLimits) -> str:
-    verb = "higher" if shift.offset_mm > 0 else "lower"
-    kind = classify_shift(shift, before, limits)
-    return Message(
-        f"the bare belt lies {abs(shift.offset_mm):.2f} ± {shift.sigma_mm:.2f} mm {verb} than learned "
-        f"({_CAUSES[kind]}); {_FIX}",
-        f"zero_{kind.replace(' ', '_')}",
-        offset=round(shift.offset_mm, 2),
-        sigma=round(shift.sigma_mm, 2),
-    )
+    kind = classify_shift(shift, before, limits).replace(" ", "_")
+    return make_message(f"zero_{kind}", offset=round(shift.offset_mm, 2), sigma=round(shift.sigma_mm, 2))

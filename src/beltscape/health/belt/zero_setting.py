@@ -12,7 +12,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.belt.cells import BeltCells, compute_belt_cells
 from beltscape.health.belt.zero_finding import find_largest_tilt
 from beltscape.health.belt.zero_shift import ZeroShift, estimate_zero_shift
@@ -63,20 +63,15 @@ def zero_offset(
     offsets = np.array([shift.offset_mm for shift in shifts])
     offset, spread = float(np.mean(offsets)), float(np.std(offsets))
     if spread > max(_LARGEST_SPREAD_MM, 4 * max(shift.sigma_mm for shift in shifts)):
-        text = (
-            f"zero: the frames' shifts scatter by {spread:.2f} mm ({offsets.min():+.2f} to {offsets.max():+.2f} mm); "
-            "the belt vibrates or is not empty: give frames of the empty belt in steady motion"
+        extent = f"shifts of {offsets.min():+.2f} to {offsets.max():+.2f} mm"
+        raise MeasureError(
+            make_message("zero_set_scatter", subject="zero", detail=extent, spread=round(spread, 2))
         )
-        raise MeasureError(Message(text, "zero_set_scatter", spread=round(spread, 2)))
     tilt = max((find_largest_tilt(shift)[0] for shift in shifts), key=abs)
     for name, value in (("rise", offset), ("tilt", tilt)):
         if abs(value) > limits.set_limit_mm:
-            text = (
-                f"zero: the belt's {name} of {value:+.2f} mm exceeds the limit of {limits.set_limit_mm:g} mm; "
-                "find the cause, then learn the empty belt again (beltscape measure belt)"
-            )
-            values = {"value": round(value, 2), "limit": limits.set_limit_mm}
-            raise MeasureError(Message(text, f"zero_set_{name}", **values))
+            limit, shown = limits.set_limit_mm, round(value, 2)
+            raise MeasureError(make_message(f"zero_set_{name}", subject="zero", value=shown, limit=limit))
     moved = reference
     for _ in range(_ROUNDS):
         cells = [compute_belt_cells(depth, moved) for depth in depths]
@@ -96,14 +91,12 @@ def _estimate_on_empty_belt(
 ) -> ZeroShift:
     cells = compute_belt_cells(depth, reference)
     shift = estimate_zero_shift(cells, reference.belt, reference.cell_mm, limits.search_mm)
-    fix = "empty and clean the belt, and give its frames"
+    subject = f"zero: frame {number}"
     if not shift.is_measured or len(cells) < _LEAST_MEASURED * cells.shape[0] * cells.shape[1]:
-        text = f"zero: frame {number}: no bare belt is visible; {fix}"
-        raise MeasureError(Message(text, "zero_set_not_bare", share=0))
+        raise MeasureError(make_message("zero_set_not_bare", subject=subject, share=0))
     share = float(shift.bare.mean())
     if share < _LEAST_BARE or not min(shift.sides):
-        text = f"zero: frame {number}: only {share:.0%} of the belt is bare; {fix}"
-        raise MeasureError(Message(text, "zero_set_not_bare", share=round(100 * share)))
+        raise MeasureError(make_message("zero_set_not_bare", subject=subject, share=round(100 * share)))
     return shift
 
 

@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.alarm_catalogue import EXPOSURE, FLICKER, LENS_COVERED, OVEREXPOSURE, SUNLIGHT
 from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
 from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.image_statistics import ImageStatistics, find_place, remove_single_blocks
 from beltscape.health.reference import (
     LEAST_SPECKLE,
@@ -47,14 +48,10 @@ def check_saturation(frame: FrameStatistics, settings: HealthSettings) -> list[F
 
 def _check_saturation(camera: str, one: ImageStatistics, limit: float) -> Finding:
     share = one.saturated_share
-    finding = Finding("overexposure", 100 * share, 0.0, 100 * limit, "%", camera)
+    finding = Finding(OVEREXPOSURE, 100 * share, 0.0, 100 * limit, "%", camera)
     if share <= limit:
         return finding
-    text = Message(
-        f"{camera}: {share:.0%} of its pixels are saturated; expose shorter, or shade the belt from the sun",
-        "overexposure",
-        share=round(100 * share),
-    )
+    text = make_message("overexposure", subject=camera, share=round(100 * share))
     effect = "missing" if share > BLIND_SATURATION else "degraded"
     return replace(finding, text=text, effect=effect, relative_sigma=share)
 
@@ -85,22 +82,13 @@ def _check_exposure(
 ) -> Finding:
     factor = float(np.exp(deviation))
     limit = 100 / settings.brightness_factor if deviation < 0 else 100 * settings.brightness_factor
-    finding = Finding("exposure", 100 * factor, 100 * factor * _BRIGHTNESS_SIGMA, limit, "%", camera)
+    finding = Finding(EXPOSURE, 100 * factor, 100 * factor * _BRIGHTNESS_SIGMA, limit, "%", camera)
     if one.mean_level < settings.dark_level:
-        text = Message(
-            f"{camera}: its image is too dark ({one.mean_level:.1f} of 255); expose longer, check the light",
-            "exposure_dark",
-            level=round(one.mean_level, 1),
-        )
+        text = make_message("exposure_dark", subject=camera, level=round(one.mean_level, 1))
         effect = "missing" if one.mean_level < BLIND_LEVEL else "degraded"
         return replace(finding, text=text, effect=effect, relative_sigma=0.03)
     if is_compared and abs(deviation) > np.log(settings.brightness_factor):
-        text = Message(
-            f"{camera}: its brightness is {factor:.2g} times that of the other cameras; correct its exposure, gain "
-            "or aperture, or clean its window",
-            "exposure_unequal",
-            factor=round(factor, 2),
-        )
+        text = make_message("exposure_unequal", subject=camera, factor=round(factor, 2))
         return replace(finding, text=text, effect="degraded", relative_sigma=0.01)
     return finding
 
@@ -108,14 +96,10 @@ def _check_exposure(
 def _check_cover(camera: str, one: ImageStatistics, deviation: float, settings: HealthSettings) -> Finding:
     factor = float(np.exp(deviation))
     limit = 100 * BLIND_DARKNESS
-    finding = Finding("lens_covered", 100 * factor, 100 * factor * _BRIGHTNESS_SIGMA, limit, "%", camera)
+    finding = Finding(LENS_COVERED, 100 * factor, 100 * factor * _BRIGHTNESS_SIGMA, limit, "%", camera)
     if factor > BLIND_DARKNESS or one.mean_level > settings.dark_level:
         return finding
-    text = Message(
-        f"{camera}: its image is black ({factor:.1%} of the other cameras' brightness); uncover its lens",
-        "lens_covered",
-        share=round(100 * factor, 1),
-    )
+    text = make_message("lens_covered", subject=camera, share=round(100 * factor, 1))
     return replace(finding, text=text, effect="missing")
 
 
@@ -126,24 +110,17 @@ def check_sunlight(frame: FrameStatistics, reference: Reference | None, settings
     """
     speckled = measure_speckle(frame) > LEAST_SPECKLE
     if not (speckled if reference is None else has_projector(reference, settings)):
-        return Finding("sunlight", float("nan"), float("nan"), 100 * settings.sunlight, "%")
+        return Finding(SUNLIGHT, float("nan"), float("nan"), 100 * settings.sunlight, "%")
     patches = {name: find_sunlit_blocks(one) for name, one in frame.items()}
     shares = {name: float(patch.mean()) for name, patch in patches.items()}
     share = float(np.median(list(shares.values())))
     camera = max(shares, key=lambda name: shares[name])
     values = 100 * share, 0.1, 100 * settings.sunlight
     if share <= settings.sunlight:
-        return Finding("sunlight", *values, "%")
-    text = Message(
-        f"a bright patch without the projected pattern covers {share:.0%} of the pictures (most in {camera}: "
-        f"{shares[camera]:.0%}); shade the belt from sunlight or lamps",
-        "sunlight",
-        share=round(100 * share),
-        camera=camera,
-        most=round(100 * shares[camera]),
-    )
+        return Finding(SUNLIGHT, *values, "%")
+    text = make_message("sunlight", share=round(100 * share), camera=camera, most=round(100 * shares[camera]))
     return Finding(
-        "sunlight",
+        SUNLIGHT,
         *values,
         "%",
         "",
@@ -211,10 +188,5 @@ def check_flicker(light: Sequence[float], sigma: float, settings: HealthSettings
     change = float(np.exp(light[-1] - np.median(light[:-1]))) - 1 if len(light) > 1 else float("nan")
     values = 100 * change, 100 * sigma, 100 * settings.flicker
     if not abs(change) > settings.flicker:
-        return Finding("flicker", *values, "%")
-    text = Message(
-        f"the light changed by {change:+.0%} between frames; check lamps, projector and exposure times",
-        "flicker",
-        change=round(100 * change),
-    )
-    return Finding("flicker", *values, "%", "", text)
+        return Finding(FLICKER, *values, "%")
+    return Finding(FLICKER, *values, "%", "", make_message("flicker", change=round(100 * change)))

@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import LAMP
 from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.image_statistics import ImageStatistics
 from beltscape.health.images.exposure import estimate_mode
 from beltscape.health.reference import CameraReference, FrameStatistics, Reference, has_projector
@@ -73,8 +74,7 @@ def _compute_ratios(one: ImageStatistics, known: CameraReference) -> Float32Arra
 
 def _describe(log_share: float, sigma: float, limit: float, *, can_be_lamp: bool) -> Finding:
     value = 100 * float(np.exp(log_share))
-    finding = Finding("lamp", value, value * sigma, 100 * limit, "%")
+    finding = Finding(LAMP, value, value * sigma, 100 * limit, "%")
     if not (can_be_lamp and value + 2 * value * sigma < 100 * limit):
         return finding
-    text = f"the light has fallen to {value:.0f} % of what was learned; replace the lamp soon"
-    return replace(finding, text=Message(text, "lamp", light=round(value)))
+    return replace(finding, text=make_message("lamp", light=round(value)))

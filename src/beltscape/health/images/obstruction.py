@@ -9,11 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.alarm_catalogue import DIRT
 from beltscape.core.arrays import Float32Array
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.image_statistics import GRID, compute_block_size, find_place, remove_single_blocks
 from beltscape.health.settings import HealthSettings
 
@@ -114,7 +115,7 @@ def check_obstruction(
     and without it only dirt that stands out from the shading of the scene is found.
     """
     limit = settings.dirt if reference is not None else min(_UNKNOWN_FACTOR * settings.dirt, 0.9)
-    finding = Finding("dirt", float("nan"), float("nan"), 100 * settings.dirt_area, "%", camera)
+    finding = Finding(DIRT, float("nan"), float("nan"), 100 * settings.dirt_area, "%", camera)
     mean = light.mean(_LEAST_SAMPLES)
     if np.isfinite(mean).mean() < _LEAST_KNOWN:
         return finding
@@ -128,12 +129,9 @@ def check_obstruction(
     finding = replace(finding, value=100 * area, sigma=100 / dark.size)
     if area < settings.dirt_area:
         return finding
-    text = f"{camera}: dirt on its window covers {area:.1%} of the picture and takes {taken / area:.0%} of the light"
     return replace(
         finding,
-        text=Message(
-            f"{text} there; clean it", "dirt", area=round(100 * area, 1), taken=round(100 * taken / area)
-        ),
+        text=make_message("dirt", subject=camera, area=round(100 * area, 1), taken=round(100 * taken / area)),
         effect="none" if taken < _HARMLESS else "degraded",
         relative_sigma=_PER_LIGHT * taken,
         place=find_place(dark),

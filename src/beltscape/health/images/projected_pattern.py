@@ -8,8 +8,9 @@ from statistics import median
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import DUST, PROJECTOR, PROJECTOR_FOCUS
 from beltscape.core.findings import Effect, Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.image_statistics import ImageStatistics
 from beltscape.health.images.exposure import compute_lit_ratios, estimate_mode
 from beltscape.health.images.sharpness import FAINT_SIGNAL
@@ -67,18 +68,18 @@ def check_projected_pattern(
     limit = 100 * (1 - settings.pattern_loss)
     if reference is None or not has_projector(reference, settings):
         without = _check_without_reference(frame, limit, settings)
-        return [without, *_pass(("projector_focus",), limit), _check_veil(frame, reference, limit, settings)]
+        return [without, *_pass((PROJECTOR_FOCUS,), limit), _check_veil(frame, reference, limit, settings)]
     change = _compare_with_reference(frame, reference, settings)
     if change is None:
-        return _pass(("projector", "projector_focus", "dust"), limit)
+        return _pass((PROJECTOR, PROJECTOR_FOCUS, DUST), limit)
     part = _measure_dark_part(frame, reference)
     if part > _LEAST_PART:
-        return [_describe_part(part, limit), *_pass(("projector_focus", "dust"), limit)]
+        return [_describe_part(part, limit), *_pass((PROJECTOR_FOCUS, DUST), limit)]
     fault = _name_fault(change, light, settings)
     value = float(np.exp(change.contrast))
     return [
         _describe(check, value, float(np.exp(light)), limit, check == fault)
-        for check in ("projector", "projector_focus", "dust")
+        for check in (PROJECTOR, PROJECTOR_FOCUS, DUST)
     ]
 
 
@@ -124,13 +125,13 @@ def _compare_dark_level(one: ImageStatistics, known: CameraReference) -> float:
 def _name_fault(change: _Change, light: float, settings: HealthSettings) -> str:
     """Return the check whose fault explains the change; empty for a change within the limits."""
     if light < np.log(_DARK_LIGHT):
-        return "projector"
+        return PROJECTOR
     if change.contrast > np.log(1 - settings.pattern_loss):
         return ""
     if light < _DIM:
-        return "projector"
+        return PROJECTOR
     is_faint = change.signal_to_noise < FAINT_SIGNAL and change.shading > _VEIL
-    return "projector_focus" if change.sharpness < _BLUR or is_faint else "dust"
+    return PROJECTOR_FOCUS if change.sharpness < _BLUR or is_faint else DUST
 
 
 def _describe(check: str, contrast: float, light: float, limit: float, is_fault: bool) -> Finding:
@@ -139,17 +140,8 @@ def _describe(check: str, contrast: float, light: float, limit: float, is_fault:
         return Finding(check, *values, "%")
     effect: Effect = "missing" if contrast < BLIND_CONTRAST else "degraded"
     state = "off" if effect == "missing" else "dim"
-    cause = {
-        "projector": f"the projector is {state}; check its lamp, its supply and its shutter",
-        "projector_focus": "the projector is out of focus; focus it, clean its lens",
-        "dust": "dust or mist hangs in the air, or the ambient light is too bright; extract the dust, shade the belt",
-    }[check]
-    text = Message(
-        f"the projected pattern has {contrast:.0%} of its contrast and {light:.0%} of its light: {cause}",
-        f"projector_{state}" if check == "projector" else check,
-        contrast=round(100 * contrast),
-        light=round(100 * light),
-    )
+    key = f"projector_{state}" if check == PROJECTOR else check
+    text = make_message(key, contrast=round(100 * contrast), light=round(100 * light))
     return Finding(check, *values, "%", "", text, effect, 0.0, 0.03 - 0.02 * float(np.log(min(contrast, 1))))
 
 
@@ -173,14 +165,9 @@ def _measure_dark_part(frame: FrameStatistics, reference: Reference) -> float:
 
 
 def _describe_part(part: float, limit: float) -> Finding:
-    text = Message(
-        f"{part:.0%} of the projected pattern is dark in the cameras, the rest is sound: check the projector's lamp, "
-        "its window and what stands before it",
-        "projector_part",
-        part=round(100 * part),
-    )
+    text = make_message("projector_part", part=round(100 * part))
     value = 100 * (1 - part)
-    return Finding("projector", value, 100 * _SIGMA, limit, "%", "", text, "degraded", 0.0, _PER_PART * part)
+    return Finding(PROJECTOR, value, 100 * _SIGMA, limit, "%", "", text, "degraded", 0.0, _PER_PART * part)
 
 
 def is_partly_dark(findings: Sequence[Finding]) -> bool:
@@ -193,12 +180,8 @@ def _check_without_reference(frame: FrameStatistics, limit: float, settings: Hea
     signal = median(one.signal_to_noise for one in frame.values())
     nan = float("nan")
     if settings.projector == "no" or signal > _LEAST_SIGNAL:
-        return Finding("projector", nan, nan, limit, "%")
-    text = Message(
-        "no camera shows texture above its noise; is the projector on and in focus, is there light?",
-        "no_texture",
-    )
-    return Finding("projector", nan, nan, limit, "%", "", text, "missing")
+        return Finding(PROJECTOR, nan, nan, limit, "%")
+    return Finding(PROJECTOR, nan, nan, limit, "%", "", make_message("no_texture"), "missing")
 
 
 def _check_veil(
@@ -211,22 +194,17 @@ def _check_veil(
     """
     nan = float("nan")
     if reference is None:
-        return Finding("dust", nan, nan, limit, "%")
+        return Finding(DUST, nan, nan, limit, "%")
     change = _compare_with_reference(frame, reference, settings)
     if change is None:
-        return Finding("dust", nan, nan, limit, "%")
+        return Finding(DUST, nan, nan, limit, "%")
     is_alike = abs(change.contrast - change.shading) < _SAME_LOSS
     is_lost = max(change.contrast, change.shading) < np.log(1 - settings.pattern_loss)
     value = float(np.exp(max(change.contrast, change.shading)))
     if not (is_alike and is_lost and change.dark_level > _BRIGHTER):
-        return Finding("dust", nan, nan, limit, "%")
-    text = Message(
-        f"a veil leaves {value:.0%} of the contrast in all cameras: dust or mist hangs in the air, or the ambient "
-        "light is too bright; extract the dust, shade the belt",
-        "dust_veil",
-        contrast=round(100 * value),
-    )
-    return Finding("dust", 100 * value, 100 * value * _SIGMA, limit, "%", "", text, "degraded", 0.0, 0.03)
+        return Finding(DUST, nan, nan, limit, "%")
+    text = make_message("dust_veil", contrast=round(100 * value))
+    return Finding(DUST, 100 * value, 100 * value * _SIGMA, limit, "%", "", text, "degraded", 0.0, 0.03)
 
 
 def _pass(checks: tuple[str, ...], limit: float) -> list[Finding]:

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.alarm_catalogue import CAMERA_POSE, CAMERA_POSE_UNCHECKED, PROJECTOR_MOVED
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding, has_fault
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.images.surface_samples import (
     Surface,
     SurfaceGrid,
@@ -26,7 +27,6 @@ from beltscape.health.images.surface_samples import (
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.belt.reference import EmptyBeltReference
 
-MOVED = "projector_moved"
 SEARCH_CELLS = 24
 """Farthest displacement that is searched, cells; a pattern that moved farther counts as not found."""
 _SIGMA_CELLS = 0.03
@@ -149,19 +149,13 @@ def check_projector_position(shift: PatternShift, is_confirmed: bool, settings: 
     limit = settings.projector_mm + (0.0 if np.isnan(shift.allowance_mm) else shift.allowance_mm)
     is_far = np.isinf(shift.shift_mm)
     value = shift.sigma_mm if is_far else shift.shift_mm
-    finding = Finding(MOVED, value, shift.sigma_mm, limit, "mm")
+    finding = Finding(PROJECTOR_MOVED, value, shift.sigma_mm, limit, "mm")
     if not exceeds(shift, settings):
         return finding
     if not is_confirmed:
-        return Finding(MOVED, float("nan"), shift.sigma_mm, limit, "mm")
-    size = f"by more than {value:.0f} mm" if is_far else f"by {value:.1f} mm"
-    text = Message(
-        f"the projected pattern has moved {size} on the belt: the projector has moved or turned; depth stays right, "
-        "but check that the pattern covers the belt, fasten the projector and restart the measurement",
-        "projector_far" if is_far else "projector_moved",
-        shift=round(value, 1),
-    )
-    return Finding(MOVED, value, shift.sigma_mm, limit, "mm", "", text)
+        return Finding(PROJECTOR_MOVED, float("nan"), shift.sigma_mm, limit, "mm")
+    text = make_message("projector_far" if is_far else "projector_moved", shift=round(value, 1))
+    return Finding(PROJECTOR_MOVED, value, shift.sigma_mm, limit, "mm", "", text)
 
 
 def exceeds(shift: PatternShift, settings: HealthSettings) -> bool:
@@ -230,8 +224,8 @@ class ProjectorMonitor:
             self._forget()
         if depth is None or self._settings.projector == "no" or not self._is_due(frames):
             return self._fault
-        if has_fault(findings, "camera_pose", "", self._rig.core) or has_fault(
-            findings, "camera_pose_unchecked", ""
+        if has_fault(findings, CAMERA_POSE, "", self._rig.core) or has_fault(
+            findings, CAMERA_POSE_UNCHECKED, ""
         ):
             return self._fault
         view = self._grid.view(frames, depth)

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import FROZEN_IMAGE
 from beltscape.core.arrays import Float32Array
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 
 _ROWS_STEP = 4
 """Every fourth row of the examined rows is compared."""
@@ -62,15 +63,12 @@ def check_repeated(changes: Mapping[str, Change]) -> list[Finding]:
 
 
 def _check_camera(camera: str, change: Change, others: Sequence[Change]) -> Finding:
-    finding = Finding("frozen_image", change.noise_ratio, 0.05, _QUIET, "σ of noise", camera)
+    finding = Finding(FROZEN_IMAGE, change.noise_ratio, 0.05, _QUIET, "σ of noise", camera)
     known = [other for other in others if np.isfinite(other.noise_ratio)]
     is_still = False
     if known and float(np.median([other.noise_ratio for other in known])) > _MOVING:
         is_still = change.texture_ratio < _STILL * float(np.median([other.texture_ratio for other in known]))
     if not (change.noise_ratio < _QUIET or is_still):
         return finding
-    text = Message(
-        f"{camera}: it delivers the same image again; restart the camera, check its link and its driver",
-        "frozen_image",
-    )
+    text = make_message("frozen_image", subject=camera)
     return replace(finding, text=text, effect="missing", is_momentary=True)

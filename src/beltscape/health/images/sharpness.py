@@ -6,8 +6,9 @@ from statistics import median
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import CONDENSATION, DEFOCUS
 from beltscape.core.findings import Effect, Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.health.images.exposure import BLIND_DARKNESS
 from beltscape.health.reference import (
     LEAST_CONTRAST,
@@ -62,7 +63,7 @@ def check_contrast(
         is_lost = is_compared and change < np.log(1 - limit)
         is_blurred = (blur < _BLUR or frame[name].signal_to_noise < FAINT_SIGNAL) and veil > _VEIL
         value = float(np.exp(change)) if is_compared else float("nan")
-        faults = {"defocus": is_lost and is_blurred, "condensation": is_lost and not is_blurred}
+        faults = {DEFOCUS: is_lost and is_blurred, CONDENSATION: is_lost and not is_blurred}
         findings += [_describe(check, name, value, 1 - limit, is_fault) for check, is_fault in faults.items()]
     return findings
 
@@ -71,12 +72,7 @@ def _describe(check: str, camera: str, value: float, limit: float, is_fault: boo
     values = 100 * value, 100 * value * _SIGMA, 100 * limit
     if not is_fault:
         return Finding(check, *values, "%", camera)
-    cause = {
-        "defocus": "it is out of focus; focus its lens and lock it",
-        "condensation": "a veil lies over its picture; dry and clean its window (condensation or a film)",
-    }[check]
-    text = f"{camera}: its texture has {value:.0%} of the contrast of the other cameras': {cause}"
-    text = Message(text, check, contrast=round(100 * value))
+    text = make_message(check, subject=camera, contrast=round(100 * value))
     effect: Effect = "missing" if value < BLIND_CONTRAST else "degraded"
     sigma = _PER_LOSS * -float(np.log(value))
     return Finding(check, *values, "%", camera, text, effect, 0.0, sigma)

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.alarm_catalogue import CAMERA_SYNC
 from beltscape.core.findings import Finding
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
-from beltscape.health.settings import SYNCHRONISATION, HealthSettings
+from beltscape.core.translatable_message import make_message
+from beltscape.health.settings import HealthSettings
 
 SIGMAS = 3.0
 """A delay is a fault where it exceeds the limit and this number of σ."""
@@ -91,20 +92,17 @@ def check_synchronisation(
 ) -> Finding:
     """Return the finding "camera_sync" of a camera; ``systematic_mm`` is the error of depth that the delay causes."""
     limit = max(settings.skew_ms, SIGMAS * delay.sigma_ms)
-    finding = Finding(SYNCHRONISATION, delay.delay_ms, delay.sigma_ms, limit, "ms", camera)
+    finding = Finding(CAMERA_SYNC, delay.delay_ms, delay.sigma_ms, limit, "ms", camera)
     if not delay.exceeds(settings.skew_ms):
         return finding
-    side = "after" if delay.delay_ms > 0 else "before"
-    shown_ms, travel_mm = round(abs(delay.delay_ms), 2), round(abs(delay.displacement_mm), 2)
-    text = Message(
-        f"{camera}: its images are taken {shown_ms:g} ms {side} the other cameras' "
-        f"({travel_mm:g} mm of the belt's travel); check its trigger cable, delay and clock",
+    text = make_message(
         "camera_sync_late" if delay.delay_ms > 0 else "camera_sync_early",
-        delay=shown_ms,
-        travel=travel_mm,
+        subject=camera,
+        delay=round(abs(delay.delay_ms), 2),
+        travel=round(abs(delay.displacement_mm), 2),
     )
     return Finding(
-        SYNCHRONISATION,
+        CAMERA_SYNC,
         delay.delay_ms,
         delay.sigma_ms,
         limit,
@@ -119,7 +117,7 @@ def check_synchronisation(
 
 def make_unmeasured_finding(camera: str, settings: HealthSettings) -> Finding:
     """Return the finding of a camera whose delay the frame does not show."""
-    return Finding(SYNCHRONISATION, float("nan"), float("nan"), settings.skew_ms, "ms", camera)
+    return Finding(CAMERA_SYNC, float("nan"), float("nan"), settings.skew_ms, "ms", camera)
 
 
 def compute_depth_error(

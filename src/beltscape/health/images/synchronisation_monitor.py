@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.core.alarm_catalogue import CAMERA_POSE, CAMERA_POSE_UNCHECKED
 from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding, has_fault
 from beltscape.core.frames import FrameSet
@@ -117,9 +118,7 @@ class SynchronisationMonitor:
             self._before = now
             return self._faults
         findings = self._compare(before, now, along, distance)
-        if has_fault(others, "camera_pose", "", self._rig.core) or has_fault(
-            others, "camera_pose_unchecked", ""
-        ):
+        if has_fault(others, CAMERA_POSE, "", self._rig.core) or has_fault(others, CAMERA_POSE_UNCHECKED, ""):
             findings = [self._acquit(finding) for finding in findings]
         self._faults = tuple(finding for finding in findings if finding.is_fault)
         self._due = self._number + _EVERY

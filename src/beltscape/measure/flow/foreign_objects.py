@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from beltscape.core.alarm_catalogue import FOREIGN_OBJECT
 from beltscape.core.arrays import Mask
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.measure.flow.location import Location
 
-CHECK = "foreign_object"
 Heights = NDArray[np.float32]
 
 _AROUND_MM = 30.0
@@ -160,7 +160,7 @@ class ForeignObjectCheck:
     def _describe(self, found: Sequence[_View], *, is_proven: bool) -> Finding:
         """Return the finding of the views with foreign cells."""
         if not found:
-            return Finding(CHECK, 0.0, _NAN, _LEAST_MM2, "mm²")
+            return Finding(FOREIGN_OBJECT, 0.0, _NAN, _LEAST_MM2, "mm²")
         area_mm2 = max(float(view.foreign.sum()) for view in found) * self._cell_mm**2
         share = _LEFT_SHARE if is_proven else _UNPROVEN_SHARE
         view_mm2 = found[0].height_mm.shape[1] * self._cell_mm * self._length_mm
@@ -241,24 +241,21 @@ class ForeignObjectCheck:
 
 def _make_unjudged() -> ForeignObjects:
     """Return the result of a frame that was not judged."""
-    return ForeignObjects(Finding(CHECK, _NAN, _NAN, _LEAST_MM2, "mm²"))
+    return ForeignObjects(Finding(FOREIGN_OBJECT, _NAN, _NAN, _LEAST_MM2, "mm²"))
 
 
 def _make_finding(area_mm2: float, systematic_mm: float, *, is_proven: bool) -> Finding:
     """Return the finding of foreign cells of this area."""
-    area = round(area_mm2 / 100)
-    cause = (
-        "look into the view for a jammed lump, a plate, a chain or a cable"
-        if is_proven
-        else "look into the view for a jammed lump, and check the encoder if the belt stands"
-    )
-    text = Message(
-        f"{area} cm² over the belt do not travel with it and are not counted: {cause}",
-        "foreign_object" if is_proven else "foreign_object_alone",
-        area=area,
-    )
+    text = make_message("foreign_object" if is_proven else "foreign_object_alone", area=round(area_mm2 / 100))
     return Finding(
-        CHECK, area_mm2, _NAN, _LEAST_MM2, "mm²", text=text, effect="degraded", systematic_mm=systematic_mm
+        FOREIGN_OBJECT,
+        area_mm2,
+        _NAN,
+        _LEAST_MM2,
+        "mm²",
+        text=text,
+        effect="degraded",
+        systematic_mm=systematic_mm,
     )
 
 

@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from beltscape.core.alarm_catalogue import THIN_OVERLAP
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.measure.flow.belt_motion import BeltPosition
 from beltscape.measure.flow.location import PushedFrame
 from beltscape.measure.flow.rows import LayerBuffer
@@ -100,17 +101,9 @@ class StripCutter:
         if len(self._thin_mm) < _LEAST_THIN:
             return None
         step, view = round(self._thin_mm[-1]), round(self._view_mm)
-        text = Message(
-            f"the belt moves by {step} mm between frames that see {view} mm of it: raise the frame rate, or let the "
-            "core camera see more of the belt",
-            "thin_overlap",
-            step=step,
-            view=view,
-        )
+        text = make_message("thin_overlap", step=step, view=view)
         limit = (1 - self._overlap) * self._view_mm
-        return Finding(
-            "thin_overlap", step, 0.0, limit, "mm", text=text, effect="degraded", is_momentary=True
-        )
+        return Finding(THIN_OVERLAP, step, 0.0, limit, "mm", text=text, effect="degraded", is_momentary=True)
 
     def recut(self, strips: Iterable[Strip], places: Mapping[int, BeltPosition], high_mm: float) -> None:
         """Cut the strips of frames with new positions anew; ``high_mm`` is the newer end of the window."""

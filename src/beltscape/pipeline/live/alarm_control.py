@@ -11,9 +11,9 @@ from threading import Lock
 from time import monotonic_ns, time_ns
 
 from beltscape.alarms.board import AlarmBoard
-from beltscape.alarms.names import list_keys
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.snapshot import BoardSnapshot, format_snapshot, parse_snapshot
+from beltscape.core.alarm_catalogue import list_keys
 from beltscape.core.alarms import Alarm
 from beltscape.core.errors import InputError
 from beltscape.core.interfaces import Observer

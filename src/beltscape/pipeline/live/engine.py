@@ -10,6 +10,7 @@ from dataclasses import replace
 from time import monotonic, monotonic_ns, time_ns
 
 from beltscape.alarms.readings import Readings
+from beltscape.core.alarm_catalogue import MAINTENANCE
 from beltscape.core.alarms import AlarmControls
 from beltscape.core.events import FrameEvent, Maintenance, ZeroProposal
 from beltscape.core.frames import FrameSet
@@ -62,7 +63,7 @@ class OperatorControls:
         present = self._components.maintenance.begin(reason, minutes, by)
         values: dict[str, object] = {"action": "begin", "reason": reason, "minutes": minutes}
         self._events.add(
-            "maintenance", "begin", f"{reason}, for at most {minutes:g} min", time_ns(), by, values
+            MAINTENANCE, "begin", f"{reason}, for at most {minutes:g} min", time_ns(), by, values
         )
         self._components.observer.on_maintenance(present)
         return True
@@ -73,7 +74,7 @@ class OperatorControls:
         if ended is None:
             return False
         values: dict[str, object] = {"action": "end", "reason": ended.reason}
-        self._events.add("maintenance", "end", ended.reason, time_ns(), by, values)
+        self._events.add(MAINTENANCE, "end", ended.reason, time_ns(), by, values)
         self._components.observer.on_maintenance(None)
         return True
 
@@ -311,7 +312,7 @@ class Engine(OperatorControls):
     def _publish(self, outcome: Outcome) -> None:
         """Pass entries to the writers, belt stretches to the observer and findings to the alarms."""
         if outcome.findings:
-            checked = [finding for finding in outcome.findings if finding.check != maintenance.CHECK]
+            checked = [finding for finding in outcome.findings if finding.check != MAINTENANCE]
             self._components.gauges.add_findings(checked)
             self._components.finding_log.put(outcome.findings)
             self._components.observer.on_findings(outcome.findings)

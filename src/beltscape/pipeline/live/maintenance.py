@@ -11,13 +11,13 @@ from time import monotonic, time_ns
 
 from pydantic import TypeAdapter
 
+from beltscape.core.alarm_catalogue import MAINTENANCE
 from beltscape.core.events import Maintenance
 from beltscape.core.findings import Finding
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.files.atomic import describe_refusal, read_state, write_durably
 from beltscape.sinks.historian import Event
 
-CHECK = "maintenance"
 FILE = "maintenance.json"
 _LIMIT = 0.5
 """Between the two values of its finding."""
@@ -115,7 +115,7 @@ class MaintenanceMode:
 
 def recover_maintenance(events: Sequence[Event]) -> Maintenance | None:
     """Return the maintenance that the newest event about any has begun; None where it has ended, or none is there."""
-    newest = next((one for one in events if one.kind == CHECK), None)
+    newest = next((one for one in events if one.kind == MAINTENANCE), None)
     if newest is None or newest.name != "begin":
         return None
     try:
@@ -129,6 +129,6 @@ def recover_maintenance(events: Sequence[Event]) -> Maintenance | None:
 def make_maintenance_finding(maintenance: Maintenance | None) -> Finding:
     """Return the finding of a frame: 1 and "missing" during maintenance, which makes its belt missing, else 0."""
     if maintenance is None:
-        return Finding(CHECK, 0.0, 0.0, _LIMIT, "")
-    text = Message(f"maintenance: {maintenance.reason}", "maintenance")
-    return Finding(CHECK, 1.0, 0.0, _LIMIT, "", text=text, effect="missing")
+        return Finding(MAINTENANCE, 0.0, 0.0, _LIMIT, "")
+    text = make_message("maintenance", detail=maintenance.reason)
+    return Finding(MAINTENANCE, 1.0, 0.0, _LIMIT, "", text=text, effect="missing")

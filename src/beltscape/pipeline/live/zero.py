@@ -8,15 +8,15 @@ from datetime import UTC, datetime
 from pathlib import Path
 from time import monotonic
 
+from beltscape.core.alarm_catalogue import ZERO_DRIFT, ZERO_SHIFT, ZERO_TILT
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.events import ZeroProposal
 from beltscape.core.findings import Finding
 from beltscape.core.progress import Reporter
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.files.atomic import keep_state
 from beltscape.files.belt_json import format_belt, read_belt, read_zero_settings
-from beltscape.health.belt.zero_finding import DRIFT, SHIFT, TILT
 from beltscape.health.belt.zero_setting import ZeroSetting, zero_offset
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
@@ -31,7 +31,7 @@ _PATIENCE_S = 20.0
 """Longest time in which they must come."""
 _VALID_S = 300.0
 """Time in which a measured zero can be confirmed; the belt may be loaded again afterwards."""
-_ZERO_CHECKS = frozenset({SHIFT, DRIFT, TILT})
+_ZERO_CHECKS = frozenset({ZERO_SHIFT, ZERO_DRIFT, ZERO_TILT})
 """Checks whose faults setting the zero mends; a frame with any other fault is not used."""
 
 
@@ -87,9 +87,7 @@ class ZeroControl:
             motion exceeds the limit.
         """
         if not self._measuring.acquire(blocking=False):
-            raise MeasureError(
-                Message("zero: it is being measured already; wait for the result", "zero_set_busy")
-            )
+            raise MeasureError(make_message("zero_set_busy", subject="zero"))
         try:
             setting = zero_offset(self._collect(), self._learned, self._limits)
         finally:
@@ -136,11 +134,9 @@ class ZeroControl:
             self._changed.wait_for(lambda: not self._wanted, self._patience_s)
             depths, self._depths, self._wanted = self._depths, [], 0
         if len(depths) < _FRAMES:
-            text = (
-                f"zero: only {len(depths)} of {_FRAMES} frames were measured without a fault; end maintenance, mend "
-                "the faults of cameras and projector, and let the empty belt run"
+            raise MeasureError(
+                make_message("zero_set_no_frames", subject="zero", frames=len(depths), needed=_FRAMES)
             )
-            raise MeasureError(Message(text, "zero_set_no_frames", frames=len(depths), needed=_FRAMES))
         return depths
 
     def _keep(self, setting: ZeroSetting, by: str) -> None:

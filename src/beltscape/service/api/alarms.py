@@ -14,8 +14,9 @@ from fastapi import APIRouter, Depends, HTTPException, Query
 from fastapi.responses import StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from beltscape.alarms.management import Consequence, Response, get_rationale
+from beltscape.alarms.management import get_rationale
 from beltscape.alarms.statistics import AlarmStatistics, Annunciation, compute_statistics
+from beltscape.core.alarm_catalogue import Consequence, Response
 from beltscape.core.alarms import (
     PRIORITIES,
     Alarm,

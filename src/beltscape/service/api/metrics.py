@@ -14,6 +14,7 @@ from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4
 from prometheus_client.registry import Collector
 
 from beltscape import __version__
+from beltscape.core.alarm_catalogue import DISK_FULL
 from beltscape.core.events import CameraState
 from beltscape.service.access import User, require_role
 from beltscape.service.api.common import AppContext, describe_refusals
@@ -186,7 +187,7 @@ def _list_alarms(snapshot: Snapshot) -> list[Metric]:
         ({"alarm": one.name, "severity": one.severity}, float(one.state in ("raised", "gone")))
         for one in snapshot.alarms
     ]
-    disk = any(one.name == "disk_full" and one.state in ("raised", "acknowledged") for one in snapshot.alarms)
+    disk = any(one.name == DISK_FULL and one.state in ("raised", "acknowledged") for one in snapshot.alarms)
     return [
         _make_labelled("alarm_active", "gauge", "1 while the alarm's condition holds and it is shown.", on),
         _make_labelled("alarm_unacknowledged", "gauge", "1 while nobody has acknowledged it.", new),

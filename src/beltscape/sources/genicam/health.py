@@ -9,7 +9,7 @@ import numpy as np
 
 from beltscape.core.events import CameraHealth, CameraState
 from beltscape.core.frames import OVEREXPOSED_SHARE, Image, saturated_fraction
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.sources.genicam.matching import CameraStatistics
 from beltscape.sources.genicam.settings import CamerasSettings
 
@@ -77,14 +77,10 @@ def find_brightness_fault(image: Image) -> str:
     sample = image[::4, ::4]
     share = saturated_fraction(sample)
     if share > OVEREXPOSED_SHARE:
-        text = f"overexposed: {share:.0%} of the pixels are saturated; lower exposure_us or gain_db"
-        return Message(text, "overexposed", share=round(100 * share))
+        return make_message("overexposed", share=round(100 * share))
     top = float(np.quantile(sample, BRIGHTEST)) / float(np.iinfo(image.dtype).max)
     if top < DARK:
-        text = (
-            f"dark: the brightest pixels reach {top:.1%} of the range; check light, lens cap and exposure_us"
-        )
-        return Message(text, "dark", share=round(100 * top, 1))
+        return make_message("dark", share=round(100 * top, 1))
     return ""
 
 
@@ -130,39 +126,19 @@ def _state(
     ):
         if is_starting and silence_s <= START_SILENCE_S:
             return _state_before_first_image(name, settings, "", is_open, is_starting)
-        why = f" ({trouble})" if trouble else ""
-        wire = "trigger wire, " if settings.trigger == "line" else ""
-        text = f"no image for {silence_s:.0f} s; check its {wire}power, cable and switch{why}"
-        return "lost", Message(text, "silent_wire" if wire else "silent", seconds=round(silence_s))
+        key = "silent_wire" if settings.trigger == "line" else "silent"
+        return "lost", make_message(key, detail=trouble, seconds=round(silence_s))
     if monitor.image_fault:
         return "unusable", monitor.image_fault
     if statistics.unsynchronised:
-        return (
-            "unusable",
-            Message(
-                "its clock is not shared with the others': check that PTP runs on the camera and the switch",
-                "unsynchronised",
-            ),
-        )
+        return "unusable", make_message("unsynchronised")
     if statistics.out_of_skew >= SKEWED_FROM:
-        skew = (
-            ""
-            if statistics.skew_ns is None
-            else f"{statistics.skew_ns * 1e-6:+.2f} ms from the core camera's, "
-        )
-        text = (
-            f"its images are {skew}more than allowed_skew_ms = {settings.allowed_skew_ms:g}: check its trigger wire "
-            "and trigger delay"
-        )
-        return "unusable", Message(text, "skewed", limit=settings.allowed_skew_ms)
+        skew = "" if statistics.skew_ns is None else f"{statistics.skew_ns * 1e-6:+.2f} ms"
+        return "unusable", make_message("skewed", detail=skew, limit=settings.allowed_skew_ms)
     if monitor.brightness_fault:
         return "unusable", monitor.brightness_fault
     if now_s - monitor.broken_s < RECENT_S:
-        text = (
-            f"{monitor.broken} images came with packets missing: check cable, packet_size, packet_delay_ns and the "
-            "system's socket buffers"
-        )
-        return "ok", Message(text, "packets", count=monitor.broken)
+        return "ok", make_message("packets", count=monitor.broken)
     return "ok", ""
 
 
@@ -170,13 +146,11 @@ def _state_before_first_image(
     name: str, settings: CamerasSettings, trouble: str, is_open: bool, is_starting: bool
 ) -> tuple[CameraState, str]:
     if trouble:
-        return "waiting" if is_starting else "lost", Message(trouble, "unavailable")
+        return "waiting" if is_starting else "lost", make_message("unavailable", detail=trouble)
     if is_open and settings.trigger == "line":
-        text = f"no pulse has come on {settings.trigger_line} yet"
-        return "waiting", Message(text, "no_pulse", line=settings.trigger_line)
+        return "waiting", make_message("no_pulse", line=settings.trigger_line)
     device = settings.devices[name]
-    text = f"{device} is being {'started' if is_open else 'searched for'}"
-    return "waiting", Message(text, "starting" if is_open else "searching", device=device)
+    return "waiting", make_message("starting" if is_open else "searching", device=device)
 
 
 def silence_limit_s(settings: CamerasSettings) -> float:

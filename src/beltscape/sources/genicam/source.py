@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from beltscape.core.errors import InputError, SettingsError
 from beltscape.core.events import CameraHealth
 from beltscape.core.frames import FrameSet, Image
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.sources.genicam.camera import REOPEN_AFTER_S, CameraThreads, OpenCamera, TriggerPace
 from beltscape.sources.genicam.device import RawImage
 from beltscape.sources.genicam.health import CameraMonitor, assess_health, silence_limit_s
@@ -140,7 +140,7 @@ class GenicamSource:
         except InputError as error:
             with self._lock:
                 monitor.add_image(now_s)
-                monitor.image_fault = Message(str(error), "wrong_image")
+                monitor.image_fault = make_message("wrong_image", detail=str(error))
             return
         monitor.check_brightness(image, now_s)
         with self._lock:

@@ -1,4 +1,4 @@
-"""Diagnosis of the cameras of a frame: what is wrong with them, in texts of one line with the figure and the fix.
+"""Diagnosis of the cameras of a frame: what is wrong with them, as messages whose details are the evidence.
 
 Images may be exchanged, mirrored or of another instant, cameras moved or unmatched. For a frame with low
 coverage the most likely cause according to its images is given.
@@ -12,7 +12,7 @@ import numpy as np
 
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.stereo.consistency.check import LEAST_TIE_POINTS
 from beltscape.stereo.consistency.rig_consistency import CameraConsistency, RigConsistency
 from beltscape.stereo.consistency.wrong_images import (
@@ -25,7 +25,6 @@ from beltscape.stereo.consistency.wrong_images import (
 )
 from beltscape.stereo.consistency.wrong_quantity import WrongQuantity, find_wrong_quantities
 
-_FIX = "calibrate again"
 _SMOOTH = 0.85
 """Least share of the found points that one function of place explains if a camera moved or its lens changed: 0.97
 under wrong rigs of rendered rooms, 0.5 to 0.7 for images of another instant."""
@@ -72,14 +71,8 @@ def list_faults(
         return []
     inconsistent = [each for each in consistency.cameras if each.camera in consistency.inconsistent]
     if consistency.core_moved:
-        text = Message(
-            f"the core camera {rig.core} moved or its lens changed{_describe_pose_change(consistency)}, or its "
-            f"images are of another instant: {_list_residuals(inconsistent, consistency)}; {_FIX}, or check "
-            "its trigger",
-            "core_moved",
-            camera=rig.core,
-        )
-        return [CameraFault((rig.core,), text)]
+        detail = _join(_describe_pose_change(consistency), _list_residuals(inconsistent, consistency))
+        return [CameraFault((rig.core,), make_message("core_moved", detail=detail, camera=rig.core))]
     contradicting = [each for each in inconsistent if each.state == "contradicting"]
     faults: list[CameraFault] = []
     if consistency.suspects:
@@ -119,13 +112,7 @@ def _find_misplaced(misplaced: FaultCauses, rig: Rig) -> CameraFault | None:
     """Return the fault of images in another camera's place, of another instant or flipped."""
     if misplaced.exchanged is not None:
         one, other = misplaced.exchanged
-        text = Message(
-            f"the images of {one} and {other} are exchanged: both fit the rig the other way round; "
-            f"rename the two folders, or their cameras in rig.json",
-            "cameras_exchanged",
-            one=one,
-            other=other,
-        )
+        text = make_message("cameras_exchanged", one=one, other=other)
         return CameraFault((one, other), text, rig.core in (one, other))
     if misplaced.instant is not None:
         camera = misplaced.instant.camera
@@ -134,26 +121,27 @@ def _find_misplaced(misplaced: FaultCauses, rig: Rig) -> CameraFault | None:
     if mirrored is None:
         return None
     cameras = () if len(mirrored.cameras) == len(rig.cameras) else mirrored.cameras
-    return CameraFault(cameras, _describe_mirroring(mirrored, rig), rig.core in mirrored.cameras)
+    return CameraFault(cameras, _describe_mirroring(mirrored), rig.core in mirrored.cameras)
 
 
 def _describe_contradiction(each: CameraConsistency, consistency: RigConsistency, causes: FaultCauses) -> str:
+    """Return the message of a camera that contradicts the rig, by whether a movement or the instant is likelier."""
     correction = _describe_correction(causes, each.camera)
     change = "" if correction else _describe_pose_change(consistency, each)
-    instant, moved = (
-        "its image is of another instant (synchronisation)",
-        f"it moved or its lens changed{change}",
-    )
-    first, second = (moved, instant) if _is_smooth(each) else (instant, moved)
-    return Message(
-        f"{_describe_residuals(each, consistency)}: {first}, it is not the rig's camera, or {second}{correction}; "
-        f"{_FIX}{'' if _is_smooth(each) else ', or check its trigger'}",
-        "camera_moved",
+    return make_message(
+        "camera_moved" if _is_smooth(each) else "camera_contradicts",
+        subject=each.camera,
+        detail=_join(*_list_evidence(each, consistency), change, correction),
         offset=round(each.epipolar_px, 2),
         sigma=round(each.epipolar_sigma_px, 2),
         limit=round(each.tolerance_px, 2),
-        depth=round(max(each.depth_error_mm, 0.0), 2),
+        depth=round(each.depth_error_mm, 2) if each.depth_error_mm > 0 else 0.0,
     )
+
+
+def _join(*parts: str) -> str:
+    """Return the parts of the evidence that there are as one text."""
+    return "; ".join(filter(None, parts))
 
 
 def _is_smooth(each: CameraConsistency) -> bool:
@@ -165,61 +153,30 @@ def _is_smooth(each: CameraConsistency) -> bool:
 
 
 def _describe_unmatched(each: CameraConsistency) -> str:
-    return Message(
-        f"{each.camera}: no correspondence found ({each.points} of {each.searched} points): its lens is "
-        "covered or out of focus, its image is of another instant (synchronisation), or the rig is another's",
-        "camera_unmatched",
-        points=each.points,
-        searched=each.searched,
-    )
+    return make_message("camera_unmatched", subject=each.camera, points=each.points, searched=each.searched)
 
 
-def _describe_mirroring(mirroring: Mirroring, rig: Rig) -> str:
-    names = mirroring.cameras
-    whose = "all images are" if len(names) == len(rig.cameras) else f"the image of {', '.join(names)} is"
-    how = "turned by 180°" if mirroring.flip == "by 180°" else f"mirrored {mirroring.flip}"
-    text = f"{whose} {how}: flipped back, it fits the rig; switch the flip off in the camera's settings"
-    return Message(
-        text, "camera_turned" if mirroring.flip == "by 180°" else "camera_mirrored", cameras=", ".join(names)
-    )
+def _describe_mirroring(mirroring: Mirroring) -> str:
+    names = ", ".join(mirroring.cameras)
+    if mirroring.flip == "by 180°":
+        return make_message("camera_turned", cameras=names)
+    return make_message("camera_mirrored", detail=mirroring.flip, cameras=names)
 
 
 def _describe_suspects(contradicting: list[CameraConsistency], consistency: RigConsistency) -> str:
-    """Return the line for a frame that several movements explain."""
-    names = consistency.suspects
-    text = (
-        f"a camera may have moved, which one is not known yet: {', '.join(names[:-1])} or {names[-1]} "
-        f"({_list_residuals(contradicting, consistency)}); the next frames decide, or {_FIX}"
-    )
-    return Message(text, "camera_moved_undecided", cameras=", ".join(names))
+    """Return the message of a frame that several movements explain."""
+    residuals = _list_residuals(contradicting, consistency)
+    return make_message("camera_moved_undecided", detail=residuals, cameras=", ".join(consistency.suspects))
 
 
 def _describe_without_sound_set(
     contradicting: list[CameraConsistency], rig: Rig, consistency: RigConsistency, causes: FaultCauses
 ) -> str:
-    """Return the line for a frame in which no set of auxiliaries is sound."""
+    """Return the message of a frame in which no set of auxiliaries is sound."""
     core = rig.core if len(consistency.cameras) == 1 else ""
-    correction = _describe_correction(causes, core=core)
-    residuals, cameras = _list_residuals(contradicting, consistency), [each.camera for each in contradicting]
-    if len(consistency.cameras) == 1:
-        text = (
-            f"{residuals}: {rig.core} or {cameras[0]} moved, the rig is another's, or their images are of different "
-            f"instants{correction}; {_FIX}"
-        )
-        return Message(text, "cameras_contradict", cameras=", ".join((rig.core, *cameras)))
-    if consistency.ambiguous and len(cameras) > 1:
-        names = " and ".join(filter(None, [", ".join(cameras[:-1]), cameras[-1]]))
-        text = (
-            f"{names} contradict each other: {residuals}; the images do not show which of them or of {rig.core} "
-            f"moved{correction}; {_FIX}"
-        )
-        return Message(text, "cameras_contradict", cameras=", ".join((rig.core, *cameras)))
-    moved = f"{'they' if len(cameras) > 1 else cameras[0]} or {rig.core} moved"
-    text = (
-        f"no auxiliary agrees with {rig.core}: {residuals}: {moved}, the rig is another's, or {rig.core}'s image is "
-        f"of another instant{correction}; {_FIX}"
-    )
-    return Message(text, "cameras_contradict", cameras=", ".join((rig.core, *cameras)))
+    detail = _join(_list_residuals(contradicting, consistency), _describe_correction(causes, core=core))
+    cameras = ", ".join((rig.core, *(each.camera for each in contradicting)))
+    return make_message("cameras_contradict", detail=detail, cameras=cameras)
 
 
 def _describe_correction(causes: FaultCauses, camera: str | None = None, core: str = "") -> str:
@@ -231,8 +188,8 @@ def _describe_correction(causes: FaultCauses, camera: str | None = None, core: s
     if not texts:
         return ""
     if core:
-        return f"; rows meet when {', or '.join(texts)}, or {core}'s the other way round"
-    return f"; rows and depths meet when {', or '.join(texts)}"
+        return f"rows meet when {', or '.join(texts)}, or {core}'s the other way round"
+    return f"rows and depths meet when {', or '.join(texts)}"
 
 
 def _list_residuals(cameras: list[CameraConsistency], consistency: RigConsistency) -> str:
@@ -240,21 +197,28 @@ def _list_residuals(cameras: list[CameraConsistency], consistency: RigConsistenc
 
 
 def _describe_residuals(each: CameraConsistency, consistency: RigConsistency) -> str:
-    since = "further " if consistency.is_change else ""
-    text = (
-        f"{each.camera} is {each.epipolar_px:.2f} ± {each.epipolar_sigma_px:.2f} px {since}off its epipolar lines "
+    """Return what a camera of several shows: its distance from its epipolar lines, and the other evidence."""
+    offset = (
+        f"{each.camera} is {each.epipolar_px:.2f} ± {each.epipolar_sigma_px:.2f} px off its epipolar lines "
         f"(allowed {each.tolerance_px:.2f})"
     )
+    depth = f"{float(f'{each.depth_error_mm:.2g}'):g} mm of depth" if each.depth_error_mm > 0 else ""
+    return ", ".join(filter(None, (offset, *_list_evidence(each, consistency), depth)))
+
+
+def _list_evidence(each: CameraConsistency, consistency: RigConsistency) -> list[str]:
+    """Return what a camera's points show beside their mean distance from the epipolar lines."""
+    parts: list[str] = []
     low, high = each.rows.extent_px
     if not _is_smooth(each):
-        text += f" in {each.points} points, of which {each.rows.explained} at most fit one movement"
+        parts.append(f"one movement fits {each.rows.explained} of {each.points} points at most")
     elif high - low > _SLOPED * each.tolerance_px:
-        text += f", {low:+.1f} to {high:+.1f} px over the image"
+        parts.append(f"{low:+.1f} to {high:+.1f} px over the image")
     if each.disparity_px > each.tolerance_px:
-        text += f" and {each.disparity_px:.2f} px off the others' depth"
-    if each.depth_error_mm > 0:
-        text += f", as much as {float(f'{each.depth_error_mm:.2g}'):g} mm of depth"
-    return text + (" than in the first frames" if consistency.is_change else "")
+        parts.append(f"{each.disparity_px:.2f} px off the others' depth")
+    if consistency.is_change:
+        parts.append("farther than in the first frames")
+    return parts
 
 
 def _describe_pose_change(consistency: RigConsistency, each: CameraConsistency | None = None) -> str:
@@ -262,8 +226,8 @@ def _describe_pose_change(consistency: RigConsistency, each: CameraConsistency |
     if change is None or (each is not None and change.camera != each.camera):
         return ""
     return (
-        f" (a turn of {change.angle_deg:.3f} ± {change.angle_sigma_deg:.3f}° and a shift of {change.shift_mm:.2f} ± "
-        f"{change.shift_sigma_mm:.2f} mm explain it)"
+        f"a turn of {change.angle_deg:.3f} ± {change.angle_sigma_deg:.3f}° and a shift of {change.shift_mm:.2f} ± "
+        f"{change.shift_sigma_mm:.2f} mm explain it"
     )
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from beltscape.core.arrays import Array
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
-from beltscape.core.translatable_message import Message
+from beltscape.core.translatable_message import make_message
 from beltscape.stereo.consistency.isolation import compute_frame_residuals
 from beltscape.stereo.consistency.residuals import compute_pair_residuals
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
@@ -145,24 +145,13 @@ class OtherInstant:
     """Number of points that agree at the frame's own instant, or of the others with it."""
 
     def describe(self) -> str:
-        """Return the line that names the camera and the fix."""
-        camera, points, own = self.camera, self.points, self.own_points
+        """Return the message of the fault."""
         if not self.frames:
-            text = (
-                f"the other cameras agree with each other in {points} % of the points, but with {camera} in {own} % "
-                "only: its image is of another instant (synchronisation), or another scene's; check its trigger "
-                "cable, frame numbers and clock"
+            return make_message(
+                "camera_sync_other", camera=self.camera, points=self.points, own=self.own_points
             )
-            return Message(text, "camera_sync_other", camera=camera, points=points, own=own)
-        age, other = ("older", "before") if self.frames > 0 else ("newer", "after")
-        text = (
-            f"{camera}: its images are one frame {age} than the other cameras': {points} points agree with the "
-            f"others' frame {other}, {own} with their own; check its trigger cable, frame numbers and clock"
-        )
-        late = self.frames > 0
-        return Message(
-            text, "camera_sync_frame_late" if late else "camera_sync_frame_early", points=points, own=own
-        )
+        key = "camera_sync_frame_late" if self.frames > 0 else "camera_sync_frame_early"
+        return make_message(key, subject=self.camera, points=self.points, own=self.own_points)
 
 
 def find_other_instant(

@@ -103,7 +103,7 @@ def test_belt_that_passes_meanwhile_is_missing_and_has_no_volume() -> None:
     check(entries)
     missing = [entry for entry in entries if entry.standing == "missing"]
     assert missing and all(entry.volume_mm3 == 0 for entry in missing)
-    assert any("maintenance: cleaning" in entry.reason for entry in missing)
+    assert any("(cleaning)" in entry.reason for entry in missing)
     # the belt in view at its begin was seen before
     assert 600 < sum(entry.length_mm for entry in missing) < 1300
     assert all("maintenance" not in entry.reason for entry in entries if entry.standing == "valid")

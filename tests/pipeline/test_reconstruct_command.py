@@ -135,8 +135,8 @@ def test_overexposed_view_causes_one_warning_of_its_exposure(run, capture, tmp_p
     assert code == 0
     assert warnings(err) == [
         "warning: frame 000: cam1: 50 % of its pixels are saturated: expose shorter, or shade the belt from the sun",
-        "warning: frame 000: cam1: its brightness is 24 times that of the other cameras; "
-        "correct its exposure, gain or aperture, or clean its window",
+        "warning: frame 000: cam1: its brightness is 24 times that of the other cameras: "
+        "correct exposure, gain or aperture, or clean its window",
     ]
 
 
@@ -154,7 +154,7 @@ def test_low_coverage_causes_a_warning(run, capture, tmp_path):
     assert [line.split(": ")[2] for line in lines[:5]] == ["cam0", "cam1", "cam2", "cam3", "cam4"]
     assert all("its image is too dark" in line for line in lines[:5])
     assert lines[5:] == [
-        "warning: frame 000: no camera shows texture above its noise; "
+        "warning: frame 000: no camera shows texture above its noise: "
         "is the projector on and in focus, is there light?",
         f"warning: frame 000: only {share:.0%} of the pixels are measured; is the speckle projector on, "
         "and the exposure long enough?",

@@ -144,9 +144,9 @@ def find_messages() -> dict[str, set[str]]:
     messages: dict[str, set[str]] = {}
     for path in SOURCE.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        functions = ast.walk(ast.parse(text)) if "import make_message" in text else ()
-        for function in functions:
-            for node in ast.walk(function) if isinstance(function, ast.FunctionDef) else ():
+        nodes = ast.walk(ast.parse(text)) if "import make_message" in text else ()
+        for function in [node for node in nodes if isinstance(node, ast.FunctionDef)]:
+            for node in ast.walk(function):
                 if isinstance(node, ast.Call) and ast.unparse(node.func) == "make_message":
                     names = {str(word.arg) for word in node.keywords} - {"subject", "detail"}
                     for key in list_keys(node.args[0], function):

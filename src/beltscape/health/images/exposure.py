@@ -88,7 +88,7 @@ def _check_exposure(
         effect = "missing" if one.mean_level < BLIND_LEVEL else "degraded"
         return replace(finding, text=text, effect=effect, relative_sigma=0.03)
     if is_compared and abs(deviation) > np.log(settings.brightness_factor):
-        text = make_message("exposure_unequal", subject=camera, factor=round(factor, 2))
+        text = make_message("exposure_unequal", subject=camera, factor=float(f"{factor:.2g}"))
         return replace(finding, text=text, effect="degraded", relative_sigma=0.01)
     return finding
 

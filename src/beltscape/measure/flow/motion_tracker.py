@@ -142,7 +142,7 @@ class MotionTracker(MaterialObserver):
     def locate(self, frame: PushedFrame) -> Location:
         """Return the frame's position from the best observation, and compare the encoder with the material."""
         was_assumed, direction = self.is_assumed, self.direction
-        observed, contradiction = self._observe_and_judge(frame)
+        observed, contradiction = self._observe_and_compare(frame)
         relocated = self._apply(frame, observed, contradiction)
         self._check_speed(frame, observed)
         before, place, finding = self.motion.last, self._place(frame, observed), None
@@ -168,7 +168,7 @@ class MotionTracker(MaterialObserver):
         """Whether encoder and material agree since the key frame."""
         return self._open is not None and self._open[1]
 
-    def _observe_and_judge(self, frame: PushedFrame) -> tuple[Observation, Contradiction | None]:
+    def _observe_and_compare(self, frame: PushedFrame) -> tuple[Observation, Contradiction | None]:
         """Return the observation, and what contradicts the encoder: the material, else its own readings."""
         self._open = None
         self._rolled_back.add(frame.encoder_mm)
@@ -182,7 +182,7 @@ class MotionTracker(MaterialObserver):
         self, frame: PushedFrame, observed: Observation, contradiction: Contradiction | None
     ) -> list[LocatedFrame]:
         """Apply an observation's consequences; return the earlier frames that it moves."""
-        consequence = select_consequence(observed.state, self._judge_encoder(contradiction))
+        consequence = select_consequence(observed.state, self._assess_encoder(contradiction))
         relocated: list[LocatedFrame] = []
         if consequence.earlier == "distributed":
             relocated = self._resume(frame)
@@ -194,7 +194,7 @@ class MotionTracker(MaterialObserver):
             self._compare_with_speed(frame)
         return relocated
 
-    def _judge_encoder(self, contradiction: Contradiction | None) -> Verdict:
+    def _assess_encoder(self, contradiction: Contradiction | None) -> Verdict:
         """Return what is known of the encoder."""
         if contradiction is not None:
             return "resumed" if contradiction.kind == "resumed" else "contradicted"

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
+from beltscape.core.alarms import Alarm
 from beltscape.production.settings import ScaleSettings
 from beltscape.service.hosting import serve
 from beltscape.service.production.figures import ProductionFigures
@@ -62,6 +65,21 @@ def test_the_view_fits_a_phone(production_site, language):
     page.wait_for_selector("#periods td b")
     page.wait_for_selector("#to-health:visible")  # an engineer has all five views
     assert page.evaluate("document.documentElement.scrollWidth") == 360
+    assert production_site.errors == []
+    page.context.close()
+
+
+def test_a_wall_display_cuts_no_fact_off_beside_product_and_alarm(production_site):
+    plant = production_site.works.plant
+    overload = Alarm("overload", "critical", "raised", 107.0, 100.0, "%", 1)
+    plant.raise_alarm(overload)
+    page = production_site.page("/?wall", wide=1920, high=1080)
+    page.wait_for_selector("#now:visible")
+    wait_for(page, "document.querySelector('#flow-product').innerText !== ''")
+    for name in ("flow", "totals"):
+        card = page.locator(f"section.{name}").first
+        assert card.evaluate("card => card.scrollHeight <= card.clientHeight"), name
+    plant.raise_alarm(replace(overload, state="clear"))
     assert production_site.errors == []
     page.context.close()
 

@@ -7,11 +7,18 @@ A test or case with the mark ``thorough`` shows on more inputs what another test
 from __future__ import annotations
 
 import os
+from collections.abc import Container, Iterable
 
+import pytest
 from hypothesis import settings
 
 THOROUGH = os.environ.get("BELTSCAPE_THOROUGH") == "1"
 """Whether all is tried."""
+
+
+def list_cases(cases: Iterable[object], main: Container[object]) -> list[object]:
+    """Return the cases of a test; those that are not ``main`` are for ``make thorough``."""
+    return [case if case in main else pytest.param(case, marks=pytest.mark.thorough) for case in cases]
 
 
 def count_examples(most: int) -> int:

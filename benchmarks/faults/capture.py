@@ -134,11 +134,8 @@ def open_capture(
         speed = _choose_speed(Scenario.model_validate(moving), sizes.frames)
         if belt_width_mm is not None:
             moving["belt"] = {**plant["belt"], "length_mm": speed / FRAMES_PER_S * sizes.frames}
-        simulate(
-            Scenario.model_validate({**moving, "motion": {**motion, "speed_mm_s": speed}}),
-            out / "moving",
-            reporter,
-        )
+        moving["motion"] = {**motion, "speed_mm_s": speed}
+        simulate(Scenario.model_validate(moving), out / "moving", reporter)
     capture.learn_zero("empty_rec", {}, reporter)
     return capture
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.benchmarks.drawn_plant import FRAMES, DrawnCapture, play_drawn
+from tests.thorough import list_cases
 
 ROOT = Path(__file__).resolve().parents[2]
 SOUND_ROUNDS, ROUNDS = 1, 1.5
@@ -27,13 +28,7 @@ def on_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
 
 
-@pytest.mark.parametrize(
-    "row",
-    [
-        row if row in {"sound", "encoder frozen"} else pytest.param(row, marks=pytest.mark.thorough)
-        for row in ROWS
-    ],
-)
+@pytest.mark.parametrize("row", list_cases(ROWS, ("sound", "encoder frozen")))
 def test_row_passes(row: str) -> None:
     (case,) = (case for case in import_module("faults.cases").read_cases() if case.name == row)
     onset = 0 if case.zero_faults else SOUND_ROUNDS * FRAMES

@@ -12,6 +12,7 @@ from beltscape.stereo.multiview.depth_range import find_depth_range
 from tests.stereo import raycast
 from tests.stereo.raycast import compute_true_depth, make_world_rig, render_frame
 from tests.stereo.rendered import needs_rendered, read_halved_frames, read_halved_rig, read_halved_truth
+from tests.thorough import list_cases
 
 RIGS = {
     "five": {},
@@ -27,9 +28,7 @@ RIGS = {
 FEW = ("five", "lower", "short parallel pair", "diagonal pair")
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in FEW else pytest.param(name, marks=pytest.mark.thorough) for name in RIGS]
-)
+@pytest.mark.parametrize("name", list_cases(RIGS, FEW))
 def test_range_contains_the_surface_with_small_margins(name):
     rig, core_from_world = make_world_rig(**RIGS[name])
     near, far = find_depth_range(rig, render_frame(rig, core_from_world), Silent())

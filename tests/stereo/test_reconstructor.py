@@ -20,6 +20,7 @@ from beltscape.stereo.settings import MultiviewSettings
 from tests.kernels.rounding import first_alike
 from tests.stereo.raycast import compute_true_depth, make_camera, make_world_rig, render_frame
 from tests.stereo.scenes import compute_depth_mm, make_ring, patch, plane, quantise, render_images
+from tests.thorough import list_cases
 
 RANGE = (600.0, 780.0)
 ONE_THREAD = MultiviewSettings(threads=1)
@@ -64,9 +65,7 @@ ARRANGEMENTS = {
 FEW = ("one above", "one diagonal", "two opposite", "four", "four diagonal", "two parallel")
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in FEW else pytest.param(name, marks=pytest.mark.thorough) for name in ARRANGEMENTS]
-)
+@pytest.mark.parametrize("name", list_cases(ARRANGEMENTS, FEW))
 def test_belt_is_accurate_with_any_arrangement_of_auxiliaries(name):
     arrangement, within_1mm, median_mm = ARRANGEMENTS[name]
     rig, core_from_world = make_world_rig(**arrangement)

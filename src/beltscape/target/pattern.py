@@ -111,10 +111,8 @@ class _Plane:
         columns, index = self.index.shape[1], self.index.ravel()
         place, (x, y) = row * columns + column, np.ascontiguousarray(darts.T)
         points_x, points_y = np.ascontiguousarray(self.points.T)
-        for (
-            dy,
-            dx,
-        ) in _NEIGHBOURS:  # coordinate by coordinate: sums over an axis of two are slow
+        # coordinate by coordinate, because sums over an axis of two are slow
+        for dy, dx in _NEIGHBOURS:
             neighbour = index[place + (dy * columns + dx)]
             is_far = (x - points_x[neighbour]) ** 2 + (y - points_y[neighbour]) ** 2 > self.limit
             x, y, place = x[is_far], y[is_far], place[is_far]

@@ -14,6 +14,7 @@ from beltscape.stereo.consistency.pose_change import apply_pose_change, list_hyp
 from beltscape.stereo.consistency.residuals import BLOCKS, find_blocks
 from beltscape.stereo.consistency.tie_points import TiePoints, join_tie_points
 from beltscape.stereo.consistency.tolerance import compute_tolerance
+from tests.thorough import list_cases
 
 HEIGHT_MM = 750.0
 
@@ -65,9 +66,7 @@ def list_accused(consistency, rig):
     return {camera for fault in list_faults(consistency, rig) for camera in fault.cameras}
 
 
-@pytest.mark.parametrize(
-    "seed", [seed if seed < 5 else pytest.param(seed, marks=pytest.mark.thorough) for seed in range(12)]
-)
+@pytest.mark.parametrize("seed", list_cases(range(12), range(5)))
 def test_only_cameras_that_moved_are_accused(seed):
     rng = np.random.default_rng(seed)
     rig = make_rig(seed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
@@ -22,6 +22,7 @@ from beltscape.pipeline.live.measurement_run import MeasurementRun
 from tests.measure.flow import moving_belt
 from tests.measure.flow.moving_belt import Heap, depth_map
 from tests.synthetic.belt_feed import CAMERA, CAMERAS, IMAGE, FakeMatcher, make_context
+from tests.thorough import list_cases
 
 Array = NDArray[np.floating]
 HEAP = Heap(start_mm=-60_000, end_mm=900, seed=8)
@@ -110,11 +111,6 @@ JUMPS: dict[str, Callable[[Array], Array]] = {
     "by 5 m": lambda p: p + 5000.0 * (p >= p[FIRST]),
     "reset to 0": lambda p: p - p[FIRST] * (p >= p[FIRST]),
 }
-
-
-def list_cases(table: Mapping[str, object], main: Sequence[str]) -> list[object]:
-    """Return the names of a table as cases; those that are not ``main`` are for ``make thorough``."""
-    return [name if name in main else pytest.param(name, marks=pytest.mark.thorough) for name in table]
 
 
 @cache

@@ -71,7 +71,7 @@ check: dev ## format, lint, types, import floors: side by side, each failure sho
 	@$(MAKE) --no-print-directory --keep-going --output-sync --jobs check-types check-imports check-lint check-python check-native
 
 check-types:
-	$(BIN)/basedpyright --threads
+	$(BIN)/pyrefly check --output-format min-text
 check-imports:
 	$(BIN)/lint-imports
 check-lint:

@@ -24,7 +24,7 @@ import subprocess
 import sys
 import time
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -279,7 +279,7 @@ def _memory(samples: list[tuple[float, int, float]]) -> list[dict[str, float]]:
 
 
 @contextlib.contextmanager
-def _page(picture: Path) -> Iterator[None]:
+def _page(picture: Path) -> Generator[None]:
     """Keep the operator's page open in a browser."""
     script = Path(__file__).with_name("open_page.py")
     words = [sys.executable, str(script), f"http://127.0.0.1:{PORT}/", str(picture)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import pickle
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
@@ -77,7 +77,7 @@ REAL = {name: getattr(detect_capture, name) for name in _KEPT}
 
 
 @contextmanager
-def use_detection_store(folder: Path) -> Iterator[None]:
+def use_detection_store(folder: Path) -> Generator[None]:
     """Let captures be searched through the store until the context ends."""
     store = DetectionStore(folder)
     with pytest.MonkeyPatch.context() as patch:
@@ -87,7 +87,7 @@ def use_detection_store(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def detect_anew() -> Iterator[None]:
+def detect_anew() -> Generator[None]:
     """Let captures be searched by the detectors themselves until the context ends."""
     with pytest.MonkeyPatch.context() as patch:
         for name, real in REAL.items():

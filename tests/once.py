@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import fcntl
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import pytest
 
 
 @contextmanager
-def hold_lock(path: Path) -> Iterator[None]:
+def hold_lock(path: Path) -> Generator[None]:
     """Keep all other workers that ask for the same lock waiting until the context ends."""
     with path.open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -43,7 +43,7 @@ def compare(other: Any) -> tuple[Counter[str], Counter[str]]:
         self: NativeBackend, kernel: str, given: Sequence[Any], out: Sequence[NDArray[Any]], threads: int
     ) -> Sequence[NDArray[Any]]:
         values = [value.copy() if isinstance(value, np.ndarray) else value for value in given]
-        copied = type(given)(*values) if hasattr(given, "_fields") else values  # pyright: ignore[reportCallIssue]
+        copied = type(given)(*values) if hasattr(given, "_fields") else values
         outputs = [value.copy() for value in out]
         result = own(self, kernel, given, out, threads)
         getattr(other, kernel)(copied, outputs, threads)

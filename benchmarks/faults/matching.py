@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any
 
@@ -38,7 +38,7 @@ class CachedMatcher:
 
 
 @contextmanager
-def use_cache(cache: Cache) -> Iterator[None]:
+def use_cache(cache: Cache) -> Generator[None]:
     """Let the live system's matchers share a cache."""
 
     def make(*words: Any, auxiliaries: tuple[str, ...], **options: Any) -> CachedMatcher:

@@ -33,7 +33,7 @@ def read_results(folder: Path) -> dict[str, KeptResult]:
         return {}
     return {
         name: KeptResult(
-            RowResult(**{**one["result"], "failures": tuple(one["result"]["failures"])}), one["commit"]
+            RowResult(**(one["result"] | {"failures": tuple(one["result"]["failures"])})), one["commit"]
         )
         for name, one in read_json(path).items()
     }

@@ -193,7 +193,7 @@ def _selection_calls(case: Case) -> dict[str, Call]:
     buffers = native.inverse_depth_buffers(s, p.views, [image.shape[::-1] for image in p.images])
     uncertain, reliable = _uncertain(s)
     candidates = native.candidate_surfaces(s, slope_u, slope_v, reliable, *uncertain, reach=8, separation=1.0)
-    photometry = {
+    photometry: dict[str, Any] = {
         "core": p.core,
         "variance": compute_difference_variance(p.filled_core, p.noise),
         "images": p.images,

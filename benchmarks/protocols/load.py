@@ -18,7 +18,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -201,7 +201,7 @@ def make_record(number: int) -> BeltRecord:
     return BeltRecord(number, 1, interval, "valid", "", wall_ns, strip, 1.0, 5, CrossSection(_X_MM, height))
 
 
-SETTINGS = {
+SETTINGS: dict[str, Callable[[int], Any]] = {
     "modbus": lambda port: ModbusSettings(port=port, pulse_kg=100),
     "mqtt": lambda port: MqttSettings(host="127.0.0.1", port=port),
     "sparkplug": lambda port: MqttSettings(host="127.0.0.1", port=port, payload="sparkplug"),
@@ -228,7 +228,7 @@ def _find_broker() -> str | None:
 
 
 @contextmanager
-def run_broker(folder: Path, *, needed: bool) -> Iterator[int]:
+def run_broker(folder: Path, *, needed: bool) -> Generator[int]:
     """Run mosquitto and yield its port; 0 if none is needed."""
     if not needed:
         yield 0

@@ -48,7 +48,7 @@ _HOME = {
 
 register_drawings("beltscape.report.notebook")
 
-__all__ = list(_HOME)  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = list(_HOME)  # pyrefly: ignore[unresolvable-dunder-all]
 
 
 def __getattr__(name: str) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.readings import Readings
@@ -44,7 +45,7 @@ GOOD = Readings(
     encoder_trouble="",
     certificate_days=200,
 )
-BAD = {
+BAD: dict[str, dict[str, Any]] = {
     "overload": {"area_mm2": 1.2e5},
     "empty": {"area_mm2": 500.0},
     "belt_stopped": {"speed_mm_s": 0.0},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +13,7 @@ from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.alarm_catalogue import GROUPS
 from tests.alarms.plant import BAD, GOOD, Plant, camera
 
-LOST = {"cameras": {"cam2": camera(state="lost", message="silent"), "cam3": camera("cam3")}}
+LOST: dict[str, Any] = {"cameras": {"cam2": camera(state="lost", message="silent"), "cam3": camera("cam3")}}
 
 
 def first(plant):

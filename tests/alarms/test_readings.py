@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -44,14 +45,15 @@ def test_quantity_that_was_never_measured_raises_no_alarm():
 ])  # fmt: skip
 def test_periodic_quantity_is_raised_clears_and_is_missed(field, bad, missed):
     plant = Plant()
+    missing: dict[str, Any] = {field: NAN}
 
-    def periodic(value, times):
+    def periodic(value: Any, times):
         return [
             (alarm.name, alarm.state)
             for _ in range(times)
             for readings, seconds in (
                 (replace(GOOD, **{field: value}), 1),
-                (replace(GOOD, **{field: NAN}), 9),
+                (replace(GOOD, **missing), 9),
             )
             for alarm in plant.run(readings, seconds)
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -12,7 +13,7 @@ from beltscape.core.alarms import Suppression
 from tests.alarms.plant import BAD, GOOD, NAN, SETTINGS, Plant, camera
 
 STOPPED = replace(GOOD, speed_mm_s=0.0)
-UNLOADED = {"area_mm2": NAN, "volume_flow_m3_h": NAN, "mass_flow_t_h": NAN}
+UNLOADED: dict[str, Any] = {"area_mm2": NAN, "volume_flow_m3_h": NAN, "mass_flow_t_h": NAN}
 SHELVED = {"overload": Suppression("shelved", "scale under test", "ada", 1, 2)}
 
 
@@ -155,7 +156,12 @@ def test_groups_and_suppressions_name_alarms_that_exist():
 def test_dropped_frames_hide_what_they_explain_and_name_it():
     plant = Plant()
     plant.run(GOOD, 5)
-    starved = {**UNLOADED, "dropped_per_minute": 90.0, "encoder_silent_s": 4.0, "coverage": 0.2}
+    starved: dict[str, Any] = {
+        **UNLOADED,
+        "dropped_per_minute": 90.0,
+        "encoder_silent_s": 4.0,
+        "coverage": 0.2,
+    }
     lost = {**GOOD.cameras, "cam2": camera(state="lost")}
     plant.run(replace(GOOD, cameras=lost, **starved), 60)
     shown = {name for name, state in plant.states().items() if state == "raised"}

@@ -49,7 +49,7 @@ def test_the_argument_is_named(call, says, rig):
 
 def test_settings_by_name_are_checked(scenes, belt, rig):
     with pytest.raises(bs.BeltscapeError, match="smallest"):
-        bs.measure_lumps(scenes["belt_loaded"].depth, rig, smallest=3)  # pyright: ignore[reportCallIssue]
+        bs.measure_lumps(scenes["belt_loaded"].depth, rig, smallest=3)  # pyrefly: ignore[unexpected-keyword]
 
 
 def test_a_belt_of_another_rig_is_refused(scenes, belt, rig):

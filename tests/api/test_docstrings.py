@@ -22,7 +22,7 @@ from beltscape.stereo.settings import PRESETS
 from tests.synthetic.demo import DEMO
 
 VERBS = [name for name in bs.__all__ if name[0].islower() or name in ("FlowMeter", "Reconstructor")]
-CHECKER = Path(sys.executable).parent / "basedpyright"
+CHECKER = Path(sys.executable).parent / "pyrefly"
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +60,9 @@ def test_typed_words_are_those_that_are_taken() -> None:
     assert set(LumpOptions.__annotations__) == set(LumpSettings.model_fields)
 
 
-@pytest.mark.skipif(not CHECKER.exists(), reason="basedpyright is not installed; `make dev` brings it")
+@pytest.mark.skipif(not CHECKER.exists(), reason="pyrefly is not installed; `make dev` brings it")
 def test_a_type_checker_flags_wrong_words(tmp_path: Path) -> None:
+    (tmp_path / "pyrefly.toml").write_text("")  # a project's rules, not those of a single file
     (tmp_path / "caller.py").write_text(
         "import beltscape as bs\n\n\n"
         "def work(rig: bs.Rig, depth: bs.DepthMap, belt: bs.Belt) -> None:\n"
@@ -76,10 +77,10 @@ def test_a_type_checker_flags_wrong_words(tmp_path: Path) -> None:
         '    bs.calibrate("a", "b", lens_model="fish")\n'
     )
     done = subprocess.run(
-        [str(CHECKER), "--level", "error", "--pythonpath", sys.executable, "caller.py"],
+        [CHECKER, "check", "--output-format", "min-text", "--python-interpreter-path", sys.executable, "caller.py"],
         cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    lines = {int(line.split(":")[1]) for line in done.stdout.splitlines() if " - error: " in line}
+    lines = {int(line.split(":")[1]) for line in done.stdout.splitlines() if line.startswith("ERROR")}
     assert lines == {9, 10, 11, 12, 13}, done.stdout
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
@@ -74,7 +74,7 @@ def test_a_row_changes_what_is_measured(ablation, scene, monkeypatch):
     entered: list[str] = []
 
     @contextmanager
-    def note() -> Iterator[None]:
+    def note() -> Generator[None]:
         entered.append("in")
         yield
         entered.append("out")

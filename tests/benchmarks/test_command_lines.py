@@ -33,7 +33,7 @@ def capture(tmp_path) -> Path:
     """One frame of the empty belt from three cameras, a quarter of the demo's pixels, and ``rig.json`` beside it."""
     rig = scale_rig(read_rig(TRUE_RIG), 0.5)
     cameras, poses = ({name: given[name] for name in CAMERAS} for given in (rig.cameras, rig.cam_from_core))
-    rig = replace(rig, cameras=cameras, cam_from_core=poses)
+    rig = replace(rig, cameras=cameras, cam_from_core=poses)  # pyrefly: ignore[bad-argument-type]
     write_rig(tmp_path / "rig.json", rig)
     for name in CAMERAS:
         image = read_image(DEMO / "belt_empty" / name / "000.png")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ TABLES = [{"name": name, **FACE, "first_id": 18 * k} for k, name in enumerate(PL
 NOISE_PX = 0.1
 
 
-def parse(tables: list[dict[str, object]], **keys: object) -> BoardSet:
+def parse(tables: list[Any], **keys: object) -> BoardSet:
     board = parse_board(Path("board.toml"), {"boards": tables, **keys})
     assert isinstance(board, BoardSet)
     return board

@@ -13,7 +13,7 @@ from tests.strategies import seeds
 
 def depth_map(depth: np.ndarray) -> DepthMap:
     ones = np.ones(depth.shape, np.float32)
-    return DepthMap(depth.astype(np.float32), 0.1 * ones, ones.astype(np.uint8), ones)
+    return DepthMap(depth.astype(np.float32), 0.1 * ones, ones.astype(np.uint8), ones)  # pyrefly: ignore[bad-argument-type]
 
 
 @given(st.integers(1, 12), st.integers(1, 9), seeds)

@@ -7,7 +7,7 @@ import contextlib
 import io
 import os
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -76,7 +76,7 @@ def call(words: Sequence[str], folder: Path) -> Answer:
 
 
 @contextlib.contextmanager
-def _where_it_was() -> Iterator[None]:
+def _where_it_was() -> Generator[None]:
     """Bring folder, signals back."""
     folder, handlers = Path.cwd(), [signal.getsignal(number) for number in _SIGNALS]
     try:

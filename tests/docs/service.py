@@ -9,7 +9,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 
 from tests.docs.system import demand
@@ -21,7 +21,7 @@ START_S = 60
 
 
 @contextlib.contextmanager
-def run_service(project: Path) -> Iterator[str]:
+def run_service(project: Path) -> Generator[str]:
     """Run the system until the context ends; yield the address of its page, once it has written a record."""
     log = project.parent / "run.log"
     code = "import sys; from beltscape.cli.main import main; sys.exit(main())"

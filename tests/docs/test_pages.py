@@ -52,7 +52,7 @@ def blocks_with_options() -> list[tuple[str, str]]:
             for word in words:
                 if words[0] == "beltscape" and word.startswith("--"):
                     found.setdefault(word, block)
-    return sorted(found.items(), key=lambda item: item[0])
+    return sorted(found.items(), key=lambda item: item[0])  # pyrefly: ignore[bad-return]
 
 
 @pytest.mark.parametrize(("option", "block"), blocks_with_options(), ids=lambda value: str(value)[:20])

@@ -45,10 +45,10 @@ def test_gdal_finds_a_local_system_in_metres_and_heights_in_mm(tmp_path, sigma, 
         assert 'UNIT["metre",1' in system
         assert not file.crs.is_geographic and not file.crs.is_projected
         assert file.bounds == pytest.approx((-8.25e-3, 18.75e-3, 1.75e-3, 26.25e-3))
-        assert file.units == ("mm",) and file.descriptions[0].startswith(description)
-        assert np.isnan(file.nodata) and file.tags()["AREA_OR_POINT"] == "Area"
+        assert file.units == ("mm",) and file.descriptions[0].startswith(description)  # pyrefly: ignore[missing-attribute]
+        assert np.isnan(file.nodata) and file.tags()["AREA_OR_POINT"] == "Area"  # pyrefly: ignore[no-matching-overload]
         values = file.read(1, masked=True)
-        assert values.mask.sum() == np.isnan(HEIGHT).sum()
+        assert values.mask.sum() == np.isnan(HEIGHT).sum()  # pyrefly: ignore[missing-attribute]
         # the cell at the map's centre of row 2, column 1 is found by its position in metres
         row, column = file.index(-7.0e-3 + 2.5e-3, 20.0e-3 + 2 * 2.5e-3)
         expected = (0.1 if sigma else 1.0) * HEIGHT[2, 1]

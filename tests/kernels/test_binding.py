@@ -35,12 +35,12 @@ def run_gather(level: str, record: Any) -> None:
 
 
 def test_fields_are_read_by_name_in_any_order(level):
-    reordered = namedtuple("Reordered", reversed(VISIBLE._fields))(*reversed(VISIBLE))
+    reordered = namedtuple("Reordered", reversed(VISIBLE._fields))(*reversed(VISIBLE))  # pyrefly: ignore[bad-class-definition]
     np.testing.assert_array_equal(run_visible(level, reordered), run_visible(level, VISIBLE))
 
 
 def test_a_record_without_a_field_is_refused(level):
-    record = namedtuple("Short", VISIBLE._fields[:-1])(*VISIBLE[:-1])
+    record = namedtuple("Short", VISIBLE._fields[:-1])(*VISIBLE[:-1])  # pyrefly: ignore[bad-class-definition]
     with pytest.raises(
         TypeError, match="visible: the input must be a record with the field tolerance, not Short"
     ):
@@ -79,9 +79,9 @@ def test_a_field_of_another_type_is_refused_by_name(level, field, value, message
 def test_an_item_of_a_list_is_refused_by_its_number(level):
     planes = [GATHER.planes[0], GATHER.planes[0].astype(np.uint8)]
     with pytest.raises(TypeError, match=r"gather: planes\[1\] must be .*, not uint8 \(6, 8\)"):
-        run_gather(level, GATHER._replace(planes=planes))
+        run_gather(level, GATHER._replace(planes=planes))  # pyrefly: ignore[bad-argument-type]
     with pytest.raises(TypeError, match="gather: planes must be a list, not int"):
-        run_gather(level, GATHER._replace(planes=3))
+        run_gather(level, GATHER._replace(planes=3))  # pyrefly: ignore[bad-argument-type]
 
 
 def test_a_result_of_another_type_is_refused(level):

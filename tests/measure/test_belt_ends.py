@@ -106,7 +106,7 @@ def test_floor_on_both_sides_is_no_belt(section: np.ndarray, yaw_deg: float, flo
 
 def test_trough_whose_middle_is_not_under_the_core_ends_at_its_own_ends() -> None:
     scene = Scene(
-        TROUGH, floor_mm=-300.0, belt_yaw_deg=25.0, **{**INCLINED, "camera_mm": (280.0, 0.0, 1300.0)}
+        TROUGH, floor_mm=-300.0, belt_yaw_deg=25.0, **(INCLINED | {"camera_mm": (280.0, 0.0, 1300.0)})
     )
     belt = learn_belt([measure_depth(scene)], CORE)
     np.testing.assert_allclose(belt.across_mm, true_ends(scene, belt, (-END, END)), atol=NEAR_MM)

@@ -28,7 +28,7 @@ def camera() -> Camera:
 def depth(scene: str) -> DepthMap:
     z = np.load(TRUTH / f"{scene}_depth_cam0.npz")["z_pinhole"].astype(np.float32)
     ones = np.ones(z.shape, np.float32)
-    return DepthMap(z, 1e-3 * ones, 4 * ones.astype(np.uint8), ones)
+    return DepthMap(z, 1e-3 * ones, 4 * ones.astype(np.uint8), ones)  # pyrefly: ignore[bad-argument-type]
 
 
 def origin_mm() -> np.ndarray:

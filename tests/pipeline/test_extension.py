@@ -61,7 +61,7 @@ def test_a_camera_is_replaced_without_views_of_the_core(charuco_capture, tmp_pat
     for name in ("cam1", "cam2"):
         shutil.copytree(charuco_capture.folder / name, tmp_path / name)
     wrong = part_of(true, "cam0", "cam1", "cam2")
-    wrong.cameras["cam2"] = true.cameras["cam0"]  # pyright: ignore[reportIndexIssue]
+    wrong.cameras["cam2"] = true.cameras["cam0"]  # pyrefly: ignore[unsupported-operation]
     extension = extend_rig(tmp_path, wrong, charuco_capture.board, Silent(), replaced=("cam2",))
     assert extension.fixed == ("cam1",)
     assert list(extension.rig.cameras) == ["cam0", "cam1", "cam2"]

@@ -150,10 +150,10 @@ def test_rerun_receives_all_contents(run, frames, tmp_path, monkeypatch):
             logged.append((entity, static, what))
 
         def set_time(self, timeline, sequence):
-            logged.append((timeline, sequence))
+            logged.append((timeline, sequence))  # pyrefly: ignore[bad-argument-type]
 
         def flush(self):
-            logged.append(("flush", True))
+            logged.append(("flush", True))  # pyrefly: ignore[bad-argument-type]
 
     kinds = ("LineStrips3D", "Points3D", "Mesh3D", "TextLog")
     rerun = SimpleNamespace(RecordingStream=Stream, ViewCoordinates=SimpleNamespace(RIGHT_HAND_Z_UP="up"))

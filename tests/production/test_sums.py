@@ -81,7 +81,7 @@ def test_missing_belt_is_in_no_total() -> None:
 
 def test_a_load_without_density_has_no_mass() -> None:
     _, records = measure(3, seed=1)
-    unknown = replace(records[0], strip=replace(records[0].strip, density_kg_m3=float("nan")))  # pyright: ignore[reportArgumentType]
+    unknown = replace(records[0], strip=replace(records[0].strip, density_kg_m3=float("nan")))  # pyrefly: ignore[bad-specialization]
     sums = add_up([*records, unknown])
     assert np.isnan(sums.mass_kg)
     assert np.isnan(sums.mass_sigma_kg)

@@ -161,7 +161,7 @@ async def read(client: Client, path: str) -> ua.DataValue:
     return await find(client, path).read_data_value(raise_on_bad_status=False)
 
 
-async def set_state(running: Running, client: Client, **changes: object) -> None:
+async def set_state(running: Running, client: Client, **changes: Any) -> None:
     """Change the plant's state and wait until it is shown."""
     running.plant.state = replace(running.plant.state, wall_ns=next(_CLOCK_NS), **changes)
     expected = running.plant.state.wall_ns // 1000

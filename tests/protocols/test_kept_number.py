@@ -140,14 +140,14 @@ def test_a_publisher_that_reads_at_any_moment_takes_no_ledger_for_replaced(
     def append_and_publish(*arguments: Any, **options: Any) -> Any:
         sums = append(*arguments, **options)
         for _ in range(3):  # the records are committed, the end of the ledger is not moved yet
-            publisher._publish_records(channel)  # pyright: ignore[reportPrivateUsage, reportArgumentType]
+            publisher._publish_records(channel)  # pyrefly: ignore[bad-argument-type]
         return sums
 
     monkeypatch.setattr(store, "append_records", append_and_publish)
     historian.begin_run()
     for record in ledger(20):
         historian.write([record])
-        publisher._publish_records(channel)  # pyright: ignore[reportPrivateUsage, reportArgumentType]
+        publisher._publish_records(channel)  # pyrefly: ignore[bad-argument-type]
     assert channel.numbers == list(range(1, 21)) and messages == []
     historian.close()
 
@@ -160,7 +160,7 @@ def test_a_damaged_cursor_loses_no_record(tmp_path: Path) -> None:
     publisher.start()
     wait_until((tmp_path / "mqtt.json").exists, 120)
     assert publisher.waiting == 5  # although a first start would publish from now on only
-    publisher._publish_records(channel)  # pyright: ignore[reportPrivateUsage, reportArgumentType]
+    publisher._publish_records(channel)  # pyrefly: ignore[bad-argument-type]
     assert channel.numbers == [1, 2, 3, 4, 5]
     assert "mqtt.json: is empty and was moved to" in messages[0]
     publisher.close()

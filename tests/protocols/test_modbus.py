@@ -221,7 +221,7 @@ def test_a_state_that_cannot_be_read_is_an_exception_and_reported_once(
     server, _ = serve()
     messages = list[str]()
     monkeypatch.setattr(server, "_on_message", messages.append)
-    monkeypatch.setattr(plant, "read_state", lambda: 1 / 0)
+    monkeypatch.setattr(plant, "read_state", lambda: 1 / 0)  # pyrefly: ignore[division-by-zero]
     with socket.create_connection(("127.0.0.1", server.port), timeout=20) as client:
         client.sendall(make_request(1) + make_request(2))
         assert read_answers(client, 2) == [(1, b"\x83\x04"), (2, b"\x83\x04")]

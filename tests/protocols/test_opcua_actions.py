@@ -31,7 +31,7 @@ def test_nothing_can_be_written_or_added(running: Running) -> None:
     call(work)
 
 
-def make_alarm(state: Any, **changes: object) -> tuple[Alarm, ...]:
+def make_alarm(state: Any, **changes: Any) -> tuple[Alarm, ...]:
     alarm = Alarm("overload", "critical", state, 600.0, 500.0, "m³/h", 1, "slow the feed")
     return (replace(alarm, **changes),)
 

@@ -50,7 +50,7 @@ def read_volume(running: Running, *arguments: object, **options: object) -> floa
     """Sign in and read one value."""
 
     async def work() -> float:
-        async with await running.make_client(*arguments, **options) as client:  # pyright: ignore[reportArgumentType]
+        async with await running.make_client(*arguments, **options) as client:  # pyrefly: ignore[bad-argument-type]
             return await find(client, VOLUME).read_value()
 
     return call(work)

@@ -104,7 +104,7 @@ def test_no_pulse_is_lost_or_doubled_wherever_the_program_is_killed(
             raise Killed
 
     monkeypatch.setattr(kept_number, "keep_state", write_or_die)
-    settings = PulseSettings(kg=25.0, kind=kind, address=3, on_ms=5, off_ms=5)  # pyright: ignore[reportArgumentType]
+    settings = PulseSettings(kg=25.0, kind=kind, address=3, on_ms=5, off_ms=5)  # pyrefly: ignore[bad-argument-type]
     ticks = iter(range(1 << 30))
 
     def start() -> PulseOutput:

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from matplotlib.colors import to_rgb
+from matplotlib.colors import to_rgb  # pyrefly: ignore[missing-import]
 from matplotlib.figure import Figure
 
 import beltscape as bs

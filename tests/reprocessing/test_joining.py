@@ -106,7 +106,7 @@ def test_products_count_by_their_time() -> None:
 def test_entries_survive_as_bytes_to_the_last_digit() -> None:
     piece = cut_into_pieces([make_recording("a", 0, 5)], OVERLAP, 100)[0]
     entries = measure(piece)
-    strip = replace(entries[0].strip, speed_mm_s=math.nan, time_ns=None, sigma_mm3=0.1 + 0.2)  # pyright: ignore
+    strip = replace(entries[0].strip, speed_mm_s=math.nan, time_ns=None, sigma_mm3=0.1 + 0.2)  # pyrefly: ignore[bad-specialization]
     entries[0] = replace(entries[0], strip=strip)
     entries[1] = replace(entries[1], strip=None, section=None, standing="missing")
     times = PieceTimes(0.1, 0.2, 0.3, 0.4, 5, 6)

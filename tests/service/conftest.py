@@ -23,7 +23,7 @@ def start(tmp_path):
         if access_control.accounts.is_setup_open:
             access_control.accounts.add("anna", "operator", PASSWORD)
         running = serve(make_application(access_control), web or Web())
-        opened.append(running)
+        opened.append(running)  # pyrefly: ignore[bad-argument-type]
         return running
 
     yield start_server

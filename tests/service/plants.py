@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from fastapi import FastAPI
 
@@ -101,9 +101,10 @@ def add_production(
     return parts
 
 
-def make_service(folder: Path, frames: int = 0, **settings) -> ServiceParts:
+def make_service(folder: Path, frames: int = 0, **settings: Any) -> ServiceParts:
     """Return a service whose plant has measured ``frames`` frames."""
-    web = WebSettings(**{"port": 0, "plant": "Belt 7", "page_rate_hz": 10.0, **settings})
+    defaults: dict[str, Any] = {"port": 0, "plant": "Belt 7", "page_rate_hz": 10.0}
+    web = WebSettings(**(defaults | settings))
     live_state, history = LiveState(web), Historian(folder, HistorySettings())
     history.begin_run()
     access = Access(folder, web.access, CHEAP)

@@ -12,7 +12,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Mapping
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -72,7 +72,7 @@ class Service:
 
 
 @contextmanager
-def run_service(folder: Path) -> Iterator[Service]:
+def run_service(folder: Path) -> Generator[Service]:
     """Serve page, Modbus and OPC UA of one history."""
     web = WebSettings(port=0, access=AccessSettings(requests_per_s=1e5, requests_burst=10**6))
     ports = {"modbus": find_port(), "opcua": find_port()}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import socket
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -50,7 +50,7 @@ def send_raw(running, request: bytes, timeout_s: float = 5) -> bytes:
 
 
 @contextmanager
-def open_session(running, **more: Any) -> Iterator[httpx.Client]:
+def open_session(running, **more: Any) -> Generator[httpx.Client]:
     with httpx.Client(base_url=running.address, **more) as client:
         reply = client.post("/api/access/login", json={"name": "anna", "password": PASSWORD})
         assert reply.status_code == 200

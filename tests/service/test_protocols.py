@@ -88,7 +88,7 @@ def test_what_the_disk_refuses_stops_no_start(
     def refuse(*_: object) -> None:
         raise OutputError("certificate.der: the disk is full; free some space")
 
-    monkeypatch.setitem(STARTERS, "opcua", refuse)  # pyright: ignore[reportArgumentType]
+    monkeypatch.setitem(STARTERS, "opcua", refuse)
     with serve_protocols(
         ProtocolSettings(modbus=settings, opcua=OpcUaSettings()), served, tmp_path, messages.append
     ):

@@ -119,4 +119,4 @@ def test_bounds(values):
 
 def test_scenario_stays_as_it_is():
     with pytest.raises(ValidationError):
-        Scenario(kind="module").seed = 2  # pyright: ignore[reportAttributeAccessIssue]
+        Scenario(kind="module").seed = 2  # pyrefly: ignore[read-only]

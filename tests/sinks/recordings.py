@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from typing import Any
 
 import numpy as np
 
@@ -16,8 +17,9 @@ from beltscape.sinks.settings import RecordingSettings
 CAMERAS = ("cam0", "cam1")
 
 
-def settings(**values) -> RecordingSettings:
-    return RecordingSettings(**{"free_gib": 0, "queue": 1000, **values})
+def settings(**values: Any) -> RecordingSettings:
+    defaults: dict[str, Any] = {"free_gib": 0, "queue": 1000}
+    return RecordingSettings(**(defaults | values))
 
 
 def frames(number: int, *, position_mm: float | None = None) -> FrameSet:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -44,7 +44,7 @@ class Belt:
 
 
 @contextmanager
-def serve_belts(folder: Path, names: str) -> Iterator[dict[str, Belt]]:
+def serve_belts(folder: Path, names: str) -> Generator[dict[str, Belt]]:
     """Yield belts that answer; each name is a letter."""
     made: dict[str, Belt] = {}
     for name in names:
@@ -71,7 +71,7 @@ def write_site(folder: Path, belts: dict[str, Belt], lines: str = "", away_s: fl
 
 
 @contextmanager
-def run(path: Path) -> Iterator[tuple[RunningSite, Callable[[str], dict[str, Any]]]]:
+def run(path: Path) -> Generator[tuple[RunningSite, Callable[[str], dict[str, Any]]]]:
     """Run a site; yield it and a function that gives what the page shows of a belt."""
     with ExitStack() as stack:
         running = stack.enter_context(serve_site(read_site(path)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ from tests.stereo.raycast import compute_true_depth, make_world_rig, render_fram
 from tests.stereo.rendered import needs_rendered, read_halved_frames, read_halved_rig, read_halved_truth
 from tests.thorough import list_cases
 
-RIGS = {
+RIGS: dict[str, dict[str, Any]] = {
     "five": {},
     "higher": {"height_mm": 1100, "baseline_mm": 300},
     "lower": {"height_mm": 520, "baseline_mm": 120},

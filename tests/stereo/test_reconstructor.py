@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,7 +49,7 @@ def same_bytes(a: DepthMap, b: DepthMap) -> bool:
     )
 
 
-ARRANGEMENTS = {
+ARRANGEMENTS: dict[str, tuple[dict[str, Any], float, float]] = {
     "one beside": ({"angles_deg": (0,)}, 0.93, 0.11),
     "one above": ({"angles_deg": (90,)}, 0.9, 0.11),
     "one diagonal": ({"angles_deg": (225,)}, 0.92, 0.11),

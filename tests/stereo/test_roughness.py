@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,12 +18,16 @@ from tests.stereo.scenes import make_inputs, make_scene, plane, sphere, with_sca
 SHAPE = (120, 160)
 
 
-def make_flat_result(s: np.ndarray | None = None, **fields: np.ndarray) -> LeastSquaresResult:
+def make_flat_result(s: np.ndarray | None = None, **fields: Any) -> LeastSquaresResult:
     """Return a flat surface whose windows agree, with one variance."""
     s = np.full(SHAPE, 200, np.float32) if s is None else s.astype(np.float32)
     none = np.zeros(s.shape, np.float32)
     made = LeastSquaresResult(
-        Surface(s, none, none), none + 1e-4, none, np.full(s.shape, 4, np.uint8), none + 50
+        Surface(s, none, none),
+        none + 1e-4,  # pyrefly: ignore[bad-argument-type]
+        none,
+        np.full(s.shape, 4, np.uint8),
+        none + 50,
     )
     return replace(made, **fields)
 

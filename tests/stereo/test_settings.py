@@ -67,7 +67,7 @@ def test_numbers_outside_the_kernels_range_are_refused(wrong):
 
 def test_settings_are_immutable():
     with pytest.raises(ValidationError):
-        MultiviewSettings().rounds = 3
+        MultiviewSettings().rounds = 3  # pyrefly: ignore[read-only]
 
 
 @given(st.integers(64, 12_000), st.integers(64, 4096))

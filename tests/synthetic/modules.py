@@ -66,7 +66,7 @@ class DepthCameraView:
         z = self._scene.cast(np.zeros(3), rays.reshape(-1, 3)).distance.reshape(512, 612)
         z = np.where(np.isfinite(z), z, np.nan).astype(np.float32)
         ones = np.ones(z.shape, np.float32)
-        return DepthMap(z, sigma_mm * ones, 4 * ones.astype(np.uint8), ones)
+        return DepthMap(z, sigma_mm * ones, 4 * ones.astype(np.uint8), ones)  # pyrefly: ignore[bad-argument-type]
 
     def render_brightness(self, fine: int = 3) -> NDArray[np.float32]:
         """Return (H, W) diffuse light, from above and one side; a pixel is the mean of fine² rays."""

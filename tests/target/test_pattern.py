@@ -120,22 +120,22 @@ def test_settings_that_do_not_fit_are_refused_in_one_line(changed, message):
 def test_every_fix_proposed_by_a_refusal_works():
     too_close = refusal(d_min_px=12)
     most, largest = require(re.search(r"at most (\d+) do, or d_min up to ([\d.]+) px", too_close)).groups()
-    assert len(make_pattern(PatternSettings(**{**SMALL, "count": int(most)}, d_min_px=12)).dots) == int(most)
+    assert len(make_pattern(PatternSettings(**(SMALL | {"count": int(most)}), d_min_px=12)).dots) == int(most)
     assert len(make_pattern(PatternSettings(**SMALL, d_min_px=float(largest))).dots) == 2000
     assert "do not fit" in refusal(d_min_px=float(largest) + 0.01)
 
     too_wide = refusal(radius_px=2.4, count=9000)
     most = int(require(re.search(r"give at most (\d+) dots", too_wide))[1])
-    resolve_settings(PatternSettings(**{**SMALL, "count": most}, radius_px=2.4))
+    resolve_settings(PatternSettings(**(SMALL | {"count": most}), radius_px=2.4))
     assert "overlap" in refusal(radius_px=2.4, count=most + 30)
 
     too_fine = refusal(count=400_000)
     most = int(require(re.search(r"at most (\d+)", too_fine))[1])
-    resolve_settings(PatternSettings(**{**SMALL, "count": most}))
+    resolve_settings(PatternSettings(**(SMALL | {"count": most})))
 
     too_large = refusal(radius_px=3)
     widest = float(require(re.search(r"radius up to ([\d.]+)", too_large))[1])
-    resolve_settings(PatternSettings(**{**SMALL, "count": 500}, radius_px=widest))
+    resolve_settings(PatternSettings(**(SMALL | {"count": 500}), radius_px=widest))
 
 
 @pytest.mark.parametrize(

@@ -63,7 +63,7 @@ def calibrate(
     InputError, CalibrationError
         with one line that names the fault and the fix.
     """
-    if not isinstance(lens_model, str) or lens_model not in (AUTO, *MODELS):  # pyright: ignore[reportUnnecessaryIsInstance]
+    if not isinstance(lens_model, str) or lens_model not in (AUTO, *MODELS):
         raise InputError(
             f"lens_model = {show_value(lens_model)}: must be {AUTO} or one of {', '.join(MODELS)}"
         )

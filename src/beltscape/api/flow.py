@@ -111,7 +111,7 @@ class FlowMeter(Displayed):
         """
         if depth is not None:
             require_depth_of(self._rig.core_camera, depth, "frame")
-        if time_ns is not None and not isinstance(time_ns, int | np.integer):  # pyright: ignore[reportUnnecessaryIsInstance]
+        if time_ns is not None and not isinstance(time_ns, int | np.integer):
             raise InputError(f"time_ns = {show_value(time_ns)}: must be whole nanoseconds, or None")
         if position_mm is not None:
             require_number(position_mm, "position_mm")

@@ -66,7 +66,7 @@ class Reconstructor:
         require_instance(rig, Rig, "rig", "bs.read_rig(path)")
         if depth_range_mm is not None:
             require_depth_range(depth_range_mm)
-        if isinstance(threads, bool) or not isinstance(threads, int):  # pyright: ignore[reportUnnecessaryIsInstance]
+        if isinstance(threads, bool) or not isinstance(threads, int):
             raise InputError(f"threads = {show_value(threads)}: must be a whole number, 0 for one per core")
         require_reporter(reporter)
         self.rig, self.preset, self.depth_range_mm = rig, preset, depth_range_mm

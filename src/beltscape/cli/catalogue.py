@@ -6,7 +6,7 @@ A command's module is imported only when it is called.
 from __future__ import annotations
 
 import argparse
-from argparse import ArgumentParser, RawDescriptionHelpFormatter, _SubParsersAction  # pyright: ignore[reportPrivateUsage]
+from argparse import ArgumentParser, RawDescriptionHelpFormatter, _SubParsersAction
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any, Protocol, cast
@@ -85,7 +85,7 @@ COMMANDS = {name: what for group in GROUPS.values() for name, what in group.item
 
 def load_command(name: str) -> Command:
     """Return the module of a command."""
-    return import_module(f"beltscape.cli.commands.{name}")  # pyright: ignore[reportReturnType]
+    return import_module(f"beltscape.cli.commands.{name}")  # pyrefly: ignore[bad-return]
 
 
 EXAMPLES = {
@@ -146,7 +146,7 @@ def add_examples(parser: ArgumentParser, command: str) -> None:
     _add(parser, EXAMPLES[command])
     for action in parser._actions:
         # argparse has no public way to list sub-commands
-        if isinstance(action, _SubParsersAction):  # pyright: ignore[reportPrivateUsage]
+        if isinstance(action, _SubParsersAction):
             for name, child in cast("dict[str, ArgumentParser]", action.choices).items():
                 _add(child, [one for one in EXAMPLES[command] if one.startswith(f"{command} {name} ")])
 

@@ -178,7 +178,7 @@ def _require_working_folder() -> None:
 def _add_json(parser: argparse.ArgumentParser) -> None:
     for action in parser._actions:
         # argparse has no public way to list sub-commands
-        if isinstance(action, argparse._SubParsersAction):  # pyright: ignore[reportPrivateUsage]
+        if isinstance(action, argparse._SubParsersAction):
             for child in cast("dict[str, argparse.ArgumentParser]", action.choices).values():
                 _add_json(child)
             return

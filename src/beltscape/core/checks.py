@@ -33,7 +33,7 @@ def is_list(value: object) -> TypeGuard[list[Any]]:
 
 def is_list_or_tuple(value: object) -> TypeGuard[list[Any] | tuple[Any, ...]]:
     """Return whether a value is a list or a tuple."""
-    return isinstance(value, list | tuple)
+    return isinstance(value, (list, tuple))
 
 
 _MOST_SHOWN = 60

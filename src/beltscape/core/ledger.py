@@ -128,7 +128,8 @@ STANDINGS: tuple[Standing, ...] = ("valid", "degraded", "missing")
 
 def standing_from_quality(quality: Quality) -> Standing:
     """Return how a strip of this quality is counted."""
-    return {"measured": "valid", "missing": "missing"}.get(quality, "degraded")  # pyright: ignore[reportReturnType]
+    standings: dict[Quality, Standing] = {"measured": "valid", "missing": "missing"}
+    return standings.get(quality, "degraded")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

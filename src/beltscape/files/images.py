@@ -101,7 +101,7 @@ def _count_pages(data: NDArray[np.uint8]) -> int:
             with tifffile.TiffFile(BytesIO(data.tobytes())) as file:
                 pages = [page for page in file.pages if isinstance(page, tifffile.TiffPage)]
                 return sum(not page.subfiletype & _NO_PAGE for page in pages)
-        except (ValueError, LookupError, tifffile.TiffFileError):
+        except (ValueError, LookupError):
             return 1  # OpenCV has read its first page
     is_animated = {
         b"GIF8": True,

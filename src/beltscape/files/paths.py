@@ -28,7 +28,7 @@ def as_path(given: AnyPath, argument: str = "path") -> Path:
 
 
 def _is_path(given: object) -> bool:
-    return isinstance(given, str | os.PathLike) and _is_text(os.fspath(cast("AnyPath", given)))
+    return isinstance(given, (str, os.PathLike)) and _is_text(os.fspath(cast("AnyPath", given)))
 
 
 def _is_text(name: object) -> bool:

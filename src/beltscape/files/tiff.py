@@ -96,7 +96,7 @@ def read_height_tiff(path: AnyPath) -> HeightMap:
             scale, tie = (unit_mm * np.array(page.tags[tag].value) for tag in (_SCALE, _TIEPOINT))
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file; give a height map of beltscape measure volume") from error
-    except (OSError, ValueError, KeyError, tifffile.TiffFileError) as error:
+    except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: no height map with a scale ({describe_cause(error)})") from error
     height = values[::-1].astype(np.float64)
     cell = round(float(scale[0]), _DECIMALS)
@@ -128,7 +128,7 @@ def read_float_tiff(path: Path) -> NDArray[np.float32]:
         values = tifffile.imread(path)
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file; give a frame folder of beltscape reconstruct") from error
-    except (OSError, ValueError, tifffile.TiffFileError) as error:
+    except (OSError, ValueError) as error:
         raise InputError(f"{path}: not a readable TIFF ({describe_cause(error)})") from error
     if values.ndim != 2 or values.dtype.kind != "f":
         raise InputError(f"{path}: holds {values.dtype} of shape {values.shape}; one float32 plane is needed")

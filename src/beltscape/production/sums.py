@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields, replace
 from functools import reduce
 from operator import add
+from typing import Any
 
 from beltscape.core.ledger import BeltRecord
 
@@ -79,8 +80,8 @@ COLUMNS = tuple(field.name for field in fields(ProductionSums))
 
 def sum_record(record: BeltRecord) -> ProductionSums:
     """Return what one record adds."""
-    passed = ProductionSums(records=1)
-    passed = replace(passed, **{f"{record.standing}_mm": float(record.length_mm)})
+    lengths: dict[str, Any] = {f"{record.standing}_mm": float(record.length_mm)}
+    passed = ProductionSums(records=1, **lengths)
     strip = record.strip
     volume = record.volume_mm3
     if strip is None or record.standing == "missing" or not math.isfinite(volume):

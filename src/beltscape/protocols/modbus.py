@@ -277,7 +277,7 @@ class ModbusServer:
         step = settings.pulse_kg or settings.pulse_l
         self._pulses = None if step is None else PulseCount(data / "pulses.json", step, on_message)
         self._written = place_commands(settings, self._registers)
-        self._commands = None
+        self._commands: Commands | None = None
         if settings.commands is not None and control is not None:
             self._commands = Commands(settings, plant, control, users, data, on_message)
         self._started_s = monotonic()

@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 from beltscape.report.drawing import markup, palette
 from beltscape.report.drawing.charts import Chart, Entry, Key
 from beltscape.report.drawing.pictures import Panel
 from beltscape.report.drawing.scene import Scene
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +106,7 @@ def render(
 
 
 @cache
-def _template():
+def _template() -> Template:
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     assets = files("beltscape.report") / "assets"

@@ -322,7 +322,7 @@ def join_pieces(
         part.replace(folder)
     except OSError as error:
         raise output_error(folder, error) from error
-    lengths = {name: getattr(totals, f"{name}_mm") for name in STANDINGS}
+    lengths: dict[str, float] = {name: getattr(totals, f"{name}_mm") for name in STANDINGS}
     return JoinedLedger(asdict(totals), lengths, joiner.seams, list(findings)[:_MOST_FINDINGS], folder)
 
 

@@ -181,10 +181,10 @@ def _find_lead(frames: Sequence[PlacedFrame], at: int, step: int, length_mm: flo
     """Return the index of the outermost frame of a lead that begins beside the frame ``at``."""
     here, index = frames[at].frame.position_mm, at
     while 0 <= index + step < len(frames) and abs(index - at) < _MOST_LEAD_FRAMES:
-        position = frames[index].frame.position_mm
-        is_known = here is not None and position is not None
-        is_far = abs(position - here) >= length_mm if is_known else abs(index - at) >= count  # pyright: ignore
-        if is_far and abs(index - at) >= min(count, _LEAD_IN_FRAMES):
+        position, passed = frames[index].frame.position_mm, abs(index - at)
+        distance_mm = None if here is None or position is None else abs(position - here)
+        is_far = passed >= count if distance_mm is None else distance_mm >= length_mm
+        if is_far and passed >= min(count, _LEAD_IN_FRAMES):
             break
         index += step
     return index

@@ -93,7 +93,7 @@ def hash_contents(project: Project[RunSettings]) -> dict[str, str]:
 def keep_values(settings: Model, present: Model, keys: set[str], prefix: str = "") -> Model:
     """Return the settings with the present values of some keys."""
     update: dict[str, object] = {}
-    for name in type(settings).model_fields:
+    for name in type(settings).model_fields:  # pyrefly: ignore[missing-attribute]
         key, old, new = prefix + name, getattr(present, name), getattr(settings, name)
         if key in keys:
             update[name] = old

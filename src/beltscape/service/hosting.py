@@ -153,7 +153,7 @@ class _TrustedProxies:
     """Takes client, scheme and path prefix of a request from the headers of a trusted proxy."""
 
     def __init__(self, app: ASGIApp, addresses: tuple[str, ...]) -> None:
-        self._app: Any = ProxyHeadersMiddleware(app, list(addresses))  # pyright: ignore[reportArgumentType]
+        self._app: Any = ProxyHeadersMiddleware(app, list(addresses))  # pyrefly: ignore[bad-argument-type]
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         client = scope.get("client")

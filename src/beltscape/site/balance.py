@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from beltscape.site.catch_up import GapReason, Sums
+from beltscape.site.catch_up import FIELDS, GapReason, Sums
 from beltscape.site.settings import BalanceSettings
 
 BalanceState = Literal["balanced", "imbalance", "incomplete"]
@@ -70,11 +70,7 @@ def sum_window(seconds: Mapping[int, Sums], start_ms: int, end_ms: int) -> tuple
 
 
 def _scale(sums: Sums, share: float) -> Sums:
-    return Sums(*(value * share for value in _values(sums)))  # pyright: ignore[reportArgumentType]
-
-
-def _values(sums: Sums) -> list[float]:
-    return [getattr(sums, name) for name in Sums.__dataclass_fields__]
+    return Sums(*(getattr(sums, name) * share for name in FIELDS))
 
 
 def _compute_flow(seconds: Mapping[int, Sums], at_ms: int) -> float:

@@ -146,7 +146,7 @@ def test_a_camera_that_was_displaced_during_the_capture_is_isolated(rows, board)
         displace_camera(rig, "d", Pose.of([0, np.deg2rad(0.1), 0], [0, 0, 0])), board, poses, 0.05
     )
     views = {**before.views, "d": {**before.views["d"]}}
-    views["d"] |= {f"{i:02d}": after.views["d"][f"{i:02d}"] for i in range(7, 14)}
+    views["d"] |= {f"{i:02d}": after.views["d"][f"{i:02d}"] for i in range(7, 14)}  # pyrefly: ignore[unsupported-operation]
     network = solve_hierarchy(
         BoardDetections(before.sizes_px, views, before.images), board, "a", Silent()
     ).network

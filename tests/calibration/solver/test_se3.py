@@ -35,7 +35,7 @@ def twists(draw, max_angle: float = np.pi - 1e-9):
 
 
 def matrix(pose):
-    return np.block([[pose.rotation, pose.translation_mm[:, None]], [np.zeros((1, 3)), 1.0]])
+    return np.block([[pose.rotation, pose.translation_mm[:, None]], [np.zeros((1, 3)), 1.0]])  # pyrefly: ignore[no-matching-overload]
 
 
 @given(twists())

@@ -97,4 +97,4 @@ def test_rays_belong_to_pixel_centres():
 def test_cameras_cannot_be_changed():
     camera = Camera("c", (4, 3), np.ones(2), np.ones(2), np.zeros(5))
     with pytest.raises(AttributeError):
-        camera.name = "other"  # pyright: ignore[reportAttributeAccessIssue]
+        camera.name = "other"  # pyrefly: ignore[read-only]

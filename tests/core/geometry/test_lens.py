@@ -22,7 +22,7 @@ LENSES = {
     "tilted": [-0.2, 0.1, 0.001, -0.002, 0.02, 0.1, -0.02, 0.03, 0.004, -0.001, -0.003, 0.002, 0.11, -0.07],
     "fisheye": [-0.03, 0.012, -0.008, 0.002],
 }
-FISHEYE: Any = cv2.fisheye  # pyright: ignore[reportAttributeAccessIssue]
+FISHEYE: Any = cv2.fisheye  # pyrefly: ignore[missing-attribute]
 FOCAL, CENTER, SIZE = np.array([610.0, 614.0]), np.array([402.0, 297.0]), (800, 600)
 
 

@@ -104,7 +104,7 @@ def load_yaml(text: str) -> Any:
 
 
 def write(folder: Path, name: str, document: Any) -> Path:
-    text = json.dumps(document) if name.endswith("json") else yaml.safe_dump(document)  # pyright: ignore[reportAttributeAccessIssue]
+    text = json.dumps(document) if name.endswith("json") else yaml.safe_dump(document)  # pyrefly: ignore[missing-attribute]
     (folder / name).write_text(text)
     return folder / name
 

@@ -68,7 +68,7 @@ def test_opencv_projects_a_fisheye_as_written(tmp_path):
     assert node.getNode("fisheye_model").real() == 1
     k, d, r, t = (node.getNode(key).mat() for key in ("camera_matrix", "distortion_coefficients", "R", "T"))
     point = np.array([40.0, -30.0, 300.0])
-    project = cv2.fisheye.projectPoints  # pyright: ignore[reportAttributeAccessIssue]
+    project = cv2.fisheye.projectPoints  # pyrefly: ignore[missing-attribute]
     seen, _ = project(point[None, None], cv2.Rodrigues(r)[0], t, k, d)
     rig = make_rig("fisheye")
     np.testing.assert_allclose(seen.ravel(), rig.cameras["b"].project(AWAY.apply(point)), atol=1e-8)

@@ -92,8 +92,8 @@ FOUR_NODES_A_PIXEL = [[4e-3, 0, 0, 0], [0, 4e-3, 0, 0], [1, 0, 0, 0]]
 def test_a_step_cuts_the_mesh(name):
     depth = np.full((4, 6), 1000.0)
     depth[:, 3:] = 1001.0
-    joined = above(name, depth, FOUR_NODES_A_PIXEL, 1.0, (13, 21))
-    cut = above(name, depth, FOUR_NODES_A_PIXEL, 0.9, (13, 21))
+    joined = above(name, depth, FOUR_NODES_A_PIXEL, 1.0, (13, 21))  # pyrefly: ignore[bad-argument-type]
+    cut = above(name, depth, FOUR_NODES_A_PIXEL, 0.9, (13, 21))  # pyrefly: ignore[bad-argument-type]
     assert np.isfinite(joined.height).all()
     assert np.isnan(cut.height[1:, 9:13]).all()
     assert np.isfinite(cut.height[1:, [8, 13]]).all()
@@ -109,10 +109,10 @@ def test_a_square_that_lacks_a_corner_is_a_triangle(name, out, left):
     depth, use = np.full((2, 2), 1000.0), np.ones((2, 2), bool)
     use[out] = False
     v, u = np.indices((5, 5))
-    here = above(name, depth, FOUR_NODES_A_PIXEL, 0.0, (5, 5), use=use)
+    here = above(name, depth, FOUR_NODES_A_PIXEL, 0.0, (5, 5), use=use)  # pyrefly: ignore[bad-argument-type]
     np.testing.assert_array_equal(np.isfinite(here.height), left(u, v))
     sigma = np.where(use, 1.0, np.nan)
-    there = above(name, depth, FOUR_NODES_A_PIXEL, 0.0, (5, 5), sigma=sigma)
+    there = above(name, depth, FOUR_NODES_A_PIXEL, 0.0, (5, 5), sigma=sigma)  # pyrefly: ignore[bad-argument-type]
     np.testing.assert_array_equal(there.height, here.height)
 
 
@@ -154,7 +154,7 @@ def test_of_layers_of_one_height_the_largest_variance_counts(name, turned):
 def test_what_is_upright_or_a_single_row_has_no_area(name):
     upright = np.array([[1, 0, 0, 0], [2, 0, 0, 0], [0, 1, 0, 0]])
     assert np.isnan(above(name, np.ones((6, 6)), upright, 1.0, (12, 12))).all()
-    assert np.isnan(above(name, np.ones((1, 6)), FOUR_NODES_A_PIXEL, 1.0, (4, 4))).all()
+    assert np.isnan(above(name, np.ones((1, 6)), FOUR_NODES_A_PIXEL, 1.0, (4, 4))).all()  # pyrefly: ignore[bad-argument-type]
 
 
 def results(level: str, threads: int) -> list[bytes]:

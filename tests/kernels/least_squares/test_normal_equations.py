@@ -232,9 +232,9 @@ def test_wrong_input_is_named(name):
         (lambda: fit(**SETTINGS, window=0), "window must be 1 to 15 px, not 0"),
         (lambda: fit(**SETTINGS, residual_window=16), "residual_window must be 0 to 15 px, not 16"),
         (lambda: fit(**SETTINGS, gate=0.0), "gate must be positive, not 0"),
-        (lambda: fit(**dict(SETTINGS, floor=np.nan)), "floor must be positive, not nan"),
-        (lambda: fit(**dict(SETTINGS, noise_variance=-1.0)), "noise_variance must be at least 0, not -1"),
-        (lambda: fit(**dict(SETTINGS, model_variance=0.0)), "model_variance must be positive, not 0"),
+        (lambda: fit(**(SETTINGS | {"floor": np.nan})), "floor must be positive, not nan"),
+        (lambda: fit(**(SETTINGS | {"noise_variance": -1.0})), "noise_variance must be at least 0, not -1"),
+        (lambda: fit(**(SETTINGS | {"model_variance": 0.0})), "model_variance must be positive, not 0"),
     ):  # fmt: skip
         with pytest.raises(KernelError) as error:
             call()

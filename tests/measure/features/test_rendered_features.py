@@ -39,7 +39,7 @@ def rig() -> Rig:
 def test_dimensions(scene, edge_mm, base_mm, rod_mm):
     z = np.load(RENDERED / "truth/module_depth_cam0.npz")["z_pinhole"].astype(np.float32)
     ones = np.ones(z.shape, np.float32)
-    depth = DepthMap(z, 2e-3 * ones, 4 * ones.astype(np.uint8), ones)
+    depth = DepthMap(z, 2e-3 * ones, 4 * ones.astype(np.uint8), ones)  # pyrefly: ignore[bad-argument-type]
     image = to_grey(undistort_image(read_image(RENDERED / scene / "cam0/000.png"), rig().core_camera))
     measured = measure_module(depth, rig(), read_module(RENDERED / "module.toml"), plain=image)
     limits = {

@@ -90,7 +90,10 @@ def depth_map(
     noisy = depth + noise_mm * rng.normal(size=depth.shape)
     ones = np.ones(depth.shape, np.float32)
     return DepthMap(
-        noisy.astype(np.float32), (noise_mm + 0.01) * ones, np.full(depth.shape, 4, np.uint8), ones
+        noisy.astype(np.float32),
+        (noise_mm + 0.01) * ones,  # pyrefly: ignore[bad-argument-type]
+        np.full(depth.shape, 4, np.uint8),
+        ones,
     )
 
 

@@ -117,7 +117,7 @@ def test_an_object_is_named_within_two_frames_and_left_out(name: str, step_mm: f
     assert fault.systematic_mm > 0
     assert fault.cause == ("foreign_object_alone" if load is empty else "foreign_object")
     assert not any(one.is_fault for one in findings[END + 2 :])
-    left = [np.isfinite(objects(frame)) & ~masks.get(frame, False) for frame in range(BEGIN, END)]
+    left = [np.isfinite(objects(frame)) & ~masks.get(frame, False) for frame in range(BEGIN, END)]  # pyrefly: ignore[deprecated]
     whole = [np.isfinite(objects(frame)) for frame in range(BEGIN, END)]
     assert sum(map(np.sum, left)) < 0.25 * sum(map(np.sum, whole))
     beside = [mask & ~np.isfinite(objects(frame)) for frame, mask in masks.items() if BEGIN <= frame < END]

@@ -26,7 +26,7 @@ def test_each_basin_is_one_piece_and_has_one_lowest_place(field):
     regions = find_basins(field, -1.0)
     for number in range(regions.max() + 1):
         own = regions == number
-        _, pieces = ndimage.label(own, np.ones((3, 3)))  # pyright: ignore[reportGeneralTypeIssues]
+        _, pieces = ndimage.label(own, np.ones((3, 3)))
         assert pieces == 1
         lowest = np.unravel_index(np.where(own, field, np.inf).argmin(), field.shape)
         around = tuple(slice(max(i - 1, 0), i + 2) for i in lowest)

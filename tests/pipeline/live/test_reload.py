@@ -223,7 +223,7 @@ def test_a_protocol_is_exchanged_alone(running: RunningPlant, reloader: Settings
             calls.append((name, settings))
 
     pytest.importorskip("pymodbus", reason="pip install 'beltscape[modbus]'")
-    running.protocols = Protocols()  # pyright: ignore[reportAttributeAccessIssue]
+    running.protocols = Protocols()  # pyrefly: ignore[bad-assignment]
     for part in PARTS:  # preparing alone changes nothing
         part.prepare(running, running.project)
     assert calls == []

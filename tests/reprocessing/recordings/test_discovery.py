@@ -216,7 +216,7 @@ def test_links_that_lead_back_end_and_links_to_captures_count_once(tmp_path: Pat
 def test_a_folder_that_may_not_be_listed_is_named(
     tmp_path: Path, recorded: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from fsspec.implementations.local import LocalFileSystem
+    from fsspec.implementations.local import LocalFileSystem  # pyrefly: ignore[missing-import]
 
     copy(recorded, tmp_path / NAME)
     (tmp_path / "locked").mkdir()

@@ -12,7 +12,7 @@ import argparse
 import io
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
@@ -70,7 +70,7 @@ def write_history(works: ServiceParts) -> None:
 
 
 @contextmanager
-def run_plant(folder: Path, browser: Any) -> Iterator[Site]:
+def run_plant(folder: Path, browser: Any) -> Generator[Site]:
     """Run a plant with five minutes of history, products, a batch, a report and alarms."""
     site = Site(folder, browser, frames=0)
     site.server.close()

@@ -196,7 +196,7 @@ def test_reports_are_mailed_once_and_after_a_failure_again(written: ReportWriter
     kinds = [part.get_content_type() for part in inbox.mails[0].walk()]
     assert kinds == ["multipart/mixed", "text/plain", "text/html", "application/pdf"]
     assert "Quay 4" in inbox.mails[0]["Subject"]
-    assert "m³" in inbox.mails[0].get_payload()[0].get_payload(decode=True).decode()  # pyright: ignore
+    assert "m³" in inbox.mails[0].get_payload()[0].get_payload(decode=True).decode()  # pyrefly: ignore[bad-index, missing-attribute]
     assert all(written.is_mailed(key) for key in written.list_keys())
 
 
@@ -262,7 +262,7 @@ def test_starttls_with_a_password(
 def test_the_thread_writes_by_itself_and_ends(tmp_path: Path) -> None:
     history, figures = make_production(tmp_path, records=5)
     writer = ReportWriter(ReportSettings(days=False), figures, history, tmp_path, "", print)
-    writer.write_due = lambda _: []  # pyright: ignore[reportAttributeAccessIssue]
+    writer.write_due = lambda _: []  # pyrefly: ignore[bad-assignment]
     writer.start()
     time.sleep(0.05)
     writer.close()

@@ -83,7 +83,7 @@ def controller() -> Iterator[int]:
         blocks = [SimData(0, values=REGISTERS, datatype=DataType.REGISTERS)]
         server = ModbusTcpServer(SimDevice(1, blocks), address=("127.0.0.1", 0))
         await server.serve_forever(background=True)
-        port.append(server.transport.sockets[0].getsockname()[1])  # pyright: ignore
+        port.append(server.transport.sockets[0].getsockname()[1])  # pyrefly: ignore[missing-attribute]
         ready.set()
         while not done.is_set():
             await asyncio.sleep(0.02)

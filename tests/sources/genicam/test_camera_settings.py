@@ -67,7 +67,7 @@ def test_invalid_settings_are_refused_in_one_line(tmp_path, old, new, message):
 
 
 def test_every_format_that_can_be_set_can_be_read():
-    assert set(PixelFormat.__args__) - {one.name for one in FORMATS.values()} == set()
+    assert set(PixelFormat.__args__) - {one.name for one in FORMATS.values()} == set()  # pyrefly: ignore[missing-attribute]
 
 
 def test_rig_camera_without_a_device_is_refused():

@@ -109,7 +109,7 @@ def test_regions_divide_the_pattern_at_the_mean_between_markers(turn, slant):
     ]
 
     def find_regions(point: np.ndarray) -> list[int]:
-        contains = cv2.pointPolygonTest  # pyright: ignore[reportAttributeAccessIssue]
+        contains = cv2.pointPolygonTest  # pyrefly: ignore[missing-attribute]
         return [i for i, each in enumerate(outlines) if contains(each, tuple(point), False) >= 0]
 
     for row in range(4):

@@ -313,7 +313,7 @@ def fit_with_guess(views: Mapping[str, Corners], board_mm: Array, guess: LensGue
             minimum = minimise(bundle, state or start, Damping(tolerance=tolerance))
             state, errors = minimum.state, bundle.compute_errors_px(minimum.state)
             noise_px = max(estimate_robust_sigma(errors), LEAST_NOISE_PX)
-        variance = np.diag(bundle.linearise(state).covariance())
+        variance = np.diag(bundle.linearise(minimum.state).covariance())
     except np.linalg.LinAlgError as error:
         raise CalibrationError(
             f"camera {camera.name}: no lens near the guessed one fits its views"
@@ -321,7 +321,12 @@ def fit_with_guess(views: Mapping[str, Corners], board_mm: Array, guess: LensGue
     if not (np.isfinite(errors).all() and (variance > 0).all()):
         raise CalibrationError(f"camera {camera.name}: no lens near the guessed one fits its views")
     return _summarise(
-        views, camera, state, errors, dict(zip(np.array(names)[free], variance, strict=True)), guess
+        views,
+        camera,
+        minimum.state,
+        errors,
+        dict(zip(np.array(names)[free], variance, strict=True)),
+        guess,
     )
 
 

@@ -54,7 +54,7 @@ class Misclosure:
         return float(gammaincc(0.5 * self.dof, 0.5 * self.chi2)) if self.dof else float("nan")
 
 
-class PathError(Misclosure):
+class PathError(Misclosure):  # pyrefly: ignore[bad-class-definition]
     """ε_path: disagreement of a measured pair with the chain through the core (Eq. 16)."""
 
     __slots__ = ()
@@ -65,7 +65,7 @@ class PathError(Misclosure):
         return self.cameras
 
 
-class LoopError(Misclosure):
+class LoopError(Misclosure):  # pyrefly: ignore[bad-class-definition]
     """ε_loop: misclosure of the three measured pairs of a triangle (Eq. 16)."""
 
     __slots__ = ()

@@ -36,4 +36,4 @@ def summary(result: Mapping[str, Any]) -> str:
 
 
 def _module(what: str) -> Command:
-    return import_module(f"beltscape.cli.commands.evaluate_{what}")  # pyright: ignore[reportReturnType]
+    return import_module(f"beltscape.cli.commands.evaluate_{what}")  # pyrefly: ignore[bad-return]

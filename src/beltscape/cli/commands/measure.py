@@ -40,4 +40,4 @@ def summary(result: Mapping[str, Any]) -> str:
 
 
 def _module(quantity: str) -> Command:
-    return import_module(f"beltscape.cli.commands.measure_{quantity}")  # pyright: ignore[reportReturnType]
+    return import_module(f"beltscape.cli.commands.measure_{quantity}")  # pyrefly: ignore[bad-return]

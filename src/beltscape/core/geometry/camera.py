@@ -42,7 +42,7 @@ class Camera:
         require_array(self.distortion, "distortion", (None,))
         if self.valid_radius_px is not None:
             require_number(self.valid_radius_px, "valid_radius_px", 0.0)
-        if not isinstance(self.model, str) or self.model not in MODELS:  # pyright: ignore[reportUnnecessaryIsInstance]
+        if not isinstance(self.model, str) or self.model not in MODELS:
             raise ArgumentError(
                 f"lens model {show_value(self.model)} is unknown; the models are {', '.join(MODELS)}"
             )

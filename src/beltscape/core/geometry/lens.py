@@ -31,7 +31,7 @@ from typing import Protocol
 import numpy as np
 from numpy.polynomial import polynomial
 
-from beltscape.core.arrays import Array
+from beltscape.core.arrays import Array, Floats
 from beltscape.core.geometry import tilt
 
 _SERIES_BELOW = 1e-2
@@ -174,7 +174,7 @@ def _angle_over_radius(r2: Array) -> tuple[Array, Array]:
     )
 
 
-def _find_first_root(ascending: Array | list[float]) -> float:
+def _find_first_root(ascending: Floats | list[float]) -> float:
     """Return the least positive real root of a polynomial with ascending coefficients, the first 1; ∞ without any.
 
     The roots' reciprocals are those of a polynomial with leading coefficient 1, whatever the others are.

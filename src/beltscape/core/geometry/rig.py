@@ -40,7 +40,7 @@ class Rig(Displayed):
                 )
             for name, value in values.items():
                 require_instance(value, kind, f"{argument}[{show_value(name)}]", f"bs.{kind.__name__}(...)")
-        if not isinstance(self.core, str) or self.core not in self.cameras:  # pyright: ignore[reportUnnecessaryIsInstance]
+        if not isinstance(self.core, str) or self.core not in self.cameras:
             raise ArgumentError(
                 f"core = {show_value(self.core)}: must be one of the cameras, {', '.join(self.cameras)}"
             )

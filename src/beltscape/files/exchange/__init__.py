@@ -123,7 +123,7 @@ def _read(path: Path, kind: str, reporter: Reporter) -> RigDescription:
 def _module(kind: str) -> Format:
     if kind not in READABLE:
         raise InputError(f"format {kind!r} is not known; there are {', '.join(READABLE)}")
-    return import_module(f"{__name__}.{READABLE[kind]}")  # pyright: ignore[reportReturnType]
+    return import_module(f"{__name__}.{READABLE[kind]}")  # pyrefly: ignore[bad-return]
 
 
 @contextmanager

@@ -76,8 +76,8 @@ class SurfaceGrid:
         points = self.rays * filled[..., None].astype(np.float64)
         width = np.nanmedian(measured) / self.cells_per_unit if measured.size else np.nan
         kernel = np.ones((_AROUND, _AROUND), np.uint8)
-        farthest: NDArray[np.float32] = cv2.dilate(np.nan_to_num(filled, nan=np.inf), kernel)  # pyright: ignore
-        nearest: NDArray[np.float32] = cv2.erode(np.nan_to_num(filled, nan=-np.inf), kernel)  # pyright: ignore
+        farthest: NDArray[np.float32] = cv2.dilate(np.nan_to_num(filled, nan=np.inf), kernel)
+        nearest: NDArray[np.float32] = cv2.erode(np.nan_to_num(filled, nan=-np.inf), kernel)
         with np.errstate(invalid="ignore"):
             is_smooth = np.isfinite(filled) & (farthest - nearest < _STEEP * width)
         return Surface(points, is_smooth)
@@ -89,8 +89,8 @@ class SurfaceGrid:
             size = grey.shape[1] // times, grey.shape[0] // times
             grey = cv2.resize(grey[: size[1] * times, : size[0] * times], size, interpolation=cv2.INTER_AREA)
         cell = self._step / times
-        fine: Texture = cv2.GaussianBlur(grey, (0, 0), _FINE * cell)  # pyright: ignore[reportAssignmentType]
-        coarse: Texture = cv2.GaussianBlur(grey, (0, 0), _COARSE * cell)  # pyright: ignore[reportAssignmentType]
+        fine: Texture = cv2.GaussianBlur(grey, (0, 0), _FINE * cell)
+        coarse: Texture = cv2.GaussianBlur(grey, (0, 0), _COARSE * cell)
         return np.asarray((fine - coarse) / np.maximum(coarse, 1.0), np.float32)
 
     def sample(self, texture: Texture, camera: str, points_mm: NDArray[np.float64]) -> Texture:

@@ -54,10 +54,10 @@ class ReferenceBackend:
         del threads
         match kernel:
             case "sweep":
-                return sweep(given, len(out[0]))  # pyright: ignore[reportArgumentType]
+                return sweep(given, len(out[0]))  # pyrefly: ignore[bad-argument-type]
             case "rasterise_heights":
-                return rasterise_heights(given, out[0].shape)  # pyright: ignore[reportArgumentType]
+                return rasterise_heights(given, out[0].shape)  # pyrefly: ignore[bad-argument-type]
             case "inverse_depth_buffers":
-                return inverse_depth_buffers(given, [(b.shape[1], b.shape[0]) for b in out])  # pyright: ignore[reportArgumentType]
+                return inverse_depth_buffers(given, [(b.shape[1], b.shape[0]) for b in out])  # pyrefly: ignore[bad-argument-type]
             case _:
                 return _KERNELS[kernel](given)

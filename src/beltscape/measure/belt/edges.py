@@ -59,7 +59,7 @@ def find_belt_edges(depth: DepthMap, camera: Camera, belt: Belt) -> BeltEdges:
         if seen.any():
             weight = 1 / spread[seen] ** 2
             offset, sigma = float(np.average(shift[seen], weights=weight)), float(1 / np.sqrt(weight.sum()))
-    return BeltEdges(left, right, left_sigma, right_sigma, float(offset), float(sigma), against)  # pyright: ignore[reportArgumentType]
+    return BeltEdges(left, right, left_sigma, right_sigma, float(offset), float(sigma), against)
 
 
 def pixel_size_mm(depth: DepthMap, camera: Camera) -> float:

@@ -237,7 +237,7 @@ def measure_rectangle(
         pair: list[tuple[Edge, float]] = []
         for sign in (1, -1):
             band = make_straight_band(plane, scene.view, label, scene.depth_mm, half, axis, sign)
-            edge = band and locate_edge(band, scene.grey, _TILTS_PX)
+            edge = None if band is None else locate_edge(band, scene.grey, _TILTS_PX)
             if band is None or edge is None:
                 continue
             pair.append((edge, band.px_mm))
@@ -256,7 +256,7 @@ def measure_circle(
     """Measure the diameter of a round face centred at ``center`` (3,) mm; None where its edge is not visible."""
     plane = _make_coordinates(scene, face, center, diameter_mm / 2)
     band = make_round_band(plane, scene.view, label, scene.depth_mm, diameter_mm / 2)
-    edge = band and locate_edge(band, scene.grey, _SHIFTS_PX)
+    edge = None if band is None else locate_edge(band, scene.grey, _SHIFTS_PX)
     if band is None or edge is None:
         return None, []
     angle = np.linspace(-np.pi, np.pi, 73)

@@ -205,7 +205,7 @@ def _make_quantity(name: str, quantity: str, nominal_mm: float, extent: Extent |
 
 
 def _make_radius(sphere: Sphere, fitted: FittedSphere | None) -> Quantity:
-    extent = fitted and Extent(fitted.radius_mm, fitted.sigma_mm, fitted.points)
+    extent = None if fitted is None else Extent(fitted.radius_mm, fitted.sigma_mm, fitted.points)
     return _make_quantity(sphere.name, "radius", sphere.diameter_mm / 2, extent)
 
 

@@ -176,7 +176,7 @@ def _add_exposure_control(
     def log(text: str, parts: Mapping[str, object]) -> None:
         events.add("exposure", "changed", text, time_ns(), parameters=parts)
 
-    control = ExposureControl(settings, source, rig.core, pixel_mm, log)
+    control = ExposureControl(settings, source, rig.core, pixel_mm, log)  # pyrefly: ignore[bad-instantiation]
     return Observers((observer, control))
 
 

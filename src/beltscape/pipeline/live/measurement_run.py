@@ -314,4 +314,4 @@ def resize_image(image: Image, size_px: tuple[int, int]) -> Image:
     """Return the image reduced to ``size_px`` by area averages; the image itself if it has that size."""
     if image.shape[1::-1] == tuple(size_px):
         return image
-    return cv2.resize(image, size_px, interpolation=cv2.INTER_AREA)  # pyright: ignore[reportReturnType]
+    return cv2.resize(image, size_px, interpolation=cv2.INTER_AREA)

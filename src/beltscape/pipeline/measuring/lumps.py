@@ -117,7 +117,7 @@ def write_lumps(out: Path, measured: FrameLumps) -> None:
 
 def format_lumps_csv(lumps: Lumps) -> str:
     """Return a CSV with one row per lump."""
-    rows = [",".join(_COLUMNS)]
+    rows: list[str] = [",".join(_COLUMNS)]
     for lump in lumps.lumps:
         x, y, z = lump.center_mm
         values = {**asdict(lump), "x_mm": x, "y_mm": y, "z_mm": z}

@@ -69,7 +69,7 @@ class Connection:
             client.username_pw_set(settings.user, password)
         if settings.is_encrypted:
             files = settings.tls_ca, settings.tls_certificate, settings.tls_key
-            client.tls_set_context(make_client_context(*files))  # pyright: ignore[reportUnknownMemberType]
+            client.tls_set_context(make_client_context(*files))
         client.will_set(will.topic, will.payload, qos=will.qos, retain=will.retain)
         client.on_connect, client.on_disconnect = self._on_connect, self._on_disconnect
         client.on_subscribe = self._on_subscribe

@@ -82,7 +82,7 @@ def _make_payload_class() -> Any:
         for number, field, kind in fields:
             _describe_field(message, number, field, kind)
     pool = descriptor_pool.DescriptorPool()  # of its own: another library may have registered the same names
-    pool.Add(file)  # pyright: ignore[reportUnknownMemberType, reportAttributeAccessIssue]
+    pool.Add(file)
     return message_factory.GetMessageClass(pool.FindMessageTypeByName(f"{_PACKAGE}.Payload"))
 
 

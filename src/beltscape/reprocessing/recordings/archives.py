@@ -24,7 +24,7 @@ from beltscape.core.errors import InputError
 from beltscape.reprocessing.recordings.storage import LARGEST_BYTES, measure_size, open_file, read_bytes
 
 if TYPE_CHECKING:
-    from zlib import _Decompress as Inflater  # pyright: ignore[reportPrivateUsage]  # its class has no public name
+    from zlib import _Decompress as Inflater  # its class has no public name
 
 
 _RANGE = re.compile(r"(.*)@(\d+)\+(\d+)", re.DOTALL)
@@ -311,9 +311,9 @@ def list_tar(file: IO[bytes] | UnpackedFile, url: str) -> dict[str, Member]:
     """
     members: dict[str, Member] = {}
     try:
-        with tarfile.open(fileobj=file, mode="r:") as archive:  # pyright: ignore[reportArgumentType]
+        with tarfile.open(fileobj=file, mode="r:") as archive:
             while (info := archive.next()) is not None:
-                archive.members = []  # pyright: ignore[reportAttributeAccessIssue]  # it would grow with the archive
+                archive.members = []  # it would grow with the archive  # pyrefly: ignore[missing-attribute]
                 if info.isreg():
                     members[info.name] = Member(info.offset_data, info.size, info.size, f"{info.mtime}")
                 elif info.islnk() and info.linkname in members:

@@ -136,7 +136,7 @@ class LimitedHttpProtocol(_WriteTimeLimit, H11Protocol):
     _handshake: asyncio.Task[None] | None = None
     _early_data = b""  # received between the handshake and the switch to it
 
-    def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def connection_made(self, transport: asyncio.Transport) -> None:  # pyrefly: ignore[bad-override]
         """Accept the connection, or close it if there are too many."""
         if not self.counter.add(transport):
             transport.abort()
@@ -166,7 +166,7 @@ class LimitedHttpProtocol(_WriteTimeLimit, H11Protocol):
 
     def _start_http(self, transport: asyncio.Transport) -> None:
         super().connection_made(transport)
-        self.conn._receive_buffer = StrictReceiveBuffer()  # pyright: ignore[reportPrivateUsage]
+        self.conn._receive_buffer = StrictReceiveBuffer()
         self._start_header_timer()
         self._throttle_reading(0)
         if self._early_data:

@@ -74,7 +74,7 @@ class CheckOut(ResponseModel):
             cause=finding.cause,
             values=get_values(finding.text),
             text=finding.text,
-            place=None if finding.place is None else (*map(float, finding.place),),  # pyright: ignore[reportArgumentType]
+            place=None if finding.place is None else (*map(float, finding.place),),
             wall_ms=state.wall_ns // MS_NS,
             age_s=state.age_s,
         )

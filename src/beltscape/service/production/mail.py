@@ -110,7 +110,7 @@ def make_context(settings: MailSettings) -> ssl.SSLContext:
     """Return the TLS context; InputError if the authority cannot be read."""
     try:
         return ssl.create_default_context(cafile=None if settings.tls_ca is None else str(settings.tls_ca))
-    except (OSError, ssl.SSLError) as error:
+    except OSError as error:
         raise InputError(
             f"[reports.mail] tls_ca {settings.tls_ca}: cannot be read ({error.strerror or error})"
         ) from error

@@ -135,7 +135,7 @@ class LitScene:
                 irradiance = irradiance + view.render_projector(self._white, pinhole)
                 if self._glossy:
                     specular = specular + view.render_projector(self._highlights, pinhole)
-            pictures.append(view.render_emission(self._emissive, pinhole) * irradiance + specular)
+            pictures.append(view.render_emission(self._emissive, pinhole) * irradiance + specular)  # pyrefly: ignore[bad-argument-type]
         return pictures
 
     @cached_property

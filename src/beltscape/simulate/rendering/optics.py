@@ -197,7 +197,8 @@ class Lens:
                     cv2.INTER_LINEAR,
                     borderMode=cv2.BORDER_REPLICATE,
                 )
-            bands.append(self._integrate_band(light / np.float32(len(pinholes)), first))
+            light /= np.float32(len(pinholes))
+            bands.append(self._integrate_band(light, first))
         return np.concatenate(bands)
 
     def _make_pinholes(self, count: int, oversample: int, aperture_mm: float) -> list[Pinhole]:

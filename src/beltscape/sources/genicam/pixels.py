@@ -132,4 +132,4 @@ def demosaic(plane: NDArray[np.uint8] | NDArray[np.uint16], pattern: str) -> Ima
     """Return RGB (H, W, 3) of a colour mosaic (H, W) with the 2×2 ``pattern``, by bilinear interpolation."""
     import cv2
 
-    return cv2.cvtColor(plane, getattr(cv2, f"COLOR_Bayer{pattern}2RGB"))  # pyright: ignore[reportReturnType]
+    return cv2.cvtColor(plane, getattr(cv2, f"COLOR_Bayer{pattern}2RGB"))

@@ -345,7 +345,7 @@ class UnguidedMatcher:
         rectified_px, _ = pair.project_core_rays((points_px - camera.center_px) / camera.focal_px)
         corners = np.rint(rectified_px).astype(np.int64)
         left, right = (
-            quantise_root(cv2.remap(image, mapped, None, cv2.INTER_LINEAR))  # pyright: ignore[reportCallIssue, reportArgumentType]
+            quantise_root(cv2.remap(image, mapped, None, cv2.INTER_LINEAR))
             for image, mapped in ((core, pair.core_map), (auxiliary, pair.aux_map))
         )
         matches, inside = match_rows(left, right, corners, pair.disparities, _SEARCH_ROWS)
@@ -390,4 +390,4 @@ def _map_to_auxiliary(pair: RectifiedPair, rectified_px: Array) -> Array:
 def _shrink(image: Image, size_px: tuple[int, int]) -> Image:
     if image.shape[1::-1] == tuple(size_px):
         return image
-    return cv2.resize(image, size_px, interpolation=cv2.INTER_AREA)  # pyright: ignore[reportReturnType]
+    return cv2.resize(image, size_px, interpolation=cv2.INTER_AREA)

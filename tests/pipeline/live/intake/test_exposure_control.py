@@ -26,7 +26,7 @@ class Plant:
     def __init__(self) -> None:
         self.exposures_us = {"cam0": 1000.0, "cam1": 1000.0}
         self.events: list[tuple[str, Mapping[str, object]]] = []
-        self.control = ExposureControl(
+        self.control = ExposureControl(  # pyrefly: ignore[bad-instantiation]
             SETTINGS, self, "cam0", 1.0, lambda text, parts: self.events.append((text, parts))
         )
         self._number = 0

@@ -232,7 +232,7 @@ def test_any_stops_kills_and_losses_leave_a_ledger_without_gap_or_overlap(cuts, 
     ids=["new", "continued", "the encoder was reset"],
 )
 def test_belt_of_a_dark_start_is_missing_while_it_passes(state: LedgerState, direction: str | None) -> None:
-    context = replace(make_context(), flow=FlowSettings(direction=direction))  # pyright: ignore[reportArgumentType]
+    context = replace(make_context(), flow=FlowSettings(direction=direction))  # pyrefly: ignore[bad-argument-type]
     measurement = MeasurementRun(context, replace(state), CAMERAS, lambda: 17, Silent())
     reach = max(map(abs, context.empty_belt.window_mm))
     entries: list[BeltRecord] = []

@@ -53,7 +53,7 @@ def make(
         def warn(self, text: str) -> None:
             raise AssertionError(text)
 
-    events = EventLog(history)  # pyright: ignore[reportArgumentType]
+    events = EventLog(history)
     return ProductionControl(
         products, settings or ProductionSettings(), history.production, events, clock or Clock(2100, 1, 1)
     )

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.solver.bundle import Bundle
@@ -72,7 +72,9 @@ def estimate_inflation(adjustment: BundleAdjustmentResult, covariance: Array, ja
         return 1.0
     scatter = (frames - 1) / frames * ((without - without.mean(axis=0)) ** 2).sum()
     ratio = scatter / np.einsum("ni,ij,nj->", jacobian, covariance, jacobian)
-    return float(np.sqrt(ratio)) if ratio > chi2.ppf(CONFIDENCE, frames - 1) / (frames - 1) else 1.0
+    dof = frames - 1
+    most = 2 * gammaincinv(dof / 2, CONFIDENCE) / dof  # quantile of χ², over its degrees of freedom
+    return float(np.sqrt(ratio)) if ratio > most else 1.0
 
 
 def _leave_out_positions(adjustment: BundleAdjustmentResult, count: int) -> Array:

@@ -11,7 +11,7 @@ import pytest
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.settings import AlarmSettings
-from beltscape.health.camera_poses import make_unchecked_finding
+from beltscape.health.camera_poses import count_unchecked, make_unchecked_finding
 from tests.alarms.plant import BAD, GOOD, NAN, SECOND, Plant, camera
 
 
@@ -166,10 +166,10 @@ def test_an_overload_gives_no_advice_while_the_flow_is_not_known():
 
 
 def test_cameras_that_could_not_be_checked_yet_are_not_moved():
-    unchecked = make_unchecked_finding(10, 10, is_open=True)
+    unchecked = make_unchecked_finding(10, 10)
     plant = Plant(AlarmSettings())
     assert plant.run(replace(GOOD, findings=[unchecked]), 25) == []
     (alarm,) = plant.run(replace(GOOD, findings=[unchecked]), 20)
     assert (alarm.name, alarm.severity, alarm.priority) == ("camera_pose_unchecked", "info", "low")
-    plant.run(replace(GOOD, findings=[make_unchecked_finding(0, 10, is_open=False)]), 15)
+    plant.run(replace(GOOD, findings=[count_unchecked(0, 10)]), 15)
     assert plant.states()["camera_pose_unchecked"] == "clear"

@@ -117,7 +117,7 @@ def test_belt_that_rolls_back_at_first_is_accepted_before_the_end() -> None:
 def test_chance_registrations_beyond_the_encoder_step_are_ignored() -> None:
     meter = meter_with("+y", [], None)
     for along in (90.0, -300.0, 210.0, -50.0, 150.0):
-        meter.evidence.add(Shift(along, 0.05, 0.0, 0.5), 1, 2000.0, apart=True)
+        meter.evidence.add_apart(Shift(along, 0.05, 0.0, 0.5), 1, 2000.0)
     require_consistent_motion(meter, "+y", ENCODER, done=True)
 
 

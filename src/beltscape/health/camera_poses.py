@@ -63,14 +63,14 @@ def make_unreliable_finding(text: str) -> Finding:
     return Finding(CAMERA_POSE, _NAN, _NAN, _NAN, "mm", "", message, "missing")
 
 
-def make_unchecked_finding(frames: int, limit: int, *, is_open: bool) -> Finding:
-    """Return how many frames have passed since one last showed whether the cameras agree with the rig.
+def count_unchecked(frames: int, limit: int) -> Finding:
+    """Return how many frames have passed since one last showed whether the cameras agree with the rig."""
+    return Finding(CAMERA_POSE_UNCHECKED, float(frames), 0.0, float(limit), "")
 
-    ``is_open``: the poses are not known to be right, although nothing shows that they are wrong.
-    """
-    finding = Finding(CAMERA_POSE_UNCHECKED, float(frames), 0.0, float(limit), "")
-    if not is_open:
-        return finding
+
+def make_unchecked_finding(frames: int, limit: int) -> Finding:
+    """Return the finding that the poses are not known to be right, although nothing shows that they are wrong."""
+    finding = count_unchecked(frames, limit)
     return replace(finding, text=make_message("camera_pose_unchecked"), effect="degraded")
 
 

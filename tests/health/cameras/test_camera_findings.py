@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 from beltscape.core.findings import worst_effect
-from beltscape.health.camera_poses import PoseFault, make_pose_findings, make_unchecked_finding, repeat_faults
+from beltscape.health.camera_poses import (
+    PoseFault,
+    count_unchecked,
+    make_pose_findings,
+    make_unchecked_finding,
+    repeat_faults,
+)
 from beltscape.health.redundancy import make_redundancy_finding
 from beltscape.stereo.consistency.check import (
     POOLED_FRAMES,
@@ -110,9 +116,9 @@ def test_faults_of_the_last_check_hold_without_their_past_error():
 
 
 def test_frames_before_the_first_check_are_degraded_and_accuse_no_camera():
-    unchecked = make_unchecked_finding(12, 10, is_open=True)
+    unchecked = make_unchecked_finding(12, 10)
     assert (unchecked.check, unchecked.effect) == ("camera_pose_unchecked", "degraded")
-    assert not make_unchecked_finding(3, 10, is_open=False).is_fault
+    assert not count_unchecked(3, 10).is_fault
 
 
 def test_missing_and_weak_auxiliaries_reduce_the_redundancy():

@@ -229,8 +229,11 @@ class MaterialObserver:
     def _count_conflicts(self, frame: PushedFrame, shift: Shift | None, expected: _Expectation) -> int:
         """Count a registration as evidence; return the number of conflicts before it."""
         before = self.evidence.conflicting
-        if shift is not None:
-            self.evidence.add(shift, self.direction, self._encoder_step_mm(frame), apart=expected.is_beyond)
+        step_mm = self._encoder_step_mm(frame)
+        if shift is not None and step_mm is not None and expected.is_beyond:
+            self.evidence.add_apart(shift, self.direction, step_mm)
+        elif shift is not None:
+            self.evidence.add(shift, self.direction, step_mm)
         return before
 
     def _is_stalled(self, frame: PushedFrame, shift: Shift) -> bool:

@@ -75,23 +75,18 @@ class MotionEvidence:
     apart_ratios: Ratios = field(default_factory=Ratios)
     """Ratios of the pairs ``apart``."""
 
-    def add(
-        self, shift: Shift, direction: int, encoder_step_mm: float | None, *, apart: bool = False
-    ) -> None:
-        """Count a frame pair.
+    def add_apart(self, shift: Shift, direction: int, encoder_step_mm: float) -> None:
+        """Count a frame pair whose two views, by the encoder, do not overlap; the lengths are as in `add`."""
+        if shift.clear and abs(shift.along_mm) > _compute_least_mm(shift):
+            self.apart += 1
+            self.apart_ratios.add(direction * encoder_step_mm / shift.along_mm)
 
-        ``encoder_step_mm`` is the raw encoder's, positive along the travel ``direction``; ``apart`` means that by the
-        encoder the two views do not overlap.
-        """
+    def add(self, shift: Shift, direction: int, encoder_step_mm: float | None) -> None:
+        """Count a frame pair; ``encoder_step_mm`` is the raw encoder's, positive along the travel ``direction``."""
         if not shift.clear:
             return
-        least = LEAST_MM + _SIGMAS * shift.sigma_mm
+        least = _compute_least_mm(shift)
         moved = abs(shift.along_mm) > least
-        if apart and encoder_step_mm is not None:
-            self.apart += moved
-            if moved:
-                self.apart_ratios.add(direction * encoder_step_mm / shift.along_mm)
-            return
         self.plus += moved and shift.along_mm > 0
         self.minus += moved and shift.along_mm < 0
         if encoder_step_mm is not None:
@@ -133,3 +128,8 @@ class MotionEvidence:
     def along(self, direction: int) -> int:
         """Return the number of pairs in which the material moved in ``direction`` (+1 or -1)."""
         return self.plus if direction > 0 else self.minus
+
+
+def _compute_least_mm(shift: Shift) -> float:
+    """Return the least length that is a motion."""
+    return LEAST_MM + _SIGMAS * shift.sigma_mm

@@ -23,6 +23,7 @@ from beltscape.core.progress import Reporter
 from beltscape.files.rig_json import write_rig
 from beltscape.health.camera_poses import (
     PoseFault,
+    count_unchecked,
     make_pose_findings,
     make_unchecked_finding,
     make_unreliable_finding,
@@ -302,9 +303,10 @@ class CameraFindings:
     def _complete(self, poses: Sequence[Finding], used: tuple[str, ...]) -> None:
         """Add the redundancy; before the cameras were confirmed, no frame is valid."""
         is_open = self._unconfirmed >= _LONGEST_UNCONFIRMED and not any(each.is_fault for each in poses)
+        make = make_unchecked_finding if is_open else count_unchecked
         self.latest = (
             *poses,
-            make_unchecked_finding(self._unconfirmed, _LONGEST_UNCONFIRMED, is_open=is_open),
+            make(self._unconfirmed, _LONGEST_UNCONFIRMED),
             make_redundancy_finding(self._auxiliaries, used, self._consistency),
         )
 

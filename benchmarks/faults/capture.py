@@ -116,6 +116,20 @@ class RoundCapture:
             reconstruct_capture(images, self.rig, out, reporter)
         return out
 
+    def render(self, name: str, cameras: Sequence[str], faults: Mapping[str, Any]) -> Path:
+        """Return the folder with these cameras' images of the whole round, rendered with these faults."""
+        out = self.folder / name
+        others = [{"camera": other} for other in self.rig.cameras if other not in cameras]
+        changed = {"faults": Faults.model_validate({**faults, "missing_frames": others})}
+        scene = SimulatedScene(self.scenario.model_copy(update=changed))
+        for frame in range(self.frames):
+            paths = {camera: out / camera / f"{scene.frame_name(frame)}.png" for camera in cameras}
+            if not all(path.is_file() for path in paths.values()):
+                images = scene.render_frame(frame).images
+                for camera, path in paths.items():
+                    write_image(path, images[camera])
+        return out
+
 
 def open_capture(
     folder: Path, sizes: Sizes, seed: int, reporter: Reporter, belt_width_mm: float | None = None
@@ -138,23 +152,6 @@ def open_capture(
         simulate(Scenario.model_validate(moving), out / "moving", reporter)
     capture.learn_zero("empty_rec", {}, reporter)
     return capture
-
-
-def render_cameras(
-    capture: RoundCapture, name: str, cameras: Sequence[str], faults: Mapping[str, Any]
-) -> Path:
-    """Return the folder with these cameras' images of the whole round, rendered with these faults."""
-    out = capture.folder / name
-    others = [{"camera": other} for other in capture.rig.cameras if other not in cameras]
-    changed = {"faults": Faults.model_validate({**faults, "missing_frames": others})}
-    scene = SimulatedScene(capture.scenario.model_copy(update=changed))
-    for frame in range(capture.frames):
-        paths = {camera: out / camera / f"{scene.frame_name(frame)}.png" for camera in cameras}
-        if not all(path.is_file() for path in paths.values()):
-            images = scene.render_frame(frame).images
-            for camera, path in paths.items():
-                write_image(path, images[camera])
-    return out
 
 
 def _describe_plant(capture: RoundCapture) -> dict[str, Any]:

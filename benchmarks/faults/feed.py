@@ -14,7 +14,7 @@ from beltscape.core.events import CameraHealth
 from beltscape.core.frames import FrameSet, Image
 from beltscape.files.images import read_image
 from beltscape.simulate.faults.settings import Faults, apply_to_images
-from faults.capture import FRAMES_PER_S, RoundCapture, render_cameras
+from faults.capture import FRAMES_PER_S, RoundCapture
 from faults.case import Case
 
 _LOST_S = 1.5
@@ -52,12 +52,10 @@ class Feed:
         for fault in self.faults.encoder:
             position = fault.apply(position)
         self._position_mm = position
-        path = capture.folder / "rendered" / case.name.replace(" ", "_").replace("/", "_")
+        path = f"rendered/{case.name.replace(' ', '_').replace('/', '_')}"
         self._anew = self.cameras if case.rendered == "*" else (case.rendered,) if case.rendered else ()
         """The cameras whose images are rendered anew."""
-        self._rendered = (
-            render_cameras(capture, str(path), self._anew, _drop_last(case.faults)) if self._anew else None
-        )
+        self._rendered = capture.render(path, self._anew, _drop_last(case.faults)) if self._anew else None
         self._end = _find_end(case.faults, onset) if self._anew else None
         """The first frame without the fault in the images that are rendered anew; None: it remains."""
         self._every = (

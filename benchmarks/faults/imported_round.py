@@ -1,13 +1,13 @@
 """A round rendered by another program, brought into the form of the bench's own captures.
 
-Rows whose images must be rendered anew are not played on it; a zero that was learned wrong is that of its empty belt,
-displaced.
+Rows whose images must be rendered anew are not played on it, but for foreign objects, which are drawn into its
+images; a zero that was learned wrong is that of its empty belt, displaced.
 """
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from beltscape.simulate.faults.settings import Faults
 from captures import parse_true_rig
 from faults.capture import FRAMES_PER_S, RoundCapture, Sizes
 from faults.case import Case
+from faults.drawn_object import draw_objects, read_projector
 
 IMPORTED = "imported"
 """Name of its folder in the cache."""
@@ -38,6 +39,9 @@ _STEP_MM = 200.0
 class ImportedRound(RoundCapture):
     """A round whose plant cannot be rendered anew."""
 
+    rendered: Path = Path()
+    """The folder of captures that it is from."""
+
     def learn_zero(self, name: str, faults: Mapping[str, Any], reporter: Reporter) -> Path:
         """Return the belt.json of the empty belt, displaced as it was with these faults when the zero was learned."""
         belt, camera = read_empty_belt(self.folder / "empty_rec", reporter)
@@ -47,17 +51,31 @@ class ImportedRound(RoundCapture):
         write_belt(path, belt, camera)
         return path
 
+    def render(self, name: str, cameras: Sequence[str], faults: Mapping[str, Any]) -> Path:
+        """Return the folder with these cameras' images of the whole round, with the foreign objects drawn in."""
+        out, objects = self.folder / name, Faults.model_validate(faults).foreign_object
+        core = read_json(self.rendered / "truth" / "rig.json")["cameras"][self.rig.core]
+        core_from_world, projector = Pose.of(core["R"], core["t"]), read_projector(self.rendered)
+        for index, listed in enumerate(self.truth["frames"]):
+            paths = {camera: out / camera / f"{listed['frame']}.png" for camera in cameras}
+            if not all(path.is_file() for path in paths.values()):
+                sound = self.images(index).images
+                drawn = draw_objects(sound, self.rig, core_from_world, projector, objects, index)
+                for camera, path in paths.items():
+                    write_image(path, drawn[camera])
+        return out
+
 
 def is_playable(case: Case) -> bool:
     """Return whether a row needs no images of another plant, or of the same with other faults."""
-    return not case.rendered and case.belt_width_mm is None
+    return (not case.rendered or set(case.faults) == {"foreign_object"}) and case.belt_width_mm is None
 
 
 def import_round(rendered: Path, cache: Path, reporter: Reporter) -> ImportedRound:
     """Return the moving belt of the folder of rendered captures, converted into a cache folder once."""
     frames = read_json(rendered / "truth" / "belt_moving.json")["frames"]
     out = cache / IMPORTED
-    capture = ImportedRound(out, Sizes(IMPORTED, len(frames), 0.25, 0), seed=0)
+    capture = ImportedRound(out, Sizes(IMPORTED, len(frames), 0.25, 0), seed=0, rendered=rendered)
     if not (out / "moving" / "truth" / "belt_moving.json").is_file():
         _write_moving(rendered, out / "moving", frames)
     if not (out / "empty_rec" / "reconstruction.json").is_file():

@@ -14,10 +14,11 @@ import cv2
 import numpy as np
 from scipy import ndimage
 
-from beltscape.core.frames import Image
+from beltscape.core.frames import Image, to_grey
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
+from beltscape.files.images import read_image
 from beltscape.files.json_text import read_json
 from beltscape.simulate.faults.belt import ForeignObject
 from beltscape.simulate.ray_casting import RayScene
@@ -55,9 +56,8 @@ class Projector:
 def read_projector(rendered: Path) -> Projector:
     """Return the projector of a folder of rendered captures."""
     truth = read_json(rendered / "truth" / "projector.json")
-    picture = cv2.imread(str(rendered / "pattern" / "speckle_1920x1200.png"), cv2.IMREAD_GRAYSCALE)
-    assert picture is not None
-    linear = (picture.astype(np.float32) / 255) ** 2.2
+    picture = to_grey(read_image(rendered / "pattern" / "speckle_1920x1200.png"))
+    linear = (picture / picture.max()) ** 2.2
     return Projector(np.array(truth["K"]), Pose.of(truth["R"], truth["t"]), linear)
 
 

@@ -26,7 +26,7 @@ from beltscape.simulate.world import Solid
 
 _SAMPLES = 4
 """Rays across and along a pixel."""
-_LIT = 150.0
+_LIT = 90.0
 """Grey value of a fully lit surface at the belt's distance: that of the lightest stones of the moving belt."""
 _UNLIT = 4.0
 """Grey value without the projector, as on its belt."""

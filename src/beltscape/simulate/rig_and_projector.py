@@ -10,6 +10,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from beltscape.core.arrays import Array
 from beltscape.core.errors import InputError
@@ -18,6 +19,7 @@ from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig, scale_camera
 from beltscape.files.rig_json import read_rig
+from beltscape.simulate.grains import GRAINS
 from beltscape.simulate.scenario import BoardSpec, ProjectorSpec, RigSpec
 from beltscape.simulate.world import Projector, Station
 from beltscape.target.board import Board, corner_points_mm
@@ -49,9 +51,11 @@ def make_station(spec: RigSpec) -> Station:
     rng = np.random.default_rng([spec.seed, 1])
     count = spec.auxiliaries + 1
     cameras = {f"cam{i}": _make_camera(f"cam{i}", spec, rng) for i in range(count)}
+    ahead = (spec.height_mm - spec.aim_mm) * float(np.tan(np.deg2rad(spec.tilt_deg)))
+    targets = [np.array([0.0, along, spec.aim_mm]) for along in (ahead, *[0.0] * spec.auxiliaries)]
     from_world = [
-        _perturb(_aim(position, np.array([0.0, 0.0, spec.aim_mm])), spec.scatter, rng) @ turn
-        for position in _camera_positions(spec)
+        _perturb(_aim(position, target), spec.scatter, rng) @ turn
+        for position, target in zip(_camera_positions(spec), targets, strict=True)
     ]
     core_from_world = from_world[0]
     poses = {f"cam{i}": pose @ core_from_world.inverse() for i, pose in enumerate(from_world)}
@@ -67,17 +71,25 @@ def make_projector(spec: ProjectorSpec) -> Projector:
     InputError, SettingsError
         If the pattern cannot be read or generated.
     """
-    pattern = _load_pattern(spec)
-    width, height = pattern.size_px
+    light = _draw_light(spec)
+    height, width = light.shape[:2]
     position = np.array(spec.position_mm)
     focal = width * float(np.linalg.norm(position)) / spec.covers_mm
     lens = Camera(
         "projector", (width, height), np.full(2, focal), (np.array([width, height]) - 1) / 2, np.zeros(5)
     )
-    light = (draw_pattern(pattern, 16) / np.float32(65535)) ** np.float32(spec.gamma)
     if spec.blur_px > 0:
         light = cv2.GaussianBlur(light, (0, 0), spec.blur_px, borderType=cv2.BORDER_CONSTANT)
     return Projector(lens, _aim(position, np.zeros(3)), light.astype(np.float32), spec.power)
+
+
+def _draw_light(spec: ProjectorSpec) -> NDArray[np.float32]:
+    """Return the light (H, W, 3) of the pattern before the lens, 0 to 1."""
+    if str(spec.pattern) in GRAINS:
+        lit = GRAINS[str(spec.pattern)](spec.size_px, spec.cell_px, spec.seed)
+        return np.repeat(lit.astype(np.float32)[..., None], 3, axis=2)
+    pixels = draw_pattern(_load_pattern(spec), 16)
+    return ((pixels / np.float32(65535)) ** np.float32(spec.gamma)).astype(np.float32)
 
 
 def _load_pattern(spec: ProjectorSpec) -> Pattern:
@@ -114,7 +126,8 @@ def _make_camera(name: str, spec: RigSpec, rng: np.random.Generator) -> Camera:
 def _camera_positions(spec: RigSpec) -> list[Array]:
     """Return (3,) positions of the cameras, the core first, of a rig that is not turned."""
     angles = np.deg2rad(spec.first_deg + spec.around_deg * np.arange(spec.auxiliaries) / spec.auxiliaries)
-    offsets = [spec.baseline_mm * np.array([np.cos(a), np.sin(a), 0.0]) for a in angles]
+    baselines = spec.baselines_mm or (spec.baseline_mm,) * spec.auxiliaries
+    offsets = [b * np.array([np.cos(a), np.sin(a), 0.0]) for a, b in zip(angles, baselines, strict=True)]
     return [np.array([0.0, 0.0, spec.height_mm]) + offset for offset in (np.zeros(3), *offsets)]
 
 

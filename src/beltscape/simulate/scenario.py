@@ -47,12 +47,16 @@ class RigSpec(_Part):
     auxiliaries: Annotated[int, Field(ge=1, le=16)] = 4
     baseline_mm: Annotated[float, BASELINE] = 300.0
     """Horizontal distance from the core to each auxiliary."""
+    baselines_mm: tuple[Annotated[float, BASELINE], ...] = ()
+    """The distance of each auxiliary by itself, such as 260 beside and 200 ahead; empty: ``baseline_mm`` for all."""
     first_deg: Angle = 0.0
     """Direction of the first auxiliary, from across the belt towards along it."""
     around_deg: Annotated[float, Field(gt=0, le=360)] = 360.0
     """Angle around the core in which the auxiliaries stand evenly: 360 all around; two in 180 form an L."""
     yaw_deg: Angle = 0.0
     """Angle by which the whole rig is turned about the vertical against the belt, from across it towards along it."""
+    tilt_deg: Annotated[float, Field(ge=-45, le=45)] = 0.0
+    """Angle by which the core looks forward from the vertical, along the rig's own y."""
     aim_mm: Place = 60.0
     """Height above the belt of the point at which all cameras are aimed."""
     size_px: tuple[Annotated[int, Field(ge=64, le=20_000)], Annotated[int, Field(ge=64, le=20_000)]] = (
@@ -83,6 +87,15 @@ class RigSpec(_Part):
         return self
 
     @model_validator(mode="after")
+    def _check_baselines(self) -> RigSpec:
+        if len(self.baselines_mm) not in (0, self.auxiliaries):
+            raise ValueError(
+                f"baselines_mm has {len(self.baselines_mm)} numbers: give one for each of the {self.auxiliaries} "
+                "auxiliaries, or none"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _check_aim(self) -> RigSpec:
         if self.aim_mm >= self.height_mm:
             raise ValueError(f"aim_mm = {self.aim_mm:g}: must be below height_mm = {self.height_mm:g}")
@@ -105,10 +118,13 @@ class ProjectorSpec(_Part):
         1920,
         1200,
     )
-    pattern: Path | Literal["paper", "fine", "dense"] = "paper"
-    """A preset of ``target pattern``, or the path of a pattern.json."""
+    pattern: Path | Literal["paper", "fine", "dense", "cells", "stripes", "noise"] = "paper"
+    """A preset of ``target pattern``, or the path of a pattern.json, or another pattern of grains: square ``cells``,
+    each lit or dark; ``stripes`` of random widths along the rows of cells; blue ``noise`` without a grid."""
+    cell_px: Annotated[float, Field(ge=1, le=100)] = 3.0
+    """Size of the grains of ``cells``, ``stripes`` and ``noise``, in the projector's pixels."""
     seed: Seed = 1
-    """Seed of a preset's dots."""
+    """Seed of a pattern that is drawn."""
     power: Annotated[float, Field(ge=0, le=1e4)] = 10.0
     """Irradiance of a white pixel on a surface facing it at 1000 mm, in units of the ambient light."""
     blur_px: Annotated[float, Field(ge=0, le=20)] = 0.7

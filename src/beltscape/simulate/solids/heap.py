@@ -6,7 +6,7 @@ Each rock falls vertically on a height map and stops on what lies below it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -187,6 +187,8 @@ class HeapSettings(BaseModel):
     """Relative standard deviation of the reflectance from rock to rock, and from grain to grain of the fines."""
     mottle: Annotated[float, Field(ge=0, le=0.6)] = 0.15
     """Relative standard deviation of the reflectance over a rock's faces, in spots of some millimetres."""
+    gloss: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Share of the light that the rocks reflect as rough plastic does, such as wet coal or pellets; 0: matt."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -241,7 +243,8 @@ def make_heap(settings: HeapSettings, belt: BeltSettings) -> Heap:
     if len(crust.faces):
         solids.append(make_fines_solid(crust, reflectance_model, rng))
     if rocks:
-        solids.append(make_rocks_solid([rock.mesh for rock in rocks], centers, reflectance_model, rng))
+        matt = make_rocks_solid([rock.mesh for rock in rocks], centers, reflectance_model, rng)
+        solids.append(replace(matt, gloss=settings.gloss))
     return Heap(fines, _records(rocks, centers), tuple(solids))
 
 

@@ -25,6 +25,9 @@ _FINE_MM = 25.0
 """Size from which the faces of a rock are subdivided once more, so that the roughness keeps its grain."""
 
 
+Form = Literal["ellipsoid", "cylinder", "cuboid"]
+
+
 class ShapeSettings(BaseModel):
     """The shape of rocks."""
 
@@ -39,6 +42,8 @@ class ShapeSettings(BaseModel):
     """Standard deviation of a rock's inclination to its flat side."""
     pressed: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Share of pressed bodies among the rocks: pellets, briquettes and blocks, all without roughness."""
+    forms: Annotated[tuple[Form, ...], Field(min_length=1)] = ("ellipsoid", "cylinder", "cuboid")
+    """Forms of the pressed bodies, all as frequent: ellipsoids with axes alike are pellets, long cylinders rods."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,12 +83,12 @@ def _make_pressed(settings: ShapeSettings, rng: np.random.Generator) -> Mesh:
     """Return an ellipsoid, a cylinder or a cuboid with axes of different lengths."""
     angle = 2 * np.pi * np.arange(_ROUND) / _ROUND
     ring = np.column_stack([np.cos(angle), np.sin(angle)])
-    form = rng.integers(3)
-    if form == 0:
+    form = settings.forms[rng.integers(len(settings.forms))]
+    if form == "ellipsoid":
         z = np.linspace(-1, 1, _ROUND // 2 + 1)[1:-1]
         rings = [np.column_stack([ring * np.sqrt(1 - at**2), np.full(_ROUND, at)]) for at in z]
         points = np.concatenate([*rings, [[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]])
-    elif form == 1:
+    elif form == "cylinder":
         points = np.concatenate([np.column_stack([np.full(_ROUND, at), ring]) for at in (-1.0, 1.0)])
     else:
         points = np.stack(np.meshgrid(*[[-1.0, 1.0]] * 3), axis=-1).reshape(-1, 3)

@@ -33,12 +33,12 @@ OTHER_PLACE_MM = -420.0
 
 
 @cache
-def render_once(auxiliaries, arrangement: Arrangement, shift_mm):
+def render_once(auxiliaries: int, arrangement: Arrangement, shift_mm: float):
     rig = make_room_rig(auxiliaries, width_px=WIDTH_PX)
     return render_room(rig, arrangement, shifts_mm=dict.fromkeys(rig.cameras, shift_mm))
 
 
-def see(auxiliaries, arrangement: Arrangement = "jittered", shift_mm=0.0):
+def see(auxiliaries, arrangement: Arrangement = "jittered", shift_mm: float = 0.0):
     """Return a rig and its frame; fewer cameras see the same images."""
     rig = make_room_rig(auxiliaries, width_px=WIDTH_PX)
     frame = render_once(max(auxiliaries, 2), arrangement, shift_mm)

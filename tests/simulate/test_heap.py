@@ -27,7 +27,7 @@ from tests.thorough import THOROUGH, examples
 BELT = BeltSettings(length_mm=600)
 SETTINGS = HeapSettings(
     seed=5,
-    rocks=300 if THOROUGH else 120,
+    rocks=300 if THOROUGH else 80,
     fines=FinesSettings(along_mm=(-200, 200)),
     sizes=SizeSettings(smallest_mm=12, largest_mm=60),
 )

@@ -70,6 +70,7 @@ def shift_between(first, second):
     return found[:2]
 
 
+@pytest.mark.thorough
 @both_engines
 def test_image_warped_by_true_depth_has_no_shift(engine, seed=3):
     """An auxiliary's light, fetched through the plane's true depth and both exact distortions."""

@@ -10,14 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from tests.thorough import THOROUGH
 
 ROOT = Path(__file__).parents[3]
-KILLS, DAYS = (36, 6) if THOROUGH else (9, 4)
-LEAST = DAYS * 96
-"""Records, those of some days: of all days but the newest ones there are files, however few a busy machine writes."""
+KILLS, LEAST = 36, 6 * 96
+"""Records, those of six days: of all days but the newest ones there are files, however few a busy machine writes."""
 
 
+@pytest.mark.thorough
 def test_nothing_acknowledged_is_lost_by_killing(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "tests.sinks.historian.killed_writer", str(tmp_path), str(KILLS), str(LEAST)],

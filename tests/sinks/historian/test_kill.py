@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-
 ROOT = Path(__file__).parents[3]
 KILLS, LEAST = 36, 6 * 96
 """Records, those of six days: of all days but the newest ones there are files, however few a busy machine writes."""

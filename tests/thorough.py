@@ -21,6 +21,11 @@ def list_cases(cases: Iterable[object], main: Container[object]) -> list[object]
     return [case if case in main else pytest.param(case, marks=pytest.mark.thorough) for case in cases]
 
 
+def list_rows(rows: Iterable[tuple[object, ...]], main: Container[object]) -> list[object]:
+    """Return the cases of a test of several arguments; those that are not ``main`` are for ``make thorough``."""
+    return [row if row in main else pytest.param(*row, marks=pytest.mark.thorough) for row in rows]
+
+
 def count_examples(most: int) -> int:
     """Return how many of at most this number of examples are tried."""
     return most if THOROUGH else max(3, most // 4)

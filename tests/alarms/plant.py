@@ -80,15 +80,15 @@ class Plant:
         self.board = AlarmBoard(settings)
         self.second = 0
 
-    def run(self, readings, seconds):
+    def run(self, readings, seconds, every_s=1):
         """Update once a second; return every alarm whose shown state changed."""
-        return [alarm for alarm, before in self.run_all(readings, seconds) if alarm.state != before]
+        return [alarm for alarm, before in self.run_all(readings, seconds, every_s) if alarm.state != before]
 
-    def run_all(self, readings, seconds):
+    def run_all(self, readings, seconds, every_s=1):
         """Update once a second; return every alarm that changed, also while hidden, and the state shown before."""
         changed = []
-        for _ in range(seconds):
-            self.second += 1
+        for _ in range(0, seconds, every_s):
+            self.second += every_s
             now = replace(readings, belt_mm=1500.0 * self.second)
             shown = self.states()
             for alarm in self.board.update(now, 10**18 + self.second * SECOND, self.second * SECOND):

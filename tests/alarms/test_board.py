@@ -19,9 +19,12 @@ from beltscape.core.errors import InputError
 from beltscape.files.toml_text import validate
 from tests.alarms.plant import BAD, GOOD, SECOND, SETTINGS, Plant
 from tests.strategies import floats
+from tests.thorough import THOROUGH
 
 LONG_S = 150
 """Longer than every delay: 120 s of what is measured seldom, and 10 s until it is clear again."""
+SELDOM_S = 1 if THOROUGH else 5
+"""Time between two updates of the long runs."""
 
 
 def test_every_rule_has_settings_a_text_and_a_case():
@@ -32,7 +35,7 @@ def test_every_rule_has_settings_a_text_and_a_case():
 
 def test_all_alarms_are_clear_with_good_readings():
     plant = Plant()
-    assert plant.run(GOOD, LONG_S) == []
+    assert plant.run(GOOD, LONG_S, SELDOM_S) == []
     assert set(plant.states().values()) == {"clear"}
     assert set(plant.states()) == set(BAD) | {"camera_lost:cam3"}
 
@@ -41,13 +44,13 @@ def test_all_alarms_are_clear_with_good_readings():
 def test_every_alarm_is_raised_alone_and_clears(name):
     plant = Plant()
     plant.run(GOOD, 5)
-    (raised,) = plant.run(replace(GOOD, **BAD[name]), LONG_S)
+    (raised,) = plant.run(replace(GOOD, **BAD[name]), LONG_S, SELDOM_S)
     assert (raised.name, raised.state) == (name, "raised")
     assert raised.since_ns is not None
     assert raised.detail
     assert "{" not in raised.detail
     assert "\n" not in raised.detail
-    over = plant.run(GOOD, LONG_S)
+    over = plant.run(GOOD, LONG_S, SELDOM_S)
     kind = name.partition(":")[0]
     latched = getattr(SETTINGS, kind).latched
     assert [alarm.state for alarm in over] == ["gone" if latched else "clear"]
@@ -59,13 +62,13 @@ def test_every_alarm_is_raised_alone_and_clears(name):
 def test_every_alarm_can_be_acknowledged_while_it_lasts(name):
     plant = Plant()
     plant.run(GOOD, 5)
-    plant.run(replace(GOOD, **BAD[name]), LONG_S)
+    plant.run(replace(GOOD, **BAD[name]), LONG_S, SELDOM_S)
     assert plant.board.acknowledge(name, "ada", 1)
     assert not plant.board.acknowledge(name, "bob", 1)
-    assert plant.run(replace(GOOD, **BAD[name]), 100) == []
+    assert plant.run(replace(GOOD, **BAD[name]), 100, SELDOM_S) == []
     (alarm,) = [one for one in plant.board.alarms if one.state != "clear"]
     assert (alarm.name, alarm.state, alarm.by) == (name, "acknowledged", "ada")
-    (over,) = plant.run(GOOD, LONG_S)
+    (over,) = plant.run(GOOD, LONG_S, SELDOM_S)
     assert (over.state, over.by, over.detail) == ("clear", "", "")
 
 
@@ -74,12 +77,12 @@ def test_unknown_readings_neither_raise_nor_clear(name):
     kind = name.partition(":")[0]
     settings = AlarmSettings.model_validate({**SETTINGS.model_dump(), "no_measurement": {"enabled": False}})
     plant = Plant(settings)
-    plant.run(Readings(), LONG_S)
+    plant.run(Readings(), LONG_S, SELDOM_S)
     assert set(plant.states().values()) == {"clear"}
-    plant.run(replace(GOOD, **BAD[name]), LONG_S)
+    plant.run(replace(GOOD, **BAD[name]), LONG_S, SELDOM_S)
     before = plant.states()
     assert before[name] == "raised"
-    assert plant.run(Readings(), LONG_S) == []
+    assert plant.run(Readings(), LONG_S, SELDOM_S) == []
     assert plant.states() == before
     assert kind in RULES
 
@@ -87,14 +90,14 @@ def test_unknown_readings_neither_raise_nor_clear(name):
 def test_missing_load_is_raised_from_the_start_and_suppresses_the_rest():
     plant = Plant()
     assert plant.run(Readings(), 60) == []
-    changed = plant.run(Readings(), 600)
+    changed = plant.run(Readings(), 600, SELDOM_S)
     assert [alarm.name for alarm in changed] == ["no_measurement:load"]
 
 
 def test_one_cause_raises_one_alarm():
     plant = Plant()
     plant.run(GOOD, 5)
-    changed = plant.run(Readings(), LONG_S)
+    changed = plant.run(Readings(), LONG_S, SELDOM_S)
     assert [alarm.name for alarm in changed] == ["no_measurement:load"]
 
 
@@ -102,7 +105,7 @@ def test_disabled_alarm_is_absent():
     settings = AlarmSettings.model_validate({name: {"enabled": False} for name in RULES})
     plant = Plant(settings)
     for wrong in BAD.values():
-        assert plant.run(replace(GOOD, **wrong), 100) == []
+        assert plant.run(replace(GOOD, **wrong), 100, SELDOM_S) == []
     assert plant.board.alarms == ()
 
 

@@ -93,7 +93,7 @@ class Reader:
             self.wrong.append(f"{place}: {type(error).__name__}: {error}")
 
     def _nginx(self, block: Block) -> None:
-        """tests/service/test_path_prefix.py serves belts by the block."""
+        """tests/service/page/test_path_prefix.py serves belts by the block."""
         self.attempt(block.place, lambda: demand(read_locations(block.text), "no location"))
 
     def _shell(self, block: Block) -> None:

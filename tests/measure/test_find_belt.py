@@ -11,6 +11,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError, MeasureError
 from beltscape.measure.belt.empty_belt import Belt, find_belt
 from tests.measure.belt_scenes import Ball, Scene, depth_map, round_trough, trough
+from tests.thorough import list_cases
 
 BELTS = {
     "three rolls": trough(300, (250, 25)),
@@ -40,7 +41,7 @@ def turned(belt: Belt, scene: Scene) -> np.ndarray:
 @pytest.mark.parametrize(
     ("belt", "view"),
     [
-        pytest.param(belt, view, marks=() if (i + j) % len(VIEWS) in (0, 2) else pytest.mark.thorough)
+        pytest.param(belt, view, marks=() if i == j and i in (0, 3, 4) else pytest.mark.thorough)
         for i, belt in enumerate(BELTS)
         for j, view in enumerate(VIEWS)
     ],
@@ -65,7 +66,7 @@ def test_origin_is_on_the_optical_axis_and_on_the_belt() -> None:
     assert found.height_mm(np.array([-200.0]))[0] == pytest.approx(-23.3, abs=0.3)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", list_cases(range(3), [0]))
 def test_noise_holes_and_gross_errors_move_it_within_its_sigma(seed: int) -> None:
     scene = Scene(BELTS["three rolls"], tilt_deg=(3.0, 2.0), belt_yaw_deg=10.0)
     depth = depth_map(scene.depth_mm(), noise_mm=0.3, seed=seed, holes=0.15, gross=0.02)

@@ -15,9 +15,10 @@ from beltscape.measure.volume.settings import VolumeSettings
 from beltscape.measure.volume.volume import measure_volume
 
 TRUTH = Path(__file__).parents[3] / "shared/data/rendered/truth"
-pytestmark = pytest.mark.skipif(
-    not TRUTH.is_dir(), reason="the rendered captures are not beside the repository"
-)
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(not TRUTH.is_dir(), reason="the rendered captures are not beside the repository"),
+]
 
 
 def camera() -> Camera:

@@ -18,6 +18,7 @@ from asyncua import ua
 from beltscape.protocols.opcua import history
 from beltscape.protocols.opcua.history import RecordHistory
 from tests.protocols.plant import FakePlant, make_record
+from tests.thorough import list_cases
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 NONE = ua.get_win_epoch()
@@ -72,7 +73,7 @@ def make_ledger(rng: random.Random, count: int) -> list[BeltRecord]:
     return records
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", list_cases(range(4), [3]))
 def test_no_record_is_lost_or_repeated_over_pages(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = random.Random(seed)
     monkeypatch.setattr(history, "_PAGE", rng.randint(1, 40))

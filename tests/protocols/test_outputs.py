@@ -179,6 +179,7 @@ while True:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_pulses_of_a_program_that_is_killed_at_random(io: IoModule, tmp_path: Path) -> None:
     # it starts three interpreters: a kill is only real in a process

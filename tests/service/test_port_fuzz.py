@@ -12,6 +12,7 @@ from tests.service.port_fuzz import RECORDS, attack, is_answering, list_threads,
 CONNECTIONS = 40
 
 
+@pytest.mark.thorough
 def test_ports_withstand_hostile_bytes(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -29,10 +29,10 @@ from tests.service.running import Web, get_host_and_port, make_cookie_header, op
 HZ, QUEUED, SECONDS = 20, 2, 4.0
 
 
-@pytest.fixture
-def running(tmp_path):
-    """A server with high limits per address and short time limits."""
-    with closing(Access(tmp_path, None, CHEAP)) as access:
+@pytest.fixture(scope="module")
+def running(tmp_path_factory):
+    """A server with high limits per address and short time limits; it withstands all attacks one after the other."""
+    with closing(Access(tmp_path_factory.mktemp("hostile"), None, CHEAP)) as access:
         access.accounts.add("anna", "operator", PASSWORD)
         limits = LimitSettings(header_timeout_s=0.5)
         with closing(serve(make_application(access), Web(limits=limits))) as server:
@@ -203,6 +203,7 @@ def fetch_login(server, attempts=5):
     return httpx.get(f"{server.address}/login", timeout=10).status_code
 
 
+@pytest.mark.thorough
 def test_no_frame_is_missed_under_attack(running):
     """The attackers come from 250 addresses, so that no limit per address stops them."""
     _, port = get_host_and_port(running)

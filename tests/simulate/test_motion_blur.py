@@ -38,7 +38,7 @@ def test_instants_are_even_small_steps_about_the_middle(world):
 
 
 def test_exposure_blurs_along_the_belt_only():
-    cam = camera(distortion=(0.0,) * 5)
+    cam = camera(120, 100, focal=300.0, distortion=(0.0,) * 5)
     rig, settings = station(cam), RenderSettings(engine="scalar", oversample=3, passes=8)
     spot = World((plane(12, 12, label=Label.MATERIAL),), None)
     still, smeared = (

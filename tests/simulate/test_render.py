@@ -14,9 +14,10 @@ from beltscape.simulate.rendering.optics import Optics
 from beltscape.simulate.rendering.render import RenderSettings, render, resolve_engine
 from beltscape.simulate.world import World
 from tests.synthetic.light import DOWN, camera, plane, projector, station
+from tests.thorough import THOROUGH, list_cases
 
 SCALAR = RenderSettings(engine="scalar")
-FINE = RenderSettings(engine="scalar", oversample=4, passes=5)
+FINE = RenderSettings(engine="scalar", oversample=4, passes=5 if THOROUGH else 3)
 LLVM = pytest.mark.skipif(resolve_engine("auto") != "llvm", reason="optional: needs LLVM 19")
 both_engines = pytest.mark.parametrize("engine", ["scalar", pytest.param("llvm", marks=LLVM)])
 TILTED = Pose.of([np.pi + 0.12, 0.05, 0.06], [15, -10, 690])
@@ -69,6 +70,7 @@ def shift_between(first, second):
     return found[:2]
 
 
+@pytest.mark.thorough
 @both_engines
 def test_image_warped_by_true_depth_has_no_shift(engine, seed=3):
     """An auxiliary's light, fetched through the plane's true depth and both exact distortions."""
@@ -83,7 +85,7 @@ def test_image_warped_by_true_depth_has_no_shift(engine, seed=3):
         World((surface,), None),
         rig,
         {"cam0": Optics(psf_sigma_px=1.2), "cam1": Optics(psf_sigma_px=1.2)},
-        RenderSettings(engine=engine, oversample=3, passes=5, texture_filter="bilinear"),
+        RenderSettings(engine=engine, oversample=3, passes=5 if THOROUGH else 3, texture_filter="bilinear"),
     )
     pixels = np.stack(np.meshgrid(np.arange(60, 190), np.arange(50, 150)), axis=-1)
     rays = core.undistort(pixels)
@@ -96,7 +98,7 @@ def test_image_warped_by_true_depth_has_no_shift(engine, seed=3):
 
 
 @both_engines
-@pytest.mark.parametrize("center", [None, (95.3, 41.8)])
+@pytest.mark.parametrize("center", list_cases([None, (95.3, 41.8)], [(95.3, 41.8)]))
 def test_projected_dot_appears_where_the_projector_projects_it(center, engine):
     pose = Pose.of([np.pi - 0.08, 0.06, 0.03], [20, -15, 720])
     rows, columns = np.mgrid[:100, :160]
@@ -158,7 +160,7 @@ def test_blur_grows_with_the_distance_from_the_plane_in_focus():
     """Radius of the blur disc of a point: aperture/2 · |1/z - 1/focus| · f, variance r²/4 per axis."""
     small = camera(60, 50, distortion=(0.0,) * 5)
     spot = World((plane(4, 4, z_mm=100.0),), None)
-    settings = RenderSettings(engine="scalar", oversample=3, passes=89)
+    settings = RenderSettings(engine="scalar", oversample=3, passes=89 if THOROUGH else 60)
     variances = []
     for focus in (600.0, 700.0):
         optics = Optics(aperture_mm=40, focus_mm=focus)
@@ -193,12 +195,12 @@ def test_vignetting_follows_the_power_of_the_cosine(engine):
 
 
 def test_gloss_adds_highlights():
-    light = projector(np.ones((60, 80)), focal=(60.0, 60.0))
+    light, coarse = projector(np.ones((60, 80)), focal=(60.0, 60.0)), camera(120, 100, focal=150.0)
     matt, shiny = (
-        picture(World((plane(900, 900, colour=0.1, gloss=gloss),), light, ambient=0.0))[..., 0]
+        picture(World((plane(900, 900, colour=0.1, gloss=gloss),), light, ambient=0.0), coarse)[..., 0]
         for gloss in (0.0, 0.5)
     )
-    assert shiny.argmax() // 240 == pytest.approx(96, abs=25)
+    assert shiny.argmax() // 120 == pytest.approx(48, abs=12)
     assert shiny.max() > 1.5 * matt.max()
     assert (shiny >= matt - 1e-5).all()
 
@@ -223,12 +225,12 @@ def test_same_seed_gives_the_same_bytes_for_any_number_of_threads(engine):
     world = World((plane(900, 900, colour=0.5), plane(60, 60, z_mm=80, colour=0.7)), light)
     before, images = drjit.thread_count(), []
     try:
-        for threads in (1, 2, 3):
+        for threads in (1, 3):
             drjit.set_thread_count(threads)
-            images.append(picture(world, settings=by(engine)))
+            images.append(picture(world, camera(120, 100, focal=150.0), settings=by(engine)))
     finally:
         drjit.set_thread_count(before)
-    assert images[0].tobytes() == images[1].tobytes() == images[2].tobytes()
+    assert images[0].tobytes() == images[1].tobytes()
 
 
 def test_seed_matters_only_to_the_halls_light():

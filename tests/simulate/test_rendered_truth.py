@@ -19,9 +19,10 @@ from beltscape.simulate.world import Station, World
 from beltscape.target.module import read_module
 
 RENDERED = Path(__file__).parents[3] / "shared/data/rendered"
-pytestmark = pytest.mark.skipif(
-    not RENDERED.is_dir(), reason="the rendered captures are not beside the repository"
-)
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(not RENDERED.is_dir(), reason="the rendered captures are not beside the repository"),
+]
 
 
 def read(name: str):

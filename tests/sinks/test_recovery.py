@@ -10,6 +10,7 @@ import pytest
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import ledger
+from tests.thorough import list_rows
 
 ALWAYS = (0, 1 << 62)
 SETTINGS = HistorySettings(reserve_mib=1)
@@ -43,8 +44,12 @@ def damaged(folder, where: str) -> None:
     path.write_bytes(data)
 
 
-@pytest.mark.parametrize("where", ["cut", "head", "all", "middle"])
-@pytest.mark.parametrize("snapshot", [True, False])
+DAMAGES = [(snapshot, where) for snapshot in (True, False) for where in ("cut", "head", "all", "middle")]
+
+
+@pytest.mark.parametrize(
+    ("snapshot", "where"), list_rows(DAMAGES, [(True, "all"), (True, "middle"), (False, "cut")])
+)
 def test_damaged_database_is_moved_aside_and_the_ledger_continues(folder, where, snapshot):
     if not snapshot and where == "all":
         pytest.skip("no totals are left to recover")

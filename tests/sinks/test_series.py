@@ -18,15 +18,16 @@ SETTINGS = HistorySettings(reserve_mib=1)
 FIRST_NS = START_NS // HOUR_NS * HOUR_NS
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def records():
     """Three hours, one every ten seconds."""
     return ledger(1080, start_ns=FIRST_NS, every_ns=10_000_000_000, sections=False)
 
 
-@pytest.fixture
-def historian(tmp_path, records):
-    one = Historian(tmp_path, SETTINGS)
+@pytest.fixture(scope="module")
+def historian(tmp_path_factory, records):
+    """A history that the tests only read."""
+    one = Historian(tmp_path_factory.mktemp("series"), SETTINGS)
     one.write(records)
     yield one
     one.close()

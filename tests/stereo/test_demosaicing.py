@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import cv2
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ METHODS = {
 }
 
 
+@cache
 def render_texture(noise: float, dot_px: float = 1.3) -> np.ndarray:
     """Return a (240, 320) uint8 image of a textured plane."""
     rig = make_ring((0,), size_px=(320, 240))

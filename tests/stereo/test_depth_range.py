@@ -27,7 +27,7 @@ RIGS: dict[str, dict[str, Any]] = {
 }
 
 
-FEW = ("five", "lower", "short parallel pair", "diagonal pair")
+FEW = ("short parallel pair",)
 
 
 @pytest.mark.parametrize("name", list_cases(RIGS, FEW))
@@ -42,17 +42,20 @@ def test_range_contains_the_surface_with_small_margins(name):
 def test_range_contains_a_slender_cylinder(monkeypatch):
     monkeypatch.setattr(raycast, "CYLINDER", (20.0, 40.0, 10.0, 160.0))  # far above all else
     rig, core_from_world = make_world_rig()
-    near, _ = find_depth_range(rig, render_frame(rig, core_from_world), Silent())
-    assert near < compute_true_depth(rig, core_from_world).min()
+    near, far = find_depth_range(rig, render_frame(rig, core_from_world), Silent())
+    truth = compute_true_depth(rig, core_from_world)
+    assert 0.85 * truth.min() < near < truth.min()
+    assert truth.max() < far < 1.15 * truth.max()
 
 
 def test_images_without_texture_are_refused():
-    rig, _ = make_world_rig(angles_deg=(0, 90))
+    rig, _ = make_world_rig(angles_deg=(0,))
     blank = FrameSet("007", {name: np.full((320, 400), 90, np.uint8) for name in rig.cameras})
     with pytest.raises(ReconstructionError, match="frame 007: no surface found"):
         find_depth_range(rig, blank, Silent())
 
 
+@pytest.mark.thorough
 @needs_rendered
 @pytest.mark.parametrize("scene", ["belt_empty", "module", "belt_loaded"])
 def test_range_contains_rendered_surfaces_with_small_margins(scene):

@@ -55,7 +55,7 @@ def test_wide_range_is_narrowed_without_loss(made, swept):
 
 
 def test_frame_without_texture_is_swept_over_the_whole_range(swept):
-    blank = make_scene(plane(740), rig=RIG)
+    blank = make_scene(plane(740), rig=make_ring((0, 90), size_px=(180, 150)))
     images = tuple(np.full_like(image, 0.5) for image in blank.prepared.images)
     flat = replace(blank.prepared, core=np.full_like(blank.prepared.core, 0.5), images=images)
     run_initialise(replace(blank, prepared=flat), (150.0, 3000.0))

@@ -33,9 +33,26 @@ def belt():
     return rig, render_frame(rig, core_from_world), compute_true_depth(rig, core_from_world)
 
 
+class StepRecorder(Silent):
+    """Keeps the steps of a reconstruction."""
+
+    def __init__(self):
+        self.steps = []
+
+    def step(self, stage, done, total):
+        self.steps.append((stage, done, total))
+
+
 @pytest.fixture(scope="module")
-def measured(belt):
-    return reconstruct(belt[0], belt[1])
+def run(belt):
+    """Depth of the belt and the steps to it."""
+    recorder = StepRecorder()
+    return MultiviewReconstructor(belt[0], RANGE, ONE_THREAD).reconstruct(belt[1], recorder), recorder.steps
+
+
+@pytest.fixture(scope="module")
+def measured(run):
+    return run[0]
 
 
 def reconstruct(rig, frame_set, settings=ONE_THREAD, depth_range_mm=RANGE, **more) -> DepthMap:
@@ -63,7 +80,7 @@ ARRANGEMENTS: dict[str, tuple[dict[str, Any], float, float]] = {
 }
 
 
-FEW = ("one above", "one diagonal", "two opposite", "four", "four diagonal", "two parallel")
+FEW = ("one above", "two parallel")
 
 
 @pytest.mark.parametrize("name", list_cases(ARRANGEMENTS, FEW))
@@ -116,7 +133,7 @@ def test_depth_map_is_consistent_at_unmeasured_pixels(measured):
     assert (measured.sigma_mm[~unmeasured] > 0).all()
 
 
-@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize("threads", list_cases([1, 2, 3], [3]))
 def test_depth_map_does_not_depend_on_the_number_of_threads(belt, measured, threads):
     assert same_bytes(reconstruct(belt[0], belt[1], MultiviewSettings(threads=threads)), measured)
 
@@ -129,6 +146,7 @@ def test_depth_map_does_not_depend_on_the_previous_frame(belt, measured):
     assert same_bytes(matcher.reconstruct(frames, Silent()), measured)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["16 bit", "colour"])
 def test_sixteen_bit_and_colour_images_measure_as_eight_bit_grey_ones(belt, measured, kind):
     rig, frames, truth = belt
@@ -143,7 +161,7 @@ def test_sixteen_bit_and_colour_images_measure_as_eight_bit_grey_ones(belt, meas
     assert (depth.measured == measured.measured).mean() > 0.999
 
 
-@pytest.mark.parametrize("bits", [10, 12])
+@pytest.mark.parametrize("bits", list_cases([10, 12], [12]))
 def test_ten_and_twelve_bits_in_sixteen_are_as_accurate(belt, bits):
     rig, frames, truth = belt
     images = {name: image.astype(np.uint16) << (bits - 8) for name, image in frames.images.items()}
@@ -183,8 +201,8 @@ def test_wider_depth_range_gives_the_same_surface(belt, measured):
 
 @pytest.fixture(scope="module")
 def tiny():
-    """Rig, frame and depth of 64 × 48 px, since the reference kernels are slow."""
-    rig, solids = make_ring((0, 180), size_px=(64, 48)), (plane(760), patch(680, (-120, 120), (-100, 100)))
+    """Rig, frame and depth of 48 × 36 px, since the reference kernels are slow."""
+    rig, solids = make_ring((0, 180), size_px=(48, 36)), (plane(760), patch(680, (-120, 120), (-100, 100)))
     images = {name: quantise(image) for name, image in render_images(rig, solids, noise=1.0).items()}
     return rig, FrameSet("000", images), compute_depth_mm(rig, solids)
 
@@ -233,15 +251,6 @@ def test_size_that_blocks_do_not_divide_is_measured_without_the_rest(preset, mon
     assert np.nanmedian(error) < (0.6 if preset == "fast" else 0.2)
 
 
-def test_progress_ends_at_its_total(belt):
-    class StepRecorder(Silent):
-        def __init__(self):
-            self.steps = []
-
-        def step(self, stage, done, total):
-            self.steps.append((stage, done, total))
-
-    recorder = StepRecorder()
-    MultiviewReconstructor(belt[0], RANGE, ONE_THREAD).reconstruct(belt[1], recorder)
-    count = len(recorder.steps)
-    assert recorder.steps == [("matching 000", i, count) for i in range(1, count + 1)]
+def test_progress_ends_at_its_total(run):
+    _, steps = run
+    assert steps == [("matching 000", i, len(steps)) for i in range(1, len(steps) + 1)]

@@ -105,15 +105,17 @@ def cast_room(origin: np.ndarray, rays: np.ndarray, shift_mm: float = 0.0) -> np
             ((0.0, 1.0, 0.25), 1150.0),
         ):
             hit = (distance - origin @ np.array(normal)) / (rays @ np.array(normal))
-            nearest = np.minimum(nearest, np.where(hit > 0, hit, np.inf))
+            nearest = np.where((hit > 0) & (hit < nearest), hit, nearest)
         for low, high in (
             ((-820.0, -150.0, 1500.0), (-330.0, 620.0, 2000.0)),
             ((-120.0, 40.0, 1250.0), (280.0, 620.0, 1700.0)),
             ((420.0, -500.0, 1750.0), (900.0, 120.0, 2100.0)),
         ):
-            moved = np.array([shift_mm, 0.0, 0.0])
-            one, other = (np.array(low) + moved - origin) / rays, (np.array(high) + moved - origin) / rays
-            enter, leave = np.minimum(one, other).max(axis=-1), np.maximum(one, other).min(axis=-1)
+            enter, leave = -np.inf, np.inf
+            for i, moved in enumerate((shift_mm, 0.0, 0.0)):
+                one, other = ((side[i] + moved - origin[i]) / rays[..., i] for side in (low, high))
+                enter = np.maximum(enter, np.minimum(one, other))
+                leave = np.minimum(leave, np.maximum(one, other))
             nearest = np.where((enter <= leave) & (enter > 0), np.minimum(nearest, enter), nearest)
     return nearest
 

@@ -7,8 +7,7 @@ strips.
 from __future__ import annotations
 
 import math
-import operator
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -34,7 +33,13 @@ class SigmaParts:
     """σ of the faults that were found, common to all strips."""
 
     def __add__(self, other: SigmaParts) -> SigmaParts:
-        return SigmaParts(*map(operator.add, astuple(self), astuple(other)))
+        return SigmaParts(
+            self.apart_mm6 + other.apart_mm6,
+            self.edges_mm3 + other.edges_mm3,
+            self.holes_mm3 + other.holes_mm3,
+            self.drift_mm3 + other.drift_mm3,
+            self.faults_mm3 + other.faults_mm3,
+        )
 
     @property
     def sigma_mm3(self) -> float:

@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import reduce
-from operator import add
 from typing import Any
 
 from beltscape.core.ledger import BeltRecord
@@ -44,7 +43,7 @@ class ProductionSums:
 
     def __add__(self, other: ProductionSums) -> ProductionSums:
         """Return the sums of both."""
-        return ProductionSums(*map(add, astuple(self), astuple(other)))
+        return ProductionSums(*(getattr(self, name) + getattr(other, name) for name in COLUMNS))
 
     @property
     def sigma_mm3(self) -> float:

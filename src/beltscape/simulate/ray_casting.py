@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -64,11 +65,15 @@ class RayScene:
         self.corners_mm = vertices[self._faces]
         self.solid_of_face = np.repeat(np.arange(len(solids)), counts)
         self.label_of_face = np.repeat(np.array([s.label for s in solids], np.uint8), counts)
-        order = np.argsort(self._faces.ravel(), kind="stable")
-        self._faces_by_vertex = order // 3
-        self._first_by_vertex = np.searchsorted(self._faces.ravel()[order], np.arange(len(vertices) + 1))
+        self._vertex_count = len(vertices)
         self._embree: Any = EmbreeScene()
         TriangleMesh(self._embree, vertices.astype(np.float32), self._faces.astype(np.int32))
+
+    @cached_property
+    def _by_vertex(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Faces by their vertices, and (V + 1,) where each vertex's faces begin; few rays need them."""
+        order = np.argsort(self._faces.ravel(), kind="stable")
+        return order // 3, np.searchsorted(self._faces.ravel()[order], np.arange(self._vertex_count + 1))
 
     def cast(self, origins_mm: NDArray[np.float64], directions: NDArray[np.float64]) -> Hits:
         """Return the first hits of rays from (N, 3) or (3,) along (N, 3); a ray with NaN hits nothing."""
@@ -181,8 +186,9 @@ class RayScene:
 
     def _neighbouring_faces(self, face: int) -> NDArray[np.int64]:
         """Return the faces that share a vertex with a face, including itself."""
-        spans = [slice(*self._first_by_vertex[vertex : vertex + 2]) for vertex in self._faces[face]]
-        return np.concatenate([self._faces_by_vertex[span] for span in spans])
+        faces, first = self._by_vertex
+        spans = [slice(*first[vertex : vertex + 2]) for vertex in self._faces[face]]
+        return np.concatenate([faces[span] for span in spans])
 
 
 def _intersect(

@@ -91,7 +91,7 @@ def make_sphere(radius_mm: float, tolerance_mm: float = 0.002) -> Mesh:
     while (1 - _subdivided_sphere(level)[1]) * radius_mm > tolerance_mm:
         level += 1
     mesh = _subdivided_sphere(level)[0]
-    scale = np.cbrt(4 / 3 * np.pi / mesh.volume_mm3)
+    scale = np.cbrt(4 / 3 * np.pi / _subdivided_volume(level))
     return Mesh(mesh.vertices_mm * (radius_mm * scale), mesh.faces)
 
 
@@ -104,6 +104,11 @@ def _subdivided_sphere(level: int) -> tuple[Mesh, float]:
         mesh = subdivide(_subdivided_sphere(level - 1)[0])
         mesh = Mesh(mesh.vertices_mm / np.linalg.norm(mesh.vertices_mm, axis=1)[:, None], mesh.faces)
     return mesh, float(np.linalg.norm(mesh.vertices_mm[mesh.faces].mean(axis=1), axis=1).min())
+
+
+@cache
+def _subdivided_volume(level: int) -> float:
+    return _subdivided_sphere(level)[0].volume_mm3
 
 
 def make_icosahedron() -> Mesh:

@@ -132,8 +132,10 @@ def test_whatever_is_damaged_in_a_file_is_named_in_one_line(tmp_path, kind):
     path = folder if kind == "ros" else folder / next(iter(documents))
     import_rig(path, Silent(), kind=kind)
     for name, document in documents.items():
+        if name == "cam1.yaml" and not THOROUGH:
+            continue  # as the first camera's
         for number, place in enumerate(list_places(document)):
-            for value in WRONG if THOROUGH else WRONG[number % 3 :: 3]:
+            for value in WRONG if THOROUGH else WRONG[number % 7 :: 7]:
                 write(folder, name, damage(document, place, value, removed=False))
                 refuse_or_read(path, kind)
             if place:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
@@ -66,6 +67,7 @@ def make_frame(
     return FrameSet(f"{number:03d}", images, round(number * STEP_MM / speed_mm_s * 1e9))
 
 
+@lru_cache(256)
 def _draw(
     center_mm: tuple[float, float],
     heap: Heap | None,
@@ -93,6 +95,11 @@ def _draw(
 
 def _sample(seed: int, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return random values, 0..1, that repeat after four metres, at positions (H, W)."""
-    values = np.random.default_rng(seed).random((_SIDE, _SIDE)).astype(np.float32)
+    values = _draw_values(seed)
     columns, rows = ((part / _CELL_MM % _SIDE).astype(np.float32) for part in (x_mm, y_mm))
     return np.asarray(cv2.remap(values, columns, rows, cv2.INTER_LINEAR), np.float32)
+
+
+@cache
+def _draw_values(seed: int) -> NDArray[np.float32]:
+    return np.random.default_rng(seed).random((_SIDE, _SIDE)).astype(np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -33,9 +34,14 @@ def make_rig() -> Rig:
     return Rig("cam0", cameras, poses)
 
 
+def _keep(_: str, light: Levels) -> Levels:
+    return light
+
+
+@lru_cache(128)
 def make_frame(
     number: int,
-    change: Callable[[str, Levels], Levels] = lambda _, light: light,
+    change: Callable[[str, Levels], Levels] = _keep,
     *,
     speckle: bool = True,
     standing: bool = False,
@@ -67,6 +73,7 @@ def blur(light: Levels, sigma_px: float) -> Levels:
     return np.asarray(cv2.GaussianBlur(light, (0, 0), sigma_px), np.float32)
 
 
+@lru_cache(64)
 def _draw_scene(number: int, speckle: bool, lamp: float, hall: float, stones_share: float) -> Levels:
     width, height = SIZE
     # stones of differing reflectance that travel down the picture; bare belt on both sides

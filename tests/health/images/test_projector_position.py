@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -22,9 +24,14 @@ NARROW = Heap(start_mm=-2000.0, end_mm=2000.0, half_width_mm=130.0)
 
 def learn(heap: Heap | None = NARROW, **options) -> ProjectorMonitor:
     """A monitor that has learned the pattern and recognised it once."""
+    return deepcopy(learn_once(heap, tuple(options.items())))
+
+
+@cache
+def learn_once(heap: Heap | None, options: tuple[tuple[str, float], ...]) -> ProjectorMonitor:
     monitor = ProjectorMonitor(RIG, REFERENCE, HealthSettings(learning_frames=LEARNING))
     for number in range(LEARNING + 1):
-        check(monitor, 8 * number, heap, **options)
+        check(monitor, 8 * number, heap, **dict(options))
     return monitor
 
 

@@ -20,6 +20,7 @@ from beltscape.stereo.settings import MultiviewSettings
 from beltscape.target.module import read_module
 from tests.synthetic.demo import DEMO, TRUE_RIG
 from tests.synthetic.modules import DepthCameraView, module, module_pose, rig
+from tests.thorough import list_rows
 
 LIMITS_MM = {
     "length": 0.8, "width": 0.8, "edge": 1.2, "diameter": 3.0, "height": 0.05,
@@ -28,7 +29,9 @@ LIMITS_MM = {
 """At a quarter of the sensor's pixels (1.2 mm each)."""
 
 
-@pytest.mark.parametrize(("preset", "radius_mm"), [("standard", 0.3), ("fast", 1.0)])
+@pytest.mark.parametrize(
+    ("preset", "radius_mm"), list_rows([("standard", 0.3), ("fast", 1.0)], [("fast", 1.0)])
+)
 def test_every_dimension_of_the_demo_is_within_its_sigma(preset, radius_mm):
     there = read_rig(TRUE_RIG)
     images = {name: read_image(DEMO / "module" / name / "000.png") for name in there.cameras}
@@ -48,7 +51,8 @@ def test_every_dimension_of_the_demo_is_within_its_sigma(preset, radius_mm):
     assert all(abs(o) < limits[q.quantity] for q, o in zip(measured.quantities, off, strict=True)), names
 
 
-@pytest.mark.parametrize("reach_px", [-1, pytest.param(0, marks=pytest.mark.thorough), 1])
+@pytest.mark.thorough
+@pytest.mark.parametrize("reach_px", [-1, 0, 1])
 def test_a_base_by_its_rim_alone_is_honest_however_far_the_matcher_reaches(reach_px):
     """Another preset, or a base as dark as the belt, lets the rim of all edges reach farther or less far, alike."""
     seen, pose = DepthCameraView(module(), module_pose(12, -8, 25)), module_pose(12, -8, 25)

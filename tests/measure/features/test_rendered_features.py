@@ -19,9 +19,10 @@ from beltscape.stereo.pointcloud import undistort_image
 from beltscape.target.module import read_module
 
 RENDERED = Path(__file__).parents[4] / "shared/data/rendered"
-pytestmark = pytest.mark.skipif(
-    not RENDERED.is_dir(), reason="the rendered captures are not beside the repository"
-)
+pytestmark = [
+    pytest.mark.thorough,
+    pytest.mark.skipif(not RENDERED.is_dir(), reason="the rendered captures are not beside the repository"),
+]
 
 
 def rig() -> Rig:

@@ -49,7 +49,8 @@ class Heap:
         inside = (across > 0) & (along > 0)
         out, x, y = np.zeros(x.shape), x[inside], y[inside]
         kx, ky, phase = self.waves[:, :, None]
-        hills = np.sin(kx * x + ky * y + phase).sum(axis=0) * np.sqrt(2 / 16)
+        angle = (kx * x + ky * y + phase).astype(np.float32)  # whose sine is many times cheaper
+        hills = np.sin(angle).sum(axis=0) * np.sqrt(2 / 16)
         out[inside] = across[inside] * along[inside] * (self.crown_mm + self.hills_mm * hills)
         return out
 

@@ -11,12 +11,14 @@ import numpy as np
 import pytest
 
 from beltscape.core.depth import DepthMap
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.ledger import FlowRecord
 from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.meter import FlowMeter, FramePlacement
 from beltscape.measure.flow.settings import FlowSettings
-from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
+from tests.measure.flow.moving_belt import CAMERA, COARSE_CAMERA, Heap, depth_map, make_empty_belt
+from tests.thorough import list_cases
 
 HEAP = Heap(start_mm=-1150, end_mm=-450)
 """Comes in from -y."""
@@ -27,12 +29,12 @@ PASSED_MM = 1500.0
 
 @cache
 def floor() -> EmptyBeltReference:
-    return make_empty_belt()
+    return make_empty_belt(COARSE_CAMERA)
 
 
 @cache
 def seen(heap: Heap, place_mm: float, direction: int) -> DepthMap:
-    return depth_map(heap, place_mm, direction)
+    return depth_map(heap, place_mm, direction, camera=COARSE_CAMERA)
 
 
 def positions(step_mm: float, start_mm: float = 0.0) -> list[float]:
@@ -47,17 +49,24 @@ def measure(
     settings: FlowSettings | None = None,
     lost: Sequence[int] = (),
     density: Density | None = None,
+    camera: Camera = COARSE_CAMERA,
 ) -> tuple[FlowMeter, list[FlowRecord], list[FramePlacement]]:
     """Push a capture frame by frame; ``encoder`` True: the true places, None: none."""
     steps: list[FramePlacement] = []
-    meter = FlowMeter(floor(), settings, density=density, watch_step=steps.append)
+    meter = FlowMeter(make_empty_belt(camera), settings, density=density, watch_step=steps.append)
     counts = list(places) if encoder is True else encoder
     heap = HEAP if direction == 1 else BACK
     records: list[FlowRecord] = []
     for k, place in enumerate(places):
-        depth = None if k in lost else seen(heap, place, direction)
+        depth = None if k in lost else depth_map(heap, place, direction, camera=camera)
         records += meter.push(depth, round(k * 1e8), counts[k] if counts else None, frame=f"{k:03d}")
     return meter, records + meter.finish(), steps
+
+
+@cache
+def measure_whole() -> tuple[FlowMeter, list[FlowRecord]]:
+    """Return what a capture without any fault gives."""
+    return measure(positions(100.0))[:2]
 
 
 def check_every_mm_once(meter: FlowMeter, records: Sequence[FlowRecord]) -> None:
@@ -69,7 +78,7 @@ def check_every_mm_once(meter: FlowMeter, records: Sequence[FlowRecord]) -> None
     assert meter.totals.first_strip_mm == strips[0]
 
 
-@pytest.mark.parametrize("step_mm", [60.0, 141.0, 230.0])
+@pytest.mark.parametrize("step_mm", list_cases([60.0, 141.0, 230.0], [141.0, 230.0]))
 def test_total_is_the_same_at_any_frame_rate(step_mm: float) -> None:
     meter, records, _ = measure(positions(step_mm))
     check_every_mm_once(meter, records)
@@ -81,7 +90,7 @@ def test_total_is_the_same_at_any_frame_rate(step_mm: float) -> None:
 
 def test_cutting_the_run_in_two_loses_and_doubles_nothing() -> None:
     places = positions(100.0)
-    whole, _, _ = measure(places)
+    whole, _ = measure_whole()
     first, _, _ = measure(places[:8])
     second, _, _ = measure(places[7:])
     # the second run's first strip is all that was in view: of it only what the first run did not count is new
@@ -90,10 +99,12 @@ def test_cutting_the_run_in_two_loses_and_doubles_nothing() -> None:
     assert both - seen_twice == pytest.approx(whole.totals.volume_mm3, rel=0.01)
 
 
-@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("direction", list_cases([1, -1], [-1]))
 def test_motion_and_direction_come_from_the_material_without_an_encoder(direction: int) -> None:
     places = positions(100.0)
-    meter, records, steps = measure(places, direction=direction, encoder=None)
+    meter, records, steps = measure(places, direction=direction, encoder=None, camera=CAMERA)
+    again = measure(places, direction=direction, encoder=None, camera=CAMERA)[1]
+    assert [repr(record) for record in again] == [repr(record) for record in records]
     heap = HEAP if direction == 1 else BACK
     assert meter.direction == direction
     assert meter.totals.volume_mm3 == pytest.approx(heap.volume_mm3, rel=0.006)
@@ -109,7 +120,7 @@ def test_motion_and_direction_come_from_the_material_without_an_encoder(directio
     check_every_mm_once(meter, records)
 
 
-@pytest.mark.parametrize("scale", [0.97, 1.02])
+@pytest.mark.parametrize("scale", list_cases([0.97, 1.02], [0.97]))
 def test_a_wrong_encoder_scale_is_found_and_does_no_harm(scale: float) -> None:
     places = positions(100.0)
     meter, records, _ = measure(places, encoder=[scale * place for place in places])
@@ -127,12 +138,6 @@ def test_a_slipping_belt_is_measured_by_its_material() -> None:
     assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.006)
 
 
-def test_direction_is_taken_from_the_encoder_by_default() -> None:
-    meter, _, _ = measure(positions(120.0), direction=-1)
-    assert meter.direction == -1
-    assert meter.totals.volume_mm3 == pytest.approx(BACK.volume_mm3, rel=0.006)
-
-
 def test_a_lost_frame_is_seen_by_its_neighbours() -> None:
     meter, records, _ = measure(positions(100.0), lost=(7,))
     assert meter.totals.volume_mm3 == pytest.approx(HEAP.volume_mm3, rel=0.004)
@@ -142,7 +147,7 @@ def test_a_lost_frame_is_seen_by_its_neighbours() -> None:
 
 
 def test_a_gap_longer_than_the_view_is_bridged_with_its_own_sigma() -> None:
-    whole, _, _ = measure(positions(100.0))
+    whole, _ = measure_whole()
     meter, records, _ = measure(positions(100.0), lost=tuple(range(5, 12)))
     assert meter.totals.bridged_mm > 100
     assert "bridged" in {r.quality for r in records}
@@ -161,7 +166,7 @@ def test_a_gap_too_long_to_bridge_is_not_counted() -> None:
     assert meter.totals.volume_mm3 < 0.95 * HEAP.volume_mm3
 
 
-@pytest.mark.parametrize("encoder", [True, None])
+@pytest.mark.parametrize("encoder", list_cases([True, None], [None]))
 def test_a_stop_adds_nothing(encoder: bool | None) -> None:
     places = [*positions(100.0)[:9], *[800.0] * 5, *positions(100.0)[9:]]
     meter, records, _ = measure(places, encoder=encoder)
@@ -184,23 +189,18 @@ def test_records_come_as_soon_as_their_belt_has_left_and_memory_stays_bounded() 
     held: list[int] = []
     given = 0
     for k in range(36):
-        given += len(meter.push(depth_map(None, 0.0), k * 10**8, 20.0 * k))
+        given += len(meter.push(depth_map(None, 0.0, camera=COARSE_CAMERA), k * 10**8, 20.0 * k))
         held.append(len(meter._buffer._layers))
     late = (floor().seen_mm[1] - floor().seen_mm[0] + 80 + 50 + 40) / 20.0
     assert given >= 36 - late
     assert max(held) <= meter.settings.layers + 2
 
 
-def test_the_same_frames_give_the_same_records_and_order_matters_not_for_live_or_offline() -> None:
-    first, second = (measure(positions(150.0), encoder=None)[1] for _ in range(2))
-    assert [repr(record) for record in first] == [repr(record) for record in second]
-
-
 def test_an_empty_belt_without_an_encoder_is_never_given_a_speed() -> None:
     meter = FlowMeter(floor())
     records: list[FlowRecord] = []
     for k in range(14):
-        records += meter.push(depth_map(None, 50.0 * k), k * 10**8, frame=str(k))
+        records += meter.push(depth_map(None, 50.0 * k, camera=COARSE_CAMERA), k * 10**8, frame=str(k))
     records += meter.finish()
     assert len(records) == 14
     assert sum(r.quality == "missing" for r in records) == 13
@@ -227,7 +227,7 @@ def sigma_of_total(systematic_mm: float, step_mm: float) -> tuple[float, float]:
     return meter.totals.sigma_mm3, meter.totals.length_mm
 
 
-@pytest.mark.parametrize("step_mm", [60.0, 230.0])
+@pytest.mark.parametrize("step_mm", list_cases([60.0, 230.0], [230.0]))
 def test_an_error_common_to_all_frames_does_not_average_out(step_mm: float) -> None:
     systematic_mm = 1.5
     sound, length = sigma_of_total(0.0, step_mm)
@@ -240,12 +240,12 @@ def test_an_error_common_to_all_frames_does_not_average_out(step_mm: float) -> N
 @pytest.mark.parametrize(
     ("standing", "back_mm", "direction"),
     [
-        (5, -50.0, 1),
-        (9, -100.0, -1),
-        (9, -20.0, 1),
-        (0, -50.0, -1),
-        pytest.param(5, -50.0, -1, marks=pytest.mark.thorough),
         pytest.param(9, -100.0, 1, marks=pytest.mark.thorough),
+        (0, -50.0, -1),
+        pytest.param(5, -50.0, 1, marks=pytest.mark.thorough),
+        pytest.param(5, -50.0, -1, marks=pytest.mark.thorough),
+        pytest.param(9, -100.0, -1, marks=pytest.mark.thorough),
+        pytest.param(9, -20.0, 1, marks=pytest.mark.thorough),
         pytest.param(9, -20.0, -1, marks=pytest.mark.thorough),
         pytest.param(0, -50.0, 1, marks=pytest.mark.thorough),
     ],
@@ -262,7 +262,7 @@ def test_a_belt_that_rolls_back_before_it_starts(direction: int, standing: int, 
     assert meter.totals.length_mm == pytest.approx(1997, rel=0.01)
 
 
-@pytest.mark.parametrize("step_mm", [50.0, 100.0])
+@pytest.mark.parametrize("step_mm", list_cases([50.0, 100.0], [100.0]))
 def test_an_encoder_that_counts_in_reverse_over_a_load_is_no_roll_back(step_mm: float) -> None:
     places = list(700 + step_mm * np.arange(round(1500 / step_mm)))
     meter, records, _ = measure(places, encoder=[-place for place in places])
@@ -286,14 +286,14 @@ def test_steps_that_hardly_overlap_are_not_valid_and_named() -> None:
     assert "measured" not in {record.quality for record in records}
 
 
-@pytest.mark.parametrize("sudden", [1, 2, 6])
+@pytest.mark.parametrize("sudden", list_cases([1, 2, 6], [2]))
 def test_a_sudden_speed_on_a_bare_belt_is_not_valid_until_it_returns(sudden: int) -> None:
     """Material, which could confirm it, does not come."""
     meter = FlowMeter(floor(), FlowSettings(direction="+y"))
     records: list[FlowRecord] = []
     for k in range(12):
         ahead = 100.0 * min(max(k - 5, 0), sudden)
-        records += meter.push(depth_map(None, 0.0), k * 10**8, 100.0 * k + ahead)
+        records += meter.push(depth_map(None, 0.0, camera=COARSE_CAMERA), k * 10**8, 100.0 * k + ahead)
     records += meter.finish()
     after = ["measured"] * (6 - sudden)
     assert [record.quality for record in records] == ["measured"] * 6 + ["degraded"] * sudden + after

@@ -12,6 +12,7 @@ from beltscape.core.findings import Finding
 from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
 from beltscape.measure.flow.meter import FlowMeter
 from tests.measure.flow.moving_belt import COARSE_CAMERA, HEIGHT_MM, Heap, depth_map, make_empty_belt
+from tests.thorough import list_cases, list_rows
 
 Array = NDArray[np.float64]
 Heights = NDArray[np.floating]
@@ -105,7 +106,7 @@ def run(
     return findings, masks
 
 
-@pytest.mark.parametrize("step_mm", [25.0, 75.0, 200.0])
+@pytest.mark.parametrize("step_mm", list_cases([25.0, 75.0, 200.0], [75.0]))
 @pytest.mark.parametrize("name", OBJECTS)
 def test_an_object_is_named_within_two_frames_and_left_out(name: str, step_mm: float) -> None:
     load, objects = OBJECTS[name]
@@ -132,8 +133,10 @@ def test_a_bird_is_in_one_frame() -> None:
     assert set(masks) == {BEGIN}
 
 
-@pytest.mark.parametrize("direction", [1, -1])
-@pytest.mark.parametrize("step_mm", [0.0, 3.0, 25.0, 75.0, 210.0, 400.0])
+MOTIONS = [(step_mm, direction) for step_mm in (0.0, 3.0, 25.0, 75.0, 210.0, 400.0) for direction in (1, -1)]
+
+
+@pytest.mark.parametrize(("step_mm", "direction"), list_rows(MOTIONS, [(0.0, 1), (25.0, -1), (210.0, 1)]))
 @pytest.mark.parametrize("load", [heap, empty, ridge, corrugated, worn, lumps])
 def test_a_belt_with_its_load_is_not_accused(load: Load, step_mm: float, direction: int) -> None:
     findings, masks = run(load, None, step_mm, direction=direction)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tests.service.page.site import ARGS, CHROMIUM, Site
+from tests.service.page.site import ARGS, CHROMIUM, Site, wait_until_live
 
 
 @pytest.fixture(scope="package")
@@ -22,3 +22,12 @@ def site(tmp_path_factory, browser):
     made = Site(tmp_path_factory.mktemp("site"), browser)
     yield made
     made.close()
+
+
+@pytest.fixture(scope="module")
+def page(site):
+    """A page of the plant that the tests of a file use one after the other."""
+    opened = site.page()
+    wait_until_live(opened)
+    yield opened
+    opened.context.close()

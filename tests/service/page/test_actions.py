@@ -6,14 +6,12 @@ import re
 from dataclasses import replace
 
 from beltscape.core.alarms import Alarm
-from tests.service.page.site import needs_chromium, read_text, wait_for, wait_for_change, wait_until_live
+from tests.service.page.site import needs_chromium, read_text, wait_for, wait_for_change
 
 pytestmark = needs_chromium
 
 
-def test_an_alarm_is_announced_and_acknowledged_by_keyboard(site):
-    page = site.page()
-    wait_until_live(page)
+def test_an_alarm_is_announced_and_acknowledged_by_keyboard(site, page):
     assert page.locator("#alarms-none").is_visible()
     site.works.plant.raise_alarm(Alarm("overload", "critical", "raised", 107.0, 100.0, "%", 1))
     page.wait_for_selector(".alarm[data-state=raised]")
@@ -28,12 +26,9 @@ def test_an_alarm_is_announced_and_acknowledged_by_keyboard(site):
     site.works.plant.raise_alarm(replace(site.works.plant.alarms["overload"], state="clear"))
     page.wait_for_selector("#alarms-none:visible")
     assert site.errors == []
-    page.context.close()
 
 
-def test_a_recording_is_kept_by_keyboard_with_a_reason(site):
-    page = site.page()
-    wait_until_live(page)
+def test_a_recording_is_kept_by_keyboard_with_a_reason(site, page):
     page.keyboard.press("k")
     page.keyboard.type("a big lump")
     page.keyboard.press("Enter")
@@ -41,12 +36,27 @@ def test_a_recording_is_kept_by_keyboard_with_a_reason(site):
     assert read_text(page, "#keep") == "Kept"
     assert site.works.plant.kept == [("a big lump", "ana")]
     assert site.errors == []
-    page.context.close()
 
 
-def test_language_and_theme_change_by_keyboard(site):
-    page = site.page()
-    wait_until_live(page)
+def test_maintenance_begins_is_displayed_and_ends(site, page):
+    page.click("#maintenance-begin")
+    page.fill("#maintenance-reason", "cleaning the windows")
+    page.select_option("#maintenance-minutes", "15")
+    page.click("#maintenance-dialog .main")
+    page.wait_for_selector("#maintenance:visible")
+    assert "cleaning the windows (ana" in read_text(page, "#maintenance-text")
+    wait_for(page, "document.querySelector('#flow-volume').innerText === '–'")
+    assert read_text(page, "#flow-standing") == "Maintenance"
+    assert site.works.plant.maintenance is not None
+    (entry,) = [one for one in site.works.access.audit.read_last(50) if one["what"] == "begin_maintenance"]
+    assert entry["who"] == "ana"
+    page.click("#maintenance-end")
+    page.wait_for_selector("#maintenance", state="hidden")
+    wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
+    assert site.works.plant.maintenance is None and site.errors == []
+
+
+def test_language_and_theme_change_by_keyboard(site, page):
     english = read_text(page, "#flow-title")
     page.keyboard.press("g")
     wait_for_change(page, "#flow-title", english)
@@ -65,25 +75,3 @@ def test_language_and_theme_change_by_keyboard(site):
     page.keyboard.press("?")
     assert page.locator("#keys kbd").count() == 12
     assert site.errors == []
-    page.context.close()
-
-
-def test_maintenance_begins_is_displayed_and_ends(site):
-    page = site.page("/?lang=en")
-    wait_until_live(page)
-    page.click("#maintenance-begin")
-    page.fill("#maintenance-reason", "cleaning the windows")
-    page.select_option("#maintenance-minutes", "15")
-    page.click("#maintenance-dialog .main")
-    page.wait_for_selector("#maintenance:visible")
-    assert "cleaning the windows (ana" in read_text(page, "#maintenance-text")
-    wait_for(page, "document.querySelector('#flow-volume').innerText === '–'")
-    assert read_text(page, "#flow-standing") == "Maintenance"
-    assert site.works.plant.maintenance is not None
-    (entry,) = [one for one in site.works.access.audit.read_last(50) if one["what"] == "begin_maintenance"]
-    assert entry["who"] == "ana"
-    page.click("#maintenance-end")
-    page.wait_for_selector("#maintenance", state="hidden")
-    wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
-    assert site.works.plant.maintenance is None and site.errors == []
-    page.context.close()

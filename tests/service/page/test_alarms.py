@@ -46,9 +46,7 @@ def site(tmp_path_factory, browser):
     made.close()
 
 
-def test_an_alarm_is_shelved_shown_as_such_and_shown_again(site):
-    page = site.page()
-    wait_until_live(page)
+def test_an_alarm_is_shelved_shown_as_such_and_shown_again(site, page):
     text = read_text(page, ".alarm[data-key='camera_lost:cam2']")
     assert "Priority: high" in text and "came first" in text
     assert page.locator(".alarm:has-text('cam2') button:has-text('Out of service')").is_hidden()
@@ -64,43 +62,35 @@ def test_an_alarm_is_shelved_shown_as_such_and_shown_again(site):
     page.click("#alarms-hidden-list button")
     page.wait_for_selector(".alarm[data-state=raised]")
     assert page.locator("#alarms-hidden").is_hidden() and site.errors == []
-    page.context.close()
 
 
-def test_an_engineer_takes_out_of_service_and_an_operator_cannot_return_it(site):
-    page = site.page(user="eva")
-    wait_until_live(page)
-    page.click(".alarm:has-text('cam2') button:has-text('Out of service')")
-    page.fill("#alarm-reason", "sent for repair")
-    page.click("#alarm-dialog .main")
+def test_an_engineer_takes_out_of_service_and_an_operator_cannot_return_it(site, page):
+    engineer = site.page(user="eva")
+    wait_until_live(engineer)
+    engineer.click(".alarm:has-text('cam2') button:has-text('Out of service')")
+    engineer.fill("#alarm-reason", "sent for repair")
+    engineer.click("#alarm-dialog .main")
     page.wait_for_selector("#alarms-hidden:visible")
-    operator = site.page()
-    wait_until_live(operator)
-    operator.click("#alarms-hidden summary")
-    assert "sent for repair" in read_text(operator, "#alarms-hidden-list")
-    assert operator.locator("#alarms-hidden-list button").is_hidden()
-    operator.context.close()
-    page.click("#alarms-hidden summary")
-    page.click("#alarms-hidden-list button")
-    page.wait_for_selector(".alarm[data-state=raised]")
+    page.evaluate("document.querySelector('#alarms-hidden').open = true")
+    wait_for(page, "document.querySelector('#alarms-hidden-list').innerText.includes('sent for repair')")
+    assert page.locator("#alarms-hidden-list button").is_hidden()
+    engineer.click("#alarms-hidden summary")
+    engineer.click("#alarms-hidden-list button")
+    engineer.wait_for_selector(".alarm[data-state=raised]")
     assert site.errors == []
-    page.context.close()
+    engineer.context.close()
 
 
-def test_a_latched_alarm_is_reset(site):
+def test_a_latched_alarm_is_reset(site, page):
     latched = replace(LOST, name="overload", state="latched", needs_reset=True, by="ana", is_first=False)
     site.works.plant.raise_alarm(latched)
-    page = site.page()
-    wait_until_live(page)
     page.click(".alarm[data-key=overload] button:has-text('Reset')")
     page.wait_for_selector(".alarm[data-key=overload]", state="detached")
     assert site.errors == []
-    page.context.close()
 
 
-def test_the_view_has_key_figures_journal_and_all_alarms(site):
-    page = site.page("/#alarms-view")
-    wait_until_live(page)
+def test_the_view_has_key_figures_journal_and_all_alarms(site, page):
+    page.evaluate("location.hash = '#alarms-view'")
     wait_for(page, "document.querySelectorAll('#journal tbody tr').length >= 12")
     assert "12 alarms in the last 10 min" in read_text(page, "#flood")
     figures = read_text(page, "#figures")
@@ -113,7 +103,6 @@ def test_the_view_has_key_figures_journal_and_all_alarms(site):
     answer = page.request.get(f"{site.address}/{page.get_attribute('#journal-csv', 'href')}")
     assert answer.status == 200 and answer.text().startswith("number,time_utc,alarm")
     assert site.errors == []
-    page.context.close()
 
 
 def test_the_plant_s_own_texts_stand_before_the_page_s(site):

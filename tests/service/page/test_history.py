@@ -7,8 +7,16 @@ from tests.service.page.site import needs_chromium, read_text, wait_for
 pytestmark = needs_chromium
 
 
-def test_history_shows_a_period_and_its_section(site):
-    page = site.page("/?lang=en#history")
+def test_views_that_are_not_for_operators_or_without_products_are_not_shown(page):
+    for view in ("health", "production"):
+        page.evaluate(f"location.hash = '#{view}'")
+        page.wait_for_selector("#live-view:visible")
+        assert page.locator(f"#to-{view}").is_hidden()
+        assert page.locator(f"#{view}-view").is_hidden()
+
+
+def test_history_shows_a_period_and_its_section(site, page):
+    page.evaluate("location.hash = '#history'")
     page.wait_for_selector("#history-days td")
     page.click("[data-preset=h1]")
     wait_for(page, "new URL(document.querySelector('#export-csv').href).searchParams.has('until_ms')")
@@ -20,10 +28,9 @@ def test_history_shows_a_period_and_its_section(site):
     page.click("form .plain:not([download])")
     assert "must be after" in read_text(page, "#history-problem")
     assert site.errors == []
-    page.context.close()
 
 
-def test_events_are_in_the_pages_language(site):
+def test_events_are_in_the_pages_language(site, page):
     history = site.works.history
     history.add_event(
         "alarm", "camera_lost:cam3", "raised: no image for 4 s; check its power",
@@ -35,12 +42,12 @@ def test_events_are_in_the_pages_language(site):
     )  # fmt: skip
     history.add_event("alarm", "slip", "gone: encoder and material differ by 5 %")  # of an older version
     history.add_event("maintenance", "begin", "x", parameters={"reason": "Reinigung", "minutes": 30.0})
-    page = site.page("/?lang=de#history")
-    page.wait_for_selector("#history-events td")
+    page.select_option("#language", "de")
+    page.evaluate("location.hash = '#live'")
+    page.evaluate("location.hash = '#history'")
     wait_for(page, "document.querySelectorAll('#history-events tbody tr').length >= 4")
     text = read_text(page, "#history-events")
     assert "Kamera verloren: cam3 – anstehend: Seit 4 s kein Bild" in text
     assert "Überkorn – anstehend: 230\u00a0mm, Grenze 200\u00a0mm" in text
     assert "Wartung beginnt: Reinigung, höchstens 30 min" in text
     assert "check" not in text and "differ" not in text
-    page.context.close()

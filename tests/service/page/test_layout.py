@@ -12,12 +12,24 @@ from beltscape.core.events import CameraHealth
 from beltscape.core.translatable_message import Message
 from tests.service.feeder import CAMERAS
 from tests.service.page.site import Site, needs_chromium, read_text, wait_for, wait_until_live
+from tests.thorough import THOROUGH, list_rows
 
 pytestmark = needs_chromium
 
 
-@pytest.mark.parametrize(("language", "webgl"), [("en", False), ("de", True), ("zh", False)])
-def test_page_fits_a_phone(site, language, webgl):
+@pytest.mark.parametrize(
+    ("language", "sign_out", "webgl"),
+    list_rows(
+        [
+            ("de", "Abmelden", False),
+            ("de", "Abmelden", True),
+            ("en", "Sign out", False),
+            ("zh", "退出登录", False),
+        ],
+        [("de", "Abmelden", False)],
+    ),
+)
+def test_page_fits_a_phone_up_to_signing_out(site, language, sign_out, webgl):
     lost = Alarm("camera_lost:cam3", "warning", "raised", nan, nan, "", 1, "no image: check cable")
     site.works.plant.raise_alarm(lost)
     page = site.page(f"/?lang={language}", wide=360, high=740, has_touch=True, webgl=webgl)
@@ -25,9 +37,18 @@ def test_page_fits_a_phone(site, language, webgl):
     page.wait_for_selector(".alarm")
     wide = "document.documentElement.scrollWidth"
     assert page.evaluate(wide) == 360
+    button = page.locator("#who button")
+    assert button.is_visible() and button.inner_text() == sign_out
+    box = button.bounding_box()
+    assert box["x"] >= 0 and box["x"] + box["width"] <= 360
     page.evaluate("location.hash = '#history'")
     page.wait_for_selector("#history-days td")
     assert page.evaluate(wide) == 360
+    cells = "[...document.querySelectorAll('#history-days td, #history-events td')]"
+    cut = f"{cells}.filter((cell) => cell.getBoundingClientRect().right > 360).length"
+    assert page.evaluate(cut) == 0
+    button.click()
+    page.wait_for_url("**/login")
     assert site.errors == []
     page.context.close()
 
@@ -71,24 +92,11 @@ def test_wall_display_shows_everything_at_once(site):
     page.context.close()
 
 
-def test_without_webgl_the_belt_is_shown_from_above(site):
-    page = site.page()
-    wait_until_live(page)
-    wait_for(page, "document.querySelector('#belt').width > 500")
-    pixel = page.evaluate(
-        "[...document.querySelector('#belt').getContext('2d').getImageData(590, 50, 1, 1).data]"
-    )
-    assert pixel[3] == 255 and max(pixel[:3]) - min(pixel[:3]) > 30
-    assert page.locator("#belt-flat").is_visible()
-    assert site.errors == []
-    page.context.close()
-
-
-def test_negative_belt_positions_are_drawn_without_errors(tmp_path, browser):
+def test_negative_belt_positions_are_drawn_without_errors_and_without_webgl_from_above(tmp_path, browser):
     made = Site(tmp_path, browser, frames=0)
     made.works.plant.belt_mm = -200_000.0
     made.running.paused.clear()
-    for webgl in (False, True):
+    for webgl in (False, True) if THOROUGH else (False,):
         page = made.page(webgl=webgl)
         wait_for(page, "document.querySelector('#belt-none').hidden")
         page.wait_for_timeout(600)
@@ -98,6 +106,7 @@ def test_negative_belt_positions_are_drawn_without_errors(tmp_path, browser):
                 "[...document.querySelector('#belt').getContext('2d').getImageData(590, 50, 1, 1).data]"
             )
             assert pixel[3] == 255 and max(pixel[:3]) - min(pixel[:3]) > 30
+            assert page.locator("#belt-flat").is_visible()
         page.context.close()
     assert made.works.plant.belt_mm < -1000 and made.errors == []
     made.close()
@@ -128,21 +137,3 @@ def test_a_long_camera_message_stretches_no_picture_and_is_translated(site):
     finally:
         del plant.send_health
     assert site.errors == []
-
-
-def test_sign_out_on_a_phone(site):
-    page = site.page("/?lang=en", wide=360, high=740)
-    wait_until_live(page)
-    button = page.locator("#who button")
-    assert button.is_visible() and button.inner_text() == "Sign out"
-    box = button.bounding_box()
-    assert box["x"] >= 0 and box["x"] + box["width"] <= 360
-    page.evaluate("location.hash = '#history'")
-    page.wait_for_selector("#history-days td")
-    cells = "[...document.querySelectorAll('#history-days td, #history-events td')]"
-    cut = f"{cells}.filter((cell) => cell.getBoundingClientRect().right > 360).length"
-    assert page.evaluate(cut) == 0
-    button.click()
-    page.wait_for_url("**/login")
-    assert site.errors == []
-    page.context.close()

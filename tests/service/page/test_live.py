@@ -33,9 +33,21 @@ def test_page_loads_offline_without_errors_and_updates(site):
     page.context.close()
 
 
-def test_stale_values_are_marked_and_the_page_reconnects(site):
-    page = site.page()
+def test_a_flow_without_a_measured_record_is_not_shown_though_frames_arrive(site, page):
+    wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
+    measure, site.works.plant._measure = site.works.plant._measure, lambda _: None
+    try:
+        page.wait_for_selector("body[data-link=stale]")
+        assert read_text(page, "#flow-volume") == "–"
+        assert read_text(page, "#flow-standing") != "valid"
+        assert "No measured record" in read_text(page, "#banner")
+    finally:
+        site.works.plant._measure = measure
     wait_until_live(page)
+    assert site.errors == []
+
+
+def test_stale_values_are_marked_and_the_page_reconnects(site, page):
     wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
     site.running.paused.set()
     page.wait_for_selector("body[data-link=stale]")
@@ -53,7 +65,6 @@ def test_stale_values_are_marked_and_the_page_reconnects(site):
     page.wait_for_selector("#banner", state="hidden")
     wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
     site.errors.clear()  # the browser itself logs that nobody answered
-    page.context.close()
 
 
 def test_page_before_the_first_frame_states_this_and_shows_alarms(tmp_path, browser):
@@ -67,20 +78,3 @@ def test_page_before_the_first_frame_states_this_and_shows_alarms(tmp_path, brow
     assert made.errors == []
     page.context.close()
     made.close()
-
-
-def test_a_flow_without_a_measured_record_is_not_shown_though_frames_arrive(site):
-    page = site.page("/?lang=en")
-    wait_until_live(page)
-    wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
-    measure, site.works.plant._measure = site.works.plant._measure, lambda _: None
-    try:
-        page.wait_for_selector("body[data-link=stale]")
-        assert read_text(page, "#flow-volume") == "–"
-        assert read_text(page, "#flow-standing") != "valid"
-        assert "No measured record" in read_text(page, "#banner")
-    finally:
-        site.works.plant._measure = measure
-    wait_until_live(page)
-    assert site.errors == []
-    page.context.close()

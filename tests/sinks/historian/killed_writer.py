@@ -22,8 +22,6 @@ from tests.sinks.ledgers import START_NS, record, same
 
 SETTINGS = HistorySettings(reserve_mib=1, database_days=2)
 HOUR_NS = 3_600_000_000_000
-LEAST = 6 * 96
-"""Records, those of six days: of all days but the newest ones there are files, however few a busy machine writes."""
 
 
 def write_until_killed(folder: Path, acknowledge: int) -> None:
@@ -70,11 +68,11 @@ def killed_once(folder: Path, after_s: float, *, writing_first: bool) -> int:
     return int.from_bytes(received[len(received) // 8 * 8 - 8 :][:8], "little") if len(received) >= 8 else 0
 
 
-def main(folder: Path, kills: int) -> None:
-    """Kill that often, and until there is enough to look at; then look at everything."""
+def main(folder: Path, kills: int, least: int) -> None:
+    """Kill that often, and until so many records are acknowledged; then look at everything."""
     rng = random.Random(7)
     acknowledged, repairs, kill = 0, [], -1
-    while (kill := kill + 1) < kills or acknowledged < LEAST:
+    while (kill := kill + 1) < kills or acknowledged < least:
         acknowledged = max(
             acknowledged, killed_once(folder, rng.uniform(0, 0.06), writing_first=kill % 3 > 0)
         )
@@ -120,4 +118,4 @@ def main(folder: Path, kills: int) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), int(sys.argv[2]))
+    main(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))

@@ -10,6 +10,7 @@ from beltscape.sinks.historian import Historian
 from beltscape.sinks.historian.recovery import catch_up
 from beltscape.sinks.settings import CsvSettings, HistorySettings
 from tests.sinks.ledgers import ledger
+from tests.thorough import list_rows
 
 ALWAYS = (0, 1 << 62)
 SETTINGS = HistorySettings(reserve_mib=1)
@@ -44,8 +45,14 @@ def lose(folder, database: str, snapshot: str) -> None:
         (folder / "totals.json").unlink()
 
 
-@pytest.mark.parametrize("database", ["empty", "deleted"])
-@pytest.mark.parametrize("snapshot", ["damaged", "cut", "deleted"])
+LOSSES = [
+    (database, snapshot) for database in ("empty", "deleted") for snapshot in ("damaged", "cut", "deleted")
+]
+
+
+@pytest.mark.parametrize(
+    ("database", "snapshot"), list_rows(LOSSES, [("empty", "damaged"), ("deleted", "deleted")])
+)
 def test_number_end_and_totals_come_back_from_day_files_and_tables(tmp_path, database, snapshot):
     totals = make_history(tmp_path)
     lose(tmp_path, database, snapshot)

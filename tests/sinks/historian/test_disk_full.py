@@ -129,6 +129,7 @@ def test_a_locked_database_is_no_full_disk(historian, tmp_path):
     historian.write(ledger(1))
 
 
+@pytest.mark.thorough
 def test_full_disk_loses_nothing_that_was_acknowledged(tmp_path):
     seen = run_with_small_disk("tests.sinks.historian.small_disk", tmp_path / "disk")
     assert seen["well"] == ["", 200]

@@ -13,6 +13,7 @@ from beltscape.files.sqlite_failures import describe_failure
 from beltscape.sinks.historian import Historian, NewEvent, database, store
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import ledger
+from tests.thorough import list_cases
 
 ALWAYS = (0, 1 << 62)
 SETTINGS = HistorySettings(reserve_mib=1)
@@ -66,7 +67,7 @@ WHOLE = {"cut", "deleted", "database deleted", "overwritten", "replaced", "end c
 
 
 @pytest.mark.parametrize("change", CHANGES)
-@pytest.mark.parametrize("checkpointed", [False, True])
+@pytest.mark.parametrize("checkpointed", list_cases([False, True], [False]))
 def test_a_foreign_change_is_reported_and_the_ledger_continues(tmp_path, change, checkpointed):
     historian = Historian(tmp_path, SETTINGS)
     historian.begin_run()

@@ -66,7 +66,7 @@ def list_accused(consistency, rig):
     return {camera for fault in list_faults(consistency, rig) for camera in fault.cameras}
 
 
-@pytest.mark.parametrize("seed", list_cases(range(12), range(5)))
+@pytest.mark.parametrize("seed", list_cases(range(12), range(3)))
 def test_only_cameras_that_moved_are_accused(seed):
     rng = np.random.default_rng(seed)
     rig = make_rig(seed)
@@ -101,7 +101,7 @@ def test_doubt_is_stated_and_decided_by_more_frames():
     assert list_accused(assess(join_tie_points(scarce), rig), rig) == {"cam1"}
 
 
-@pytest.mark.parametrize("camera", ["cam0", "cam3"])
+@pytest.mark.parametrize("camera", list_cases(["cam0", "cam3"], ["cam0"]))
 def test_frames_before_and_after_a_movement_accuse_no_other_camera(camera):
     rig = make_rig(5)
     moved = apply_pose_change(rig, camera, np.deg2rad([0.12, 0.15, 0, 0, 0, 0]))

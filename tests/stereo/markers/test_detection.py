@@ -21,11 +21,11 @@ def _distances(detected: np.ndarray, true: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("exposure", "cast"),
     [
-        (1.0, (1.0, 1.0, 1.0)),
+        pytest.param(1.0, (1.0, 1.0, 1.0), marks=pytest.mark.thorough),
         (0.3, (1.0, 1.0, 1.0)),
-        (2.0, (1.0, 1.0, 1.0)),
+        pytest.param(2.0, (1.0, 1.0, 1.0), marks=pytest.mark.thorough),
         (0.8, (0.6, 1.0, 1.5)),
-        (1.0, (1.4, 0.7, 0.8)),
+        pytest.param(1.0, (1.4, 0.7, 0.8), marks=pytest.mark.thorough),
     ],
 )
 def test_detection_does_not_depend_on_exposure_and_white_balance(exposure, cast):
@@ -50,8 +50,8 @@ def test_detection_in_sixteen_bits_equals_that_in_eight():
     [
         ((816, 680), 0.6),
         pytest.param((816, 680), 1.0, marks=pytest.mark.thorough),
-        ((816, 680), 2.0),
-        ((1224, 1024), 1.0),
+        pytest.param((816, 680), 2.0, marks=pytest.mark.thorough),
+        pytest.param((1224, 1024), 1.0, marks=pytest.mark.thorough),
         pytest.param((1224, 1024), 0.6, marks=pytest.mark.thorough),
         pytest.param((1224, 1024), 2.0, marks=pytest.mark.thorough),
     ],
@@ -110,6 +110,7 @@ def test_half_a_disc_has_less_confidence_than_a_whole_one():
     assert markers.radius_px[nearest] < 0.85 * np.median(markers.radius_px)
 
 
+@pytest.mark.thorough
 @needs_rendered
 @pytest.mark.parametrize("scene", ["module_nospeckle", "belt_loaded_nospeckle"])
 def test_rendered_scenes_without_speckle_have_no_grid(scene):

@@ -18,6 +18,7 @@ from beltscape.stereo.pairwise.reconstructor import (
 from beltscape.stereo.settings import PairwiseSettings
 from tests.stereo.raycast import compute_true_depth, make_world_rig, render_frame
 from tests.stereo.rendered import needs_rendered, read_halved_frames, read_halved_rig, read_halved_truth
+from tests.thorough import list_cases
 
 SETTINGS = PairwiseSettings()
 RANGE = (600.0, 780.0)
@@ -29,13 +30,17 @@ def belt():
     return rig, render_frame(rig, core_from_world), compute_true_depth(rig, core_from_world)
 
 
+@pytest.fixture(scope="module")
+def measured(belt):
+    return reconstruct_pairwise(belt[0], belt[1], SETTINGS, Silent(), depth_range_mm=RANGE)
+
+
 def remove_cameras(frame_set: FrameSet, *names: str) -> FrameSet:
     return FrameSet(frame_set.frame, {n: i for n, i in frame_set.images.items() if n not in names})
 
 
-def test_synthetic_belt_is_measured_without_bias_and_with_right_sigma(belt):
-    rig, frames, truth = belt
-    depth = reconstruct_pairwise(rig, frames, SETTINGS, Silent(), depth_range_mm=RANGE)
+def test_synthetic_belt_is_measured_without_bias_and_with_right_sigma(belt, measured):
+    depth, truth = measured, belt[2]
     score = score_depth(depth, truth)
     assert score.within_1mm > 0.985
     assert score.interior_median_mm < 0.16
@@ -49,19 +54,19 @@ def test_synthetic_belt_is_measured_without_bias_and_with_right_sigma(belt):
     np.testing.assert_array_equal(depth.confidence, depth.views / np.float32(4))
 
 
-def test_mean_is_more_accurate_than_each_pair(belt):
+def test_mean_is_more_accurate_than_each_pair(belt, measured):
     rig, frames, truth = belt
     errors = [
         score_depth(
-            reconstruct_pairwise(rig, frames, SETTINGS, Silent(), auxiliaries=names, depth_range_mm=RANGE),
+            reconstruct_pairwise(rig, frames, SETTINGS, Silent(), auxiliaries=(name,), depth_range_mm=RANGE),
             truth,
         ).interior_robust_sigma_mm
-        for names in (None, *((name,) for name in rig.auxiliaries))
+        for name in ("cam1", "cam2")
     ]
-    assert errors[0] < 0.7 * min(errors[1:])
+    assert score_depth(measured, truth).interior_robust_sigma_mm < 0.7 * min(errors)
 
 
-@pytest.mark.parametrize("degrees", [90, 180, 225])
+@pytest.mark.parametrize("degrees", list_cases([90, 180, 225], [90, 225]))
 def test_baselines_of_any_direction_are_measured(degrees):
     rig, core_from_world = make_world_rig(angles_deg=(degrees,))
     depth = reconstruct_pairwise(
@@ -75,7 +80,9 @@ def test_baselines_of_any_direction_are_measured(degrees):
 def test_the_result_does_not_depend_on_the_number_of_threads(belt):
     rig, frames, _ = belt
     one, three = (
-        PairwiseReconstructor(rig, RANGE, PairwiseSettings(threads=n)).reconstruct(frames, Silent())
+        PairwiseReconstructor(
+            rig, RANGE, PairwiseSettings(threads=n), auxiliaries=("cam1", "cam2")
+        ).reconstruct(frames, Silent())
         for n in (1, 3)
     )
     assert one.depth_mm.tobytes() == three.depth_mm.tobytes()
@@ -84,10 +91,10 @@ def test_the_result_does_not_depend_on_the_number_of_threads(belt):
 
 def test_missing_auxiliary_is_left_out(belt):
     rig, frames, _ = belt
-    matcher = PairwiseReconstructor(rig, RANGE, SETTINGS)
+    matcher = PairwiseReconstructor(rig, RANGE, SETTINGS, auxiliaries=("cam1", "cam2"))
     depth = matcher.reconstruct(remove_cameras(frames, "cam2"), Silent())
-    assert depth.views.max() == 3
-    assert matcher.reconstruct(frames, Silent()).views.max() == 4
+    assert depth.views.max() == 1
+    assert matcher.reconstruct(frames, Silent()).views.max() == 2
 
 
 def test_sixteen_bit_and_colour_images_measure_as_eight_bit_grey_ones(belt):
@@ -96,7 +103,8 @@ def test_sixteen_bit_and_colour_images_measure_as_eight_bit_grey_ones(belt):
     coloured = FrameSet("000", {n: np.repeat(i[..., None], 3, axis=2) for n, i in frames.images.items()})
     scores = [
         score_depth(
-            reconstruct_pairwise(rig, f, SETTINGS, Silent(), depth_range_mm=RANGE), truth
+            reconstruct_pairwise(rig, f, SETTINGS, Silent(), auxiliaries=("cam1",), depth_range_mm=RANGE),
+            truth,
         ).interior_median_mm
         for f in (frames, deep, coloured)
     ]
@@ -140,6 +148,7 @@ def test_invalid_settings_are_refused(wrong):
         PairwiseSettings(**wrong)
 
 
+@pytest.mark.thorough
 @needs_rendered
 @pytest.mark.parametrize(
     ("scene", "labels", "within_1mm", "within_quarter_mm", "median_mm"),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import lru_cache
-from math import ceil, lcm
+from math import ceil, floor, lcm
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,7 +72,8 @@ def _print_texture(board: SquareBoard, margin_mm: float) -> tuple[NDArray[np.flo
     columns, rows = board.grid
     ink = np.zeros(((rows + 1) * texels, (columns + 1) * texels))
     for x, y, width, height in black_squares(board) / texel_mm:
-        ink += np.outer(_covered_shares(ink.shape[0], y, height), _covered_shares(ink.shape[1], x, width))
+        (rows, down), (across, right) = _cover_texels(y, height), _cover_texels(x, width)
+        ink[rows, across] += np.outer(down, right)
     ink = np.pad(ink.clip(0, 1), margin)
     if inverted:
         ink = 1 - ink
@@ -81,12 +82,14 @@ def _print_texture(board: SquareBoard, margin_mm: float) -> tuple[NDArray[np.flo
     return texture, texel_mm, margin * texel_mm
 
 
-def _covered_shares(count: int, start: float, length: float) -> NDArray[np.float64]:
-    """Return (count,) share of each texel covered by [start, start + length]; edges between texels stay exact."""
-    edges = np.arange(count + 1.0)
-    within = np.clip(edges, start, start + length)
-    covered = np.diff(within)
-    return np.where(np.abs(covered - np.rint(covered)) < 1e-9, np.rint(covered), covered)
+def _cover_texels(start: float, length: float) -> tuple[slice, NDArray[np.float64]]:
+    """Return the texels of [start, start + length] and the share of each that it covers.
+
+    Edges between texels stay exact.
+    """
+    first, last = floor(start + 1e-9), ceil(start + length - 1e-9)
+    covered = np.diff(np.clip(np.arange(first, last + 1.0), start, start + length))
+    return slice(first, last), np.where(np.abs(covered - np.rint(covered)) < 1e-9, np.rint(covered), covered)
 
 
 def _texels_per_square(board: SquareBoard) -> int:

@@ -64,9 +64,8 @@ class HeightField:
 
     def height_at(self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the height of the triangles at x, y (broadcast), mm; -inf beside the field."""
-        x, y = np.broadcast_arrays(x_mm, y_mm)
-        u = (x - self.x_mm[0]) / (self.x_mm[1] - self.x_mm[0])
-        v = (y - self.y_mm[0]) / (self.y_mm[1] - self.y_mm[0])
+        u = (np.asarray(x_mm) - self.x_mm[0]) / (self.x_mm[1] - self.x_mm[0])
+        v = (np.asarray(y_mm) - self.y_mm[0]) / (self.y_mm[1] - self.y_mm[0])
         rows, columns = self.height_mm.shape
         inside = (u >= 0) & (v >= 0) & (u <= columns - 1) & (v <= rows - 1)
         i = np.clip(u.astype(int), 0, columns - 2)

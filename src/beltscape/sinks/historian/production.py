@@ -8,7 +8,7 @@ from __future__ import annotations
 import sqlite3
 from collections.abc import Iterable, Sequence
 from contextlib import closing, suppress
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ def add_to_production(connection: sqlite3.Connection, records: Sequence[BeltReco
     connection.executemany(
         f"INSERT INTO production_sums (minute, product, batch, {', '.join(COLUMNS)}) VALUES ({marks}) "
         f"ON CONFLICT (minute, product, batch) DO UPDATE SET {added}",
-        ((*key, *astuple(sums)) for key, sums in found.items()),
+        ((*key, *(getattr(sums, name) for name in COLUMNS)) for key, sums in found.items()),
     )
 
 

@@ -15,9 +15,10 @@ from beltscape.site.settings import BeltSettings
 from tests.docs.blocks import read_blocks
 from tests.docs.conftest import page_text
 from tests.service.access.sample_app import PASSWORD
-from tests.service.page.site import ARGS, CHROMIUM, NO_WEBGL, SOON_MS, needs_chromium
+from tests.service.page.site import NO_WEBGL, SOON_MS, needs_chromium
 from tests.service.plants import make_service
 from tests.service.proxy import Location, Proxy, read_locations
+from tests.thorough import list_cases
 
 PAGE = "docs/howto/access.md"
 TRUSTED = LimitSettings(trusted_proxies=("127.0.0.1",))
@@ -119,18 +120,11 @@ def test_a_site_follows_a_belt_below_a_path(portal, tmp_path: Path):
         assert client.read_state().frames is not None
 
 
-@pytest.mark.browser
 @needs_chromium
-def test_the_page_lives_below_a_path(portal):
-    from playwright.sync_api import sync_playwright
-
+@pytest.mark.parametrize("number", list_cases([4, 6], [4]))
+def test_the_page_lives_below_a_path(portal, browser, number):
     address, _ = portal
-    with (
-        sync_playwright() as playwright,
-        closing(playwright.chromium.launch(executable_path=str(CHROMIUM), args=ARGS)) as browser,
-    ):
-        for number in (4, 6):
-            assert walk_through(browser, f"{address}/belt{number}/", f"Belt {number}") == []
+    assert walk_through(browser, f"{address}/belt{number}/", f"Belt {number}") == []
 
 
 def walk_through(browser, root: str, plant: str) -> list[str]:

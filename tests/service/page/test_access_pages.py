@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from contextlib import closing
 from pathlib import Path
 
@@ -16,9 +15,8 @@ from beltscape.service.hosting import serve
 from beltscape.service.settings import list_languages, read_texts
 from beltscape.service.static import make_static_files
 from tests.service.access.sample_app import CHEAP, PASSWORD
+from tests.service.page.site import needs_chromium
 from tests.service.running import Web
-
-CHROMIUM = shutil.which("chromium")
 
 
 @pytest.fixture
@@ -34,20 +32,15 @@ def service(tmp_path):
 
 
 @pytest.fixture
-def page():
+def page(browser):
     """A page that collects the browser's errors."""
-    from playwright.sync_api import sync_playwright
-
-    words = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=words)
-        page = browser.new_page(locale="de-DE")
-        page.set_default_timeout(20_000)
-        complaints: list[str] = []
-        page.on("console", lambda m: complaints.append(m.text) if "status of 4" not in m.text else None)
-        page.on("pageerror", lambda e: complaints.append(str(e)))
-        yield page
-        browser.close()
+    page = browser.new_page(locale="de-DE")
+    page.set_default_timeout(20_000)
+    complaints: list[str] = []
+    page.on("console", lambda m: complaints.append(m.text) if "status of 4" not in m.text else None)
+    page.on("pageerror", lambda e: complaints.append(str(e)))
+    yield page
+    page.close()
     assert [c for c in complaints if "[DOM]" not in c] == []
 
 
@@ -57,7 +50,7 @@ def sign_in(page, name: str, password: str) -> None:
     page.click("button.primary")
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
+@needs_chromium
 def test_setup_login_and_user_management_in_the_browser(service, page):
     access, address = service
     page.goto(address)

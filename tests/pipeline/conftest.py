@@ -1,14 +1,16 @@
-"""Fixtures: the demo's capture, parts of it, and one run of the whole demo."""
+"""Fixtures: the demo's capture, smaller forms of it, and one run of the demo with three of its cameras."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import shutil
 from pathlib import Path
 
 import pytest
 
 from tests.once import make_once
-from tests.synthetic.demo import DEMO, TRUE_RIG
+from tests.synthetic.demo import DEMO, SCENES, write_demo
 
 
 @pytest.fixture
@@ -39,15 +41,48 @@ def run(capsys):
 
 
 @pytest.fixture(scope="session")
-def small_frames(tmp_path_factory):
+def small_demo(tmp_path_factory):
+    """The demo's scenes in three cameras and half of the size, with truth/rig.json; nobody writes into it."""
+    return make_once(tmp_path_factory, "small_demo", write_demo)
+
+
+@pytest.fixture
+def small_capture(small_demo, tmp_path):
+    """A function scene → a copy of it in three cameras and half of the size, to be damaged."""
+
+    def copy(scene: str) -> Path:
+        return Path(shutil.copytree(small_demo / scene, tmp_path / scene))
+
+    return copy
+
+
+@pytest.fixture(scope="session")
+def demo_run(tmp_path_factory):
+    """A run of ``demo`` by one method on three cameras: its folders ``capture`` and ``out``, and demo.json."""
+    from beltscape.cli.main import main
+
+    def make(folder: Path) -> None:
+        write_demo(folder / "capture", scenes=(*SCENES, "calibration"), factor=1.0)
+        with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as printed:
+            patch.setattr("beltscape.evaluate.demo.DATA", folder / "capture")
+            patch.setattr("beltscape.evaluate.demo.METHODS", ("multiview",))
+            assert main(["demo", "--out", str(folder / "out"), "--json"]) == 0
+        (folder / "demo.json").write_text(printed.getvalue())
+
+    return make_once(tmp_path_factory, "demo_run", make)
+
+
+@pytest.fixture(scope="session")
+def small_frames(small_demo, tmp_path_factory):
     """Frame folders of the empty and the loaded belt: one pair of cameras, the true rig."""
     from beltscape.core.progress import Silent
     from beltscape.files.rig_json import read_rig
     from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 
     def make(out: Path) -> None:
+        rig = read_rig(small_demo / "truth" / "rig.json")
         for scene in ("belt_empty", "belt_loaded"):
-            reconstruct_capture(DEMO / scene, read_rig(TRUE_RIG), out / scene, Silent(), method="binocular")
+            reconstruct_capture(small_demo / scene, rig, out / scene, Silent(), method="binocular")
 
     return make_once(tmp_path_factory, "small_frames", make)
 

@@ -46,6 +46,12 @@ def small_demo(tmp_path_factory):
     return make_once(tmp_path_factory, "small_demo", write_demo)
 
 
+@pytest.fixture(scope="session")
+def small_rig(small_demo):
+    """The rig.json of ``small_demo``."""
+    return small_demo / "truth" / "rig.json"
+
+
 @pytest.fixture
 def small_capture(small_demo, tmp_path):
     """A function scene → a copy of it in three cameras and half of the size, to be damaged."""

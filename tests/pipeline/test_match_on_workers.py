@@ -83,6 +83,7 @@ def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path) 
     assert any("002" in line and "going on without this frame" in line for line in warnings)
 
 
+@pytest.mark.thorough
 def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkeypatch) -> None:
     marks = tmp_path / "marks"
     marks.mkdir()

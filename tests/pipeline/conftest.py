@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from tests.once import make_once
-from tests.synthetic.demo import DEMO, SCENES, write_demo
+from tests.synthetic.demo import DEMO, SCENES, crop_demo, write_demo
 
 
 @pytest.fixture
@@ -63,12 +63,34 @@ def small_capture(small_demo, tmp_path):
 
 
 @pytest.fixture(scope="session")
+def cropped(tmp_path_factory):
+    """The middle of the loaded belt and the module in five cameras, with truth/rig.json; nobody writes into it."""
+    return make_once(tmp_path_factory, "cropped", lambda folder: crop_demo(folder, ("belt_loaded", "module")))
+
+
+@pytest.fixture(scope="session")
+def cropped_rig(cropped):
+    """The rig.json of ``cropped``."""
+    return cropped / "truth" / "rig.json"
+
+
+@pytest.fixture
+def cropped_capture(cropped, tmp_path):
+    """A function scene → a copy of the middle of its images, to be damaged."""
+
+    def copy(scene: str) -> Path:
+        return Path(shutil.copytree(cropped / scene, tmp_path / scene))
+
+    return copy
+
+
+@pytest.fixture(scope="session")
 def demo_run(tmp_path_factory):
     """A run of ``demo`` by one method on three cameras: its folders ``capture`` and ``out``, and demo.json."""
     from beltscape.cli.main import main
 
     def make(folder: Path) -> None:
-        write_demo(folder / "capture", scenes=(*SCENES, "calibration"), factor=1.0)
+        write_demo(folder / "capture", scenes=(*SCENES, "calibration"), factor=0.76)
         with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as printed:
             patch.setattr("beltscape.evaluate.demo.DATA", folder / "capture")
             patch.setattr("beltscape.evaluate.demo.METHODS", ("multiview",))

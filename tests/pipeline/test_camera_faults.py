@@ -15,17 +15,18 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.progress import Silent
 from beltscape.files.reconstruction import read_frame, write_frame
 from beltscape.files.rig_json import read_rig, write_rig
-from beltscape.files.tiff import read_float_tiff
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
-from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.stereo.consistency.pose_change import apply_pose_change
 from beltscape.stereo.pointcloud import cloud_from_depth
-from tests.once import make_once
-from tests.synthetic.demo import DEMO, SMALL_CAMERAS, TRUE_RIG, crop_demo, find_middle, parse_json
+from tests.synthetic.demo import (
+    SMALL_CAMERAS,
+    crop_demo_rig,
+    parse_json,
+    read_cropped_frame,
+    read_cropped_truth,
+)
 
-TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")
-SIZE_PX = (468, 320)
-MIDDLE = find_middle((612, 512), SIZE_PX)
+TRUTH = read_cropped_truth("belt_loaded")
 
 
 def write_knocked_rig(rig_path, tmp_path, *knocks):
@@ -34,12 +35,6 @@ def write_knocked_rig(rig_path, tmp_path, *knocks):
         rig = apply_pose_change(rig, camera, np.concatenate([np.deg2rad(degrees), np.zeros(3)]))
     write_rig(tmp_path / "off.json", rig)
     return tmp_path / "off.json"
-
-
-@pytest.fixture(scope="module")
-def cropped(tmp_path_factory):
-    """The middle of the loaded belt in five cameras, with truth/rig.json; nobody writes into it."""
-    return make_once(tmp_path_factory, "cropped", lambda folder: crop_demo(folder, SIZE_PX, ["belt_loaded"]))
 
 
 @pytest.fixture
@@ -68,16 +63,15 @@ def reconstruct(run, scene, rig, out):
 
 def write_empty_belt(folder, rig):
     """Write rig.json and a frame with the true depth of the empty belt."""
-    values = read_float_tiff(DEMO / "truth" / "belt_empty_depth.tiff")[MIDDLE]
-    depth = make_depth(values)
+    depth = make_depth(read_cropped_truth("belt_empty"))
     write_frame(
         folder / "000", depth, cloud_from_depth(depth, rig.core_camera, None), np.zeros((4, 4, 3), np.uint8)
     )
     write_rig(folder / "rig.json", rig)
 
 
-def test_knocked_auxiliary_is_excluded_and_the_depth_is_right(run, cropped, tmp_path):
-    knocked = write_knocked_rig(cropped / "truth" / "rig.json", tmp_path, ("cam2", (0.1, 0.2, 0)))
+def test_knocked_auxiliary_is_excluded_and_the_depth_is_right(run, cropped, cropped_rig, tmp_path):
+    knocked = write_knocked_rig(cropped_rig, tmp_path, ("cam2", (0.1, 0.2, 0)))
     code, out, err = reconstruct(run, cropped / "belt_loaded", knocked, tmp_path / "r")
     assert code == 0
     assert any(line.startswith("warning: cam2: it is ") and "without cam2" in line for line in err)
@@ -85,15 +79,15 @@ def test_knocked_auxiliary_is_excluded_and_the_depth_is_right(run, cropped, tmp_
     assert frame["auxiliaries"] == ["cam1", "cam3", "cam4"]
     assert frame["systematic_mm"] == 0
     found = read_frame(tmp_path / "r" / "000")
-    error = (found.depth.depth_mm - TRUTH[MIDDLE]) / found.depth.sigma_mm
+    error = (found.depth.depth_mm - TRUTH) / found.depth.sigma_mm
     assert np.nanmedian(np.abs(error)) < 1
     document = json.loads((tmp_path / "r" / "reconstruction.json").read_text())
     assert document["format"] == "beltscape-reconstruction/1"
     assert document["frames"][0]["consistency"]["cameras"][1]["state"] == "contradicting"
 
 
-def test_moved_core_raises_sigma_of_depth_and_volume(run, cropped, tmp_path):
-    full = read_rig(cropped / "truth" / "rig.json")
+def test_moved_core_raises_sigma_of_depth_and_volume(run, cropped, cropped_rig, tmp_path):
+    full = read_rig(cropped_rig)
     write_rig(tmp_path / "three.json", replace(full, cameras={n: full.cameras[n] for n in SMALL_CAMERAS}))
     rig = write_knocked_rig(tmp_path / "three.json", tmp_path, ("cam0", (0.05, 0, 0)))
     code, _, err = reconstruct(run, cropped / "belt_loaded", rig, tmp_path / "r")
@@ -102,7 +96,7 @@ def test_moved_core_raises_sigma_of_depth_and_volume(run, cropped, tmp_path):
     found = read_frame(tmp_path / "r" / "000")
     assert found.depth.systematic_mm > 0.5
     assert np.nanmin(found.depth.sigma_mm) >= found.depth.systematic_mm * 0.999
-    error = np.abs(found.depth.depth_mm - TRUTH[MIDDLE]) / found.depth.sigma_mm
+    error = np.abs(found.depth.depth_mm - TRUTH) / found.depth.sigma_mm
     assert np.nanquantile(error, 0.68) < 1.2
     write_empty_belt(tmp_path / "empty", read_rig(rig))
     code, out, err = run(
@@ -115,14 +109,15 @@ def test_moved_core_raises_sigma_of_depth_and_volume(run, cropped, tmp_path):
     assert answer["sigma_mm3"] > 0.9 * found.depth.systematic_mm * (x1 - x0) * (y1 - y0)
 
 
-def test_frame_whose_cameras_all_moved_is_refused(run, cropped, tmp_path):
+@pytest.mark.thorough
+def test_frame_whose_cameras_all_moved_is_refused(run, cropped, cropped_rig, tmp_path):
     turns = [
         ("cam1", (0.3, 0.2, 0)),
         ("cam2", (-0.3, 0.3, 0)),
         ("cam3", (0.3, -0.3, 0)),
         ("cam4", (0.2, -0.3, 0.2)),
     ]
-    rig = write_knocked_rig(cropped / "truth" / "rig.json", tmp_path, *turns)
+    rig = write_knocked_rig(cropped_rig, tmp_path, *turns)
     code, _, err = reconstruct(run, cropped / "belt_loaded", rig, tmp_path / "r")
     assert code == 2
     assert "cam1" in err[-1]
@@ -131,9 +126,12 @@ def test_frame_whose_cameras_all_moved_is_refused(run, cropped, tmp_path):
     assert not (tmp_path / "r" / "000").exists()
 
 
-def test_exchanged_folders_are_named(run, exchange, cropped, tmp_path):
-    folder, rig = exchange("cam1", "cam3"), cropped / "truth" / "rig.json"
-    code, out, err = run("reconstruct", folder, "--rig", rig, "--out", tmp_path / "r", "--preset", "fast")
+@pytest.mark.thorough
+def test_exchanged_folders_are_named(run, exchange, cropped_rig, tmp_path):
+    folder = exchange("cam1", "cam3")
+    code, out, err = run(
+        "reconstruct", folder, "--rig", cropped_rig, "--out", tmp_path / "r", "--preset", "fast"
+    )
     assert code == 0
     assert any("the images of cam1 and cam3 are exchanged" in line for line in err)
     assert "cam1  unmatched: " in out
@@ -143,9 +141,8 @@ def test_exchanged_folders_are_named(run, exchange, cropped, tmp_path):
 
 
 @pytest.mark.parametrize("other", ["cam1", pytest.param("cam3", marks=pytest.mark.thorough)])
-def test_core_exchanged_with_an_auxiliary_is_named(run, exchange, cropped, tmp_path, other):
-    rig = cropped / "truth" / "rig.json"
-    code, _, err = reconstruct(run, exchange("cam0", other), rig, tmp_path / "r")
+def test_core_exchanged_with_an_auxiliary_is_named(run, exchange, cropped_rig, tmp_path, other):
+    code, _, err = reconstruct(run, exchange("cam0", other), cropped_rig, tmp_path / "r")
     assert code == 2
     assert f"the images of cam0 and {other} are exchanged" in err[-1]
 
@@ -158,8 +155,7 @@ class _TrueDepthMatcher:
 
 
 def test_matcher_continues_with_the_next_consistent_frame():
-    rig = read_rig(TRUE_RIG)
-    frame = next(iter(open_capture(DEMO / "belt_loaded", rig, Silent())))
+    rig, frame = crop_demo_rig(), read_cropped_frame("belt_loaded")
     matcher = CheckedMatcher(rig, rig.auxiliaries, (570.0, 750.0), lambda _: _TrueDepthMatcher(), every=50)
     knocked_core = np.roll(frame.images["cam0"], (5, 5), axis=(0, 1))
     other = replace(frame, images={**frame.images, "cam0": knocked_core})

@@ -13,18 +13,16 @@ from beltscape.core.errors import OutputError, ReconstructionError
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
-from beltscape.files.rig_json import read_rig
-from beltscape.files.tiff import read_float_tiff
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.reconstructing import match_ahead as ahead
 from beltscape.pipeline.reconstructing.checked_matcher import CheckedDepth, CheckedMatcher
 from beltscape.pipeline.reconstructing.frame_writer import Frame, FrameWriter
-from beltscape.pipeline.reconstructing.reconstruction import open_capture, reconstruct
-from tests.synthetic.demo import DEMO, TRUE_RIG
+from beltscape.pipeline.reconstructing.reconstruction import reconstruct
+from tests.synthetic.demo import DEMO, crop_demo_rig, read_cropped_frame, read_cropped_truth
 
-RIG = read_rig(TRUE_RIG)
-TRUTH = read_float_tiff(DEMO / "truth" / "belt_loaded_depth.tiff")
+RIG = crop_demo_rig()
+TRUTH = read_cropped_truth("belt_loaded")
 
 
 class CountingMatcher:
@@ -55,7 +53,7 @@ class Sequence(list[FrameSet]):
 
 @pytest.fixture(scope="module")
 def frame():
-    return next(iter(open_capture(DEMO / "belt_loaded", RIG, Silent())))
+    return read_cropped_frame("belt_loaded")
 
 
 @pytest.fixture(scope="module")

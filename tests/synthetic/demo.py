@@ -10,11 +10,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 import beltscape
+from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig, scale_rig
 from beltscape.files.images import read_image, write_image
 from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.files.tiff import read_float_tiff, write_float_tiff
 
 DEMO = Path(beltscape.__file__).parent / "data" / "demo"
 TRUE_RIG = DEMO / "truth" / "rig.json"
@@ -40,35 +43,42 @@ def choose_demo_rig(cameras: Sequence[str] = SMALL_CAMERAS, factor: float = 0.5)
     )
 
 
-def crop_demo(
-    folder: Path,
-    size_px: tuple[int, int],
-    scenes: Sequence[str] = SCENES,
-    cameras: Sequence[str] = ("cam0", "cam1", "cam2", "cam3", "cam4"),
-) -> None:
-    """Write the middle of the images of scenes, and truth/rig.json for it: the speckle is resolved.
+CROPPED_PX = (468, 320)
+"""Images of less than 460 px of width are slower: their surface is looked for in the full size."""
+MIDDLE = (slice(96, 416), slice(72, 540))
+"""Rows and columns of the cropped image in the demo's, whose speckle it keeps resolved."""
+ALL_CAMERAS = ("cam0", "cam1", "cam2", "cam3", "cam4")
 
-    Images less than 460 px wide are slower: their surface is looked for in the full size.
-    """
+
+def crop_demo_rig(cameras: Sequence[str] = ALL_CAMERAS) -> Rig:
+    """Return the demo's true rig for the middle of its images, with these cameras only."""
     rig = choose_demo_rig(cameras, 1.0)
-    cut = find_middle(rig.core_camera.size_px, size_px)
-    first = np.array([cut[1].start, cut[0].start])
-    for camera in rig.cameras:
-        for scene in scenes:
-            image = read_image(DEMO / scene / camera / "000.png")
-            write_image(folder / scene / camera / "000.png", np.ascontiguousarray(image[cut]))
+    first = np.array([MIDDLE[1].start, MIDDLE[0].start])
     smaller = {
-        name: replace(camera, size_px=size_px, center_px=camera.center_px - first)
+        name: replace(camera, size_px=CROPPED_PX, center_px=camera.center_px - first)
         for name, camera in rig.cameras.items()
     }
+    return replace(rig, cameras=smaller)
+
+
+def read_cropped_frame(scene: str, cameras: Sequence[str] = ALL_CAMERAS) -> FrameSet:
+    """Return the middle of the images of a scene."""
+    images = {name: read_image(DEMO / scene / name / "000.png")[MIDDLE] for name in cameras}
+    return FrameSet("000", {name: np.ascontiguousarray(image) for name, image in images.items()})
+
+
+def read_cropped_truth(scene: str) -> NDArray[np.float32]:
+    """Return the true depth in the middle of a scene."""
+    return np.ascontiguousarray(read_float_tiff(DEMO / "truth" / f"{scene}_depth.tiff")[MIDDLE])
+
+
+def crop_demo(folder: Path, scenes: Sequence[str] = SCENES, cameras: Sequence[str] = ALL_CAMERAS) -> None:
+    """Write the middle of the images of scenes, and truth/rig.json for it."""
+    for scene in scenes:
+        for name, image in read_cropped_frame(scene, cameras).images.items():
+            write_image(folder / scene / name / "000.png", image)
     (folder / "truth").mkdir()
-    write_rig(folder / "truth" / "rig.json", replace(rig, cameras=smaller))
-
-
-def find_middle(size_px: tuple[int, int], part_px: tuple[int, int]) -> tuple[slice, slice]:
-    """Return the rows and columns of the middle of an image."""
-    x, y = ((whole - part) // 2 for whole, part in zip(size_px, part_px, strict=True))
-    return slice(y, y + part_px[1]), slice(x, x + part_px[0])
+    write_rig(folder / "truth" / "rig.json", crop_demo_rig(cameras))
 
 
 def write_demo(
@@ -87,15 +97,17 @@ def write_demo(
         for scene in scenes:
             (folder / scene / camera).mkdir(parents=True)
             for path in sorted((DEMO / scene / camera).iterdir())[:8]:
-                if factor == 1.0:
-                    shutil.copy(path, folder / scene / camera)
-                    continue
                 size_px = rig.cameras[camera].size_px
                 image = cv2.resize(read_image(path), size_px, interpolation=cv2.INTER_AREA)
                 write_image(folder / scene / camera / path.name, np.asarray(image, np.uint8))
     (folder / "truth").mkdir()
     write_rig(folder / "truth" / "rig.json", rig)
     shutil.copy(DEMO / "board.toml", folder)
-    if factor == 1.0:
-        for path in (DEMO / "truth").glob("[!r]*"):
-            shutil.copy(path, folder / "truth")
+    shutil.copy(DEMO / "truth" / "volume.json", folder / "truth")
+    for scene in set(scenes) & set(SCENES):
+        depth = read_float_tiff(DEMO / "truth" / f"{scene}_depth.tiff")
+        rays = rig.core_camera.rays()
+        full = choose_demo_rig(cameras, 1.0).core_camera
+        u, v = np.rint(rays * full.focal_px + full.center_px).astype(int).transpose(2, 0, 1)
+        near = depth[v.clip(0, depth.shape[0] - 1), u.clip(0, depth.shape[1] - 1)]
+        write_float_tiff(folder / "truth" / f"{scene}_depth.tiff", near)

@@ -73,7 +73,11 @@ ONE = FringeSettings(fringes=(1.0,), steps=3)
 @pytest.fixture(scope="module")
 def scene() -> SimulatedScene:
     return SimulatedScene(
-        tiny("module", projector={"size_px": (320, 200), "position_mm": (250.0, 0.0, 744.0)})
+        tiny(
+            "module",
+            rig={"size_px": (160, 132), "pitch_um": 3.45 * 15.3},
+            projector={"size_px": (320, 200), "position_mm": (250.0, 0.0, 744.0)},
+        )
     )
 
 

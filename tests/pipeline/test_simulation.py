@@ -22,16 +22,16 @@ from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.target.board import CharucoBoard, corner_points_mm, read_board
 from beltscape.target.module import read_module
-from tests.simulate.tiny import tiny
+from tests.simulate.tiny import CUBES, tiny
 from tests.thorough import THOROUGH
 
 CAMERAS = ("cam0", "cam1", "cam2")
 TOF = {"camera": {"size_px": (64, 48), "multipath": False}}
 MOTION = {"speed_mm_s": 500.0, "frames_per_s": 5.0, "start_mm": -100.0, "encoder_scale": 1.02}
-SMALL = {"size_px": (160, 132), "pitch_um": 3.45 * 15.3}
+SMALL = {"size_px": (172, 142), "pitch_um": 49.1}
 SCENES = {
     "calibration": partial(tiny, "calibration", frames=2),
-    "module": partial(tiny, "module", speckle=False, rig=SMALL),
+    "module": partial(tiny, "module", speckle=False, rig=SMALL, module=CUBES),
     "belt_empty": partial(tiny, "belt_empty", frames=2, rig=SMALL),
     "belt_loaded": partial(tiny, "belt_loaded", tof=TOF, rig=SMALL),
     "belt_moving": partial(tiny, "belt_moving", frames=3, speckle=False, motion=MOTION),
@@ -80,7 +80,7 @@ def test_simulated_capture_reads_as_a_capture(simulated, kind):
 def test_depth_of_a_still_scene_is_on_the_cores_grid(simulated, kind):
     truth = simulated(kind) / "truth"
     depth = np.load(truth / f"{kind}_depth.npz")["depth_mm"]
-    assert depth.shape == (132, 160)
+    assert depth.shape == (142, 172)
     assert 400 < np.nanmedian(depth) < 760
     assert (truth / f"{kind}_scene.json").is_file()
     assert (truth / f"{kind}_module.json").is_file() == (kind == "module")
@@ -145,7 +145,7 @@ def test_time_of_flight_camera_writes_a_reconstruction(simulated):
     for name in ("sigma", "amplitude"):
         assert read_float_tiff(tof / "000" / f"{name}.tiff").shape == (48, 64)
     true = np.load(truth / "belt_loaded_depth.npz")["depth_mm"]
-    assert np.nanmedian(depth[20:28, 28:36]) == pytest.approx(np.nanmedian(true[60:72, 74:86]), abs=30)
+    assert np.nanmedian(depth[20:28, 28:36]) == pytest.approx(np.nanmedian(true[65:77, 79:93]), abs=30)
 
 
 REFUSED = [
@@ -174,7 +174,7 @@ def test_unrenderable_scene_is_refused_before_anything_is_written(tmp_path, more
 
 
 def test_two_captures_are_not_mixed(tmp_path):
-    scene = {"speckle": False, "rig": {"auxiliaries": 1, "size_px": (48, 40), "pitch_um": 100.0}}
+    scene = {"speckle": False, "rig": {"auxiliaries": 1, "size_px": (96, 80), "pitch_um": 50.0}}
     simulate(tiny("belt_empty", frames=2, **scene), tmp_path, Silent())
     first = (tmp_path / "cam0" / "000.png").read_bytes()
     simulate(tiny("belt_empty", frames=2, **scene), tmp_path, Silent())  # its own images may be written anew

@@ -73,13 +73,11 @@ def test_an_angle_that_differs_from_the_lens_gives_a_warning_only_where_it_was_s
             PlanSettings(light=LightSettings(exposure_us=1000, projector_lm=10)),
             ["px of motion blur; expose at most 82 µs for 0.5 px", "too little light: SNR"],
         ),
+        (PlanSettings(light=LightSettings(exposure_us=400_000)), ["does not fit", "white surfaces saturate"]),
         (
-            PlanSettings(
-                light=LightSettings(exposure_us=400_000), camera=CameraSettings(f_number=0.7),
-                rig=RigSettings(height_mm=850),
-            ),
+            PlanSettings(camera=CameraSettings(f_number=0.7), rig=RigSettings(height_mm=850)),
             [
-                "does not fit", "white surfaces saturate", "out of focus by up to", "below the recommended height",
+                "out of focus by up to", "below the recommended height",
                 "at the top the full width of 780 mm is not seen",
             ],
         ),

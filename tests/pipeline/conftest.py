@@ -7,6 +7,7 @@ import io
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.once import make_once
@@ -90,7 +91,7 @@ def demo_run(tmp_path_factory):
     from beltscape.cli.main import main
 
     def make(folder: Path) -> None:
-        write_demo(folder / "capture", scenes=(*SCENES, "calibration"), factor=0.76)
+        write_demo(folder / "capture", scenes=(*SCENES, "calibration"), factor=1.0)
         with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as printed:
             patch.setattr("beltscape.evaluate.demo.DATA", folder / "capture")
             patch.setattr("beltscape.evaluate.demo.METHODS", ("multiview",))
@@ -101,16 +102,27 @@ def demo_run(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
-def small_frames(small_demo, tmp_path_factory):
-    """Frame folders of the empty and the loaded belt: one pair of cameras, the true rig."""
-    from beltscape.core.progress import Silent
+def small_frames(small_demo, small_rig, tmp_path_factory):
+    """Frame folders of the empty and the loaded belt: the true depth with noise, on the grid of small images."""
+    from beltscape.core.depth import DepthMap
+    from beltscape.files.images import read_image
+    from beltscape.files.reconstruction import write_frame
     from beltscape.files.rig_json import read_rig
-    from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
+    from beltscape.files.tiff import read_float_tiff
+    from beltscape.stereo.pointcloud import cloud_from_depth
 
     def make(out: Path) -> None:
-        rig = read_rig(small_demo / "truth" / "rig.json")
-        for scene in ("belt_empty", "belt_loaded"):
-            reconstruct_capture(small_demo / scene, rig, out / scene, Silent(), method="binocular")
+        camera = read_rig(small_rig).core_camera
+        for seed, scene in enumerate(("belt_empty", "belt_loaded")):
+            truth = read_float_tiff(small_demo / "truth" / f"{scene}_depth.tiff")
+            depth = truth + np.random.default_rng(seed).normal(0, 0.1, truth.shape).astype(np.float32)
+            known = np.isfinite(depth)
+            sigma = np.where(known, 0.1, np.nan).astype(np.float32)
+            found = DepthMap(depth, sigma, np.where(known, 2, 0).astype(np.uint8), known.astype(np.float32))
+            image = read_image(small_demo / scene / "cam0" / "000.png")
+            cloud, preview = cloud_from_depth(found, camera, None), np.zeros((4, 4, 3), np.uint8)
+            write_frame(out / scene / "000", found, cloud, preview, image)
+            shutil.copy(small_rig, out / scene / "rig.json")
 
     return make_once(tmp_path_factory, "small_frames", make)
 

@@ -10,8 +10,9 @@ from beltscape.core.progress import Silent
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.calibrating import calibration
+from beltscape.pipeline.calibrating.intrinsics import read_known_intrinsics
 from beltscape.target.board import read_board
-from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
+from tests.synthetic.demo import DEMO, TRUE_RIG
 
 CAMERAS = ("cam0", "cam1", "cam2")
 
@@ -64,23 +65,12 @@ def test_square_given_in_inches_causes_a_warning(boards, tmp_path):
     assert read_rig(tmp_path / "rig.json").core == found.rig.core  # what is written can be read
 
 
-def test_given_intrinsics_are_fixed(run, boards, tmp_path):
-    code, out, _ = calibrate(run, boards, tmp_path / "out", "--intrinsics", TRUE_RIG)
-    assert code == 0
-    truth, calibrated = read_rig(TRUE_RIG), read_rig(tmp_path / "out" / "rig.json")
+def test_given_intrinsics_are_fixed(boards):
+    board, truth = read_board(DEMO / "board.toml"), read_rig(TRUE_RIG)
+    known = read_known_intrinsics(TRUE_RIG, board, Silent())
+    found = calibration.calibrate(boards, board, "cam0", Silent(), known=known).rig
     for name in CAMERAS:
-        np.testing.assert_array_equal(calibrated.cameras[name].focal_px, truth.cameras[name].focal_px)
-    assert parse_json(out)["cameras"]["cam0"]["held"] == [
-        "fx",
-        "fy",
-        "cx",
-        "cy",
-        "k1",
-        "k2",
-        "p1",
-        "p2",
-        "k3",
-    ]
+        np.testing.assert_array_equal(found.cameras[name].focal_px, truth.cameras[name].focal_px)
 
 
 def test_report_and_rig_are_those_of_the_demo(run, demo_run, tmp_path):

@@ -126,6 +126,7 @@ def test_viewer_draws_the_measured_features(run, frame, measured, tmp_path):
     assert edges[2] == pytest.approx(cube["size_mm"][:1] * 4, abs=0.02)  # the page rounds to 0.01 mm
 
 
+@pytest.mark.thorough
 def test_result_is_deterministic(run, frame, measured, tmp_path):
     run("measure", "features", frame, "--module", frame.parent / "module.toml", "--out", tmp_path)
     for file in ("features.json", "features.csv", "report.html"):
@@ -180,8 +181,8 @@ def test_image_of_another_size_is_refused(run, frame, tmp_path):
     assert "image.png" in err[0]
 
 
-def test_reconstruct_writes_the_core_image_on_the_grid_of_the_depth_map(small_frames):
-    folder = small_frames / "belt_loaded" / "000"
+def test_reconstruct_writes_the_core_image_on_the_grid_of_the_depth_map(demo_run):
+    folder = demo_run / "out" / "belt_loaded" / "000"
     image, depth = read_image(folder / "image.png"), read_image(folder / "views.png")
     assert image.shape[:2] == depth.shape
     assert image.any()

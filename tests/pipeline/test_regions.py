@@ -29,14 +29,16 @@ def covered(image: np.ndarray) -> np.ndarray:
     return rich
 
 
-def reconstructed(run, capture, rig, out):
-    code, text, _ = run("reconstruct", capture, "--rig", rig, "--out", out, "--method", "binocular", "--json")
+def reconstructed(run, capture, out):
+    code, text, _ = run(
+        "reconstruct", capture, "--rig", TRUE_RIG, "--out", out, "--method", "binocular", "--json"
+    )
     assert code == 0
     return parse_json(text)
 
 
-def test_draws_the_cameras_that_were_used(run, cropped, cropped_rig, tmp_path):
-    document = reconstructed(run, cropped / "module", cropped_rig, tmp_path / "r")
+def test_draws_the_cameras_that_were_used(run, tmp_path):
+    document = reconstructed(run, DEMO / "module", tmp_path / "r")
     assert document["regions"] == str(tmp_path / "r" / "regions.png")
     picture = read_image(tmp_path / "r" / "regions.png")
     assert picture.shape[1] <= 1600 and picture.shape[2] == 3
@@ -44,19 +46,20 @@ def test_draws_the_cameras_that_were_used(run, cropped, cropped_rig, tmp_path):
     assert all((np.abs(half - RINGED).max(axis=2) < 30).sum() > 200 for half in halves)
 
 
-def test_pattern_without_markers_causes_no_warning(run, cropped_capture, cropped_rig, tmp_path):
-    folder = cropped_capture("module")
+def test_pattern_without_markers_causes_no_warning(run, capture, tmp_path):
+    folder = capture("module")
     for path in sorted(folder.glob("*/*.png")):
         write_image(path, covered(read_image(path)))
-    document = reconstructed(run, folder, cropped_rig, tmp_path / "r")
+    document = reconstructed(run, folder, tmp_path / "r")
     assert document["regions"] is None and document["warnings"] == []
     assert document["frames"][0]["coverage"] > 0.5
     written = sorted(path.name for path in (tmp_path / "r").iterdir())
     assert written == [".beltscape.json", "000", "reconstruction.json", "rig.json"]
 
 
-def test_draws_the_first_frame_that_is_measured(run, cropped_capture, cropped_rig, tmp_path):
-    folder = cropped_capture("module")
+@pytest.mark.thorough
+def test_draws_the_first_frame_that_is_measured(run, capture, tmp_path):
+    folder = capture("module")
     for path in sorted(folder.glob("cam[03]/000.png")):
         image = read_image(path)
         write_image(path.with_name("001.png"), image)
@@ -65,7 +68,7 @@ def test_draws_the_first_frame_that_is_measured(run, cropped_capture, cropped_ri
     for camera in ("cam1", "cam2", "cam4"):
         (folder / camera / "000.png").unlink()
         (folder / camera).rmdir()
-    document = reconstructed(run, folder, cropped_rig, tmp_path / "r")
+    document = reconstructed(run, folder, tmp_path / "r")
     assert [frame["frame"] for frame in document["frames"]] == ["001", "002"]
     assert document["regions"] == str(tmp_path / "r" / "regions.png")
 

@@ -30,7 +30,7 @@ TOF = {"camera": {"size_px": (64, 48), "multipath": False}}
 MOTION = {"speed_mm_s": 500.0, "frames_per_s": 5.0, "start_mm": -100.0, "encoder_scale": 1.02}
 SMALL = {"size_px": (172, 142), "pitch_um": 49.1}
 SCENES = {
-    "calibration": partial(tiny, "calibration", frames=2),
+    "calibration": partial(tiny, "calibration", frames=2, rig=SMALL),
     "module": partial(tiny, "module", speckle=False, rig=SMALL, module=CUBES),
     "belt_empty": partial(tiny, "belt_empty", frames=2, rig=SMALL),
     "belt_loaded": partial(tiny, "belt_loaded", tof=TOF, rig=SMALL),

@@ -197,6 +197,7 @@ def test_a_sound_encoder_is_not_accused(step_mm: float, is_empty: bool) -> None:
     assert not any(one.is_fault for made in findings for one in made)
 
 
+@pytest.mark.thorough
 def test_a_stop_and_a_start_accuse_nobody() -> None:
     speed = np.concatenate([np.full(12, 75.0), np.linspace(75, 0, 5), np.zeros(10), np.linspace(0, 75, 5)])
     track = np.cumsum(speed)
@@ -254,6 +255,7 @@ def test_a_silent_encoder_that_returns_with_another_count() -> None:
     assert causes == {"encoder_silent"}
 
 
+@pytest.mark.thorough
 def test_one_lost_reading_accuses_nobody() -> None:
     track = list_positions()
     readings = [None if number % 7 == 5 else float(place) for number, place in enumerate(track)]

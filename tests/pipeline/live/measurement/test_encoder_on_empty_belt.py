@@ -169,6 +169,7 @@ def test_material_proves_that_the_encoder_stood_still_on_a_long_empty_belt() -> 
     assert missing_mm > 0.8 * (track[120] - track[FIRST])
 
 
+@pytest.mark.thorough
 def test_a_jump_after_a_stop_is_no_belt() -> None:
     track = make_track(60)
     stopped = np.minimum(track, track[FIRST]) + np.maximum(track - track[45], 0.0)

@@ -71,7 +71,7 @@ def test_run_counts_the_encoders_travel_and_the_heap() -> None:
 
 
 def test_run_gives_the_records_of_the_command() -> None:
-    sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in positions(0, 1800)]
+    sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in positions(600, 1800)]
     context = make_context()
     chain = FlowChain(context.matcher, FlowMeter(context.empty_belt, context.flow, density=context.density))
     offline = [r for one in sets for r in chain.push(one, Silent(), whole=bool(one.images)).records]
@@ -103,6 +103,7 @@ def test_belt_measured_with_inconsistent_cameras_is_degraded() -> None:
     assert is_inconsistent == [f"{place}" for place in positions(0, 1500) if 600 <= place < 800]
 
 
+@pytest.mark.thorough
 def test_graceful_stop_loses_nothing() -> None:
     first = measured(LedgerState(1, 0, None), [frames(p, p) for p in positions(0, 1500)])
     state = reopened(first, 2)
@@ -183,7 +184,7 @@ def test_failure_leaves_a_gap_and_measuring_continues() -> None:
 
 
 def test_flushing_changes_no_record_and_returns_them_earlier() -> None:
-    sets = [frames(p, p) for p in positions(0, 1500)]
+    sets = [frames(p, p) for p in positions(600, 1500)]
     plain, settled = run(LedgerState(1, 0, None)), run(LedgerState(1, 0, None))
     late, early, ahead = [], [], 0
     for number, one in enumerate(sets):

@@ -12,12 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from beltscape.core.progress import Silent
-from beltscape.files.rig_json import read_rig
-from beltscape.files.tiff import read_float_tiff
-from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.stereo.settings import MultiviewSettings
-from tests.synthetic.demo import DEMO, TRUE_RIG
+from tests.synthetic.demo import crop_demo_rig, read_cropped_frame, read_cropped_truth
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
 SCENE = "belt_loaded"
@@ -38,10 +34,8 @@ def scene(ablation):
     """The demo's loaded belt, one pair of cameras."""
     scenes, captures = import_module("matching.scenes"), import_module("captures")
 
-    rig = read_rig(TRUE_RIG)
-    frame = next(iter(open_capture(DEMO / SCENE, rig, Silent())))
-    frame = replace(frame, images={name: frame.images[name] for name in ("cam0", "cam1", "cam3")})
-    true_mm = read_float_tiff(DEMO / "truth" / f"{SCENE}_depth.tiff").astype(np.float64)
+    rig, frame = crop_demo_rig(), read_cropped_frame(SCENE, ("cam0", "cam1", "cam3"))
+    true_mm = read_cropped_truth(SCENE).astype(np.float64)
     return scenes.AblationScene(
         captures.Scene("demo", rig, frame, true_mm, np.isfinite(true_mm), np.zeros(true_mm.shape, bool)),
         None,

@@ -6,7 +6,11 @@ from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from beltscape.kernels import load
+from tests.synthetic.demo import SMALL_CAMERAS, crop_demo_rig, read_cropped_frame, read_cropped_truth
 
 pytestmark = pytest.mark.slow
 
@@ -15,8 +19,11 @@ def test_better_decisions_reach_more(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
     names = "ceiling", "captures", "matching.scenes", "matching.visibility"
     ceiling, captures, scenes, visibility = (import_module(name) for name in names)
-    loaded = captures.demo_scenes()[-1]
-    rig = loaded.rig
+    rig, true_mm = crop_demo_rig(SMALL_CAMERAS), read_cropped_truth("belt_loaded").astype(np.float64)
+    whole = np.isfinite(true_mm)
+    occluded = captures.occluded_mask(rig, true_mm, load()) & whole
+    frame = read_cropped_frame("belt_loaded", SMALL_CAMERAS)
+    loaded = captures.Scene("belt_loaded", rig, frame, true_mm, whole, occluded)
     # a projector at the place of an auxiliary lights what that one sees
     projector = replace(rig.cameras["cam1"], name="projector")
     lit_from_cam1 = visibility.find_visibility(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from beltscape.kernels import networks
-from tests.synthetic.demo import DEMO, TRUE_RIG
+from tests.synthetic.demo import write_demo
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
@@ -42,10 +42,11 @@ def test_bytes_count_each_array_once_and_of_planes_what_is_read():
     assert count_bytes((plane, pixels), len(pixels)) == 2 * pixels.nbytes
 
 
-def test_table_has_every_kernel_of_a_frame(monkeypatch):
+def test_table_has_every_kernel_of_a_frame(monkeypatch, tmp_path):
+    write_demo(tmp_path, scenes=["belt_empty"])
     roofline = importlib.import_module("roofline")
     monkeypatch.setattr(roofline, "_RUNS", 1)
-    work, frame_s = roofline.measure_frame(DEMO / "belt_empty", TRUE_RIG, "fast")
+    work, frame_s = roofline.measure_frame(tmp_path / "belt_empty", tmp_path / "truth" / "rig.json", "fast")
     assert {"sweep_and_aggregate", "propagate", "normal_equations", "local_fit", "evaluate_network"} <= set(
         work
     )

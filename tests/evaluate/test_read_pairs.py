@@ -66,12 +66,14 @@ def check_points(pair, method: str, limits: Points) -> None:
     assert single.gross < limits.gross
 
 
-@pytest.mark.parametrize("method", ["multiview", pytest.param("pairwise", marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("method", METHODS)
 def test_a_painted_sheet_against_dice(real_data, method):
     check_points(read_dice_gt4(real_data("dice_gt4_speckle")), method, GT4[method])
 
 
-@pytest.mark.parametrize("method", ["pairwise", pytest.param("multiview", marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("method", METHODS)
 def test_three_specimens_against_their_subsets(real_data, method):
     check_points(read_dice_auto(real_data("dice_stereo_auto")), method, AUTO[method])
 

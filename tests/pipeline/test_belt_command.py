@@ -85,7 +85,7 @@ def test_ends_out_of_view_are_named_with_the_fix_and_a_given_width_or_region_set
     code, text, err = run("measure", "belt", empty, "--across", -150, 160, "--out", out, "--json")
     assert parse_json(text)["across_mm"] == [-150, 160]
     assert "was not seen" not in "\n".join(err)
-    (tmp_path / "region.txt").write_text("120,40\n500,40\n500,460\n120,460\n")
+    (tmp_path / "region.txt").write_text("60,20\n250,20\n250,230\n60,230\n")
     code, text, _ = run("measure", "belt", empty, "--region", tmp_path / "region.txt", "--out", out, "--json")
     narrow = parse_json(text)
     assert narrow["ends"] == ["told", "told"]

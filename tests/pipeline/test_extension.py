@@ -69,6 +69,7 @@ def test_a_camera_is_replaced_without_views_of_the_core(charuco_capture, tmp_pat
     assert extension.rig.cameras["cam2"].valid_radius_px is None  # a polynomial extrapolates a long lens well
 
 
+@pytest.mark.thorough
 def test_a_rational_lens_of_an_added_camera_is_limited_to_its_corners(charuco_capture):
     rig = part_of(charuco_capture.rig, "cam0", "cam1")
     board, folder = charuco_capture.board, charuco_capture.folder

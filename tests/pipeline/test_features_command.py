@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
+import io
 import json
 import re
 
 import numpy as np
 import pytest
 
+from beltscape.cli.main import main
 from beltscape.core.depth import DepthMap
 from beltscape.files.images import read_image, write_image
 from beltscape.files.reconstruction import write_frame
@@ -57,12 +60,18 @@ def frame(tmp_path_factory):
     return folder / "000"
 
 
-def test_answer_and_files_follow_the_contract(run, frame, tmp_path):
-    out = tmp_path / "f"
-    code, text, _ = run(
-        "measure", "features", frame, "--module", frame.parent / "module.toml", "--out", out, "--json"
-    )
-    assert code == 0
+@pytest.fixture(scope="module")
+def measured(frame, tmp_path_factory):
+    """The printed answer and the folder of the files; nobody writes into it."""
+    out = tmp_path_factory.mktemp("measured")
+    words = ["measure", "features", frame, "--module", frame.parent / "module.toml", "--out", out, "--json"]
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        assert main([*map(str, words)]) == 0
+    return printed.getvalue(), out
+
+
+def test_answer_and_files_follow_the_contract(measured):
+    text, out = measured
     answer = parse_json(text)
     names = [(f["name"], f["quantity"]) for f in answer["features"]]
     assert names == [
@@ -86,23 +95,20 @@ def test_answer_and_files_follow_the_contract(run, frame, tmp_path):
     assert text_faults(page) == []
 
 
-def test_plain_image_replaces_the_patterned_one_at_edges(run, frame, tmp_path):
+def test_plain_image_replaces_the_patterned_one_at_edges(run, frame, measured, tmp_path):
     toml, dots = frame.parent / "module.toml", tmp_path / "dots.png"
     noise = np.random.default_rng(1).integers(0, 255, (512, 612), dtype=np.uint8)
     write_image(dots, noise)
-    first, second = (
-        parse_json(run("measure", "features", frame, "--module", toml, "--json", *more)[1])["features"]
-        for more in ((), ("--image", dots))
-    )
+    words = "measure", "features", frame, "--module", toml, "--json", "--image", dots
+    first, second = (parse_json(text)["features"] for text in (measured[0], run(*words)[1]))
     sigmas = [
         (a["sigma_mm"], b["sigma_mm"]) for a, b in zip(first, second, strict=True) if a["quantity"] == "edge"
     ]
     assert all(b > 1.5 * a for a, b in sigmas)  # noise shows no edges, and is not believed to
 
 
-def test_viewer_draws_the_measured_features(run, frame, tmp_path):
-    out, page = tmp_path / "f", tmp_path / "scene.html"
-    assert run("measure", "features", frame, "--module", frame.parent / "module.toml", "--out", out)[0] == 0
+def test_viewer_draws_the_measured_features(run, frame, measured, tmp_path):
+    out, page = measured[1], tmp_path / "scene.html"
     assert run("view", frame, "--features", out / "features.json", "--out", page)[0] == 0
     held = re.search(r'<script id="scene" type="application/json">(.*?)</script>', page.read_text(), re.S)
     assert held is not None
@@ -120,11 +126,11 @@ def test_viewer_draws_the_measured_features(run, frame, tmp_path):
     assert edges[2] == pytest.approx(cube["size_mm"][:1] * 4, abs=0.02)  # the page rounds to 0.01 mm
 
 
-def test_result_is_deterministic(run, frame, tmp_path):
-    for name in ("a", "b"):
-        run("measure", "features", frame, "--module", frame.parent / "module.toml", "--out", tmp_path / name)
+@pytest.mark.thorough
+def test_result_is_deterministic(run, frame, measured, tmp_path):
+    run("measure", "features", frame, "--module", frame.parent / "module.toml", "--out", tmp_path)
     for file in ("features.json", "features.csv", "report.html"):
-        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+        assert (tmp_path / file).read_bytes() == (measured[1] / file).read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -175,8 +181,8 @@ def test_image_of_another_size_is_refused(run, frame, tmp_path):
     assert "image.png" in err[0]
 
 
-def test_reconstruct_writes_the_core_image_on_the_grid_of_the_depth_map(small_frames):
-    folder = small_frames / "belt_loaded" / "000"
+def test_reconstruct_writes_the_core_image_on_the_grid_of_the_depth_map(demo_run):
+    folder = demo_run / "out" / "belt_loaded" / "000"
     image, depth = read_image(folder / "image.png"), read_image(folder / "views.png")
     assert image.shape[:2] == depth.shape
     assert image.any()

@@ -43,7 +43,7 @@ def timed_flow(tmp_path_factory: pytest.TempPathFactory) -> tuple[Mapping[str, A
     return write_without_density(tmp_path_factory.mktemp("flow"), timed=True)
 
 
-@pytest.mark.parametrize("timed", [True, False])
+@pytest.mark.parametrize("timed", [True, pytest.param(False, marks=pytest.mark.thorough)])
 def test_flow_without_density_has_no_mass(
     timed_flow: tuple[Mapping[str, Any], Path], tmp_path: Path, timed: bool
 ) -> None:

@@ -8,14 +8,16 @@ import shutil
 import numpy as np
 import pytest
 
-from beltscape.core.errors import InputError
+from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.progress import Silent
 from beltscape.files.intrinsics_json import read_intrinsics_file
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.files.rig_limits import find_corner_radius_px
+from beltscape.pipeline.calibrating import calibration
 from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.intrinsics import read_known_intrinsics
 from tests.synthetic.demo import parse_json
+from tests.thorough import list_cases
 
 BOARD = 'kind = "charuco"\nsquares = [8, 6]\nsquare_mm = 40\nmarker_mm = 29\ndictionary = "DICT_4X4_50"\n'
 
@@ -65,6 +67,19 @@ def test_a_rational_lens_is_known_as_far_as_its_corners_reached(separate, run, t
     assert np.isnan(camera.undistort(beyond)).all()
 
 
+def test_a_capture_called_intrinsics_is_chosen_before_the_word(run, tmp_path, charuco_capture, monkeypatch):
+    def stop(capture, *_args, **_options):
+        raise CalibrationError(f"a capture: {capture}")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(calibration, "calibrate", stop)
+    (tmp_path / "board.toml").write_text(BOARD)
+    (tmp_path / "intrinsics").symlink_to(charuco_capture.folder)
+    code, _, err = run("calibrate", "intrinsics", "--board", "board.toml", "--out", "rig")
+    assert (code, err) == (2, ["beltscape: a capture: intrinsics"])
+
+
+@pytest.mark.thorough
 def test_a_capture_called_intrinsics_is_still_a_capture(
     separate, run, tmp_path, charuco_capture, monkeypatch
 ):
@@ -89,7 +104,7 @@ def few(tmp_path_factory, charuco_capture):
     return folder
 
 
-@pytest.mark.parametrize("use", ["held", "prior"])
+@pytest.mark.parametrize("use", list_cases(["held", "prior"], ["prior"]))
 def test_intrinsics_are_held_or_a_prior(separate, few, charuco_capture, use):
     board = charuco_capture.board
     path = separate / "out" / "intrinsics.json"
@@ -101,6 +116,15 @@ def test_intrinsics_are_held_or_a_prior(separate, few, charuco_capture, use):
         assert np.abs(rig.cameras[name].focal_px - true.focal_px).max() < 1.0
 
 
+def test_intrinsics_are_estimated_from_a_folder_of_views(separate, charuco_capture):
+    known = read_known_intrinsics(separate / "views", charuco_capture.board, Silent(), use="prior")
+    found = read_intrinsics_file(separate / "out" / "intrinsics.json")
+    for name, camera in known.cameras.items():
+        np.testing.assert_allclose(camera.focal_px, found.cameras[name].focal_px, rtol=1e-9)
+    assert list(known.cameras) == list(found.cameras)
+
+
+@pytest.mark.thorough
 def test_a_folder_of_views_serves_as_intrinsics(separate, few, run, tmp_path):
     words = "--board", separate / "board.toml", "--out", tmp_path / "rig", "--json"
     code, out, _ = run(

@@ -157,6 +157,7 @@ def test_result_states_the_source_of_each_cameras_intrinsics(run, boards, tmp_pa
         "cam0": "given", "cam1": "estimated", "cam2": "estimated",
     }  # fmt: skip
     assert f"{tmp_path / 'one.json'}: gives the intrinsics of cam0; those of cam1, cam2 are estimated from the views" in found["warnings"]  # noqa: E501 # fmt: skip
+    assert found["cameras"]["cam0"]["held"] == ["fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"]
     document = json.loads((tmp_path / "out" / "calibration.json").read_text())
     assert document["fit"]["sound"] is True
     assert document["cameras"]["cam0"]["intrinsics"] == "given"

@@ -22,6 +22,7 @@ from beltscape.workers.call import Completed
 from beltscape.workers.options import WorkerOptions
 from tests.optional import require
 from tests.synthetic.demo import DEMO, TRUE_RIG
+from tests.thorough import list_cases
 from tests.workers.cluster import start_cluster
 from tests.workers.functions import KillOnce
 
@@ -74,6 +75,7 @@ def alone(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict
     return reconstruct(capture, tmp_path_factory.mktemp("alone"), WorkerOptions())
 
 
+@pytest.mark.thorough
 def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path) -> None:
     files, warnings = reconstruct(capture, tmp_path, WorkerOptions(workers=2))
     assert sorted(files) == sorted(alone[0])
@@ -83,6 +85,7 @@ def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path) 
     assert any("002" in line and "going on without this frame" in line for line in warnings)
 
 
+@pytest.mark.thorough
 def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkeypatch) -> None:
     marks = tmp_path / "marks"
     marks.mkdir()
@@ -94,7 +97,7 @@ def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkey
     assert sorted(path.name for path in marks.iterdir()) == [name for name in FRAMES if name != "002"]
 
 
-@pytest.mark.parametrize("elsewhere", ["nothing", "another_frame"])
+@pytest.mark.parametrize("elsewhere", list_cases(["nothing", "another_frame"], ["another_frame"]))
 def test_images_are_sent_to_workers_that_do_not_see_them(capture, tmp_path, elsewhere: str) -> None:
     other = {name: capture / name / "003.png" for name in ("cam0", "cam1", "cam2", "cam3")}
     files = {name: tmp_path / name for name in other} if elsewhere == "nothing" else other

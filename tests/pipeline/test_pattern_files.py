@@ -56,7 +56,14 @@ def test_files_are_deterministic(folder, tmp_path):
         assert path.read_bytes() == (folder / path.name).read_bytes()
 
 
-@pytest.mark.parametrize(("bits", "image_format"), [(8, "png"), (16, "png"), (8, "tiff"), (16, "tiff")])
+@pytest.mark.parametrize(
+    ("bits", "image_format"),
+    [
+        (8, "png"),
+        (16, "tiff"),
+        *(pytest.param(*case, marks=pytest.mark.thorough) for case in ((16, "png"), (8, "tiff"))),
+    ],
+)
 def test_image_file_contains_the_drawn_pattern(tmp_path, bits, image_format):
     files, _ = write_pattern_files(tmp_path, PATTERN, bits=bits, image_format=image_format)
     assert files["image"].name == f"pattern.{image_format}"

@@ -25,14 +25,18 @@ MATCHING_SIGMA_PX = {"pairwise": 0.1, "multiview": 0.01}
 """What the plan's settings say the methods reach."""
 
 
+def make_halved_plan():
+    camera = {"size_px": (256, 216), "pitch_um": 6.9, "focal_mm": 1.6}
+    return make_plan(PlanSettings.model_validate({**SETTINGS, "camera": camera}))
+
+
 @pytest.fixture(scope="module")
 def planned():
     return make_plan(PlanSettings.model_validate(SETTINGS))
 
 
-@pytest.fixture(scope="module")
-def measured(planned, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("planned")
+def simulate_empty_belt(planned, folder, **render):
+    """Render the planned rig's view of an empty belt; return its truth."""
     write_rig(folder / "planned.json", planned.planned.rig)
     overrides = {
         "seed": 11,
@@ -43,18 +47,23 @@ def measured(planned, tmp_path_factory):
             "wing_deg": float(np.rad2deg(planned.settings.belt.trough_rad)),
         },
         "projector": {"covers_mm": 800.0, "position_mm": (40.0, -60.0, 660.0)},
-        "render": {"oversample": 2, "passes": 2, "ambient_samples": 1},
+        "render": {"ambient_samples": 1, **render},
     }
     simulate(read_scenario("belt_empty", overrides), folder / "capture", Silent())
+    return np.load(folder / "capture" / "truth" / "belt_empty_depth.npz")
+
+
+@pytest.fixture(scope="module")
+def measured(planned, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("planned")
+    truth = simulate_empty_belt(planned, folder, oversample=2, passes=2)
     rig = folder / "capture" / "truth" / "rig.json"
     for method in MATCHING_SIGMA_PX:
         reconstruct_capture(folder / "capture", read_rig(rig), folder / method, Silent(), method=method)
-    truth = np.load(folder / "capture" / "truth" / "belt_empty_depth.npz")
     return truth, {name: read_float_tiff(folder / name / "000" / "depth.tiff") for name in MATCHING_SIGMA_PX}
 
 
-def test_predicted_coverage_is_reached(planned, measured):
-    truth, _ = measured
+def check_coverage(planned, truth):
     belt = truth["label"] == 1
     camera = planned.planned.rig.core_camera
     half = planned.settings.belt.flat_mm / 2 / 640.0 * camera.focal_px[0]
@@ -66,6 +75,17 @@ def test_predicted_coverage_is_reached(planned, measured):
         assert seen == pytest.approx(planned.planes[0].at_least[count], abs=0.02)
 
 
+def test_predicted_coverage_is_reached_in_smaller_images(tmp_path):
+    halved = make_halved_plan()
+    check_coverage(halved, simulate_empty_belt(halved, tmp_path, oversample=1, passes=1))
+
+
+@pytest.mark.thorough
+def test_predicted_coverage_is_reached(planned, measured):
+    check_coverage(planned, measured[0])
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", MATCHING_SIGMA_PX)
 def test_scatter_of_depth_equals_the_prediction(planned, measured, method):
     precision = PrecisionSettings(matching_sigma_px=MATCHING_SIGMA_PX[method])
@@ -73,6 +93,7 @@ def test_scatter_of_depth_equals_the_prediction(planned, measured, method):
     assert 0.5 < ratio < 2.0
 
 
+@pytest.mark.thorough
 def test_scatter_of_depth_is_within_the_default_prediction(planned, measured):
     assert scatter_mm(measured, "multiview") < promised_mm(planned, PrecisionSettings())
 

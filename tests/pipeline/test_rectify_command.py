@@ -10,12 +10,15 @@ import numpy as np
 from beltscape.core.geometry.pose import Pose
 from beltscape.files.images import read_image, write_image
 from beltscape.files.rig_json import read_rig, write_rig
-from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
+from tests.synthetic.demo import parse_json
 
 
-def test_row_error_is_small_with_the_true_rig_for_pairs_in_any_direction(run, tmp_path):
+def test_row_error_is_small_with_the_true_rig_and_a_moved_camera_is_named(
+    run, cropped, cropped_rig, tmp_path
+):
+    """For pairs in any direction."""
     code, out, err = run(
-        "rectify", DEMO / "belt_loaded", "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json"
+        "rectify", cropped / "belt_loaded", "--rig", cropped_rig, "--out", tmp_path / "r", "--json"
     )
     assert code == 0
     assert not [line for line in err if line.startswith("warning")]
@@ -30,16 +33,17 @@ def test_row_error_is_small_with_the_true_rig_for_pairs_in_any_direction(run, tm
         assert read_image(folder / "core.png").shape[1::-1] == size
         assert read_image(folder / "auxiliary.png").shape[1::-1] == size
     assert json.loads((tmp_path / "r" / "000" / "rectification.json").read_text())["pairs"] == pairs
-    assert read_image(tmp_path / "r" / "000" / "rectification.png").ndim == 3
+    plain = read_image(tmp_path / "r" / "000" / "rectification.png")
+    assert plain.ndim == 3
+    check_a_moved_camera(run, cropped, read_rig(cropped_rig), plain, tmp_path)
 
 
-def test_moved_camera_is_named(run, tmp_path):
-    rig = read_rig(TRUE_RIG)
+def check_a_moved_camera(run, cropped, rig, plain, tmp_path):
     tilted = Pose.of([0.006, 0.0, 0.0], [0.0, 0.0, 0.0]) @ rig.cam_from_core["cam1"]
     moved = replace(rig, cam_from_core={**rig.cam_from_core, "cam1": tilted})
     write_rig(tmp_path / "rig.json", moved)
     code, _, err = run(
-        "rectify", DEMO / "belt_loaded", "--rig", tmp_path / "rig.json", "--out", tmp_path / "r"
+        "rectify", cropped / "belt_loaded", "--rig", tmp_path / "rig.json", "--out", tmp_path / "m"
     )
     assert code == 0
     warned = [line for line in err if line.startswith("warning")]
@@ -48,19 +52,17 @@ def test_moved_camera_is_named(run, tmp_path):
     assert "it moved or its lens changed" in warned[0]
     assert "is of another instant (synchronisation)" in warned[0]
     assert "; calibrate again" in warned[0]
-    marked = read_image(tmp_path / "r" / "000" / "rectification.png")
-    run("rectify", DEMO / "belt_loaded", "--rig", TRUE_RIG, "--out", tmp_path / "sound")
-    plain = read_image(tmp_path / "sound" / "000" / "rectification.png")
+    marked = read_image(tmp_path / "m" / "000" / "rectification.png")
     above = marked[: marked.shape[0] - plain.shape[0]]
     assert above.shape[0] > 0, "the warning is written above the pictures"
     assert (above.min(axis=2) < 128).any()
 
 
-def test_camera_without_matches_is_unmatched(run, capture, tmp_path):
-    folder = capture("belt_loaded")
+def test_camera_without_matches_is_unmatched(run, cropped_capture, cropped_rig, tmp_path):
+    folder = cropped_capture("belt_loaded")
     path = folder / "cam3" / "000.png"
     write_image(path, np.ascontiguousarray(read_image(path)[::-1, ::-1]))
-    code, out, err = run("rectify", folder, "--rig", TRUE_RIG, "--out", tmp_path / "r", "--json")
+    code, out, err = run("rectify", folder, "--rig", cropped_rig, "--out", tmp_path / "r", "--json")
     assert code == 0
     warned = [line for line in err if line.startswith("warning")]
     assert warned == [

@@ -57,6 +57,7 @@ def test_pattern_without_markers_causes_no_warning(run, capture, tmp_path):
     assert written == [".beltscape.json", "000", "reconstruction.json", "rig.json"]
 
 
+@pytest.mark.thorough
 def test_draws_the_first_frame_that_is_measured(run, capture, tmp_path):
     folder = capture("module")
     for path in sorted(folder.glob("cam[03]/000.png")):

@@ -33,6 +33,7 @@ def moving(frame: str) -> FrameSet:
     return FrameSet(frame, {f"cam{i}": read_image(folder / f"cam{i}/{frame}.png") for i in range(5)})
 
 
+@pytest.mark.thorough
 @needs_rendered
 @pytest.mark.skipif(
     not (RENDERED / "belt_moving").is_dir(), reason="optional data: the moving capture is not there"

@@ -49,6 +49,7 @@ def test_the_sharp_frame_of_each_view_is_chosen_in_every_camera(videos, tmp_path
     assert all(tuple(files) == capture.frames for files in capture.files.values())
 
 
+@pytest.mark.thorough
 def test_lenses_are_calibrated_from_videos(videos, run, tmp_path):
     (tmp_path / "board.toml").write_text(BOARD)
     words = "--board", tmp_path / "board.toml", "--out", tmp_path / "rig", "--json"

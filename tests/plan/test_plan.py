@@ -12,6 +12,7 @@ from beltscape.files.toml_text import validate
 from beltscape.plan.baseline import choose_baseline, list_alternatives
 from beltscape.plan.plan import make_plan
 from beltscape.plan.settings import BeltSettings, CameraSettings, LightSettings, PlanSettings, RigSettings
+from tests.thorough import list_cases
 
 
 @pytest.fixture(scope="module")
@@ -65,23 +66,27 @@ def test_an_angle_that_differs_from_the_lens_gives_a_warning_only_where_it_was_s
 
 
 @pytest.mark.parametrize(
-    ("settings", "line"),
+    ("settings", "lines"),
     [
-        (PlanSettings(belt=BeltSettings(speed_m_s=19)), "frames a second are needed, the camera gives 79.1"),
+        (PlanSettings(belt=BeltSettings(speed_m_s=19)), ["frames a second are needed, the camera gives 79.1"]),
         (
-            PlanSettings(light=LightSettings(exposure_us=1000)),
-            "px of motion blur; expose at most 82 µs for 0.5 px",
+            PlanSettings(light=LightSettings(exposure_us=1000, projector_lm=10)),
+            ["px of motion blur; expose at most 82 µs for 0.5 px", "too little light: SNR"],
         ),
-        (PlanSettings(light=LightSettings(projector_lm=10)), "too little light: SNR"),
-        (PlanSettings(light=LightSettings(exposure_us=400_000)), "does not fit"),
-        (PlanSettings(light=LightSettings(exposure_us=5000)), "white surfaces saturate"),
-        (PlanSettings(camera=CameraSettings(f_number=0.7)), "out of focus by up to"),
-        (PlanSettings(rig=RigSettings(height_mm=850)), "below the recommended height"),
-        (PlanSettings(rig=RigSettings(height_mm=850)), "at the top the full width of 780 mm is not seen"),
+        (PlanSettings(light=LightSettings(exposure_us=400_000)), ["does not fit", "white surfaces saturate"]),
+        (
+            PlanSettings(camera=CameraSettings(f_number=0.7), rig=RigSettings(height_mm=850)),
+            [
+                "out of focus by up to", "below the recommended height",
+                "at the top the full width of 780 mm is not seen",
+            ],
+        ),
     ],
-)
-def test_shortage_gives_a_warning(settings, line):
-    assert any(line in warning for warning in make_plan(settings).warnings)
+)  # fmt: skip
+def test_shortage_gives_a_warning(settings, lines):
+    warnings = make_plan(settings).warnings
+    for line in lines:
+        assert any(line in warning for warning in warnings), line
 
 
 def test_more_cameras_are_more_precise():
@@ -89,12 +94,12 @@ def test_more_cameras_are_more_precise():
         rig = RigSettings(auxiliaries=auxiliaries, baseline_mm=250)
         return make_plan(PlanSettings(rig=rig)).sigma_median_mm
 
-    found = [sigma(n) for n in (1, 2, 4, 6)]
+    found = [sigma(n) for n in (1, 2, 4)]
     assert found == sorted(found, reverse=True)
     assert found[0] / found[2] > 2
 
 
-@pytest.mark.parametrize("auxiliaries", [1, 2, 3, 8])
+@pytest.mark.parametrize("auxiliaries", list_cases([1, 2, 3, 8], [1, 8]))
 def test_any_number_of_auxiliaries_has_an_acceptable_baseline(auxiliaries):
     plan = make_plan(PlanSettings(rig=RigSettings(auxiliaries=auxiliaries)))
     assert not plan.chosen.refused
@@ -102,21 +107,21 @@ def test_any_number_of_auxiliaries_has_an_acceptable_baseline(auxiliaries):
     assert len(plan.planned.rig.cameras) == auxiliaries + 1
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        PlanSettings(belt=BeltSettings(flat_mm=0)),
-        PlanSettings(belt=BeltSettings(speed_m_s=0)),
-        PlanSettings(belt=BeltSettings(span_mm=800)),
-        PlanSettings(belt=BeltSettings(material_mm=(0, 2900))),
-        PlanSettings(light=LightSettings(projector_lm=0)),
-        PlanSettings(light=LightSettings(lit_area_mm=(800, 600))),
-    ],
-)
-def test_unusual_plants_are_planned_and_reported(settings):
+UNUSUAL = {
+    "no flat middle": PlanSettings(belt=BeltSettings(flat_mm=0)),
+    "standing": PlanSettings(belt=BeltSettings(speed_m_s=0)),
+    "flat": PlanSettings(belt=BeltSettings(span_mm=800)),
+    "high load": PlanSettings(belt=BeltSettings(material_mm=(0, 2900))),
+    "no light": PlanSettings(light=LightSettings(projector_lm=0)),
+    "given light": PlanSettings(light=LightSettings(lit_area_mm=(800, 600))),
+}
+
+
+@pytest.mark.parametrize("plant", list_cases(UNUSUAL, ["standing", "no light"]))
+def test_unusual_plants_are_planned_and_reported(plant):
     from beltscape.report.plan import render_plan_page
 
-    plan = make_plan(settings)
+    plan = make_plan(UNUSUAL[plant])
     assert "Rig plan" in render_plan_page(plan)
     assert not any("inf" in warning.split() for warning in plan.warnings)
 

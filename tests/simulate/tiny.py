@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from beltscape.simulate.scenario import Scenario
@@ -12,6 +13,9 @@ TINY: dict[str, Any] = {
     "projector": {"size_px": (320, 200)},
     "heap": {"rocks": 3, "fines": {"along_mm": (-150.0, 150.0), "cell_mm": 12.0}},
 }
+
+CUBES = {"file": str(Path(__file__).with_name("cubes.toml"))}
+"""A module of two cubes, whose scene is made in a tenth of the time of the paper's module with its spheres."""
 
 
 def tiny(kind: str, **more: Any) -> Scenario:

@@ -22,7 +22,9 @@ from beltscape.learned import registry
 from beltscape.learned.registry import PURPOSES, load_network
 from beltscape.pipeline.simulation import simulate
 from beltscape.workers.options import WorkerOptions
+from tests.once import make_once
 from tests.simulate.tiny import tiny
+from tests.thorough import list_cases
 from tests.workers.backwards import run_backwards
 
 pytestmark = pytest.mark.slow
@@ -32,10 +34,12 @@ WITHOUT_TORCH = "PyTorch is not installed; pip install 'beltscape[train]' brings
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Simulate a loaded belt of 320 × 264 px."""
-    folder = tmp_path_factory.mktemp("training") / "capture"
-    simulate(tiny("belt_loaded", heap={"rocks": 12}), folder, Silent())
-    return folder
+    """Simulate a loaded belt of 320 × 264 px; all workers of a run share it, and none writes into it."""
+
+    def make(folder: Path) -> None:
+        simulate(tiny("belt_loaded", heap={"rocks": 12}), folder / "capture", Silent())
+
+    return make_once(tmp_path_factory, "training", make) / "capture"
 
 
 @pytest.fixture
@@ -61,7 +65,7 @@ def test_scenarios_are_the_same_on_every_draw_and_hold_every_kind(load) -> None:
     assert held_out.rig.seed not in {one.rig.seed for one in drawn}
 
 
-@pytest.mark.parametrize("name", ["initial_confidence", "confidence"])
+@pytest.mark.parametrize("name", list_cases(["initial_confidence", "confidence"], ["confidence"]))
 def test_samples_of_pixels_have_the_features_of_the_network(load, capture, monkeypatch, name: str) -> None:
     pixels = load("samples.pixels")
     limit_frames(monkeypatch, pixels)
@@ -178,6 +182,13 @@ def test_every_recipe_gives_a_network_like_the_shipped_one(load, capture, tmp_pa
         assert all(np.isfinite(layer).all() for layer in network.layers)
 
 
+def draw_noise(capture: Path, turn: int) -> dict[str, np.ndarray]:
+    """Return a network's weights and noise of the capture's own."""
+    noise = np.random.default_rng([turn, len(capture.name)]).normal(size=100)
+    weights = load_network("holes").layers[0].ravel()[:100]
+    return {"names": np.array(["depth"]), "values": noise + weights, "turn": np.full(100, turn)}
+
+
 def draw_depth(capture: Path, turn: int) -> dict[str, np.ndarray]:
     """Return the capture's depth as the matcher gives it with the networks in use."""
     found = importlib.import_module("training.reconstructions").reconstruct_capture(capture)
@@ -189,7 +200,10 @@ def draw_depth(capture: Path, turn: int) -> dict[str, np.ndarray]:
     }
 
 
-def test_samples_are_the_same_bytes_with_any_number_of_workers(load, capture, tmp_path, monkeypatch) -> None:
+@pytest.mark.parametrize("draw", [draw_noise, pytest.param(draw_depth, marks=pytest.mark.thorough)])
+def test_samples_are_the_same_bytes_with_any_number_of_workers(
+    load, capture, tmp_path, monkeypatch, draw
+) -> None:
     monkeypatch.setattr("beltscape.workers.ray_cluster.run_on_ray", run_backwards)
     others = [tmp_path / f"capture{number}" for number in range(2)]
     for other in others:
@@ -197,7 +211,7 @@ def test_samples_are_the_same_bytes_with_any_number_of_workers(load, capture, tm
     Drawing, SampleCache = load("drawing").Drawing, load("cache").SampleCache
     for number, options in ((1, WorkerOptions()), (2, WorkerOptions(2))):
         cache = SampleCache(tmp_path / str(number), Silent(), Drawing(options))
-        samples = cache.collect("depth", others, draw_depth)
+        samples = cache.collect("depth", others, draw)
         assert list(samples["turn"][:: len(samples["turn"]) // 2]) == [0, 1]
     for other in others:
         one, two = (tmp_path / number / "depth" / f"{other.name}.npz" for number in "12")
@@ -210,7 +224,7 @@ def test_samples_are_drawn_with_the_networks_in_use(load, capture, tmp_path, mon
         tmp_path / "samples", Silent(), load("drawing").Drawing(networks=tmp_path)
     )
     with pytest.raises(InputError, match=f"{tmp_path}.*is missing"):
-        cache.collect("depth", [capture], draw_depth)
+        cache.collect("depth", [capture], draw_noise)
     registry.load_network.cache_clear()
 
 

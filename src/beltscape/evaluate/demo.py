@@ -47,6 +47,8 @@ from beltscape.report.page import InteractiveScene, Pictures, Section, Table, Ti
 from beltscape.stereo.pointcloud import undistort_image
 from beltscape.target.board import read_board
 
+DATA = Path(beltscape.__file__).parent / "data" / "demo"
+"""The shipped capture, with its truth."""
 SCENES = ("belt_empty", "belt_loaded", "module")
 METHODS = ("multiview", "pairwise", "binocular")
 MAIN = METHODS[0]
@@ -99,40 +101,35 @@ class Demo:
 
 def run_demo(out: Path, reporter: Reporter) -> Demo:
     """Calibrate, rectify, reconstruct and measure with the same functions as the commands."""
-    data = Path(beltscape.__file__).parent / "data" / "demo"
-    truth = read_rig(data / "truth" / "rig.json")
-    calibration = calibrate(data / "calibration", read_board(data / "board.toml"), "cam0", reporter)
+    truth = read_rig(DATA / "truth" / "rig.json")
+    calibration = calibrate(DATA / "calibration", read_board(DATA / "board.toml"), "cam0", reporter)
     write_calibration(out / "calibration", calibration)
     rig = calibration.rig
-    near_far, _ = rectify_capture(data / "belt_loaded", rig, out / "rectified", reporter)
-    scenes = {scene: _evaluate_scene(data, scene, rig, truth, out, reporter) for scene in SCENES}
-    volumes = {
-        scene: _evaluate_volume(data, scene, out, reporter) for scene in SCENES if scene != "belt_empty"
-    }
+    near_far, _ = rectify_capture(DATA / "belt_loaded", rig, out / "rectified", reporter)
+    scenes = {scene: _evaluate_scene(scene, rig, truth, out, reporter) for scene in SCENES}
+    volumes = {scene: _evaluate_volume(scene, out, reporter) for scene in SCENES if scene != "belt_empty"}
     return Demo(
-        out, calibration, score_rig_against_truth(rig, truth, load()), _make_rectified_panels(data, rig, near_far),
+        out, calibration, score_rig_against_truth(rig, truth, load()), _make_rectified_panels(rig, near_far),
         scenes, volumes, calibration.warnings,
     )  # fmt: skip
 
 
-def _make_rectified_panels(data: Path, rig: Rig, near_far: tuple[float, float]) -> Sequence[Panel]:
+def _make_rectified_panels(rig: Rig, near_far: tuple[float, float]) -> Sequence[Panel]:
     """Return the pictures of the loaded belt's pairs before and after rectification."""
-    source = open_capture(data / "belt_loaded", rig, Silent())
+    source = open_capture(DATA / "belt_loaded", rig, Silent())
     frame_set, pairs, consistency, _ = next(rectify(source, rig, near_far, Silent()))
     return make_rectification_panels(rig, frame_set, pairs, consistency)
 
 
-def _evaluate_scene(
-    data: Path, scene: str, rig: Rig, truth: Rig, out: Path, reporter: Reporter
-) -> SceneResult:
-    true_mm = _resample_truth(rig, truth, read_float_tiff(data / "truth" / f"{scene}_depth.tiff"))
-    region = _lit_mask(data, true_mm, rig)
+def _evaluate_scene(scene: str, rig: Rig, truth: Rig, out: Path, reporter: Reporter) -> SceneResult:
+    true_mm = _resample_truth(rig, truth, read_float_tiff(DATA / "truth" / f"{scene}_depth.tiff"))
+    region = _lit_mask(true_mm, rig)
     depths: dict[str, DepthMap] = {}
     for method in METHODS:
         folder = out / (scene if method == MAIN else f"{scene}_{method}")
-        reconstruct_capture(data / scene, rig, folder, reporter, method=method)
+        reconstruct_capture(DATA / scene, rig, folder, reporter, method=method)
         depths[method] = read_frame(folder / "000").depth
-    image = undistort_image(read_image(data / scene / rig.core / "000.png"), rig.core_camera)
+    image = undistort_image(read_image(DATA / scene / rig.core / "000.png"), rig.core_camera)
     return SceneResult(
         folder=out / scene / "000",
         depth_map=depths[MAIN],
@@ -153,19 +150,19 @@ def _resample_truth(rig: Rig, truth: Rig, true_mm: NDArray[np.float32]) -> NDArr
     return np.where(inside, sampled, np.nan)
 
 
-def _true_belt_from_core(data: Path) -> Pose:
-    entry = read_json(data / "truth" / "volume.json")["belt_from_core"]
+def _true_belt_from_core() -> Pose:
+    entry = read_json(DATA / "truth" / "volume.json")["belt_from_core"]
     return Pose.of(entry["rotation"], entry["translation_mm"])
 
 
-def _lit_mask(data: Path, true_mm: NDArray[np.float64], rig: Rig) -> NDArray[np.bool_]:
+def _lit_mask(true_mm: NDArray[np.float64], rig: Rig) -> NDArray[np.bool_]:
     points = np.concatenate([rig.core_camera.rays() * true_mm[..., None], true_mm[..., None]], axis=-1)
-    along = _true_belt_from_core(data).apply(points)[..., 1]
+    along = _true_belt_from_core().apply(points)[..., 1]
     return np.abs(along) <= WITHIN_MM
 
 
-def _evaluate_volume(data: Path, scene: str, out: Path, reporter: Reporter) -> VolumeResult:
-    truth = read_json(data / "truth" / "volume.json")["scenes"][scene]
+def _evaluate_volume(scene: str, out: Path, reporter: Reporter) -> VolumeResult:
+    truth = read_json(DATA / "truth" / "volume.json")["scenes"][scene]
     volume = measure_volume_of_frames(
         out / scene / "000", out / "belt_empty" / "000", VolumeSettings(), across_mm=None, along_mm=ALONG_MM
     )

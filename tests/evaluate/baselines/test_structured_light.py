@@ -15,7 +15,7 @@ from beltscape.simulate.core_truth import trace_core_truth
 from beltscape.simulate.projected_sequence import FringeSettings, make_fringe_patterns, render_sequence
 from beltscape.simulate.rig_and_projector import make_projector
 from beltscape.simulate.scene_assembly import SimulatedScene
-from tests.simulate.tiny import tiny
+from tests.simulate.tiny import CUBES, tiny
 
 CORE = Camera("cam0", (160, 120), np.array([150.0, 151.0]), np.array([79.0, 60.5]), np.zeros(5))
 LIGHT = Camera("projector", (640, 400), np.full(2, 560.0), np.array([319.5, 199.5]), np.zeros(5))
@@ -73,7 +73,12 @@ ONE = FringeSettings(fringes=(1.0,), steps=3)
 @pytest.fixture(scope="module")
 def scene() -> SimulatedScene:
     return SimulatedScene(
-        tiny("module", projector={"size_px": (320, 200), "position_mm": (250.0, 0.0, 744.0)})
+        tiny(
+            "module",
+            module=CUBES,
+            rig={"size_px": (172, 142), "pitch_um": 49.1},
+            projector={"size_px": (320, 200), "position_mm": (250.0, 0.0, 744.0)},
+        )
     )
 
 

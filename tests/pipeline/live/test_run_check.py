@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
+from tests.synthetic.demo import parse_json
 
 PROJECT = """rig = "rig.json"
 empty = "belt.json"
@@ -30,16 +30,16 @@ cam1 = "b"
 
 
 @pytest.fixture(scope="module")
-def plant_parts(tmp_path_factory, small_frames) -> Path:
+def plant_parts(tmp_path_factory, small_demo, small_rig, small_frames) -> Path:
     """rig.json and belt.json of the demo's rig, and a capture of the loaded belt."""
     from beltscape.core.progress import Silent
     from beltscape.pipeline.measuring.belt import measure_empty_belt, write_belt_files
 
     folder = tmp_path_factory.mktemp("plant")
-    shutil.copy(TRUE_RIG, folder / "rig.json")
+    shutil.copy(small_rig, folder / "rig.json")
     belt, depth = measure_empty_belt(small_frames / "belt_empty", None, Silent())
     write_belt_files(folder / "belt.json", belt, depth)
-    shutil.copytree(DEMO / "belt_loaded", folder / "belt")
+    shutil.copytree(small_demo / "belt_loaded", folder / "belt")
     return folder
 
 
@@ -56,7 +56,7 @@ def test_sound_project_has_a_line_for_every_part(run, plant):
     assert code == 0
     parts = parse_json(out)["parts"]
     assert list(parts) == ["rig", "alarms", "density", "empty", "source", "encoder", "data", "page", "users"]
-    assert parts["rig"].startswith("5 cameras about cam0")
+    assert parts["rig"].startswith("3 cameras about cam0")
     assert not Path("data").exists()
 
 
@@ -194,7 +194,7 @@ FAULTS = {
         ),
         'give [encoder] kind = "camera"',
     ),
-    "camera without device": (lambda: Path("project.toml").write_text(CAMERAS), "cam2 has no device"),
+    "camera without device": (lambda: Path("project.toml").write_text(CAMERAS), "cam3 has no device"),
 }
 
 

@@ -14,7 +14,8 @@ from beltscape.sources.genicam.camera import TriggerPace
 from beltscape.sources.genicam.device import RawImage
 from beltscape.sources.genicam.health import find_brightness_fault
 from beltscape.sources.genicam.settings import CamerasSettings
-from beltscape.sources.genicam.source import READY, GenicamSource
+from beltscape.sources.genicam.source import GenicamSource
+from tests.protocols.broker import wait_until
 
 MONO8 = 0x01080001
 
@@ -133,7 +134,7 @@ def test_unusable_images_are_reported():
 def test_unfetched_frame_sets_are_dropped_oldest_first():
     source = source_of({"cam0": [Steered()]})
     first = fetch(source, lambda _: True)[0][1]
-    time.sleep((READY + 10) / 25)
+    wait_until(lambda: source.overrun > 3, 20)
     after = fetch(source, lambda _: True)[0][1]
     assert source.overrun > 0
     assert int(after.frame) - int(first.frame) == source.overrun + 1

@@ -54,7 +54,9 @@ def length(records: list[BeltRecord]) -> float:
     return records[-1].belt_mm[1] - records[0].belt_mm[0]
 
 
-@pytest.mark.parametrize("encoder_mm", [5000.0, None], ids=["encoder", "material alone"])
+@pytest.mark.parametrize(
+    "encoder_mm", [5000.0, pytest.param(None, marks=pytest.mark.thorough)], ids=["encoder", "material alone"]
+)
 def test_belt_and_volume_stay_the_same(encoder_mm: float | None) -> None:
     records = measure(CHANGES, encoder_mm)
     check(records)
@@ -80,6 +82,7 @@ def test_the_run_and_its_density_change_at_exactly_one_record() -> None:
     assert first[5].run_sigma_mm3 < before.run_sigma_mm3  # σ of a run's own common errors
 
 
+@pytest.mark.thorough
 def test_without_an_encoder_it_waits_for_a_known_motion() -> None:
     first = next(one for one in measure(CHANGES, None) if one.run == 2)
     assert first.strip is not None and float(first.strip.frame) > TRACK[CHANGES[0]]

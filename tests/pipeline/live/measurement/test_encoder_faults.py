@@ -121,7 +121,7 @@ def measure_sound_volume_mm3() -> float:
     return sum(entry.volume_mm3 for entry in entries)
 
 
-@pytest.mark.parametrize("fault", list_cases(FAULTS, ["frozen, then catching up", "reversed", "10 % slow"]))
+@pytest.mark.parametrize("fault", list_cases(FAULTS, ["frozen, then catching up"]))
 def test_nothing_is_valid_from_the_first_contradicted_frame_on(fault: str) -> None:
     track = list_positions()
     entries, findings = measure(track, [float(reading) for reading in FAULTS[fault](track)])
@@ -134,7 +134,7 @@ def test_nothing_is_valid_from_the_first_contradicted_frame_on(fault: str) -> No
     assert sum(entry.volume_mm3 for entry in entries) == pytest.approx(measure_sound_volume_mm3(), rel=0.005)
 
 
-@pytest.mark.parametrize("jump", list_cases(JUMPS, ["by 300 mm", "reset to 0"]))
+@pytest.mark.parametrize("jump", list_cases(JUMPS, ["by 300 mm"]))
 def test_a_jump_is_no_belt_and_the_encoder_is_trusted_again_after_it(jump: str) -> None:
     track = list_positions()
     entries, findings = measure(track, [float(reading) for reading in JUMPS[jump](track)])
@@ -143,7 +143,8 @@ def test_a_jump_is_no_belt_and_the_encoder_is_trusted_again_after_it(jump: str) 
     assert not any(one.is_fault for one in findings[-1])
 
 
-@pytest.mark.parametrize(("slip", "frames"), [(0.01, 30), pytest.param(0.03, 5, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize(("slip", "frames"), [(0.01, 30), (0.03, 5)])
 def test_slip_adds_up_until_it_exceeds_its_uncertainty(slip: float, frames: int) -> None:
     track = list_positions()
     steps = np.diff(track, prepend=track[0]) * np.where(np.arange(COUNT) >= FIRST, 1 - slip, 1.0)
@@ -168,7 +169,8 @@ def test_a_small_slip_is_a_trend_with_sigma_that_degrades_nothing(step_mm: float
     assert 0 < last.sigma < 0.0015
 
 
-@pytest.mark.parametrize("step_mm", [pytest.param(330.0, marks=pytest.mark.thorough), 460.0])
+@pytest.mark.thorough
+@pytest.mark.parametrize("step_mm", [330.0, 460.0])
 def test_fast_belts_whose_views_hardly_overlap(step_mm: float) -> None:
     track = list_positions(step_mm)
     entries, _ = measure(track, [float(reading) for reading in FAULTS["frozen, then catching up"](track)])
@@ -179,8 +181,11 @@ def test_fast_belts_whose_views_hardly_overlap(step_mm: float) -> None:
 @pytest.mark.parametrize(
     ("step_mm", "is_empty"),
     [
-        *(pytest.param(step_mm, False, marks=pytest.mark.thorough) for step_mm in (20.0, 330.0, 900.0)),
-        *((75.0, False), (600.0, False), (75.0, True)),
+        *(
+            pytest.param(step_mm, False, marks=pytest.mark.thorough)
+            for step_mm in (20.0, 75.0, 330.0, 600.0, 900.0)
+        ),
+        (75.0, True),
     ],
 )
 def test_a_sound_encoder_is_not_accused(step_mm: float, is_empty: bool) -> None:
@@ -192,6 +197,7 @@ def test_a_sound_encoder_is_not_accused(step_mm: float, is_empty: bool) -> None:
     assert not any(one.is_fault for made in findings for one in made)
 
 
+@pytest.mark.thorough
 def test_a_stop_and_a_start_accuse_nobody() -> None:
     speed = np.concatenate([np.full(12, 75.0), np.linspace(75, 0, 5), np.zeros(10), np.linspace(0, 75, 5)])
     track = np.cumsum(speed)
@@ -200,6 +206,7 @@ def test_a_stop_and_a_start_accuse_nobody() -> None:
     assert not any(one.is_fault for made in findings for one in made)
 
 
+@pytest.mark.thorough
 def test_frozen_images_give_no_multiples_of_the_load() -> None:
     track = list_positions()
     frozen = np.where(np.arange(COUNT) >= FIRST, track[FIRST - 1], track)
@@ -225,6 +232,7 @@ def test_the_metres_of_repeated_images_are_missing_and_measuring_recovers() -> N
     assert sum(entry.volume_mm3 for entry in entries) <= 1.005 * measure_sound_volume_mm3()
 
 
+@pytest.mark.thorough
 def test_nothing_is_lost_where_every_second_image_set_repeats() -> None:
     track = list_positions()
     shown = [track[number - (number % 2 if FIRST <= number < COUNT - 1 else 0)] for number in range(COUNT)]
@@ -247,6 +255,7 @@ def test_a_silent_encoder_that_returns_with_another_count() -> None:
     assert causes == {"encoder_silent"}
 
 
+@pytest.mark.thorough
 def test_one_lost_reading_accuses_nobody() -> None:
     track = list_positions()
     readings = [None if number % 7 == 5 else float(place) for number, place in enumerate(track)]

@@ -94,9 +94,7 @@ def sum_volume_mm3(entries: Sequence[BeltRecord]) -> float:
     return sum(entry.volume_mm3 for entry in entries)
 
 
-@pytest.mark.parametrize(
-    "name", list_cases(FAULTS, ["frozen", "frozen, then true again", "reset", "silent, then true again"])
-)
+@pytest.mark.parametrize("name", list_cases(FAULTS, ["frozen, then true again"]))
 def test_the_metres_of_the_empty_belt_are_counted_afterwards(name: str, sound: list[BeltRecord]) -> None:
     entries, faulty = measure(FAULTS[name].apply(make_track()))
     assert faulty
@@ -155,6 +153,7 @@ def test_an_encoder_that_is_ahead_after_a_standstill_on_an_empty_belt(count: int
     assert entries[-1].standing == "valid"
 
 
+@pytest.mark.thorough
 def test_material_proves_that_the_encoder_stood_still_on_a_long_empty_belt() -> None:
     """The belt ran as fast before as after it; its metres were seen by nobody as such, and are missing."""
     track = make_track(140)
@@ -170,6 +169,7 @@ def test_material_proves_that_the_encoder_stood_still_on_a_long_empty_belt() -> 
     assert missing_mm > 0.8 * (track[120] - track[FIRST])
 
 
+@pytest.mark.thorough
 def test_a_jump_after_a_stop_is_no_belt() -> None:
     track = make_track(60)
     stopped = np.minimum(track, track[FIRST]) + np.maximum(track - track[45], 0.0)

@@ -71,7 +71,7 @@ def test_run_counts_the_encoders_travel_and_the_heap() -> None:
 
 
 def test_run_gives_the_records_of_the_command() -> None:
-    sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in positions(0, 1800)]
+    sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in positions(600, 1800)]
     context = make_context()
     chain = FlowChain(context.matcher, FlowMeter(context.empty_belt, context.flow, density=context.density))
     offline = [r for one in sets for r in chain.push(one, Silent(), whole=bool(one.images)).records]
@@ -103,6 +103,7 @@ def test_belt_measured_with_inconsistent_cameras_is_degraded() -> None:
     assert is_inconsistent == [f"{place}" for place in positions(0, 1500) if 600 <= place < 800]
 
 
+@pytest.mark.thorough
 def test_graceful_stop_loses_nothing() -> None:
     first = measured(LedgerState(1, 0, None), [frames(p, p) for p in positions(0, 1500)])
     state = reopened(first, 2)
@@ -124,6 +125,7 @@ def test_belt_that_passed_while_nothing_ran_is_missing() -> None:
     assert gap.length_mm == pytest.approx(2400 - 840 - window, abs=1.0)
 
 
+@pytest.mark.thorough
 def test_killed_run_keeps_finished_records_and_the_rest_is_measured_again() -> None:
     first = measured(LedgerState(1, 0, None), [frames(p, p) for p in positions(0, 1500)], killed=True)
     state = reopened(first, 2)
@@ -137,6 +139,7 @@ def test_killed_run_keeps_finished_records_and_the_rest_is_measured_again() -> N
     assert sum(e.volume_mm3 for e in entries) + lost == pytest.approx(HEAP.volume_mm3, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_encoder_reset_continues_in_the_ledger() -> None:
     sets = [frames(p, 90_000 + p if p < 1500 else p - 1500) for p in positions(0, 3000)]
     entries = measured(LedgerState(1, 0, None), sets)
@@ -181,7 +184,7 @@ def test_failure_leaves_a_gap_and_measuring_continues() -> None:
 
 
 def test_flushing_changes_no_record_and_returns_them_earlier() -> None:
-    sets = [frames(p, p) for p in positions(0, 1500)]
+    sets = [frames(p, p) for p in positions(600, 1500)]
     plain, settled = run(LedgerState(1, 0, None)), run(LedgerState(1, 0, None))
     late, early, ahead = [], [], 0
     for number, one in enumerate(sets):
@@ -198,6 +201,7 @@ def test_flushing_changes_no_record_and_returns_them_earlier() -> None:
     check(early)
 
 
+@pytest.mark.thorough
 def test_encoder_that_starts_later_takes_over() -> None:
     sets = [frames(p, None if p < 1500 else 40_000 + p) for p in positions(900, 2700)]
     check(measured(LedgerState(1, 0, None), sets))
@@ -228,7 +232,11 @@ def test_any_stops_kills_and_losses_leave_a_ledger_without_gap_or_overlap(cuts, 
 @pytest.mark.parametrize("direction", ["+y", pytest.param(None, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize(
     "state",
-    [LedgerState(1, 0, None), LedgerState(1, 0, 5000.0, 1000.0), LedgerState(1, 0, 9e6, 1000.0)],
+    [
+        LedgerState(1, 0, None),
+        pytest.param(LedgerState(1, 0, 5000.0, 1000.0), marks=pytest.mark.thorough),
+        pytest.param(LedgerState(1, 0, 9e6, 1000.0), marks=pytest.mark.thorough),
+    ],
     ids=["new", "continued", "the encoder was reset"],
 )
 def test_belt_of_a_dark_start_is_missing_while_it_passes(state: LedgerState, direction: str | None) -> None:
@@ -258,6 +266,7 @@ def test_belt_of_a_dark_start_is_missing_while_it_passes(state: LedgerState, dir
     assert missing == pytest.approx(9000, abs=2 * reach)
 
 
+@pytest.mark.thorough
 def test_a_start_in_the_dark_goes_on_in_the_light_without_a_gap_or_an_overlap() -> None:
     track = [frames(p, 5000 + p, cameras=() if p < 3000 else CAMERAS) for p in positions(0, 6000)]
     entries = measured(LedgerState(1, 0, None), track)

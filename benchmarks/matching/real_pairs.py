@@ -1,8 +1,8 @@
 """Benchmark of the matchers on real stereo pairs; prints tables.
 
-    python benchmarks/matching/real_pairs.py [REAL]
+    cd benchmarks && python -m matching.real_pairs [REAL]
 
-REAL is a folder with the pairs of `beltscape.evaluate.real_pairs.read_pairs` (default: ../shared/data/real beside the
+REAL is a folder with the pairs of `stereo_pairs.read_pairs` (default: ../shared/data/real beside the
 repository); missing pairs are listed and left out.
 """
 
@@ -18,9 +18,9 @@ import numpy as np
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import BeltscapeError
 from beltscape.evaluate.depth_scores import compute_robust_sigma
-from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
-from beltscape.evaluate.real_pairs.read_pairs import METHODS, read_dice_auto, read_dice_gt4, read_motorcycle
-from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair
+from stereo_pairs.disparity_pair import DisparityPair
+from stereo_pairs.read_pairs import METHODS, read_dice_auto, read_dice_gt4, read_motorcycle
+from stereo_pairs.speckle_pair import SpecklePair
 
 PAIRS = {
     "dice_gt4_speckle": read_dice_gt4,

@@ -55,6 +55,8 @@ def test_rows_that_need_another_plant_are_left_out(imported_round):
     cases = {case.name: case for case in import_module("faults.cases").read_cases()}
     assert imported_round.is_playable(cases["sound"])
     assert imported_round.is_playable(cases["belt risen 5 mm"])
-    assert imported_round.is_playable(cases["plate 160 mm over the belt for 12 frames"])  # drawn into its images
+    assert imported_round.is_playable(
+        cases["plate 160 mm over the belt for 12 frames"]
+    )  # drawn into its images
     assert not imported_round.is_playable(cases["splice 3 mm"])
     assert not imported_round.is_playable(cases["belt runs off by 60 mm"])

@@ -2,6 +2,5 @@
 
 `truth` reads what a simulated scene is. `depth_scores`, `frame_scores` and `lump_scores` compare results with
 it. `structured_light` and `line_laser` are simulated sensors to compare with; `paper` repeats the paper's
-experiments; `real_pairs` are real stereo pairs with references. `demo` runs the whole chain on the shipped
-capture.
+experiments. `demo` runs the whole chain on the shipped capture.
 """

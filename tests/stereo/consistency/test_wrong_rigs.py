@@ -10,7 +10,6 @@ import pytest
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
-from beltscape.evaluate.real_pairs.read_pairs import read_dice_auto, read_motorcycle
 from beltscape.pipeline.reconstructing.camera_checks import CameraCheck
 from beltscape.stereo.consistency.check import check_consistency
 from beltscape.stereo.consistency.diagnosis import (
@@ -23,6 +22,7 @@ from beltscape.stereo.consistency.diagnosis import (
 from beltscape.stereo.consistency.rig_consistency import NO_FIT, fit_rows
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.settings import MultiviewSettings
+from stereo_pairs.read_pairs import read_dice_auto, read_motorcycle
 from tests.synthetic.dotted_room import Arrangement, compute_room_depth, falsify, make_room_rig, render_room
 from tests.thorough import list_cases, list_rows
 

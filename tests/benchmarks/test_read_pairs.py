@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from beltscape.evaluate.depth_scores import compute_robust_sigma
-from beltscape.evaluate.real_pairs.read_pairs import (
+from stereo_pairs.read_pairs import (
     METHODS,
     read_dice_auto,
     read_dice_auto_plane,
     read_dice_gt4,
     read_motorcycle,
 )
-from beltscape.evaluate.real_pairs.subsets import find_subsets
+from stereo_pairs.subsets import find_subsets
 
 
 class Points(NamedTuple):

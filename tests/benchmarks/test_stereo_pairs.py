@@ -15,9 +15,9 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
-from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
-from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair, triangulate_depth_mm
-from beltscape.evaluate.real_pairs.subsets import find_subsets, fit_auxiliary_pose
+from stereo_pairs.disparity_pair import DisparityPair
+from stereo_pairs.speckle_pair import SpecklePair, triangulate_depth_mm
+from stereo_pairs.subsets import find_subsets, fit_auxiliary_pose
 
 LENS = np.array([-0.1, 0.05, 1e-3, -5e-4, 0.02])
 POSE = Pose.of([0.02, -0.15, 0.01], [-100.0, 3.0, 8.0])

@@ -23,14 +23,14 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
-from beltscape.evaluate.real_pairs.disparity_pair import DisparityPair
-from beltscape.evaluate.real_pairs.speckle_pair import SpecklePair
-from beltscape.evaluate.real_pairs.subsets import find_subsets, fit_auxiliary_pose
 from beltscape.files.exchange import import_rig
 from beltscape.files.images import read_image
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.pairwise.reconstructor import reconstruct_pairwise
 from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings
+from stereo_pairs.disparity_pair import DisparityPair
+from stereo_pairs.speckle_pair import SpecklePair
+from stereo_pairs.subsets import find_subsets, fit_auxiliary_pose
 
 Reconstruct = Callable[[Rig, FrameSet, tuple[float, float]], DepthMap]
 """A method under test: rig, frame set and (near, far) in mm → depth map of the core."""

@@ -160,7 +160,12 @@ class Reader:
             small = [word for word in words if word not in ("--size", "quarter")]
             small[1] = f"scenes/{words[1]}.toml"
         elif words[0] == "simulate" and 'kind = "belt_moving"' in (self.folder / words[1]).read_text():
+            text = (self.folder / words[1]).read_text()
+            (self.folder / words[1]).write_text(text.replace("scale = 0.5", "scale = 1"))
             small += ["--frames", "3"]  # of eight
+        elif words[0] == "simulate":
+            path = self.folder / words[1]
+            path.write_text(re.sub(r"rocks = \d+", "rocks = 10", path.read_text()))
         if words[0] == "replay" or (words[0] == "run" and "--check" not in words):
             return [word.replace("project.toml", "recorded.toml") for word in small]
         if words[0] in ("run", "users", "backup"):

@@ -21,6 +21,7 @@ from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
+from tests.thorough import list_cases
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
@@ -79,7 +80,7 @@ def test_every_documented_command_exists(script):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["00_plan_a_rig", "01_targets"])
+@pytest.mark.parametrize("name", list_cases(["00_plan_a_rig", "01_targets"], {"00_plan_a_rig"}))
 def test_the_short_scripts_run(tmp_path, name):
     program = tmp_path / "bin/beltscape"
     program.parent.mkdir()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 import beltscape as bs
 
 
+@pytest.mark.thorough
 def test_the_shipped_views_give_the_true_rig(rig, capsys):
     demo = bs.demo_folder()
     calibration = bs.calibrate(

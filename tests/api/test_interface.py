@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
@@ -35,9 +36,12 @@ def test_plain_arrays_give_the_same_depth_as_a_frame_set(scenes, rig):
 
 
 def test_a_moved_camera_is_in_the_warnings(scenes, rig):
-    images = dict(scenes["module"].frame.images)
+    images = {
+        name: cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        for name, image in scenes["module"].frame.images.items()
+    }
     images["cam2"] = np.ascontiguousarray(images["cam2"][::-1, ::-1])
-    matcher = bs.Reconstructor(rig, preset="fast", depth_range_mm=(600, 780))
+    matcher = bs.Reconstructor(bs.scale_rig(rig, 0.5), preset="fast", depth_range_mm=(600, 780))
     matcher(images)
     assert any("cam2" in line for line in matcher.warnings)
 

@@ -25,15 +25,15 @@ def adjusted(rig, board, poses):
 
 
 def test_bundle_adjustment_is_nearer_to_the_truth_than_the_hierarchy(rig, board, poses):
-    better = 0
-    for seed in range(5):
+    better, seeds = 0, count_examples(5)
+    for seed in range(seeds):
         own = make_detections(rig, board, poses, NOISE_PX, seed)
         chain = solve_hierarchy(own, board, rig.core, Silent())
         before = score_rig_against_truth(chain.rig, rig, load())
         after = score_rig_against_truth(adjust_bundle(chain, board).rig, rig, load())
         better += after.depth_rms_mm < before.depth_rms_mm
         assert max(after.rotation_deg.values()) < max(before.rotation_deg.values())
-    assert better >= 4
+    assert better >= 0.8 * seeds
 
 
 def test_a_flat_board_stays_flat_and_the_noise_is_estimated(adjusted):
@@ -58,6 +58,7 @@ def test_wrong_corners_are_left_out(rig, board, poses):
     assert found.used[of_view].sum() == of_view.sum() - 1
 
 
+@pytest.mark.thorough
 def test_depth_sigma_equals_the_scatter_of_many_rigs(rig, board, poses, adjusted):
     _, _, found = adjusted
     sigma = compute_depth_sigma(found.rig, compute_rig_covariance(found).matrix, 650.0, columns=9)

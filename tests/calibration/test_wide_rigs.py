@@ -56,6 +56,7 @@ def see_boards(model: str, board) -> BoardDetections:
     return make_detections(rig, board, poses, NOISE_PX)
 
 
+@pytest.mark.thorough
 def test_a_wide_rig_holds_out_at_the_noise_and_blames_no_camera(board):
     seen = see_boards("rational", board)
     hierarchy = solve_hierarchy(seen, board, "a", Silent())

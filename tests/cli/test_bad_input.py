@@ -91,10 +91,11 @@ def test_a_core_without_a_readable_image(calibrate, charuco_capture):
 @pytest.mark.parametrize(
     ("change", "board", "shown"),
     [
-        (
+        pytest.param(
             ("4X4_50", "5X5_100"),
             "8×6, DICT_5X5_100",
             "they show markers DICT_4X4_50 with ids up to 23 on a board of 8 columns",
+            marks=pytest.mark.thorough,
         ),
         (
             ("[8, 6]", "[9, 6]"),
@@ -126,6 +127,7 @@ def test_chessboard_instead_of_the_described_charuco_board(calibrate, chessboard
     )
 
 
+@pytest.mark.thorough
 def test_a_chessboard_of_another_grid(calibrate, chessboard_capture):
     Path("chess").symlink_to(chessboard_capture.folder)
     assert calibrate(capture="chess", board=CHESSBOARD.replace("[8, 5]", "[9, 6]")) == (
@@ -137,6 +139,7 @@ def test_a_chessboard_of_another_grid(calibrate, chessboard_capture):
     )
 
 
+@pytest.mark.thorough
 def test_charuco_board_instead_of_the_described_chessboard(calibrate, two_images):
     assert calibrate(board=CHESSBOARD) == (
         2,

@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 
 from beltscape.core.errors import EXTRAS, describe_missing_library
+from tests.once import make_once
 from tests.synthetic.demo import DEMO
+from tests.synthetic.small_demo import make_small_demo
 
 ROOT = Path(__file__).resolve().parents[2]
 WITHOUT = f"""
@@ -49,10 +51,11 @@ for module in pkgutil.walk_packages(beltscape.__path__, "beltscape."):
     assert done.returncode == 0
 
 
-def test_images_become_depth_and_a_page_without_extras(tmp_path):
+def test_images_become_depth_and_a_page_without_extras(tmp_path, tmp_path_factory):
+    demo = make_once(tmp_path_factory, "small_demo", make_small_demo)
     done = run_without_extras(f"""
 from beltscape.cli.main import main
-scene, rig, out = {str(DEMO / "module")!r}, {str(DEMO / "truth" / "rig.json")!r}, {str(tmp_path)!r}
+scene, rig, out = {str(demo / "module")!r}, {str(demo / "truth" / "rig.json")!r}, {str(tmp_path)!r}
 assert main(["reconstruct", scene, "--rig", rig, "--preset", "fast", "--out", out + "/depth"]) == 0
 assert main(["view", out + "/depth/000", "--out", out + "/view.html"]) == 0
 """)
@@ -63,12 +66,15 @@ assert main(["view", out + "/depth/000", "--out", out + "/view.html"]) == 0
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (
+        pytest.param(
             ["simulate", str(ROOT / "examples/02_simulate/module_on_belt.toml"), "--out", "OUT"],
             "pip install 'beltscape[simulate]'",
+            marks=pytest.mark.thorough,
         ),
         (["run", "PROJECT"], "pip install 'beltscape[live]'"),
-        (["view", "SCENE", "--rerun"], "pip install 'beltscape[viewer]'"),
+        pytest.param(
+            ["view", "SCENE", "--rerun"], "pip install 'beltscape[viewer]'", marks=pytest.mark.thorough
+        ),
         (
             [
                 "reconstruct",

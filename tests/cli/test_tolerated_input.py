@@ -36,6 +36,7 @@ def test_missing_damaged_and_differing_images_are_warned_about(calibrate, charuc
     )
 
 
+@pytest.mark.thorough
 def test_a_camera_that_shares_no_view_is_warned_about(calibrate, charuco_capture):
     for name, path in zip("abcdefghijkl", sorted((charuco_capture.folder / "cam2").iterdir()), strict=False):
         Path("capture/cam2").mkdir(exist_ok=True)

@@ -19,7 +19,7 @@ from tests.docs.system import ROOT
 from tests.docs.tables import check_table
 from tests.once import make_once
 from tests.sinks.ledgers import ledger
-from tests.synthetic.demo import DEMO
+from tests.synthetic.small_demo import make_small_demo, shrink_images
 
 SMALL = """[render]
 oversample = 1
@@ -33,7 +33,7 @@ along_mm = [-100, 100]
 FRAMES = {"calibration": 1, "belt_moving": 2}
 LATER = ("018", "019", "021", "022")
 """Views of the demo's board that the tutorial of calibration sets aside to check the rig with."""
-FEWER = ("001.jpg", "004.jpg", "007.jpg", "010.jpg", "013.jpg", "016.jpg")
+FEWER = ("004.jpg", "010.jpg", "016.jpg")
 """Views of the board that only the README and the tutorials use."""
 TUTORIAL_OF_RUNNING = "docs/tutorials/control_engineer.md"
 """Its scene of a moving belt is what the other pages measure: the demo's rig, whose lenses distort."""
@@ -43,15 +43,15 @@ def page_text(page: str) -> str:
     return (ROOT / page).read_text()
 
 
-def make_material(folder: Path, results: Results) -> None:
+def make_material(folder: Path, demo: Path, results: Results) -> None:
     """Lay out the reader's own captures: board views, empty and loaded belt, module; the moving belt is rendered."""
     for scene, name in (("belt_empty", "empty"), ("belt_loaded", "loaded"), ("module", "module")):
-        shutil.copytree(DEMO / scene, folder / name)
+        shutil.copytree(demo / scene, folder / name)
     later = shutil.ignore_patterns(*(f"{frame}.*" for frame in LATER))
-    shutil.copytree(DEMO / "calibration", folder / "calibration", ignore=later)
-    shutil.copytree(DEMO / "truth", folder / "truth")
+    shutil.copytree(demo / "calibration", folder / "calibration", ignore=later)
+    shutil.copytree(demo / "truth", folder / "truth")
     for name in ("board.toml", "module.toml"):
-        shutil.copy(DEMO / name, folder / name)
+        shutil.copy(demo / name, folder / name)
     shutil.copytree(ROOT / "deploy", folder / "deploy", ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "scenes").mkdir()
     for scene in SCENES:
@@ -86,11 +86,25 @@ def results(tmp_path_factory) -> Results:
 
 
 @pytest.fixture(scope="session")
-def walked(tmp_path_factory, results) -> tuple[Path, list[str], list[str]]:
+def small_demo(tmp_path_factory) -> Path:
+    """The capture that the manual's tests are run on in place of the demo's."""
+    return make_once(tmp_path_factory, "small_demo", make_small_demo)
+
+
+@pytest.fixture(autouse=True)
+def small_demo_ships(request, monkeypatch) -> None:
+    """Let the folder that pages copy be the small capture's."""
+    if "make_reader" in request.fixturenames or "walked" in request.fixturenames:
+        folder = request.getfixturevalue("small_demo")
+        monkeypatch.setattr("beltscape.demo_folder", lambda: folder, raising=False)
+
+
+@pytest.fixture(scope="session")
+def walked(tmp_path_factory, small_demo, results) -> tuple[Path, list[str], list[str]]:
     """The folder after the README, what did not hold, and what was run; made once, by the first worker."""
 
     def walk(folder: Path) -> None:
-        make_material(folder, results)
+        make_material(folder, small_demo, results)
         reader = Reader(folder, results)
         reader.follow("README.md", page_text("README.md"))
         (folder / "reader.json").write_text(json.dumps([reader.wrong, reader.done]))
@@ -110,6 +124,8 @@ def make_reader(request, results, tmp_path) -> Callable[[str], Reader]:
             folder, _, _ = request.getfixturevalue("walked")
             without = shutil.ignore_patterns("*.db*", "data", "reader.json", *FEWER)
             shutil.copytree(folder, tmp_path, ignore=without, dirs_exist_ok=True)
+            if "scale_rig(rig, 0.5)" in page_text(page):
+                shrink_images(tmp_path / "moving", 0.5)
         (tmp_path / "data").mkdir()
         if "data/days" in page_text(page):
             make_day(tmp_path)

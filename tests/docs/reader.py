@@ -153,14 +153,22 @@ class Reader:
         self.done.append(asked)
         return answer.out
 
+    def _shrink_scene(self, words: list[str]) -> list[str]:
+        """The command on a named scene's small form, or on the page's own scene with fewer rocks and frames."""
+        if words[1] in SCENES:
+            small = [word for word in words if word not in ("--size", "quarter")]
+            return ["simulate", f"scenes/{words[1]}.toml", *small[2:]]
+        path = self.folder / words[1]
+        text = path.read_text()
+        if 'kind = "belt_moving"' in text:
+            path.write_text(text.replace("scale = 0.5", "scale = 1"))  # of the small demo's rig
+            return [*words, "--frames", "3"]  # of eight
+        path.write_text(re.sub(r"rocks = \d+", "rocks = 10", text))
+        return words
+
     def _on_small_material(self, words: list[str]) -> list[str]:
         """The same command, on scenes that render in seconds and with the page's project of a recorded capture."""
-        small = list(words)
-        if words[0] == "simulate" and words[1] in SCENES:
-            small = [word for word in words if word not in ("--size", "quarter")]
-            small[1] = f"scenes/{words[1]}.toml"
-        elif words[0] == "simulate" and 'kind = "belt_moving"' in (self.folder / words[1]).read_text():
-            small += ["--frames", "3"]  # of eight
+        small = self._shrink_scene(words) if words[0] == "simulate" else list(words)
         if words[0] == "replay" or (words[0] == "run" and "--check" not in words):
             return [word.replace("project.toml", "recorded.toml") for word in small]
         if words[0] in ("run", "users", "backup"):

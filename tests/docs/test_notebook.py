@@ -7,6 +7,8 @@ import contextlib
 import json
 from typing import Any
 
+import pytest
+
 from tests.docs.system import ROOT
 
 NOTEBOOK = ROOT / "docs/tutorials/notebook.ipynb"
@@ -24,6 +26,7 @@ def run_cell(source: str, names: dict[str, Any]) -> Any:
     return eval(compile(ast.Expression(last.value), "cell", "eval"), names)
 
 
+@pytest.mark.thorough
 def test_the_notebook_runs(tmp_path):
     cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
     names: dict[str, Any] = {}

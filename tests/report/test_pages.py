@@ -80,6 +80,7 @@ def test_tables_that_are_cut_have_a_shadow_and_lone_tiles_do_not_stretch(opened)
         page.close()
 
 
+@pytest.mark.thorough
 def test_the_same_result_gives_the_same_bytes(made):
     again = pages()
     for name, page in made.items():

@@ -74,6 +74,7 @@ def test_any_cut_counts_every_millimetre_once(moving_store, joined_store) -> Non
     assert cut["totals"]["sigma_mm3"] == pytest.approx(sigma, rel=0.05)
 
 
+@pytest.mark.thorough
 def test_two_workers_that_are_killed_give_the_ledger_of_one(reprocess, joined_store, tmp_path) -> None:
     pytest.importorskip("ray", reason="Ray is not installed; pip install 'beltscape[cluster]' brings it")
     ended, killed = threading.Event(), []

@@ -48,7 +48,7 @@ def test_independent_noise_needs_no_inflation(rig, board, poses):
         compute_rig_covariance(
             found(rig, board, make_detections(rig, board, poses, NOISE_PX, seed))
         ).inflation
-        for seed in range(6)
+        for seed in range(count_examples(6))
     ]
     assert sum(r > 1 for r in raised) <= 1
     assert max(raised) < 2

@@ -45,6 +45,7 @@ def test_the_description_fits_the_pose(rig, board, few):
     assert following.describe().startswith("Next, hold the board in the ")
 
 
+@pytest.mark.thorough
 def test_many_views_leave_less_improvement(rig, board, poses, few):
     found = calibrate_poses(rig, board, [pose for _ in range(4) for pose in poses])
     now, before = (require(find_next_best_view(each, compute_rig_covariance(each))) for each in (found, few))

@@ -16,6 +16,7 @@ from beltscape.calibration.detection.detector import (
 from beltscape.core.geometry.pose import Pose
 from beltscape.target.board import AprilGrid, Board, BoardSet, CharucoBoard, Chessboard, corner_points_mm
 from tests.synthetic.boards import Print, camera, facing, view
+from tests.thorough import list_cases
 
 CHARUCO = CharucoBoard(squares=(8, 6), square_mm=40, marker_mm=29, dictionary="DICT_4X4_50")
 CHESSBOARD = Chessboard(corners=(8, 5), square_mm=40)
@@ -81,9 +82,9 @@ def test_part_of_a_charuco_board_keeps_its_ids():
     np.testing.assert_allclose(corners.pixels, truth(CHARUCO, pose)[corners.ids], atol=0.6)
 
 
-@pytest.mark.parametrize("board", [CHARUCO, CHESSBOARD], ids=["charuco", "chessboard"])
+@pytest.mark.parametrize("board", list_cases([CHARUCO, CHESSBOARD], [CHARUCO]), ids=["charuco", "chessboard"])
 def test_an_image_without_the_board_gives_nothing(board):
-    noise = np.random.default_rng(0).integers(0, 255, (400, 480)).astype(np.uint8)
+    noise = np.random.default_rng(0).integers(0, 255, (100, 120)).astype(np.uint8)
     grey = np.full((400, 480), 128, np.uint8)
     other = CHESSBOARD if board is CHARUCO else CHARUCO
     for image in (noise, grey, view(LENS, facing(other), other)):

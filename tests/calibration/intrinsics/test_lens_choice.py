@@ -20,6 +20,7 @@ from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.files.camera_types import CameraType
+from tests.thorough import list_cases
 
 SIZE = (640, 512)
 BOARD_MM = (
@@ -97,7 +98,9 @@ def test_a_long_lens_keeps_browns_model_without_a_comparison():
     assert limit_domain(found.camera, seen.views["c"]["00"].pixels).valid_radius_px is None
 
 
-@pytest.mark.parametrize(("true", "model"), [(WIDE, "rational"), (FISHEYE, "fisheye")])
+@pytest.mark.parametrize(
+    ("true", "model"), [(WIDE, "rational"), pytest.param(FISHEYE, "fisheye", marks=pytest.mark.thorough)]
+)
 def test_a_wide_lens_gets_the_model_that_describes_it(true, model):
     seen = views_of(true)
     found, choice = calibrate_with_model("c", seen, BOARD_MM)
@@ -140,6 +143,7 @@ def test_a_polynomial_that_turns_back_beyond_the_views_stays():
     assert choice.reason.startswith("no other model is clearly better (")
 
 
+@pytest.mark.thorough
 def test_a_very_wide_lens_is_found_from_a_bad_first_focal_length():
     """Boards at the rim hide the focal length from the equidistant starts: the best of them leads to 107 px."""
     wide = Camera("c", (1280, 1024), np.full(2, 410.0), np.array([645.0, 508.0]), WIDE.distortion, "rational")
@@ -152,7 +156,7 @@ def test_a_very_wide_lens_is_found_from_a_bad_first_focal_length():
 TILTED = camera(1400.0, [-0.2, 0.1, 2e-4, -1e-4, *[0.0] * 8, 0.09, -0.06], "tilted")
 
 
-@pytest.mark.parametrize("requested", ["auto", "tilted"])
+@pytest.mark.parametrize("requested", list_cases(["auto", "tilted"], {"auto"}))
 def test_a_tilted_sensor_is_recovered_with_its_sigma(requested):
     found, choice = calibrate_with_model("c", views_of(TILTED, 24, distance_mm=1100.0), BOARD_MM, requested)
     assert choice.model == found.camera.model == "tilted"

@@ -17,6 +17,7 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
 from tests.synthetic.detections import make_detections
+from tests.thorough import count_examples
 
 COVARIANCE = np.diag(np.repeat([1e-4, 0.1], 3) ** 2)
 
@@ -112,7 +113,7 @@ def test_errors_that_pairs_share_do_not_open_loops(rig, board, poses):
     """Estimated intrinsics affect all pairs alike; independent covariances would predict larger misclosures."""
     board_mm = corner_points_mm(board)
     joint, alone = [], []
-    for seed in range(20):
+    for seed in range(count_examples(20)):
         own = make_detections(rig, board, poses, noise_px=0.1, seed=seed)
         cameras = {name: calibrate_camera(name, own, board_mm) for name in "abc"}
         pairs = calibrate_pairs(own, cameras, board_mm, Silent())

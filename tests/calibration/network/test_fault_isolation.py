@@ -21,6 +21,7 @@ from beltscape.target.board import corner_points_mm
 from tests.optional import require
 from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.detections import make_detections
+from tests.thorough import count_examples, list_cases
 
 SIGMA = np.diag(np.repeat([1e-4, 0.1], 3))
 SHIFT = exp(np.array([0.01, 0.0, 0.0, 5.0, 0.0, 0.0]))
@@ -49,7 +50,7 @@ def loop(names: str, chi2_per_dof: float) -> LoopError:
 @pytest.mark.parametrize("cameras", [2, 3, 4, 5, 6])
 @pytest.mark.parametrize("noise", [0.0, 1.0, 4.0])
 def test_a_consistent_network_has_no_fault_even_if_all_errors_are_larger_than_stated(cameras, noise):
-    for seed in range(10):
+    for seed in range(count_examples(10)):
         assert describe_fault(associate_cameras("a", pairs(rig_of(cameras), seed=seed, noise=noise))) is None
 
 
@@ -57,7 +58,7 @@ def test_a_consistent_network_has_no_fault_even_if_all_errors_are_larger_than_st
 @pytest.mark.parametrize("noise", [1.0, 4.0])
 def test_a_camera_that_is_displaced_in_half_of_its_pairs_is_isolated(cameras, noise):
     wrong = [("a", "d"), ("b", "d")]
-    for seed in range(10):
+    for seed in range(count_examples(10)):
         network = associate_cameras("b", pairs(rig_of(cameras), wrong, seed, noise))
         assert require(isolate_fault(network.loop_errors)).cameras == (("d",) if cameras > 4 else ("c", "d"))
 
@@ -71,7 +72,7 @@ def test_with_four_cameras_one_that_fits_only_one_other_is_reported_as_a_pair():
 @pytest.mark.parametrize("cameras", [4, 5, 6])
 @pytest.mark.parametrize("bad_pair", [("a", "b"), ("b", "d"), ("c", "d")])
 def test_a_bad_pair_is_isolated(cameras, bad_pair):
-    for seed in range(10):
+    for seed in range(count_examples(10)):
         network = associate_cameras("a", pairs(rig_of(cameras), [bad_pair], seed))
         assert require(isolate_fault(network.loop_errors)).cameras == bad_pair
         assert " while its cameras agree with all others: " in require(describe_fault(network))
@@ -126,15 +127,11 @@ def rows(board) -> tuple[Rig, list[Pose]]:
     return row_of_cameras(list("abcde")), board_poses(board, 14)
 
 
-def test_a_rigid_rig_has_no_fault(rows, board):
+@pytest.mark.parametrize("noise", list_cases([0.0, 0.02, 0.3], {0.3}))
+def test_a_rigid_rig_has_no_fault(rows, board, noise):
     rig, poses = rows
-    for noise in (0.0, 0.02, 0.3):
-        assert (
-            describe_fault(
-                solve_hierarchy(make_detections(rig, board, poses, noise), board, "a", Silent()).network
-            )
-            is None
-        )
+    seen = make_detections(rig, board, poses, noise)
+    assert describe_fault(solve_hierarchy(seen, board, "a", Silent()).network) is None
 
 
 def test_a_camera_that_was_displaced_during_the_capture_is_isolated(rows, board):

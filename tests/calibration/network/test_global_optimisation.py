@@ -104,6 +104,7 @@ def test_derivatives_equal_numeric_ones_of_the_residuals(rig, scale):
         np.testing.assert_allclose(jacobian[:, column], numeric, atol=1e-6 * np.abs(jacobian).max())
 
 
+@pytest.mark.thorough
 def test_with_noise_the_optimum_is_more_accurate_than_the_chain_through_the_core():
     """Over 40 seeds, five cameras, independent pairs: half the error (docs/explanation/calibration.md states it)."""
     rig = row_of_cameras(list("abcde"))
@@ -142,6 +143,7 @@ def test_the_minimum_does_not_depend_on_the_damping(rig):
             )
 
 
+@pytest.mark.thorough
 def test_misclosures_before_and_after_agree_with_their_covariance():
     rig = row_of_cameras(list("abcd"))
     chi2 = {"before": [], "after": [], "loops": []}

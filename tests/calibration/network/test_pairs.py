@@ -13,6 +13,7 @@ from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
 from tests.optional import require
 from tests.synthetic.detections import make_detections, project_corners, replace_view
+from tests.thorough import count_examples
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +98,7 @@ def normalised_error(rig, pair) -> float:
 def test_with_known_intrinsics_the_covariance_equals_that_of_the_errors(rig, board, poses, board_mm):
     first, second = (make_known_camera(rig, name, poses) for name in "ab")
     errors = []
-    for seed in range(60):
+    for seed in range(count_examples(60)):
         own = make_detections(rig, board, poses, noise_px=0.1, seed=seed)
         errors.append(normalised_error(rig, calibrate_pair(own, first, second, board_mm)))
     assert 0.8 < np.mean(errors) < 1.25
@@ -106,7 +107,7 @@ def test_with_known_intrinsics_the_covariance_equals_that_of_the_errors(rig, boa
 def test_with_estimated_intrinsics_the_covariance_contains_theirs(rig, board, poses, board_mm):
     """Fixed intrinsics would give a tenth of the true σ, most of which comes from the intrinsics."""
     errors, claimed = [], []
-    for seed in range(25):
+    for seed in range(count_examples(25)):
         own = make_detections(rig, board, poses, noise_px=0.1, seed=seed)
         pair = require(calibrate_first_pair(own, board_mm))
         errors.append(normalised_error(rig, pair))

@@ -18,7 +18,14 @@ def shift_frames(own: BoardDetections, camera: str, by: int) -> BoardDetections:
     return BoardDetections(own.sizes_px, {**own.views, camera: dict(sorted(views.items()))}, own.images)
 
 
-@pytest.mark.parametrize(("by", "text"), [(1, "1 too high"), (-1, "1 too low"), (2, "2 too high")])
+@pytest.mark.parametrize(
+    ("by", "text"),
+    [
+        pytest.param(1, "1 too high", marks=pytest.mark.thorough),
+        (-1, "1 too low"),
+        pytest.param(2, "2 too high", marks=pytest.mark.thorough),
+    ],
+)
 def test_a_camera_whose_frames_are_shifted_is_reported_and_left_out(rig, board, poses, by, text):
     own = shift_frames(make_detections(rig, board, poses, 0.1), "c", by)
     reporter = Silent()

@@ -19,6 +19,7 @@ from beltscape.calibration.solver.levenberg_marquardt import minimise, single_th
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import rotation_from_vector
 from tests.synthetic.bundles import make_problem
+from tests.thorough import count_examples
 
 NOISE_PX = 0.1
 
@@ -135,7 +136,7 @@ def test_covariance_equals_the_scatter_of_many_runs(rig, board, poses):
     """Normalised squared error over degrees of freedom, over seeds: 0.9 to 1.1."""
     ratios = []
     with single_thread():
-        for seed in range(60):
+        for seed in range(count_examples(60)):
             observations, truth, prior = make_problem(rig, board, poses[:8], NOISE_PX, seed)
             bundle = Bundle(observations, prior)
             state = minimise(bundle, truth).state

@@ -106,3 +106,12 @@ def test_every_package_has_a_docstring():
         if not init.exists() or not ast.get_docstring(ast.parse(init.read_text("utf-8"))):
             missing.append(str(folder))
     assert missing == []
+
+
+def test_a_public_class_has_a_name_of_its_own() -> None:
+    found: dict[str, list[str]] = {}
+    for path in SOURCE.rglob("*.py"):
+        for node in ast.parse(path.read_text("utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                found.setdefault(node.name, []).append(str(path.relative_to(SOURCE)))
+    assert {name: where for name, where in found.items() if len(where) > 1} == {}

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from beltscape.alarms.readings import Readings
-from beltscape.alarms.settings import AlarmSettings, Fault
+from beltscape.alarms.settings import AlarmSettings, FaultAlarm
 from beltscape.core.errors import InputError
 from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import Message, get_key
@@ -33,12 +33,12 @@ def test_a_fault_is_an_alarm_with_the_name_of_its_check_and_camera():
 
 
 def test_alarms_of_faults_can_be_switched_off():
-    plant = Plant(AlarmSettings(faults=Fault(enabled=False)))
+    plant = Plant(AlarmSettings(faults=FaultAlarm(enabled=False)))
     assert plant.run(replace(GOOD, findings=[make_finding(4.0, "cam2 moved")]), 5) == []
 
 
 def test_a_check_may_have_settings_of_its_own():
-    settings = AlarmSettings(checks={"camera_pose": Fault(after_s=10, severity="info")})
+    settings = AlarmSettings(checks={"camera_pose": FaultAlarm(after_s=10, severity="info")})
     plant = Plant(settings)
     moved = make_finding(4.0, "cam2 moved by 4 mm")
     assert plant.run(replace(GOOD, findings=[moved]), 9) == []

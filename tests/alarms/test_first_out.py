@@ -8,7 +8,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.alarms.management import FirstOut, Member, find_group
+from beltscape.alarms.management import FirstOut, GroupMember, find_group
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.alarm_catalogue import GROUPS
 from tests.alarms.plant import BAD, GOOD, Plant, camera
@@ -55,7 +55,9 @@ def test_groups_are_independent():
 
 
 def test_a_tie_goes_to_the_cause():
-    members = [Member(name, "images", find_group(name, GROUPS)[1], 5) for name in ("low_coverage", "lamp")]
+    members = [
+        GroupMember(name, "images", find_group(name, GROUPS)[1], 5) for name in ("low_coverage", "lamp")
+    ]
     for order in (members, members[::-1]):
         first_out = FirstOut()
         first_out.update(order)
@@ -70,7 +72,7 @@ def test_a_chain_has_one_first_and_it_stays_while_later_ones_come(steps):
     first_out, onset, before, first = FirstOut(), {}, set(), set()
     for now, present in enumerate(steps):
         onset |= dict.fromkeys(present - before, now)
-        first_out.update([Member(str(one), "g", one, onset[one]) for one in present])
+        first_out.update([GroupMember(str(one), "g", one, onset[one]) for one in present])
         marked = {one for one in range(6) if first_out.has(str(one))}
         assert len(marked) == (1 if present else 0)
         if present and before:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.alarms.state_machine import AlarmStateMachine, Delay, Elapsed
+from beltscape.alarms.state_machine import AlarmDelay, AlarmStateMachine, Elapsed
 
 CONDITIONS = st.sampled_from(["on", "off", "between", "unknown"])
 SECOND = 1_000_000_000
@@ -23,9 +23,9 @@ ALLOWED = {
 }
 
 
-def delays(seconds: tuple[int, int]) -> tuple[Delay, Delay]:
+def delays(seconds: tuple[int, int]) -> tuple[AlarmDelay, AlarmDelay]:
     on, off = seconds
-    return Delay(on * SECOND), Delay(off * SECOND)
+    return AlarmDelay(on * SECOND), AlarmDelay(off * SECOND)
 
 
 def update(machine, condition, seconds, waits, wall_ns=7, latched=True):
@@ -129,7 +129,7 @@ def test_condition_lasts_between_two_equal_updates():
 
 def test_delay_needs_both_millimetres_and_seconds():
     machine = AlarmStateMachine()
-    wait = (Delay(2 * SECOND, 100.0), Delay(0, 50.0))
+    wait = (AlarmDelay(2 * SECOND, 100.0), AlarmDelay(0, 50.0))
     for step in (Elapsed(), Elapsed(5 * SECOND, 0.0), Elapsed(0, 99.0)):
         machine.update("on", step, wait, 1, latched=True)
     assert machine.state == "clear"

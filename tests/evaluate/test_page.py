@@ -16,7 +16,7 @@ from beltscape.evaluate.depth_scores import RigScore
 from beltscape.evaluate.frame_scores import score_frame
 from beltscape.evaluate.paper.dimensions import read_paper_numbers, tabulate_dimensions
 from beltscape.evaluate.paper.experiments import TRAVELS_MM, Paper, make_paper_document
-from beltscape.evaluate.paper.laboratory import Laboratory, Scene
+from beltscape.evaluate.paper.laboratory import Laboratory, LaboratoryScene
 from beltscape.evaluate.paper.other_sensors import BASELINES, TOF
 from beltscape.evaluate.paper.page import render_paper_page
 from beltscape.evaluate.paper.surfaces import (
@@ -72,7 +72,9 @@ def paper(*, alone: bool = False) -> Paper:
         Path("board.toml"),
         Path("module.toml"),
         {
-            s: Scene(s, s.removesuffix("_nospeckle"), Path(s), truth(s.removesuffix("_nospeckle")), None)
+            s: LaboratoryScene(
+                s, s.removesuffix("_nospeckle"), Path(s), truth(s.removesuffix("_nospeckle")), None
+            )
             for s in scenes
         },
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from beltscape.core.findings import Finding
 from beltscape.health.belt.monitor import BeltMonitor, make_beside_finding, make_event_findings
 from beltscape.health.belt.passes import BeltEvent, BeltPasses
-from beltscape.health.belt.residue import BeltRows
+from beltscape.health.belt.residue import CellRows
 from beltscape.health.belt.splices import find_splice
 from beltscape.health.settings import BeltLimits
 from tests.measure.flow.moving_belt import CAMERA, Heap, depth_map, make_empty_belt
@@ -82,7 +82,7 @@ def run_rows(
         s = np.asarray(number * STEP_MM - y[:, None], np.float64)
         over = np.where(s < scrape_after_mm, surface(x[None], s % LENGTH_MM), 0.0)
         over = np.where(over < -100, np.nan, over).astype(np.float64)
-        rows = BeltRows(y, over, np.full(over.shape, 0.1), np.abs(over) < 0.3, side)
+        rows = CellRows(y, over, np.full(over.shape, 0.1), np.abs(over) < 0.3, side)
         events += passes.add(rows, number * STEP_MM, 1, find_splice(rows))
     return passes, events
 
@@ -233,7 +233,7 @@ def test_an_edge_of_coarse_images_is_not_torn_but_a_tear_in_it_is(
         for number in range(int(6000 / step_mm)):
             is_torn = np.abs(number * step_mm - y - 3000) < 120
             over = ragged_edge(np.zeros((24, 32)), draw, share, fixed=fixed, tear=is_torn if torn else None)
-            rows = BeltRows(y, over, np.full(over.shape, 0.1), np.isfinite(over), side)
+            rows = CellRows(y, over, np.full(over.shape, 0.1), np.isfinite(over), side)
             events += passes.add(rows, number * step_mm, 1)
         assert [one.kind for one in events] == ["torn right edge"] * torn
         assert [one.position_mm for one in events] == pytest.approx([3000.0] * torn, abs=60)

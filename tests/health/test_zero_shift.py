@@ -20,7 +20,7 @@ from beltscape.health.belt.zero_setting import zero_offset
 from beltscape.health.belt.zero_shift import ZeroShift, estimate_zero_shift
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
-from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.measure.flow.strips import FlowTotals
 from tests.measure.flow.moving_belt import CAMERA, HEIGHT_MM, Heap, depth_map, make_empty_belt, trough_mm
 from tests.thorough import list_cases
@@ -132,7 +132,7 @@ def test_covered_belt_keeps_the_known_shift():
 
 def publish(reference: EmptyBeltReference) -> tuple[list[FlowRecord], FlowTotals]:
     """Return the records and totals of a loaded belt."""
-    monitor, meter, records = BeltMonitor(reference), FlowMeter(reference), []
+    monitor, meter, records = BeltMonitor(reference), BeltFlowMeter(reference), []
     for number in range(10):
         depth = depth_map(LOAD, 100.0 * number, seed=number)
         records += meter.push(depth, number * 10**8, 100.0 * number, findings=monitor.check(depth))

@@ -8,7 +8,7 @@ import pytest
 
 from beltscape.core.errors import MeasureError
 from beltscape.core.progress import Silent
-from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.measure.flow.registration import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
 from beltscape.pipeline.measuring.flow_checks import (
@@ -24,16 +24,16 @@ STEP_MM = 200.0
 
 def meter_with(
     given: Direction, along_mm: list[float], encoder_mm: list[float] | None, clear: bool = True
-) -> FlowMeter:
+) -> BeltFlowMeter:
     """A meter that saw these motions of the material, beside these steps of an encoder."""
-    meter = FlowMeter(make_empty_belt(), FlowSettings(direction=given))
+    meter = BeltFlowMeter(make_empty_belt(), FlowSettings(direction=given))
     steps = encoder_mm or [None] * len(along_mm)
     for along, step in zip(along_mm, steps, strict=True):
         meter.evidence.add(Shift(along, 0.05, 0.0, 0.9, clear), meter.direction, step)
     return meter
 
 
-def refusal(meter: FlowMeter, given: str | None, encoder: Path | None = ENCODER) -> str:
+def refusal(meter: BeltFlowMeter, given: str | None, encoder: Path | None = ENCODER) -> str:
     with pytest.raises(MeasureError) as refused:
         require_consistent_motion(meter, given, encoder, done=True)
     assert "\n" not in str(refused.value)
@@ -128,4 +128,4 @@ def test_statement_names_the_evidence_of_the_direction() -> None:
     )
     assert describe_motion(meter, None) == "towards +y: so the material moves in 5 of 5 frame pairs"
     assert "no frame pair shows it" in describe_motion(meter_with("+y", [], None), "+y")
-    assert "unknown" in describe_motion(FlowMeter(make_empty_belt(), FlowSettings()), None)
+    assert "unknown" in describe_motion(BeltFlowMeter(make_empty_belt(), FlowSettings()), None)

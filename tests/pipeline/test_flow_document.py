@@ -13,7 +13,7 @@ import pytest
 from beltscape.cli.commands.measure_flow import summary
 from beltscape.core.ledger import FlowRecord
 from beltscape.measure.flow.density import Density, make_unknown_density
-from beltscape.measure.flow.meter import FlowMeter, FramePlacement
+from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
 from beltscape.measure.flow.rows import BeltPicture
 from beltscape.pipeline.measuring.flow import Flow, write_flow_result
 from tests.measure.flow.moving_belt import COARSE_CAMERA, Heap, depth_map, make_empty_belt
@@ -24,7 +24,7 @@ HEAP = Heap(start_mm=-900, end_mm=-300)
 def measured(density: Density, *, timed: bool = True, heap: Heap | None = HEAP) -> Flow:
     belt = make_empty_belt(COARSE_CAMERA)
     picture, steps, records = BeltPicture(belt), list[FramePlacement](), list[FlowRecord]()
-    meter = FlowMeter(belt, density=density, watch_belt=picture.add, watch_step=steps.append)
+    meter = BeltFlowMeter(belt, density=density, watch_belt=picture.add, watch_step=steps.append)
     for k in range(10):
         depth = depth_map(heap, 130.0 * k, camera=COARSE_CAMERA)
         records += meter.push(depth, round(k * 1e8) if timed else None, 130.0 * k, frame=f"{k:03d}")

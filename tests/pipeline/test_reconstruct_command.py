@@ -65,7 +65,8 @@ def check_contract(document, out, small_rig, method, auxiliaries):
 
 
 def test_answer_and_files_follow_the_contract(reconstructed, small_rig):
-    check_contract(*reconstructed, small_rig, "multiview", ["cam1", "cam3"])
+    document, out = reconstructed
+    check_contract(document, out, small_rig, "multiview", ["cam1", "cam3"])
 
 
 def test_answer_and_files_of_one_pair_follow_the_contract(run, small_demo, small_rig, tmp_path):

@@ -13,7 +13,7 @@ from beltscape.core.progress import Silent
 from beltscape.files.images import read_image
 from beltscape.measure.belt.empty_belt import find_belt
 from beltscape.measure.belt.reference import make_reference
-from beltscape.measure.flow.meter import FlowMeter, FramePlacement
+from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.settings import MultiviewSettings
@@ -43,7 +43,7 @@ def test_motion_and_volume_of_rendered_frames_are_near_the_truth() -> None:
     matcher = MultiviewReconstructor(rig, (560.0, 790.0), MultiviewSettings.preset("fast"))
     belt = find_belt(matcher.reconstruct(read_halved_frames("belt_empty"), Silent()), rig.core_camera)
     steps: list[FramePlacement] = []
-    meter = FlowMeter(make_reference(belt, rig.core_camera), FlowSettings(), watch_step=steps.append)
+    meter = BeltFlowMeter(make_reference(belt, rig.core_camera), FlowSettings(), watch_step=steps.append)
     truth = json.loads((RENDERED / "truth/belt_moving.json").read_text())
     true_frames = {f["frame"].removesuffix(".png"): f for f in truth["frames"]}
     records = []

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from beltscape.core.errors import InputError
 from beltscape.plan.plan import compute_mounting, mounting_height_mm
-from beltscape.plan.settings import BeltSettings, CameraSettings, PlanSettings, RigSettings
+from beltscape.plan.settings import CameraSettings, PlannedBelt, PlanSettings, RigSettings
 
 
 def test_eq_26_gives_the_papers_height():
@@ -40,7 +40,7 @@ def test_recommended_height_sees_belt_and_load_with_their_margins():
 
 
 def test_belt_section_keeps_its_lengths():
-    belt = BeltSettings(width_mm=1200, span_mm=1040, flat_mm=400)
+    belt = PlannedBelt(width_mm=1200, span_mm=1040, flat_mm=400)
     wing = np.array([(belt.span_mm - belt.flat_mm) / 2, belt.edge_mm])
     assert 2 * np.linalg.norm(wing) + belt.flat_mm == pytest.approx(belt.width_mm)
     assert np.arctan2(wing[1], wing[0]) == pytest.approx(belt.trough_rad)
@@ -57,9 +57,9 @@ def test_belt_section_keeps_its_lengths():
          "recommended are 908 mm"),
         (PlanSettings(rig=RigSettings(height_mm=900, max_height_mm=850)),
          "height_mm = 900 is above max_height_mm = 850; lower it"),
-        (PlanSettings(rig=RigSettings(height_mm=900), belt=BeltSettings(material_mm=(0, 880), top_width_mm=10)),
+        (PlanSettings(rig=RigSettings(height_mm=900), belt=PlannedBelt(material_mm=(0, 880), top_width_mm=10)),
          "height_mm = 900: the load reaches 880 mm and would touch the cameras; give at least 931 mm"),
-        (PlanSettings(rig=RigSettings(), belt=BeltSettings(material_mm=(0, 2990), top_width_mm=10)),
+        (PlanSettings(rig=RigSettings(), belt=PlannedBelt(material_mm=(0, 2990), top_width_mm=10)),
          "max_height_mm = 3000: the load reaches 2990 mm and would touch the cameras; give at least 3041 mm"),
     ],
 )  # fmt: skip

@@ -11,7 +11,7 @@ from beltscape.core.errors import InputError
 from beltscape.files.toml_text import validate
 from beltscape.plan.baseline import choose_baseline, list_alternatives
 from beltscape.plan.plan import make_plan
-from beltscape.plan.settings import BeltSettings, CameraSettings, LightSettings, PlanSettings, RigSettings
+from beltscape.plan.settings import CameraSettings, LightSettings, PlannedBelt, PlanSettings, RigSettings
 from tests.thorough import list_cases
 
 
@@ -36,7 +36,7 @@ def test_most_precise_acceptable_baseline_is_chosen(paper):
 
 
 def test_rougher_load_shortens_the_baseline(paper):
-    rough = PlanSettings(belt=BeltSettings(lump_cover=0.75))
+    rough = PlanSettings(belt=PlannedBelt(lump_cover=0.75))
     assert make_plan(rough).chosen.baseline_mm < paper.chosen.baseline_mm
 
 
@@ -68,7 +68,7 @@ def test_an_angle_that_differs_from_the_lens_gives_a_warning_only_where_it_was_s
 @pytest.mark.parametrize(
     ("settings", "lines"),
     [
-        (PlanSettings(belt=BeltSettings(speed_m_s=19)), ["frames a second are needed, the camera gives 79.1"]),
+        (PlanSettings(belt=PlannedBelt(speed_m_s=19)), ["frames a second are needed, the camera gives 79.1"]),
         (
             PlanSettings(light=LightSettings(exposure_us=1000, projector_lm=10)),
             ["px of motion blur; expose at most 82 µs for 0.5 px", "too little light: SNR"],
@@ -108,10 +108,10 @@ def test_any_number_of_auxiliaries_has_an_acceptable_baseline(auxiliaries):
 
 
 UNUSUAL = {
-    "no flat middle": PlanSettings(belt=BeltSettings(flat_mm=0)),
-    "standing": PlanSettings(belt=BeltSettings(speed_m_s=0)),
-    "flat": PlanSettings(belt=BeltSettings(span_mm=800)),
-    "high load": PlanSettings(belt=BeltSettings(material_mm=(0, 2900))),
+    "no flat middle": PlanSettings(belt=PlannedBelt(flat_mm=0)),
+    "standing": PlanSettings(belt=PlannedBelt(speed_m_s=0)),
+    "flat": PlanSettings(belt=PlannedBelt(span_mm=800)),
+    "high load": PlanSettings(belt=PlannedBelt(material_mm=(0, 2900))),
     "no light": PlanSettings(light=LightSettings(projector_lm=0)),
     "given light": PlanSettings(light=LightSettings(lit_area_mm=(800, 600))),
 }

@@ -22,9 +22,9 @@ from beltscape.plan.light import (
     needed_contrast_e,
 )
 from beltscape.plan.settings import (
-    BeltSettings,
     CameraSettings,
     LightSettings,
+    PlannedBelt,
     PlanSettings,
     PrecisionSettings,
 )
@@ -84,7 +84,7 @@ def test_frame_rate_shows_every_point_in_the_requested_frames(speed, length, cou
 
 
 def test_belt_that_stands_still_may_be_exposed_for_a_frames_time():
-    plan = PlanSettings(belt=BeltSettings(speed_m_s=0))
+    plan = PlanSettings(belt=PlannedBelt(speed_m_s=0))
     move = compute_motion(plan, 0.4, 500.0)
     assert move.exposure_us == pytest.approx(1e6 / 79.1)
     assert (move.fps, move.blur_mm) == (0, 0)

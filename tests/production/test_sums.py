@@ -10,15 +10,17 @@ import pytest
 
 from beltscape.core.ledger import BeltRecord, FlowRecord
 from beltscape.measure.flow.profile import Stretch
-from beltscape.measure.flow.strips import Sums
+from beltscape.measure.flow.strips import StripSums
 from beltscape.production.sums import ProductionSums, sum_record
 
 DENSITY = (1600.0, 80.0)
 
 
-def measure(count: int, seed: int, density: tuple[float, float] = DENSITY) -> tuple[Sums, list[BeltRecord]]:
+def measure(
+    count: int, seed: int, density: tuple[float, float] = DENSITY
+) -> tuple[StripSums, list[BeltRecord]]:
     """Return the meter's sums of random strips, and their records."""
-    rng, sums, records = np.random.default_rng(seed), Sums(0.2, 800.0), list[BeltRecord]()
+    rng, sums, records = np.random.default_rng(seed), StripSums(0.2, 800.0), list[BeltRecord]()
     for number in range(1, count + 1):
         volume = rng.uniform(1e6, 9e6)
         stretch = Stretch(100.0, volume, 100.0, 0.0, 0.9, 0.7, rng.uniform(1e8, 4e8), 900.0, 2000.0)

@@ -23,7 +23,7 @@ pytest.importorskip("pymodbus", reason="pymodbus is not installed; pip install '
 from pymodbus.client import ModbusTcpClient
 
 from beltscape.protocols.modbus import ModbusServer, PulseCount
-from beltscape.protocols.modbus_registers import REGISTERS, Reading, place_registers, write_csv
+from beltscape.protocols.modbus_registers import REGISTERS, RegisterValues, place_registers, write_csv
 from beltscape.protocols.settings import ModbusSettings
 from tests.protocols.plant import FakePlant
 
@@ -259,10 +259,10 @@ def test_a_flow_that_is_not_known_is_a_broken_loop(plant: FakePlant) -> None:
     (analogue,) = (one for one in REGISTERS if one.name == "analogue_ua")
     settings = ModbusSettings(full_t_h=100.0)
     missing = replace(plant.state, standing="missing")
-    assert analogue.read(Reading(missing, 0, 0), settings) == 3500
+    assert analogue.read(RegisterValues(missing, 0, 0), settings) == 3500
     full = replace(plant.state, mass_flow_t_h=500.0)
-    assert analogue.read(Reading(full, 0, 0), settings) == 20_500
-    assert analogue.read(Reading(plant.state, 0, 0), ModbusSettings()) == 3500
+    assert analogue.read(RegisterValues(full, 0, 0), settings) == 20_500
+    assert analogue.read(RegisterValues(plant.state, 0, 0), ModbusSettings()) == 3500
 
 
 def test_the_map_is_a_table_without_gaps() -> None:

@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymodbus.client import ModbusTcpClient
 
-from beltscape.protocols.modbus import NAME_WORDS, Commands, ModbusServer, place_commands
+from beltscape.protocols.modbus import NAME_WORDS, ModbusCommands, ModbusServer, place_commands
 from beltscape.protocols.modbus_registers import place_registers, write_csv
 from beltscape.protocols.settings import ModbusSettings
 from tests.protocols.plant import FakePlant
@@ -169,8 +169,8 @@ def test_without_the_table_nothing_is_written(plant: FakePlant, tmp_path: Path) 
 def test_a_stale_heartbeat_and_a_restart(plant: FakePlant, tmp_path: Path) -> None:
     clock, control = [0.0], Control(plant)
 
-    def open_commands() -> Commands:
-        return Commands(SETTINGS, plant, control, control, tmp_path, lambda _: None, lambda: clock[0])
+    def open_commands() -> ModbusCommands:
+        return ModbusCommands(SETTINGS, plant, control, control, tmp_path, lambda _: None, lambda: clock[0])
 
     commands = open_commands()
     commands.write(100, [1])
@@ -196,7 +196,9 @@ def test_any_words_are_taken_without_a_failure(
     tmp_path_factory: pytest.TempPathFactory, words: list[int]
 ) -> None:
     plant = FakePlant()
-    commands = Commands(SETTINGS, plant, Control(plant), None, tmp_path_factory.mktemp("m"), lambda _: None)
+    commands = ModbusCommands(
+        SETTINGS, plant, Control(plant), None, tmp_path_factory.mktemp("m"), lambda _: None
+    )
     commands.write(100, words)
     assert commands.result in (0, 1, 2, 3)
 

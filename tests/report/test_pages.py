@@ -11,7 +11,7 @@ import pytest
 from beltscape.core.ledger import QUALITIES
 from beltscape.measure.lumps.lumps import FINES
 from beltscape.report.drawing import legend, palette
-from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.legend import CERTAINTY, HEIGHT, UNCERTAINTY, Scale, Swatches
 from beltscape.report.drawing.plots import NARROW, WIDE, Form, make_panels, to_svg
 from beltscape.report.measuring.flow import make_flow_chart, render_flow_page
@@ -113,7 +113,7 @@ def test_a_chart_has_in_both_forms_the_colours_of_its_key():
     from beltscape.report.measuring.belt import make_section_chart
 
     for chart in (two_side, along, top, make_section_chart(belt()), make_flow_chart(flow().records)):
-        entries = [entry for key in chart.legends if isinstance(key, Key) for entry in key.entries]
+        entries = [entry for key in chart.legends if isinstance(key, ChartKey) for entry in key.entries]
         assert entries
         for entry in entries:
             color = palette.variable(entry.role)
@@ -127,7 +127,7 @@ def test_states_have_swatches_and_shapes():
         rows = re.findall(rf'<td class="state">(<svg class="sample".*?</svg>){quality}</td>', page)
         assert len(rows) == 1 + 24 // len(QUALITIES)  # what it means, and the strips that have it
         assert all(palette.variable(quality) in row for row in rows)
-    assert len({Entry("", "ink", mark).sample for mark in ("circle", "square", "triangle", "cross")}) == 4
+    assert len({KeyEntry("", "ink", mark).sample for mark in ("circle", "square", "triangle", "cross")}) == 4
 
 
 def test_the_plans_side_views_have_one_scale():

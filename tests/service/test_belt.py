@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from beltscape.core.events import BeltStretch
-from beltscape.service.belt_surface import FILLED, UNKNOWN, BeltWindow, decode_heights, encode_heights
+from beltscape.service.belt_surface import FILLED, UNKNOWN, SurfaceWindow, decode_heights, encode_heights
 
 X = np.arange(-100, 101, 5).astype(np.float32)
 
@@ -37,7 +37,7 @@ def test_heights_out_of_range_are_clipped_and_nan_is_unknown():
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=12), st.integers(0, 50))
 def test_rows_do_not_depend_on_the_cutting_of_stretches(lengths, start):
     total = sum(lengths) + 4
-    whole, pieces = BeltWindow(20, 10), BeltWindow(20, 10)
+    whole, pieces = SurfaceWindow(20, 10), SurfaceWindow(20, 10)
     whole.add(make_stretch(start * 5, total))
     at = start
     for length in [*lengths, 4]:
@@ -53,7 +53,7 @@ def test_cells_are_means_and_measured_from_half_on():
     height = np.tile(np.arange(6)[:, None] * 10.0, (1, X.size))
     measured = np.zeros(height.shape, bool)
     measured[0], measured[2], measured[3, : X.size // 2] = True, True, True
-    window = BeltWindow(20, 10)
+    window = SurfaceWindow(20, 10)
     window.add(BeltStretch(0, 5, X, height.astype(np.float32), measured))
     rows = window.get_rows_after()
     assert rows is not None
@@ -64,7 +64,7 @@ def test_cells_are_means_and_measured_from_half_on():
 
 
 def test_only_new_rows_are_returned_and_memory_is_bounded():
-    window = BeltWindow(1, 10)
+    window = SurfaceWindow(1, 10)
     window.add(make_stretch(0, 101))
     mark = window.mark
     assert window.get_rows_after(mark) is None
@@ -78,7 +78,7 @@ def test_only_new_rows_are_returned_and_memory_is_bounded():
 
 
 def test_a_gap_is_unknown_and_a_step_back_starts_an_epoch():
-    window = BeltWindow(20, 10)
+    window = SurfaceWindow(20, 10)
     window.add(make_stretch(0, 21))
     window.add(make_stretch(400, 21))
     rows = window.get_rows_after()
@@ -92,7 +92,7 @@ def test_a_gap_is_unknown_and_a_step_back_starts_an_epoch():
 
 
 def test_another_grid_starts_an_epoch():
-    window = BeltWindow(20, 10)
+    window = SurfaceWindow(20, 10)
     window.add(make_stretch(0, 21))
     window.add(make_stretch(105, 21, x=X + 1))
     assert window.mark[0] == 2
@@ -100,6 +100,6 @@ def test_another_grid_starts_an_epoch():
 
 @pytest.mark.parametrize("rows", [0, 1])
 def test_an_incomplete_row_is_not_returned(rows):
-    window = BeltWindow(20, 10)
+    window = SurfaceWindow(20, 10)
     window.add(make_stretch(0, rows))
     assert window.get_rows_after() is None

@@ -10,7 +10,7 @@ import pytest
 
 from beltscape.sinks.historian import Historian, database
 from beltscape.sinks.historian.day_files import read_day
-from beltscape.sinks.historian.ledger import Sums
+from beltscape.sinks.historian.ledger import LedgerTotals
 from beltscape.sinks.historian.records import COLUMNS, to_row
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import ledger, same
@@ -24,7 +24,7 @@ def test_database_of_the_first_version_continues(tmp_path, monkeypatch):
         older.setattr(database, "MIGRATIONS", database.MIGRATIONS[:1])
         connection = database.open_writer(tmp_path / "history.db")
     old = COLUMNS[: COLUMNS.index("offset_mm")]
-    sums = Sums()
+    sums = LedgerTotals()
     for record in records:
         sums = sums.add_record(record)
         marks = ", ".join("?" * len(old))

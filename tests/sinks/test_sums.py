@@ -8,7 +8,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.sinks.historian.ledger import Sums, add_compensated, read_sums
+from beltscape.sinks.historian.ledger import LedgerTotals, add_compensated, read_sums
 from tests.optional import require
 from tests.sinks.ledgers import ledger
 
@@ -35,7 +35,7 @@ def test_sum_of_a_million_tenths_is_exact():
 
 def test_totals_are_the_records_sums():
     records = [*ledger(40), *ledger(30, 41, run=2)]
-    sums = Sums()
+    sums = LedgerTotals()
     for record in records:
         sums = sums.add_record(record)
     totals = sums.totals
@@ -52,22 +52,22 @@ def test_totals_are_the_records_sums():
 def test_one_load_without_density_makes_the_mass_unknown():
     first, second = ledger(2)
     unknown = replace(first, strip=replace(require(first.strip), density_kg_m3=math.nan))
-    assert math.isnan(Sums().add_record(unknown).add_record(second).totals.mass_kg)
+    assert math.isnan(LedgerTotals().add_record(unknown).add_record(second).totals.mass_kg)
     empty = replace(first, strip=replace(require(first.strip), density_kg_m3=math.nan, volume_mm3=0.0))
-    assert Sums().add_record(empty).add_record(second).totals.mass_kg == second.mass_kg
+    assert LedgerTotals().add_record(empty).add_record(second).totals.mass_kg == second.mass_kg
 
 
 def test_nan_volume_adds_nothing():
     first, second = ledger(2)
     hidden = replace(first, strip=replace(require(first.strip), volume_mm3=math.nan))
-    totals = Sums().add_record(hidden).add_record(second).totals
+    totals = LedgerTotals().add_record(hidden).add_record(second).totals
     assert totals.volume_mm3 == second.volume_mm3
     assert totals.mass_kg == second.mass_kg
 
 
 @given(st.integers(1, 30), st.integers(0, 10_000))
 def test_text_reads_back_and_damage_is_detected(count, place):
-    sums = Sums()
+    sums = LedgerTotals()
     for record in ledger(count, sections=False):
         sums = sums.add_record(record)
     text = sums.text()

@@ -6,7 +6,7 @@ import random
 from typing import Any
 
 from beltscape import __version__
-from beltscape.site.client import BeltFaultError, Fault, PageAnswer, RecordAnswer, StateAnswer
+from beltscape.site.client import BeltFault, BeltFaultError, PageAnswer, RecordAnswer, StateAnswer
 from beltscape.site.settings import SiteSettings
 
 START_MS = 1_790_000_040_000
@@ -71,4 +71,4 @@ class FakeBelt:
     def _ask(self) -> None:
         self.requests += 1
         if self._rng.random() < self.broken:
-            raise BeltFaultError(Fault("timeout", {"url": "http://belt"}))
+            raise BeltFaultError(BeltFault("timeout", {"url": "http://belt"}))

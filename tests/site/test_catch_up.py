@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from beltscape.core.errors import OutputError
 from beltscape.site import follower as follower_module
-from beltscape.site.catch_up import Batch, Cursor, Gap, Sums
+from beltscape.site.catch_up import Cursor, Gap, PieceSums, RecordSums
 from beltscape.site.client import BeltFaultError, RecordAnswer
 from beltscape.site.follower import BeltFollower
 from beltscape.site.store import SiteStore
@@ -34,9 +34,9 @@ def make_follower(folder: Path, store: SiteStore, messages: list[str] | None = N
     return BeltFollower(site, site.belts[0], store, [].append if messages is None else messages.append)
 
 
-def count(store: SiteStore) -> Sums:
+def count(store: SiteStore) -> RecordSums:
     """Return the sums of all quarters, which agree with those of all seconds."""
-    total, by_seconds = Sums(), Sums()
+    total, by_seconds = RecordSums(), RecordSums()
     for sums in store.read_quarters("a", *ALL).values():
         total += sums
     for sums in store.read_seconds("a", *ALL).values():
@@ -189,7 +189,7 @@ def test_sums_that_cannot_be_written_are_named_and_nothing_is_lost(
     site = make_site("a", first_days=1)
     full = [True]
 
-    def add(name: str, before: Cursor | None, batch: Batch, write: Any = store.add) -> None:
+    def add(name: str, before: Cursor | None, batch: PieceSums, write: Any = store.add) -> None:
         if full[0]:
             raise OutputError("site.db: cannot be written (the disk is full)")
         write(name, before, batch)

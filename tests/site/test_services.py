@@ -10,7 +10,7 @@ import pytest
 from beltscape.core.errors import InputError
 from beltscape.site.client import BeltFaultError
 from beltscape.site.run import RunningSite, check_site
-from beltscape.site.settings import BeltSettings, read_site
+from beltscape.site.settings import SiteBeltSettings, read_site
 from tests.protocols.broker import find_port, wait_until
 from tests.service.access.certificates import make_certificate
 from tests.service.access.sample_app import CHEAP, PASSWORD
@@ -98,7 +98,7 @@ def test_signed_in_users_only(belts: dict[str, Belt], tmp_path: Path) -> None:
 def find_fault(folder: Path, url: str, key: str, ca: Path | None = None) -> str:
     """Return the key of the fault of reading a belt."""
     (folder / "one.key").write_text(key)
-    client = BeltClient(BeltSettings(name="a", url=url, key_file=folder / "one.key", ca=ca))
+    client = BeltClient(SiteBeltSettings(name="a", url=url, key_file=folder / "one.key", ca=ca))
     try:
         client.read_page()
         client.read_state()

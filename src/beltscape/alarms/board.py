@@ -7,8 +7,8 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from threading import Lock
 
-from beltscape.alarms.entry import Entry, make_name
-from beltscape.alarms.management import FirstOut, Member, find_group, select_priority, select_state
+from beltscape.alarms.entry import AlarmEntry, make_name
+from beltscape.alarms.management import FirstOut, GroupMember, find_group, select_priority, select_state
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.rules import RULES, Conditions
 from beltscape.alarms.settings import AlarmSettings, CommonSettings, NoMeasurement
@@ -53,11 +53,11 @@ class _Changes:
 
     before: dict[str, _State] = field(default_factory=dict[str, _State])
 
-    def note(self, entries: Mapping[str, Entry]) -> None:
+    def note(self, entries: Mapping[str, AlarmEntry]) -> None:
         """Take the states before the update."""
         self.before = {name: (entry.state, entry.machine.state) for name, entry in entries.items()}
 
-    def has(self, entry: Entry) -> bool:
+    def has(self, entry: AlarmEntry) -> bool:
         """Return whether an entry has another state now."""
         return (entry.state, entry.machine.state) != self.before.get(entry.name, ("clear", "clear"))
 
@@ -74,7 +74,7 @@ class AlarmBoard:
         self.texts = texts or CustomTexts()
         """The plant's own texts."""
         self._lock = Lock()
-        self._entries: dict[str, Entry] = {}
+        self._entries: dict[str, AlarmEntry] = {}
         self._alarms: dict[str, Alarm] = {}
         self._clock = _Clock()
         self._changes = _Changes()
@@ -151,13 +151,13 @@ class AlarmBoard:
                 self._restore_entry(saved, self._entry(kind, subject, own), place - len(snapshot.alarms))
             before_all = -1 - len(snapshot.alarms)
             self._first_out.restore(
-                Member(name, group, find_group(name, self._settings.groups)[1], before_all)
+                GroupMember(name, group, find_group(name, self._settings.groups)[1], before_all)
                 for group, name in snapshot.first.items()
                 if find_group(name, self._settings.groups)[0] == group
             )
             self._refresh_alarms()
 
-    def _restore_entry(self, saved: SavedAlarm, entry: Entry, onset_ns: int) -> None:
+    def _restore_entry(self, saved: SavedAlarm, entry: AlarmEntry, onset_ns: int) -> None:
         entry.restore(saved, onset_ns)
         if saved.state_of_plant:
             self._state_of[entry.name] = Suppression("by_state", saved.state_of_plant)
@@ -196,7 +196,7 @@ class AlarmBoard:
                 entry.suppress(self._select_suppression(entry.name))
             self._refresh_alarms()
 
-    def _evaluate(self, readings: Readings) -> Iterator[tuple[Entry, AlarmCondition]]:
+    def _evaluate(self, readings: Readings) -> Iterator[tuple[AlarmEntry, AlarmCondition]]:
         """Yield every alarm that the readings say something about, with its condition."""
         for kind, rule in RULES.items():
             settings: CommonSettings = getattr(self._settings, kind)
@@ -210,12 +210,12 @@ class AlarmBoard:
             if settings.enabled and (finding.is_fault or is_known):
                 yield self._entry(finding.check, finding.subject, settings), condition_from_finding(finding)
 
-    def _entry(self, kind: str, subject: str, settings: CommonSettings) -> Entry:
+    def _entry(self, kind: str, subject: str, settings: CommonSettings) -> AlarmEntry:
         name = make_name(kind, subject)
         if name not in self._entries:
             priority = select_priority(name, self._settings.priorities)
             group, place = find_group(name, self._settings.groups)
-            self._entries[name] = Entry(
+            self._entries[name] = AlarmEntry(
                 kind, subject, settings, priority, group, place, self.texts, severity=settings.severity
             )
             self._entries[name].suppress(self._hidden.get(name))
@@ -249,7 +249,7 @@ class AlarmBoard:
 
     def _refresh_alarms(self) -> None:
         self._first_out.update(
-            Member(entry.name, entry.group, entry.place, entry.onset_ns)
+            GroupMember(entry.name, entry.group, entry.place, entry.onset_ns)
             for entry in self._entries.values()
             if entry.state != "clear"
         )
@@ -268,7 +268,7 @@ class AlarmBoard:
         }
 
 
-def _without_unmeasured(entry: Entry, condition: AlarmCondition) -> AlarmCondition:
+def _without_unmeasured(entry: AlarmEntry, condition: AlarmCondition) -> AlarmCondition:
     """Return the condition; unknown for a quantity, other than the load, that has never been measured."""
     if not isinstance(entry.settings, NoMeasurement) or entry.was_off or condition.state == "off":
         return condition

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from beltscape.alarms.settings import CommonSettings, Fault, LoadSettings
+from beltscape.alarms.settings import CommonSettings, FaultAlarm, LoadSettings
 from beltscape.alarms.snapshot import SavedAlarm, SavedText
-from beltscape.alarms.state_machine import AlarmCondition, AlarmStateMachine, Delay, Elapsed
+from beltscape.alarms.state_machine import AlarmCondition, AlarmDelay, AlarmStateMachine, Elapsed
 from beltscape.alarms.texts import CustomTexts, format_amount, format_detail, format_over, format_unknown
 from beltscape.core.alarm_catalogue import MISALIGNED_BELT, OVERSIZE_LUMP
 from beltscape.core.alarms import Alarm, AlarmState, Priority, Severity, Suppression
@@ -20,7 +20,7 @@ _FORGOTTEN_NS, _FORGOTTEN_PERIODIC_NS = 2_000_000_000, 120_000_000_000
 
 
 @dataclass(slots=True)
-class Entry:
+class AlarmEntry:
     """One alarm: its state machine and its last known condition."""
 
     kind: str
@@ -61,7 +61,7 @@ class Entry:
         """Return the state that is shown: "clear" while suppressed."""
         return self.machine.state if self.suppression is None else "clear"
 
-    def take_over(self, other: Entry) -> None:
+    def take_over(self, other: AlarmEntry) -> None:
         """Continue the state of another entry of the same alarm, by own settings."""
         self.machine, self.was_off, self.condition = other.machine, other.was_off, other.condition
         self.detail, self.severity, self.onset_ns = other.detail, other.severity, other.onset_ns
@@ -159,19 +159,19 @@ class Entry:
         is_set = condition.severity is None or "severity" in self.settings.model_fields_set
         self.severity = self.settings.severity if is_set else condition.severity or "warning"
 
-    def _delays(self, condition: AlarmCondition) -> tuple[Delay, Delay]:
+    def _delays(self, condition: AlarmCondition) -> tuple[AlarmDelay, AlarmDelay]:
         settings = self.settings
         after_s = settings.after_s if condition.after_s is None else condition.after_s
         clear_after_s = settings.clear_after_s if condition.clear_after_s is None else condition.clear_after_s
         travel = (
             (settings.after_mm, settings.clear_after_mm) if isinstance(settings, LoadSettings) else (0.0, 0.0)
         )
-        return Delay(_ns(after_s), travel[0]), Delay(_ns(clear_after_s), travel[1])
+        return AlarmDelay(_ns(after_s), travel[0]), AlarmDelay(_ns(clear_after_s), travel[1])
 
     @property
     def is_known(self) -> bool:
         """Return whether what the alarm rests on is measured now."""
-        periodic = self.kind in _PERIODIC or isinstance(self.settings, Fault)
+        periodic = self.kind in _PERIODIC or isinstance(self.settings, FaultAlarm)
         return self.unknown_ns <= (_FORGOTTEN_PERIODIC_NS if periodic else _FORGOTTEN_NS)
 
     def _describe_now(self) -> tuple[AlarmCondition, str]:
@@ -181,7 +181,7 @@ class Entry:
             limit = worst.limit if math.isnan(present.limit) else present.limit
             now = AlarmCondition("off", present.value if self.is_known else math.nan, limit, worst.unit)
             return now, format_over(state, now.value, limit, worst.unit)
-        has_number = math.isfinite(worst.value) and not isinstance(self.settings, Fault)
+        has_number = math.isfinite(worst.value) and not isinstance(self.settings, FaultAlarm)
         if state != "clear" and has_number and not self.is_known:
             return worst, format_unknown(worst.value, worst.limit, worst.unit)
         return worst, "" if state == "clear" else self.detail

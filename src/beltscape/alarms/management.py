@@ -39,7 +39,7 @@ def find_group(name: str, groups: Mapping[str, Sequence[str]]) -> tuple[str, int
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class GroupMember:
     """An alarm of a group at one moment."""
 
     name: str
@@ -58,9 +58,9 @@ class FirstOut:
     It stays the first when it clears before them.
     """
 
-    _first: dict[str, Member] = field(default_factory=dict[str, Member])
+    _first: dict[str, GroupMember] = field(default_factory=dict[str, GroupMember])
 
-    def update(self, present: Iterable[Member]) -> None:
+    def update(self, present: Iterable[GroupMember]) -> None:
         """Apply the alarms that are not clear now."""
         members = [member for member in present if member.group]
         for group in set(self._first) - {member.group for member in members}:
@@ -74,7 +74,7 @@ class FirstOut:
         """Return the name of the first alarm by group."""
         return {group: member.name for group, member in self._first.items()}
 
-    def restore(self, firsts: Iterable[Member]) -> None:
+    def restore(self, firsts: Iterable[GroupMember]) -> None:
         """Continue with the first alarms of a run before."""
         self._first = {member.group: member for member in firsts}
 

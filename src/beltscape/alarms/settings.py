@@ -313,7 +313,7 @@ class CertificateExpiring(CommonSettings):
     """Over above limit·(1 + hysteresis)."""
 
 
-class Fault(CommonSettings):
+class FaultAlarm(CommonSettings):
     """A check found a fault of the system; one alarm per check, with its name, and per camera.
 
     Unless the severity is set, it is critical where nothing is measured because of the fault, else warning.
@@ -322,7 +322,9 @@ class Fault(CommonSettings):
     clear_after_s: Seconds = 10.0
 
 
-_OWN_DEFAULTS = {name: Fault(**one.fault_defaults) for name, one in DEFINITIONS.items() if one.fault_defaults}
+_OWN_DEFAULTS = {
+    name: FaultAlarm(**one.fault_defaults) for name, one in DEFINITIONS.items() if one.fault_defaults
+}
 
 
 class AlarmSettings(BaseModel):
@@ -348,9 +350,9 @@ class AlarmSettings(BaseModel):
     encoder_wrong: EncoderWrong = EncoderWrong()
     no_measurement: NoMeasurement = NoMeasurement()
     certificate_expiring: CertificateExpiring = CertificateExpiring()
-    faults: Fault = Fault()
+    faults: FaultAlarm = FaultAlarm()
     """Of the faults of all checks that have no settings of their own."""
-    checks: Mapping[CheckName, Fault] = Field(default_factory=dict[str, Fault])
+    checks: Mapping[CheckName, FaultAlarm] = Field(default_factory=dict[str, FaultAlarm])
     """Of the faults of one check, by its name: ``[alarms.checks.zero_shift]``."""
     priorities: Mapping[AlarmKey, Priority] = Field(default_factory=dict[str, Priority])
     """Priorities that replace the defaults, by alarm or kind: ``"camera_lost:cam2" = "low"``."""
@@ -361,6 +363,6 @@ class AlarmSettings(BaseModel):
     texts: Path | None = None
     """TOML file with the plant's own texts of alarms."""
 
-    def select_fault(self, check: str) -> Fault:
+    def select_fault(self, check: str) -> FaultAlarm:
         """Return the settings of a check's alarms."""
         return self.checks.get(check) or _OWN_DEFAULTS.get(check, self.faults)

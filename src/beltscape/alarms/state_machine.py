@@ -105,7 +105,7 @@ def _compare(value: float, sigma: float, limit: float, clear: float, sigmas: flo
 
 
 @dataclass(frozen=True, slots=True)
-class Delay:
+class AlarmDelay:
     """Time and belt travel for which a condition must last; both must have passed."""
 
     time_ns: int
@@ -138,7 +138,7 @@ class _Persistence:
         """Return for how long the condition has been present; 0 where it is not."""
         return self._time_ns if self._is_present else 0
 
-    def update(self, state: ConditionState, elapsed: Elapsed, delay: Delay) -> bool:
+    def update(self, state: ConditionState, elapsed: Elapsed, delay: AlarmDelay) -> bool:
         """Add one update; return whether the condition is present and has lasted for ``delay``."""
         self._time_ns += elapsed.time_ns
         self._belt_mm += elapsed.belt_mm
@@ -171,7 +171,7 @@ class AlarmStateMachine:
         self,
         state: ConditionState,
         elapsed: Elapsed,
-        delays: tuple[Delay, Delay],
+        delays: tuple[AlarmDelay, AlarmDelay],
         wall_ns: int,
         *,
         latched: bool,

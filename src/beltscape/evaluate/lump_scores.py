@@ -86,7 +86,7 @@ class LumpScore:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Overlap:
+class LabelOverlap:
     """Overlap of the lumps and rocks of a label picture, for all pairs with common pixels."""
 
     lump: NDArray[np.int64]
@@ -99,7 +99,7 @@ class Overlap:
 
 def compute_overlap(
     labels: NDArray[np.integer], rock: NDArray[np.integer], lumps: int, rocks: int
-) -> Overlap:
+) -> LabelOverlap:
     """Return the overlap of a label picture (H, W) and the true one (H, W), with their numbers of labels."""
     number = np.where(labels <= lumps, labels, 0).ravel().astype(np.int64)
     truth = rock.ravel().astype(np.int64) + 1
@@ -107,7 +107,7 @@ def compute_overlap(
     a, b = pair // (rocks + 1), pair % (rocks + 1)
     both = (a > 0) & (b > 0)
     whole = np.bincount(number, minlength=lumps + 1)[a] + np.bincount(truth, minlength=rocks + 1)[b] - shared
-    return Overlap(a[both], b[both] - 1, (shared / whole)[both])
+    return LabelOverlap(a[both], b[both] - 1, (shared / whole)[both])
 
 
 def score_lumps(
@@ -207,7 +207,7 @@ class _Lumps:
 
     @classmethod
     def from_overlap(
-        cls, found: Lumps, labels: NDArray[np.integer], shared: Overlap, size_mm: NDArray[np.float64]
+        cls, found: Lumps, labels: NDArray[np.integer], shared: LabelOverlap, size_mm: NDArray[np.float64]
     ) -> _Lumps:
         """Return the lumps of a label picture (H, W), matched to rocks by their overlap."""
         count, match = len(found.lumps), shared.iou > _MATCH
@@ -227,7 +227,7 @@ class _Lumps:
         )
 
 
-def _mean_iou(shared: Overlap, rocks: _Rocks) -> float:
+def _mean_iou(shared: LabelOverlap, rocks: _Rocks) -> float:
     """Return the best IoU of each visible rock, averaged by area."""
     visible, area = rocks.is_visible, rocks.area_px
     best = np.zeros(len(area))

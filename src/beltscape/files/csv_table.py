@@ -16,7 +16,7 @@ _SEPARATORS = f": separate the columns by commas and {_POINTS}"
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class CsvRow:
     """One row of a CSV file with its position."""
 
     name: str
@@ -43,7 +43,7 @@ class Line:
         return InputError(f"{self.name}: line {self.number}: {what}")
 
 
-def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) -> list[Line]:
+def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) -> list[CsvRow]:
     """Return the rows of a CSV file with exactly this header (the ``optional`` columns may follow).
 
     Raises
@@ -54,7 +54,7 @@ def read_csv(path: Path, header: Sequence[str], optional: Sequence[str] = ()) ->
     return parse_csv(read_text(path), str(path), header, optional)
 
 
-def parse_csv(text: str, file: str, header: Sequence[str], optional: Sequence[str] = ()) -> list[Line]:
+def parse_csv(text: str, file: str, header: Sequence[str], optional: Sequence[str] = ()) -> list[CsvRow]:
     """Return the rows of a CSV file's text as `read_csv`; messages name the ``file``."""
     try:
         rows = list(csv.reader(io.StringIO(text)))
@@ -66,7 +66,7 @@ def parse_csv(text: str, file: str, header: Sequence[str], optional: Sequence[st
     if present not in {columns[:k] for k in range(len(header), len(columns) + 1)}:
         fix = "" if len(present) > 1 or not set(";\t") & set("".join(present)) else _SEPARATORS
         raise InputError(f"{file}: the header is {','.join(present)!r}; it must be {wanted}{fix}")
-    lines: list[Line] = []
+    lines: list[CsvRow] = []
     for number, row in enumerate(rows[1:], start=2):
         if not any(cell.strip() for cell in row):
             continue
@@ -76,7 +76,7 @@ def parse_csv(text: str, file: str, header: Sequence[str], optional: Sequence[st
             raise InputError(
                 f"{file}: line {number}: {len(row)} values, but the header has {len(present)}{fix}"
             )
-        lines.append(Line(file, number, tuple(cell.strip() for cell in row)))
+        lines.append(CsvRow(file, number, tuple(cell.strip() for cell in row)))
     if not lines:
         raise InputError(f"{file}: no row below the header {wanted}")
     return lines

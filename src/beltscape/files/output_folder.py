@@ -30,7 +30,7 @@ _FORMAT = "beltscape-output/1"
 
 
 @dataclass(frozen=True, slots=True)
-class Manifest:
+class OutputManifest:
     """Description of a command's output in its folder."""
 
     command: str
@@ -43,7 +43,7 @@ class Manifest:
     """Relative to the folder, with slashes, sorted."""
 
 
-def read_manifest(folder: Path) -> Manifest | None:
+def read_manifest(folder: Path) -> OutputManifest | None:
     """Return the manifest of ``folder``, None where it has none; OutputError where it is damaged."""
     path = folder / MANIFEST
     try:
@@ -56,13 +56,13 @@ def read_manifest(folder: Path) -> Manifest | None:
         ) from error
 
 
-def parse_manifest(data: bytes) -> Manifest:
+def parse_manifest(data: bytes) -> OutputManifest:
     """Return the manifest in the bytes of its file; ValueError where it is damaged."""
     try:
         document = json.loads(data)
         if document["format"] != _FORMAT or not all(isinstance(name, str) for name in document["files"]):
             raise ValueError(document["format"])
-        return Manifest(
+        return OutputManifest(
             str(document["command"]),
             str(document["version"]),
             bool(document["complete"]),
@@ -72,7 +72,7 @@ def parse_manifest(data: bytes) -> Manifest:
         raise ValueError(f"no manifest: {error!r}") from error
 
 
-def write_manifest(folder: Path, manifest: Manifest) -> None:
+def write_manifest(folder: Path, manifest: OutputManifest) -> None:
     """Write the manifest of ``folder``, atomically."""
     text = json.dumps({"format": _FORMAT, **asdict(manifest)}, indent=1, ensure_ascii=False)
     write_text(folder / MANIFEST, text + "\n")
@@ -99,7 +99,7 @@ def require_finished(folder: Path) -> None:
         raise InputError(f"{folder}: {reason}")
 
 
-def describe_unfinished(manifest: Manifest | None, *, is_staged: bool) -> str:
+def describe_unfinished(manifest: OutputManifest | None, *, is_staged: bool) -> str:
     """Return why a folder is not finished, with the fix; empty if it is. ``is_staged``: it holds `STAGING`."""
     if manifest is None and is_staged:
         return (
@@ -148,7 +148,7 @@ def add_file(out: Path, command: str, name: str, data: bytes) -> Path:
     """
     write_bytes(out / name, data)
     files = tuple(sorted({*_own_files(out), name}))
-    write_manifest(out, Manifest(command, __version__, complete=True, files=files))
+    write_manifest(out, OutputManifest(command, __version__, complete=True, files=files))
     return out / name
 
 
@@ -165,12 +165,12 @@ def continued_folder(out: Path, command: str) -> Generator[Path]:
     foreign = set(files_below(out)) - set(_own_files(out))
     with _locked_folder(out):
         try:
-            write_manifest(out, Manifest(command, __version__, complete=True, files=_own_files(out)))
+            write_manifest(out, OutputManifest(command, __version__, complete=True, files=_own_files(out)))
             yield out
         finally:
             own = tuple(name for name in files_below(out) if name not in foreign)
             if own:
-                write_manifest(out, Manifest(command, __version__, complete=True, files=own))
+                write_manifest(out, OutputManifest(command, __version__, complete=True, files=own))
             else:
                 (out / MANIFEST).unlink(missing_ok=True)
 
@@ -255,7 +255,9 @@ def _swap(staging: Path, out: Path, command: str) -> None:
             f"{out / taken[0]}: lies where beltscape {command} writes, and it did not write it; "
             "move it elsewhere and run again"
         )
-    write_manifest(out, Manifest(command, __version__, complete=False, files=tuple(sorted({*old, *new}))))
+    write_manifest(
+        out, OutputManifest(command, __version__, complete=False, files=tuple(sorted({*old, *new})))
+    )
     try:
         for name in set(old) - set(new):
             (out / name).unlink(missing_ok=True)
@@ -267,4 +269,4 @@ def _swap(staging: Path, out: Path, command: str) -> None:
             (staging / name).replace(out / name)
     except OSError as error:
         raise output_error(Path(error.filename or out), error) from error
-    write_manifest(out, Manifest(command, __version__, complete=True, files=new))
+    write_manifest(out, OutputManifest(command, __version__, complete=True, files=new))

@@ -19,7 +19,7 @@ HALO_ROWS = 16
 """Rows beyond a band from which its paths begin."""
 
 
-class Band(NamedTuple):
+class RowBand(NamedTuple):
     """Rows first … last - 1 of which keep_first … keep_last - 1 are kept."""
 
     first: int
@@ -28,10 +28,10 @@ class Band(NamedTuple):
     last: int
 
 
-def bands(height: int) -> list[Band]:
+def bands(height: int) -> list[RowBand]:
     """Return bands whose kept rows cover ``height`` rows once."""
     return [
-        Band(max(0, y - HALO_ROWS), y, end, min(height, end + HALO_ROWS))
+        RowBand(max(0, y - HALO_ROWS), y, end, min(height, end + HALO_ROWS))
         for y in range(0, height, BAND_ROWS)
         for end in [min(height, y + BAND_ROWS)]
     ]

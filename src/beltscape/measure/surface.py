@@ -49,7 +49,7 @@ class Grid:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class GridHeights:
     """Heights on a grid, with the correlated part of their uncertainty."""
 
     heights: HeightMap
@@ -110,7 +110,7 @@ def compute_height_map(
     grid: Grid,
     use: NDArray[np.bool_],
     sampling: Sampling,
-) -> Surface:
+) -> GridHeights:
     """Return the height of the top surface over each cell, from the pixels ``use`` (H, W).
 
     Neighbouring pixels of one surface are joined to triangles, which are rasterised from vertically above. So every
@@ -136,7 +136,7 @@ def compute_height_map(
                 for part in (height, variance)
             )
     sigma = np.sqrt(variance)
-    return Surface(HeightMap(height, sigma, grid.origin_mm, grid.cell_mm), sigma)
+    return GridHeights(HeightMap(height, sigma, grid.origin_mm, grid.cell_mm), sigma)
 
 
 FULL_CONFIDENCE = 0.999

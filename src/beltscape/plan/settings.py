@@ -40,7 +40,7 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class BeltSettings(_Part):
+class PlannedBelt(_Part):
     """The belt's cross-section and its load."""
 
     width_mm: Width = 800.0
@@ -59,7 +59,7 @@ class BeltSettings(_Part):
     """Share of the load's area covered by protruding lumps, which occlude the view of cameras."""
 
     @model_validator(mode="after")
-    def _check_order(self) -> BeltSettings:
+    def _check_order(self) -> PlannedBelt:
         if self.span_mm > self.width_mm:
             raise ValueError(
                 f"span_mm = {self.span_mm:g} is more than the belt's width_mm = {self.width_mm:g}"
@@ -217,7 +217,7 @@ class LightSettings(_Part):
 class PlanSettings(_Part):
     """All settings of a plan."""
 
-    belt: BeltSettings = BeltSettings()
+    belt: PlannedBelt = PlannedBelt()
     camera: CameraSettings = CameraSettings()
     rig: RigSettings = RigSettings()
     precision: PrecisionSettings = PrecisionSettings()

@@ -47,7 +47,7 @@ class Weighing:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class WeighedVolume:
     """A weighing against the volume of the same time."""
 
     weighing: Weighing
@@ -121,7 +121,7 @@ def _surround(times: np.ndarray, counts: np.ndarray, place: int) -> float:
     return float(counts[after] - counts[max(after - 1, 0)])
 
 
-def compare(weighing: Weighing, sums: ProductionSums, product: ProductSettings | None) -> Comparison:
+def compare(weighing: Weighing, sums: ProductionSums, product: ProductSettings | None) -> WeighedVolume:
     """Return a weighing against the sums of the same time; ``product``: the only one on the belt, None: several.
 
     Belt without a measurement is taken to have carried the mean load, give or take anything from none to twice it.
@@ -132,7 +132,7 @@ def compare(weighing: Weighing, sums: ProductionSums, product: ProductSettings |
         reason = "no load was measured" if sums.volume_mm3 <= 0 else "too much belt was not measured"
     if reason:
         nan = math.nan
-        return Comparison(weighing, nan, nan, nan, nan, nan, nan, reason)
+        return WeighedVolume(weighing, nan, nan, nan, nan, nan, nan, reason)
     whole = 1 / (1 - missing)
     guess = 2 * _UNIFORM * missing * whole
     volume_m3 = sums.volume_mm3 * whole * 1e-9
@@ -142,7 +142,7 @@ def compare(weighing: Weighing, sums: ProductionSums, product: ProductSettings |
     mass_sigma = math.hypot(sums.mass_sigma_kg, sums.mass_kg * guess) * whole
     deviation = weighing.kg - sums.mass_kg * whole
     moisture = _estimate_moisture(density, sigma, product)
-    return Comparison(
+    return WeighedVolume(
         weighing, density, sigma, *moisture, deviation, math.hypot(weighing.sigma_kg, mass_sigma)
     )
 

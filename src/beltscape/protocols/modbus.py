@@ -24,7 +24,7 @@ from beltscape.core.errors import BeltscapeError, InputError, OutputError
 from beltscape.core.supervision import describe_failure
 from beltscape.protocols.kept_number import KeptNumber
 from beltscape.protocols.listening import ListeningThread
-from beltscape.protocols.modbus_registers import CommandRegister, Reading, Register, place_registers
+from beltscape.protocols.modbus_registers import CommandRegister, Register, RegisterValues, place_registers
 from beltscape.protocols.plant import Plant, PlantCommands, PlantUsers
 from beltscape.protocols.settings import ModbusSettings
 
@@ -88,7 +88,7 @@ def place_commands(settings: ModbusSettings, placed: Sequence[Register]) -> tupl
     return registers
 
 
-class Commands:
+class ModbusCommands:
     """Takes what the control system writes; thread-safe."""
 
     def __init__(
@@ -277,9 +277,9 @@ class ModbusServer:
         step = settings.pulse_kg or settings.pulse_l
         self._pulses = None if step is None else PulseCount(data / "pulses.json", step, on_message)
         self._written = place_commands(settings, self._registers)
-        self._commands: Commands | None = None
+        self._commands: ModbusCommands | None = None
         if settings.commands is not None and control is not None:
-            self._commands = Commands(settings, plant, control, users, data, on_message)
+            self._commands = ModbusCommands(settings, plant, control, users, data, on_message)
         self._started_s = monotonic()
         self._clients: dict[asyncio.StreamWriter, float] = {}
         self._failure = ""
@@ -302,12 +302,12 @@ class ModbusServer:
         """Stop listening."""
         self._listening.close(patience_s)
 
-    def read(self) -> Reading:
+    def read(self) -> RegisterValues:
         """Return what the registers are filled from now."""
         state, commands = self._plant.read_state(), self._commands
         done, result = (0, 0) if commands is None else (commands.done, commands.result)
         if self._pulses is None:
-            return Reading(state, int(monotonic() - self._started_s), 0, done, result)
+            return RegisterValues(state, int(monotonic() - self._started_s), 0, done, result)
         totals = state.totals
         total = totals.mass_kg if self._settings.pulse_kg is not None else totals.volume_mm3 * 1e-6
         try:
@@ -315,7 +315,7 @@ class ModbusServer:
         except OutputError as error:
             self._on_message(f"modbus: {error}; the pulse count waits")
             count = self._pulses.count
-        return Reading(state, int(monotonic() - self._started_s), count, done, result)
+        return RegisterValues(state, int(monotonic() - self._started_s), count, done, result)
 
     async def _serve(self) -> None:
         try:
@@ -396,7 +396,7 @@ class ModbusServer:
             words.update(enumerate(self._commands.words, self._written[0].address))
         return words
 
-    async def _answer_write(self, commands: Commands, request: bytes) -> bytes:
+    async def _answer_write(self, commands: ModbusCommands, request: bytes) -> bytes:
         """Take a write of commands, in a thread: what it changes is on the disk before the answer."""
         address, values = _parse_write(request)
         if not commands.covers(address, len(values)):

@@ -30,7 +30,7 @@ _ZERO_UA, _FULL_UA, _BROKEN_UA, _MOST_UA = 4000, 20_000, 3500, 20_500
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class RegisterValues:
     """The values that the registers are filled from."""
 
     state: PlantState
@@ -51,7 +51,7 @@ class Register:
     form: Form
     unit: str
     meaning: str
-    read: Callable[[Reading, ModbusSettings], float]
+    read: Callable[[RegisterValues, ModbusSettings], float]
     address: int = 0
     """Of its first word."""
 
@@ -60,7 +60,7 @@ class Register:
         """Return the number of 16-bit registers that it takes."""
         return _WORDS[self.form]
 
-    def pack(self, reading: Reading, settings: ModbusSettings) -> list[int]:
+    def pack(self, reading: RegisterValues, settings: ModbusSettings) -> list[int]:
         """Return its words; an integer beyond its form wraps around, as counters do."""
         value = self.read(reading, settings)
         if self.form == "float32":
@@ -85,7 +85,7 @@ class CommandRegister:
     unit: str = ""
 
 
-def _compute_analogue(reading: Reading, settings: ModbusSettings) -> float:
+def _compute_analogue(reading: RegisterValues, settings: ModbusSettings) -> float:
     """Return the flow on the current loop, µA."""
     state = reading.state
     if settings.full_t_h is not None:
@@ -99,8 +99,8 @@ def _compute_analogue(reading: Reading, settings: ModbusSettings) -> float:
     return min(max(_ZERO_UA + (_FULL_UA - _ZERO_UA) * flow / full, _ZERO_UA), _MOST_UA)
 
 
-def _count_alarms(severity: str) -> Callable[[Reading, ModbusSettings], float]:
-    def count(reading: Reading, _: ModbusSettings) -> float:
+def _count_alarms(severity: str) -> Callable[[RegisterValues, ModbusSettings], float]:
+    def count(reading: RegisterValues, _: ModbusSettings) -> float:
         alarms = reading.state.alarms
         return sum(
             alarm.severity == severity and alarm.state in ("raised", "acknowledged") for alarm in alarms
@@ -109,11 +109,11 @@ def _count_alarms(severity: str) -> Callable[[Reading, ModbusSettings], float]:
     return count
 
 
-def _count_cameras(reading: Reading, _: ModbusSettings) -> float:
+def _count_cameras(reading: RegisterValues, _: ModbusSettings) -> float:
     return sum(camera.state == "ok" for camera in reading.state.cameras)
 
 
-def _find_product(reading: Reading, _: ModbusSettings) -> float:
+def _find_product(reading: RegisterValues, _: ModbusSettings) -> float:
     """Return the number of the present product, from 1; 0 without one."""
     state = reading.state
     return state.products.index(state.product) + 1 if state.product in state.products else 0

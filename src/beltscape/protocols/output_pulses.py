@@ -25,7 +25,7 @@ from beltscape.protocols.plant import PlantState
 from beltscape.protocols.settings import PulseSettings
 
 
-class Module(Protocol):
+class IoModule(Protocol):
     """The I/O module."""
 
     def write_coil(self, address: int, *, is_on: bool) -> None:
@@ -58,7 +58,7 @@ class PulseOutput(Protocol):
         """Go on from a number of given pulses that was found otherwise; OutputError if it cannot be kept."""
         ...
 
-    def advance(self, module: Module, due: int) -> float | None:
+    def advance(self, module: IoModule, due: int) -> float | None:
         """Go on towards the due pulses; return the seconds until the next step, or None if there is none."""
         ...
 
@@ -88,7 +88,7 @@ class CounterOutput:
         """Go on from a number of given pulses."""
         self._kept.keep(2 * given)
 
-    def advance(self, module: Module, due: int) -> float | None:
+    def advance(self, module: IoModule, due: int) -> float | None:
         """Write the count; the module gets it again with every call, so that it has it after its own restart too."""
         if due > self.given or self._kept.number is None:
             self._kept.keep(2 * due)  # before it is shown, so that it never falls
@@ -127,7 +127,7 @@ class CoilOutput:
         """Go on from a number of given pulses; a coil that is on belongs to the last of them."""
         self._restored = 2 * given
 
-    def advance(self, module: Module, due: int) -> float | None:
+    def advance(self, module: IoModule, due: int) -> float | None:
         """Switch the coil if it is time to; see ``PulseOutput.advance``."""
         if not self._is_certain:
             self._make_certain(module)
@@ -148,7 +148,7 @@ class CoilOutput:
         """Read the coil before the next step."""
         self._is_certain = False
 
-    def _make_certain(self, module: Module) -> None:
+    def _make_certain(self, module: IoModule) -> None:
         """Find out whether the last change was made though it was not kept."""
         steps = self._kept.number
         if steps is None:  # a coil that was on before the first pulse belongs to none

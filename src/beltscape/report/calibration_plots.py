@@ -18,7 +18,7 @@ from beltscape.calibration.assessment.coverage import CameraCoverage, Coverage
 from beltscape.calibration.assessment.score import RigErrors
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
-from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.legend import DARK_IS_CERTAIN, UNCERTAINTY, Scale
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.plots import (
@@ -142,13 +142,13 @@ def frame_axes(axis: Axes, camera: Camera, title: str) -> None:
     axis.set_yticks([0, height - 1])
 
 
-KEY = Key(
+KEY = ChartKey(
     (
-        Entry("sees the volume", "band", "circle"),
-        Entry("depth uncertain: the lens is extrapolated", "degraded", "circle"),
-        Entry("depth unusable", "missing", "circle"),
-        Entry("corners of the board", "quiet", "circle"),
-        Entry("end of the lens's domain", "limit", "line"),
+        KeyEntry("sees the volume", "band", "circle"),
+        KeyEntry("depth uncertain: the lens is extrapolated", "degraded", "circle"),
+        KeyEntry("depth unusable", "missing", "circle"),
+        KeyEntry("corners of the board", "quiet", "circle"),
+        KeyEntry("end of the lens's domain", "limit", "line"),
     )
 )
 STATES = ("band", "degraded", "missing")

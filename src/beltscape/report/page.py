@@ -9,7 +9,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any, cast
 
 from beltscape.report.drawing import markup, palette
-from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.pictures import Panel
 from beltscape.report.drawing.scene import Scene
 
@@ -51,7 +51,7 @@ class Table:
     """A table; its first column contains names, the others numbers."""
 
     columns: Sequence[str]
-    rows: Sequence[Sequence[str | Entry]]
+    rows: Sequence[Sequence[str | KeyEntry]]
     caption: str = ""
     kind: str = "table"
 
@@ -73,7 +73,7 @@ class InteractiveScene:
     kind: str = "scene"
 
 
-Item = Tiles | Chart | Key | Pictures | Table | Lines | InteractiveScene
+Item = Tiles | Chart | ChartKey | Pictures | Table | Lines | InteractiveScene
 
 
 @dataclass(frozen=True, slots=True)

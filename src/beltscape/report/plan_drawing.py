@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from beltscape.plan.coverage import Polygon
 from beltscape.plan.plan import Plan
-from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.palette import css_color, light
 from beltscape.report.drawing.plots import FONT_PT, NARROW, WIDE, Form
 from beltscape.report.drawing.scene import AUXILIARY, CORE
@@ -102,8 +102,8 @@ class Drawing:
 
 def make_side_charts(plan: Plan) -> tuple[Chart, Chart]:
     """Return the views across and along the belt, both on the same scale."""
-    key = (Entry("core's view", "core", "outline"), Entry("auxiliaries' views", "auxiliary", "outline"))
-    load = Entry("load", "load", "area")
+    key = (KeyEntry("core's view", "core", "outline"), KeyEntry("auxiliaries' views", "auxiliary", "outline"))
+    load = KeyEntry("load", "load", "area")
     across = _make_chart(partial(draw_side_view, plan), "Across the belt.", *key, load)
     caption = "Along the belt, on the same scale."
     return across, _make_chart(partial(draw_side_view, plan, along=True), caption, *key, load)
@@ -114,15 +114,15 @@ def make_top_chart(plan: Plan) -> Chart:
     return _make_chart(
         partial(draw_top_view, plan),
         "From above; images' rims at the height of the belt's edges.",
-        Entry("core's image", "core", "outline"), Entry("auxiliaries' images", "auxiliary", "outline"),
-        Entry("seen by all cameras", "shared", "area"),
-        Entry("what a frame gives over the full width at every height", "common", "dashed"),
+        KeyEntry("core's image", "core", "outline"), KeyEntry("auxiliaries' images", "auxiliary", "outline"),
+        KeyEntry("seen by all cameras", "shared", "area"),
+        KeyEntry("what a frame gives over the full width at every height", "common", "dashed"),
         half=False,
     )  # fmt: skip
 
 
-def _make_chart(view: Callable[[Form], str], caption: str, *entries: Entry, half: bool = True) -> Chart:
-    return Chart(view(WIDE), view(NARROW), caption, [Key(entries)], half)
+def _make_chart(view: Callable[[Form], str], caption: str, *entries: KeyEntry, half: bool = True) -> Chart:
+    return Chart(view(WIDE), view(NARROW), caption, [ChartKey(entries)], half)
 
 
 def draw_top_view(plan: Plan, form: Form) -> str:

@@ -49,7 +49,7 @@ class Failure:
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class FoundRecordings:
     """The recordings found, and their pieces."""
 
     recordings: Sequence[Recording]
@@ -97,7 +97,9 @@ def reprocess(
     return {**document, "changed": True}
 
 
-def _find(source: str, project: Project[RunSettings], piece_frames: int, reporter: Reporter) -> Source:
+def _find(
+    source: str, project: Project[RunSettings], piece_frames: int, reporter: Reporter
+) -> FoundRecordings:
     """Return the recordings of a source and their pieces; InputError where there is none."""
     settings = project.settings
     if (
@@ -128,7 +130,7 @@ def _find(source: str, project: Project[RunSettings], piece_frames: int, reporte
     for one in unreadable:
         reporter.warn(f"{one.name}: {one.reason}")
     pieces = cut_into_pieces(recordings, compute_overlap(reference, settings.flow), piece_frames)
-    return Source(recordings, unreadable, pieces)
+    return FoundRecordings(recordings, unreadable, pieces)
 
 
 def _measure_missing(
@@ -173,7 +175,10 @@ def _name_piece(piece: Piece) -> str:
 
 
 def _digest_result(
-    found: Source, failures: Sequence[Failure], project: Project[RunSettings], changes: Sequence[Change]
+    found: FoundRecordings,
+    failures: Sequence[Failure],
+    project: Project[RunSettings],
+    changes: Sequence[Change],
 ) -> str:
     """Return a digest of everything that the joined ledger depends on."""
     settings = project.settings
@@ -197,7 +202,7 @@ def _read_earlier(store: Path, manifest: Manifest, state: str) -> dict[str, Any]
 
 
 def _describe(
-    found: Source, failures: Sequence[Failure], ledger: JoinedLedger, throughput: Throughput
+    found: FoundRecordings, failures: Sequence[Failure], ledger: JoinedLedger, throughput: Throughput
 ) -> dict[str, Any]:
     """Return the result as plain values."""
     return {

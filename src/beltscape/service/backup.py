@@ -26,9 +26,9 @@ from beltscape.service.backup_archive import (
     FORMS,
     OUTSIDE,
     PROJECT,
-    Entry,
+    BackupEntry,
+    BackupManifest,
     Form,
-    Manifest,
     write_archive,
     write_manifest,
 )
@@ -46,7 +46,7 @@ _COPIED_FIRST = "totals.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class BackupFile:
     """A file to be backed up."""
 
     name: str
@@ -55,27 +55,27 @@ class Source:
     is_database: bool = False
 
 
-def list_data(data: Path) -> Iterator[Source]:
+def list_data(data: Path) -> Iterator[BackupFile]:
     """Yield the files of the data folder: the totals, the databases, then the others.
 
     Day files follow the databases, so that records that are moved meanwhile are not lost.
     """
     if (data / _COPIED_FIRST).is_file():
-        yield Source(f"{DATA}/{_COPIED_FIRST}", data / _COPIED_FIRST)
+        yield BackupFile(f"{DATA}/{_COPIED_FIRST}", data / _COPIED_FIRST)
     for path in sorted(data.glob("*.db")):
-        yield Source(f"{DATA}/{path.name}", path, is_database=True)
+        yield BackupFile(f"{DATA}/{path.name}", path, is_database=True)
     for path in _walk_files(data):
         place = path.relative_to(data)
         is_kept = place.parts[0] not in _EXCLUDED and str(place) != _COPIED_FIRST
         if is_kept and not path.name.endswith(_EXCLUDED_ENDINGS):
-            yield Source(f"{DATA}/{place.as_posix()}", path)
+            yield BackupFile(f"{DATA}/{place.as_posix()}", path)
 
 
 def list_settings(
     project: Project[ProjectSettings], reporter: Reporter
-) -> Iterator[tuple[Source, Path | None]]:
+) -> Iterator[tuple[BackupFile, Path | None]]:
     """Yield project.toml and the files that it names, each with its absolute path where it lies elsewhere."""
-    yield Source(f"{PROJECT}/{project.path.name}", project.path), None
+    yield BackupFile(f"{PROJECT}/{project.path.name}", project.path), None
     root, seen = project.path.parent.resolve(), {project.path.resolve()}
     data = project.resolve(project.settings.data).resolve()
     for key, value in list_values(project.settings):
@@ -94,9 +94,9 @@ def list_settings(
             if place.is_relative_to(data):
                 continue
             if place.is_relative_to(root):
-                yield Source(f"{PROJECT}/{place.relative_to(root).as_posix()}", path), None
+                yield BackupFile(f"{PROJECT}/{place.relative_to(root).as_posix()}", path), None
             else:
-                yield Source(f"{OUTSIDE}/{len(seen)}/{place.name}", path), place
+                yield BackupFile(f"{OUTSIDE}/{len(seen)}/{place.name}", path), place
 
 
 def _list_named(path: Path) -> list[Path]:
@@ -155,13 +155,13 @@ def _fill(
 ) -> None:
     settings = list(list_settings(project, reporter))
     sources = [*list_data(data), *(source for source, _ in settings)]
-    files: dict[str, Entry] = {}
+    files: dict[str, BackupEntry] = {}
     for number, source in enumerate(sources, 1):
         copy = part / source.name
         if _copy(source, copy):
-            files[source.name] = Entry(copy.stat().st_size, hash_file(copy))
+            files[source.name] = BackupEntry(copy.stat().st_size, hash_file(copy))
         reporter.step("backing up", number, len(sources))
-    manifest = Manifest(
+    manifest = BackupManifest(
         now.isoformat(timespec="seconds"),
         __version__,
         len(MIGRATIONS),
@@ -173,7 +173,7 @@ def _fill(
     write_manifest(part, manifest)
 
 
-def _copy(source: Source, target: Path) -> bool:
+def _copy(source: BackupFile, target: Path) -> bool:
     """Copy a file; return False if the retention deleted it meanwhile."""
     target.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     try:

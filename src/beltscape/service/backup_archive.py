@@ -26,7 +26,7 @@ _FIX = "take another backup"
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class BackupEntry:
     """One file of a backup."""
 
     size: int
@@ -35,7 +35,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Manifest:
+class BackupManifest:
     """Contents of a backup."""
 
     made: str
@@ -50,11 +50,11 @@ class Manifest:
     """The data folder as project.toml names it."""
     outside: Mapping[str, str]
     """Name in the backup → absolute path, of files outside the project's folder."""
-    files: Mapping[str, Entry]
+    files: Mapping[str, BackupEntry]
     """Name in the backup, with slashes → the file."""
 
 
-def write_manifest(folder: Path, manifest: Manifest) -> None:
+def write_manifest(folder: Path, manifest: BackupManifest) -> None:
     """Write the manifest into a backup's folder."""
     files = {name: {"bytes": one.size, "sha256": one.sha256} for name, one in manifest.files.items()}
     document = {
@@ -70,7 +70,7 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     write_json(folder / MANIFEST_FILE, add_digest(document))
 
 
-def read_manifest(path: Path, named: Path) -> Manifest:
+def read_manifest(path: Path, named: Path) -> BackupManifest:
     """Return the manifest in the file ``path`` of the backup ``named``; InputError if it is damaged."""
     document = read_json(path)
     if not is_dict(document) or document.get("format") != FORMAT:
@@ -84,12 +84,12 @@ def read_manifest(path: Path, named: Path) -> Manifest:
         ) from error
 
 
-def _from_document(document: Mapping[str, Any]) -> Manifest:
+def _from_document(document: Mapping[str, Any]) -> BackupManifest:
     files = {
-        _require_inner(name): Entry(int(one["bytes"]), str(one["sha256"]))
+        _require_inner(name): BackupEntry(int(one["bytes"]), str(one["sha256"]))
         for name, one in document["files"].items()
     }
-    return Manifest(
+    return BackupManifest(
         str(document["made"]),
         str(document["program"]),
         int(document["schema"]),

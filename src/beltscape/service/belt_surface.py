@@ -51,7 +51,7 @@ def decode_heights(counts: NDArray[np.uint16]) -> tuple[NDArray[np.float32], NDA
     return np.where(counts == UNKNOWN, np.float32(np.nan), height), counts < FILLED
 
 
-class BeltWindow:
+class SurfaceWindow:
     """A ring buffer of rows: takes finished stretches, drops the oldest rows. Not thread-safe."""
 
     def __init__(self, length_m: float, cell_mm: float) -> None:

@@ -16,7 +16,7 @@ from beltscape.core.findings import Finding
 from beltscape.core.frames import Image
 from beltscape.core.ledger import BeltRecord, Totals
 from beltscape.pipeline.live.gauges import FramePace
-from beltscape.service.belt_surface import BeltRows, BeltWindow
+from beltscape.service.belt_surface import BeltRows, SurfaceWindow
 from beltscape.service.settings import WebSettings
 from beltscape.service.view_models import (
     CheckState,
@@ -82,9 +82,9 @@ class LiveState:
         self.durations = DurationHistogram()
         """Histogram of the processing times of frame sets."""
 
-    def _make_views(self, settings: WebSettings) -> tuple[FlowAverage, BeltWindow]:
+    def _make_views(self, settings: WebSettings) -> tuple[FlowAverage, SurfaceWindow]:
         flow = FlowAverage(settings.flow_window_s, monotonic_s=self._monotonic_s)
-        return flow, BeltWindow(settings.belt_m, settings.belt_cell_mm)
+        return flow, SurfaceWindow(settings.belt_m, settings.belt_cell_mm)
 
     def set_settings(self, settings: WebSettings) -> None:
         """Show the state by other settings from now on; flow and belt begin anew where theirs have changed."""

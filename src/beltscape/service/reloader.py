@@ -62,7 +62,7 @@ class RunningPlant:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class CheckedChange:
     """A change that is checked and ready."""
 
     apply: Callable[[], None]
@@ -70,7 +70,7 @@ class Change:
     """Restores what was, also after ``apply`` has failed."""
 
 
-Prepare = Callable[[RunningPlant, Project[ProjectSettings]], Change]
+Prepare = Callable[[RunningPlant, Project[ProjectSettings]], CheckedChange]
 """Checks and loads all that a change needs; raises a BeltscapeError with one line where it cannot be."""
 
 
@@ -83,7 +83,7 @@ class ReloadablePart:
     prepare: Prepare
 
 
-def _prepare_measuring(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+def _prepare_measuring(plant: RunningPlant, project: Project[ProjectSettings]) -> CheckedChange:
     reporter, data = plant.assembled.components.reporter, project.resolve(project.settings.data)
     rig = read_run_rig(project, reporter)
     require_same_cameras(project, rig, plant.parts.rig)
@@ -95,19 +95,19 @@ def _prepare_measuring(plant: RunningPlant, project: Project[ProjectSettings]) -
         plant.assembled.engine.exchange(parts, run)
         plant.parts, plant.served.provenance = parts, provenance
 
-    return Change(lambda: exchange(after, described[1]), lambda: exchange(before, described[0]))
+    return CheckedChange(lambda: exchange(after, described[1]), lambda: exchange(before, described[0]))
 
 
-def _prepare_alarms(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+def _prepare_alarms(plant: RunningPlant, project: Project[ProjectSettings]) -> CheckedChange:
     board, texts = plant.assembled.components.board, read_alarm_texts(project)
     before, texts_before = board.settings, board.texts
-    return Change(
+    return CheckedChange(
         lambda: board.set_settings(project.settings.alarms, texts),
         lambda: board.set_settings(before, texts_before),
     )
 
 
-def _prepare_sinks(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+def _prepare_sinks(plant: RunningPlant, project: Project[ProjectSettings]) -> CheckedChange:
     assembled, before = plant.assembled, plant.project.settings
     exchange, restore = (assembled.table.prepare(one.csv) for one in (project.settings, before))
 
@@ -117,50 +117,50 @@ def _prepare_sinks(plant: RunningPlant, project: Project[ProjectSettings]) -> Ch
         if assembled.components.recorder is not None:
             assembled.components.recorder.set_settings(settings.recording)
 
-    return Change(lambda: use(project.settings, exchange), lambda: use(before, restore))
+    return CheckedChange(lambda: use(project.settings, exchange), lambda: use(before, restore))
 
 
-def _prepare_queue(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+def _prepare_queue(plant: RunningPlant, project: Project[ProjectSettings]) -> CheckedChange:
     queue, before = plant.assembled.components.queue, plant.project.settings.queue.frames
     frames = project.settings.queue.frames
-    return Change(lambda: queue.set_capacity(frames), lambda: queue.set_capacity(before))
+    return CheckedChange(lambda: queue.set_capacity(frames), lambda: queue.set_capacity(before))
 
 
-def _prepare_production(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+def _prepare_production(plant: RunningPlant, project: Project[ProjectSettings]) -> CheckedChange:
     control, before, after = plant.assembled.production, plant.project.settings, project.settings
     control.require_present(after.products)
-    return Change(
+    return CheckedChange(
         lambda: control.set_settings(after.products, after.production),
         lambda: control.set_settings(before.products, before.production),
     )
 
 
-def _prepare_scale(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+def _prepare_scale(plant: RunningPlant, project: Project[ProjectSettings]) -> CheckedChange:
     production, before, after = plant.production, plant.project.settings.scale, project.settings.scale
     if after is not None:
         check_scale(after)
-    return Change(lambda: production.exchange_scale(after), lambda: production.exchange_scale(before))
+    return CheckedChange(lambda: production.exchange_scale(after), lambda: production.exchange_scale(before))
 
 
-def _prepare_reports(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+def _prepare_reports(plant: RunningPlant, project: Project[ProjectSettings]) -> CheckedChange:
     production, before, after = plant.production, plant.project.settings, project.settings
     if after.reports is not None:
         check_reports_and_printer(after.reports, after.production.time_zone)
-    return Change(
+    return CheckedChange(
         lambda: production.exchange_reports(after.reports, name_plant(after)),
         lambda: production.exchange_reports(before.reports, name_plant(before)),
     )
 
 
-def _prepare_page(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+def _prepare_page(plant: RunningPlant, project: Project[ProjectSettings]) -> CheckedChange:
     def use(settings: ProjectSettings) -> None:
         plant.live_state.set_settings(settings.web)
         plant.access.set_settings(settings.web.access)
 
-    return Change(lambda: use(project.settings), lambda: use(plant.project.settings))
+    return CheckedChange(lambda: use(project.settings), lambda: use(plant.project.settings))
 
 
-def _prepare_certificate(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+def _prepare_certificate(plant: RunningPlant, project: Project[ProjectSettings]) -> CheckedChange:
     web = project.settings.web
     expiry, expiry_before = plant.expiry.read(web.tls_certificate, web.tls_key), plant.expiry.expiry_s
     server = plant.server
@@ -170,18 +170,20 @@ def _prepare_certificate(plant: RunningPlant, project: Project[ProjectSettings])
             server.exchange_certificate(one.tls_certificate, one.tls_key)
         plant.expiry.expiry_s = expiry_s
 
-    return Change(lambda: use(web, expiry), lambda: use(plant.project.settings.web, expiry_before))
+    return CheckedChange(lambda: use(web, expiry), lambda: use(plant.project.settings.web, expiry_before))
 
 
 def _prepare_protocol(name: str) -> Prepare:
-    def prepare(plant: RunningPlant, project: Project[ProjectSettings]) -> Change:
+    def prepare(plant: RunningPlant, project: Project[ProjectSettings]) -> CheckedChange:
         settings, before = getattr(project.settings, name), getattr(plant.project.settings, name)
         if settings is not None:
             CHECKS[name](settings)
         protocols = plant.protocols
         if protocols is None:
-            return Change(lambda: None, lambda: None)
-        return Change(lambda: protocols.exchange(name, settings), lambda: protocols.exchange(name, before))
+            return CheckedChange(lambda: None, lambda: None)
+        return CheckedChange(
+            lambda: protocols.exchange(name, settings), lambda: protocols.exchange(name, before)
+        )
 
     return prepare
 
@@ -291,9 +293,9 @@ class SettingsReloader:
         self._reporter.warn(f"settings read again: {text}")
 
 
-def _apply(changes: Sequence[Change]) -> None:
+def _apply(changes: Sequence[CheckedChange]) -> None:
     """Apply all changes; where one fails, revert it and those before it, and raise its error."""
-    applied: list[Change] = []
+    applied: list[CheckedChange] = []
     for change in changes:
         applied.append(change)
         try:

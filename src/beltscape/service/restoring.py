@@ -24,7 +24,7 @@ from beltscape.service.backup_archive import (
     DATA,
     MANIFEST_FILE,
     PROJECT,
-    Manifest,
+    BackupManifest,
     damage_error,
     find_form,
     read_archive,
@@ -43,7 +43,7 @@ _FIX = "take another backup"
 class Restored:
     """Files that were restored, or that a check found sound."""
 
-    manifest: Manifest
+    manifest: BackupManifest
     project: Path
     data: Path
     moved_aside: tuple[Path, ...] = ()
@@ -71,7 +71,7 @@ class _Plan:
         return self.staged.setdefault(place, place.with_name(f".{place.name}.{os.getpid()}.restore"))
 
 
-def check_backup(backup: Path, reporter: Reporter) -> Manifest:
+def check_backup(backup: Path, reporter: Reporter) -> BackupManifest:
     """Return the manifest of a backup whose files are all there and sound; InputError with the file that is not."""
     with _open_backup(backup) as (manifest, files):
         _take(backup, manifest, files, lambda _: None, reporter)
@@ -109,7 +109,7 @@ def restore_backup(
 
 
 @contextmanager
-def _open_backup(backup: Path) -> Generator[tuple[Manifest, Iterator[tuple[str, IO[bytes], int]]]]:
+def _open_backup(backup: Path) -> Generator[tuple[BackupManifest, Iterator[tuple[str, IO[bytes], int]]]]:
     """Yield the manifest of a backup and its other files."""
     form = find_form(backup)
     with ExitStack() as opened:
@@ -128,7 +128,7 @@ def _open_backup(backup: Path) -> Generator[tuple[Manifest, Iterator[tuple[str, 
         yield _require_known(backup, _read_first(backup, content, opened)), files
 
 
-def _read_first(backup: Path, content: IO[bytes], opened: ExitStack) -> Manifest:
+def _read_first(backup: Path, content: IO[bytes], opened: ExitStack) -> BackupManifest:
     from tempfile import TemporaryDirectory
 
     path = Path(opened.enter_context(TemporaryDirectory())) / MANIFEST_FILE
@@ -136,7 +136,7 @@ def _read_first(backup: Path, content: IO[bytes], opened: ExitStack) -> Manifest
     return read_manifest(path, backup)
 
 
-def _require_known(backup: Path, manifest: Manifest) -> Manifest:
+def _require_known(backup: Path, manifest: BackupManifest) -> BackupManifest:
     if manifest.schema > len(MIGRATIONS):
         raise InputError(
             f"{backup}: made by beltscape {manifest.program} with tables of version {manifest.schema}, this program "
@@ -145,7 +145,7 @@ def _require_known(backup: Path, manifest: Manifest) -> Manifest:
     return manifest
 
 
-def _list_folder(backup: Path, manifest: Manifest) -> Iterator[tuple[str, IO[bytes], int]]:
+def _list_folder(backup: Path, manifest: BackupManifest) -> Iterator[tuple[str, IO[bytes], int]]:
     for name in manifest.files:
         path = backup / name
         if not path.is_file() or path.is_symlink():
@@ -154,7 +154,7 @@ def _list_folder(backup: Path, manifest: Manifest) -> Iterator[tuple[str, IO[byt
             yield name, content, path.stat().st_mode
 
 
-def _make_plan(manifest: Manifest, folder: Path, data: Path | None) -> _Plan:
+def _make_plan(manifest: BackupManifest, folder: Path, data: Path | None) -> _Plan:
     place = folder / manifest.data if data is None else data
     plan = _Plan(folder.absolute(), place.absolute())
     plan.add_place(plan.folder)
@@ -167,7 +167,7 @@ def _make_plan(manifest: Manifest, folder: Path, data: Path | None) -> _Plan:
     return plan
 
 
-def _require_free(plan: _Plan, manifest: Manifest, *, replace: bool) -> None:
+def _require_free(plan: _Plan, manifest: BackupManifest, *, replace: bool) -> None:
     """Raise OutputError if something is where the backup goes, or a run uses the data folder."""
     if is_running(plan.data):
         raise OutputError(f"{plan.data}: a run uses this data folder; stop it first")
@@ -181,7 +181,7 @@ def _require_free(plan: _Plan, manifest: Manifest, *, replace: bool) -> None:
             )
 
 
-def _locate(plan: _Plan, manifest: Manifest, name: str) -> Path | None:
+def _locate(plan: _Plan, manifest: BackupManifest, name: str) -> Path | None:
     """Return where a file of the backup is written first; None if it is in its place already."""
     kind, *rest = PurePosixPath(name).parts
     if kind == PROJECT:
@@ -195,7 +195,7 @@ def _locate(plan: _Plan, manifest: Manifest, name: str) -> Path | None:
 
 def _take(
     backup: Path,
-    manifest: Manifest,
+    manifest: BackupManifest,
     files: Iterator[tuple[str, IO[bytes], int]],
     locate: Callable[[str], Path | None],
     reporter: Reporter,

@@ -264,7 +264,7 @@ PARTS = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
+class RingPiece:
     """A short capture in the ring."""
 
     folder: Path
@@ -281,7 +281,7 @@ class Ring:
         """Take over an earlier run's pieces as if recorded now; they are removed after the ring's length."""
         self._store, self._reach_s = store, reach_s
         self._pieces = deque(
-            Piece(folder, now_s, is_continuation=False) for folder in store.list_captures("ring")
+            RingPiece(folder, now_s, is_continuation=False) for folder in store.list_captures("ring")
         )
 
     def __bool__(self) -> bool:
@@ -289,7 +289,7 @@ class Ring:
 
     def add(self, folder: Path, now_s: float, *, is_continuation: bool) -> None:
         """Add a new piece; remove those older than the ring's length."""
-        self._pieces.append(Piece(folder, now_s, is_continuation))
+        self._pieces.append(RingPiece(folder, now_s, is_continuation))
         # a piece ends where the next one begins
         while len(self._pieces) > 1 and self._pieces[1].start_s < now_s - self._reach_s:
             self.drop_oldest()

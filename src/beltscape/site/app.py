@@ -25,8 +25,8 @@ from beltscape.service.access import Access, User, install_access, require_role
 from beltscape.service.static import RevalidatedFiles, make_static_files
 from beltscape.site.balance import BalanceResult
 from beltscape.site.balancing import BalanceStatus
-from beltscape.site.catch_up import Sums
-from beltscape.site.client import FAULT_ALARMS, Fault
+from beltscape.site.catch_up import RecordSums
+from beltscape.site.client import FAULT_ALARMS, BeltFault
 from beltscape.site.follower import BeltFollower, BeltView
 from beltscape.site.settings import SiteSettings
 from beltscape.site.store import SiteStore
@@ -97,7 +97,7 @@ def show_belt(view: BeltView) -> dict[str, Any]:
     }
 
 
-def show_fault(fault: Fault) -> dict[str, Any]:
+def show_fault(fault: BeltFault) -> dict[str, Any]:
     """Return a fault with its text in English."""
     return {"key": fault.key, "values": dict(fault.values), "text": fault.text}
 
@@ -184,8 +184,8 @@ def _show_period(
     }
 
 
-def _show_sums(parts: Iterable[Sums]) -> dict[str, Any]:
-    total = Sums()
+def _show_sums(parts: Iterable[RecordSums]) -> dict[str, Any]:
+    total = RecordSums()
     for sums in parts:
         total += sums
     return {

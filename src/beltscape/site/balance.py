@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from beltscape.site.catch_up import FIELDS, GapReason, Sums
+from beltscape.site.catch_up import FIELDS, GapReason, RecordSums
 from beltscape.site.settings import BalanceSettings
 
 BalanceState = Literal["balanced", "imbalance", "incomplete"]
@@ -40,7 +40,7 @@ class BeltWindow:
     """Sums of what passed on one belt within a window that is shifted by the belt's delay."""
 
     belt: str
-    sums: Sums
+    sums: RecordSums
     change_m3_s: float
     """Volume flow at the end of the window minus that at its beginning."""
     gap: GapReason | None
@@ -54,12 +54,12 @@ def shift_window(settings: BalanceSettings, belt: str, start_ms: int, end_ms: in
     return start_ms + shift, end_ms + shift
 
 
-def sum_window(seconds: Mapping[int, Sums], start_ms: int, end_ms: int) -> tuple[Sums, float]:
+def sum_window(seconds: Mapping[int, RecordSums], start_ms: int, end_ms: int) -> tuple[RecordSums, float]:
     """Return the sums of a window and the change of the volume flow over it, m³/s.
 
     ``seconds`` reach at least 10 s beyond both ends; a second that an end cuts counts by its share.
     """
-    total = Sums()
+    total = RecordSums()
     for second, sums in seconds.items():
         share = min(end_ms, second * 1000 + 1000) - max(start_ms, second * 1000)
         if share >= 1000:
@@ -69,11 +69,11 @@ def sum_window(seconds: Mapping[int, Sums], start_ms: int, end_ms: int) -> tuple
     return total, _compute_flow(seconds, end_ms) - _compute_flow(seconds, start_ms)
 
 
-def _scale(sums: Sums, share: float) -> Sums:
-    return Sums(*(getattr(sums, name) * share for name in FIELDS))
+def _scale(sums: RecordSums, share: float) -> RecordSums:
+    return RecordSums(*(getattr(sums, name) * share for name in FIELDS))
 
 
-def _compute_flow(seconds: Mapping[int, Sums], at_ms: int) -> float:
+def _compute_flow(seconds: Mapping[int, RecordSums], at_ms: int) -> float:
     """Return the mean volume flow around a time, m³/s."""
     half = round(_EDGE_S)
     first = round(at_ms / 1000) - half

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from beltscape.site.client import Fault, RecordAnswer
+from beltscape.site.client import BeltFault, RecordAnswer
 from beltscape.site.settings import QUARTER_MIN
 
 _GAP_MS = 5000
@@ -20,7 +20,7 @@ ledger was replaced, or the ledger no longer holds the records."""
 
 
 @dataclass(frozen=True, slots=True)
-class Sums:
+class RecordSums:
     """Sums of records."""
 
     records: int = 0
@@ -35,9 +35,9 @@ class Sums:
     degraded_m: float = 0.0
     missing_m: float = 0.0
 
-    def __add__(self, other: Sums) -> Sums:
+    def __add__(self, other: RecordSums) -> RecordSums:
         """Return the sums of both."""
-        return Sums(*(getattr(self, name) + getattr(other, name) for name in FIELDS))
+        return RecordSums(*(getattr(self, name) + getattr(other, name) for name in FIELDS))
 
     @property
     def length_m(self) -> float:
@@ -45,15 +45,15 @@ class Sums:
         return self.valid_m + self.degraded_m + self.missing_m
 
 
-FIELDS = tuple(Sums.__dataclass_fields__)
+FIELDS = tuple(RecordSums.__dataclass_fields__)
 """Names of the sums."""
 
 
-def sum_record(record: RecordAnswer) -> Sums:
+def sum_record(record: RecordAnswer) -> RecordSums:
     """Return the sums of one record."""
     volume = record.volume_m3 or 0.0
     lengths = {f"{record.standing}_m": record.length_m}
-    return Sums(
+    return RecordSums(
         records=1,
         volume_m3=volume,
         sigma_m3=record.sigma_m3 or 0.0,
@@ -89,19 +89,19 @@ class Cursor:
 
 
 @dataclass(frozen=True, slots=True)
-class Batch:
+class PieceSums:
     """Sums that a piece of the ledger adds."""
 
     cursor: Cursor
     """The last record of it."""
-    seconds: dict[int, Sums]
+    seconds: dict[int, RecordSums]
     """Second since 1970 → sums."""
-    quarters: dict[int, Sums]
+    quarters: dict[int, RecordSums]
     """Second at which a quarter of an hour begins → sums."""
     gaps: tuple[Gap, ...]
 
 
-def find_break(cursor: Cursor, records: Sequence[RecordAnswer]) -> Fault | None:
+def find_break(cursor: Cursor, records: Sequence[RecordAnswer]) -> BeltFault | None:
     """Return why a ledger does not go on behind the cursor; None: it does.
 
     ``records`` begin with the record of the cursor's number, where the ledger still holds it.
@@ -110,17 +110,19 @@ def find_break(cursor: Cursor, records: Sequence[RecordAnswer]) -> Fault | None:
     if first is not None and first.mark == cursor.mark:
         return None
     if first is not None and first.number > cursor.number:
-        return Fault("pruned", {"first": cursor.number + 1, "last": first.number - 1})
-    return Fault("replaced", {"number": cursor.number})
+        return BeltFault("pruned", {"first": cursor.number + 1, "last": first.number - 1})
+    return BeltFault("replaced", {"number": cursor.number})
 
 
-def sum_records(cursor: Cursor | None, records: Sequence[RecordAnswer], broken: Fault | None) -> Batch | None:
+def sum_records(
+    cursor: Cursor | None, records: Sequence[RecordAnswer], broken: BeltFault | None
+) -> PieceSums | None:
     """Return what new records add behind the cursor; None if there are none.
 
     ``broken``: why the ledger does not go on behind the cursor, as `find_break` returns it.
     """
-    seconds: dict[int, Sums] = {}
-    quarters: dict[int, Sums] = {}
+    seconds: dict[int, RecordSums] = {}
+    quarters: dict[int, RecordSums] = {}
     gaps: list[Gap] = []
     if cursor is not None and broken is not None and records:
         reason: GapReason = "pruned" if broken.key == "pruned" else "replaced"
@@ -131,10 +133,10 @@ def sum_records(cursor: Cursor | None, records: Sequence[RecordAnswer], broken: 
             gaps.extend(_find_gaps(cursor, record))
         sums, second = sum_record(record), record.wall_ms // 1000
         quarter = second - second % QUARTER_S
-        seconds[second] = seconds.get(second, Sums()) + sums
-        quarters[quarter] = quarters.get(quarter, Sums()) + sums
+        seconds[second] = seconds.get(second, RecordSums()) + sums
+        quarters[quarter] = quarters.get(quarter, RecordSums()) + sums
         cursor = Cursor.from_record(record)
-    return Batch(cursor, seconds, quarters, tuple(gaps)) if cursor is not None and records else None
+    return PieceSums(cursor, seconds, quarters, tuple(gaps)) if cursor is not None and records else None
 
 
 def _find_gaps(before: Cursor, record: RecordAnswer) -> list[Gap]:

@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from beltscape.core.errors import InputError
 from beltscape.core.ledger import Standing
 from beltscape.protocols.client_tls import make_client_context
-from beltscape.site.settings import BeltSettings, read_key
+from beltscape.site.settings import SiteBeltSettings, read_key
 
 _Number = Annotated[int, Field(ge=0, le=2**53)]
 _WallMs = Annotated[int, Field(ge=0, le=4_102_444_800_000)]
@@ -165,7 +165,7 @@ FAULT_ALARMS = ("clock", "replaced", "pruned", "no_frames", "store")
 
 
 @dataclass(frozen=True, slots=True)
-class Fault:
+class BeltFault:
     """Something wrong with a belt."""
 
     key: str
@@ -181,7 +181,7 @@ class Fault:
 class BeltFaultError(Exception):
     """A belt's machine cannot be read; ``wait_s``: the least time until it is asked again."""
 
-    def __init__(self, fault: Fault, wait_s: float = 0.0) -> None:
+    def __init__(self, fault: BeltFault, wait_s: float = 0.0) -> None:
         super().__init__(fault.text)
         self.fault, self.wait_s = fault, wait_s
 
@@ -201,7 +201,7 @@ _RECORDS_OF: TypeAdapter[list[RecordAnswer]] = TypeAdapter(list[RecordAnswer])
 class BeltClient:
     """Reads one belt; every method raises BeltFaultError with one line where that fails."""
 
-    def __init__(self, settings: BeltSettings) -> None:
+    def __init__(self, settings: SiteBeltSettings) -> None:
         """Prepare; InputError if the key or the authority cannot be read."""
         self._url = settings.url
         self._http = httpx.Client(
@@ -246,7 +246,7 @@ class BeltClient:
                     if len(body) > _MOST_BYTES:
                         raise self._make_foreign("its answer is too long")
         except httpx.TimeoutException as error:
-            raise BeltFaultError(Fault("timeout", {"url": self._url})) from error
+            raise BeltFaultError(BeltFault("timeout", {"url": self._url})) from error
         except httpx.HTTPError as error:
             raise BeltFaultError(self._describe_failure(error)) from error
         if answer.status_code != 200:
@@ -256,31 +256,31 @@ class BeltClient:
         except ValueError as error:
             raise self._make_foreign("no JSON") from error
 
-    def _describe_failure(self, error: httpx.HTTPError) -> Fault:
+    def _describe_failure(self, error: httpx.HTTPError) -> BeltFault:
         """Return the fault behind a connection that was not made, or broke."""
         reason = " ".join(str(error).split())[:200]
         cause = _find_tls_error(error)
         if isinstance(cause, ssl.SSLCertVerificationError):
-            return Fault("certificate", {"url": self._url, "reason": cause.verify_message})
+            return BeltFault("certificate", {"url": self._url, "reason": cause.verify_message})
         if cause is not None:
-            return Fault("not_tls", {"url": self._url})
+            return BeltFault("not_tls", {"url": self._url})
         if isinstance(error, httpx.RemoteProtocolError | httpx.ReadError) and self._url.startswith("http:"):
-            return Fault("needs_tls", {"url": self._url})
-        return Fault("unreachable", {"url": self._url, "reason": reason or type(error).__name__})
+            return BeltFault("needs_tls", {"url": self._url})
+        return BeltFault("unreachable", {"url": self._url, "reason": reason or type(error).__name__})
 
     def _make_refusal(self, answer: httpx.Response) -> BeltFaultError:
         status = answer.status_code
         if status in (401, 403):
-            return BeltFaultError(Fault("key", {"url": self._url}))
+            return BeltFaultError(BeltFault("key", {"url": self._url}))
         if status == 429:
             wait = answer.headers.get("retry-after", "")
             wait_s = min(float(wait), 60.0) if wait.isdecimal() else 1.0
-            return BeltFaultError(Fault("busy", {"url": self._url, "wait_s": wait_s}), wait_s)
+            return BeltFaultError(BeltFault("busy", {"url": self._url, "wait_s": wait_s}), wait_s)
         if status == 503:
-            return BeltFaultError(Fault("history", {"url": self._url}))
+            return BeltFaultError(BeltFault("history", {"url": self._url}))
         if status == 400:
-            return BeltFaultError(Fault("host", {"url": self._url}))
-        return BeltFaultError(Fault("status", {"url": self._url, "status": status}))
+            return BeltFaultError(BeltFault("host", {"url": self._url}))
+        return BeltFaultError(BeltFault("status", {"url": self._url, "status": status}))
 
     def _validate(self, model: type[Answer], values: Any) -> Answer:
         try:
@@ -289,10 +289,10 @@ class BeltClient:
             raise self._make_foreign(_describe(error)) from error
 
     def _make_foreign(self, reason: str) -> BeltFaultError:
-        return BeltFaultError(Fault("foreign", {"url": self._url, "reason": reason}))
+        return BeltFaultError(BeltFault("foreign", {"url": self._url, "reason": reason}))
 
 
-def _make_tls_context(settings: BeltSettings) -> ssl.SSLContext:
+def _make_tls_context(settings: SiteBeltSettings) -> ssl.SSLContext:
     try:
         return make_client_context(settings.ca)
     except OSError as error:

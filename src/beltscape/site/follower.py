@@ -15,13 +15,13 @@ from beltscape.site.catch_up import Cursor, Gap, find_break, sum_records
 from beltscape.site.client import (
     RECORDS,
     BeltClient,
+    BeltFault,
     BeltFaultError,
-    Fault,
     PageAnswer,
     RecordAnswer,
     StateAnswer,
 )
-from beltscape.site.settings import BeltSettings, SiteSettings
+from beltscape.site.settings import SiteBeltSettings, SiteSettings
 from beltscape.site.store import SiteStore
 
 _PAUSES_S = (1.0, 2.0, 5.0, 10.0)
@@ -62,7 +62,7 @@ class Client(Protocol):
 class BeltView:
     """Present state of a belt, as far as the site has read it."""
 
-    settings: BeltSettings
+    settings: SiteBeltSettings
     page: PageAnswer | None
     state: StateAnswer | None
     """The last state that was read."""
@@ -70,7 +70,7 @@ class BeltView:
     """Seconds since it was read; None: never."""
     is_away: bool
     """Whether there is no current state."""
-    faults: tuple[Fault, ...]
+    faults: tuple[BeltFault, ...]
     """What is wrong with it."""
     waiting: int
     """Records of its ledger that are not fetched yet."""
@@ -82,10 +82,10 @@ class BeltFollower:
     def __init__(
         self,
         site: SiteSettings,
-        settings: BeltSettings,
+        settings: SiteBeltSettings,
         store: SiteStore,
         on_message: Callable[[str], None],
-        make_client: Callable[[BeltSettings], Client] = BeltClient,
+        make_client: Callable[[SiteBeltSettings], Client] = BeltClient,
     ) -> None:
         self.settings = settings
         self._site, self._store, self._on_message = site, store, on_message
@@ -94,7 +94,7 @@ class BeltFollower:
         self._page: PageAnswer | None = None
         self._state: StateAnswer | None = None
         self._state_s = self._state_wall_ms = 0.0
-        self._faults: dict[str, Fault] = {}
+        self._faults: dict[str, BeltFault] = {}
         self._since_ms = round(time.time() * 1000 - site.first_days * _DAY_MS)
         self._clock_right_ms = round(time.time() * 1000)
         self._misplaced: tuple[int, int] | None = None
@@ -145,7 +145,7 @@ class BeltFollower:
         try:
             client = self._make_client(self.settings)
         except InputError:
-            self._set_fault("connection", Fault("key", {"url": self.settings.url}))
+            self._set_fault("connection", BeltFault("key", {"url": self.settings.url}))
             return 0.0
         try:
             self._read_page(client)
@@ -158,7 +158,7 @@ class BeltFollower:
             self._set_fault("connection", error.fault)
             return error.wait_s
         except OutputError as error:
-            self._set_fault("store", Fault("store", {"reason": str(error)}))
+            self._set_fault("store", BeltFault("store", {"reason": str(error)}))
         finally:
             client.close()
         return 0.0
@@ -168,7 +168,7 @@ class BeltFollower:
         with self._lock:
             self._page = page
         is_other = page.version.split(".")[:2] != __version__.split(".")[:2]
-        fault = Fault("version", {"version": page.version, "own": __version__}) if is_other else None
+        fault = BeltFault("version", {"version": page.version, "own": __version__}) if is_other else None
         self._set_fault("version", fault)
 
     def poll(self, client: Client) -> None:
@@ -181,11 +181,11 @@ class BeltFollower:
             self._state, self._state_s = state, time.monotonic()
         # the clock was read at an unknown moment of a slow answer
         is_right = abs(offset_s) - half_s <= self._site.clock_s
-        self._set_fault("clock", None if is_right else Fault("clock", {"offset_s": offset_s}))
+        self._set_fault("clock", None if is_right else BeltFault("clock", {"offset_s": offset_s}))
         stale_s = state.stale_s or (5.0 if self._page is None else self._page.stale_s)
         age_s = state.frames.age_s
         is_stale = age_s is not None and age_s > stale_s and not _is_stopped(state)
-        self._set_fault("frames", Fault("no_frames", {"age_s": age_s or 0.0}) if is_stale else None)
+        self._set_fault("frames", BeltFault("no_frames", {"age_s": age_s or 0.0}) if is_stale else None)
         is_caught_up, times = self._fetch(client)
         self._note_clock(times, is_right=is_right)
         self._set_fault("store", None)
@@ -209,7 +209,7 @@ class BeltFollower:
 
     def _read_new(
         self, client: Client, cursor: Cursor | None
-    ) -> tuple[list[RecordAnswer], Fault | None, bool]:
+    ) -> tuple[list[RecordAnswer], BeltFault | None, bool]:
         """Return the next records, why the ledger does not go on behind the cursor, and whether there are more."""
         if cursor is None:
             records = client.read_records(0, self._since_ms)
@@ -221,7 +221,7 @@ class BeltFollower:
         is_full = len(records) >= RECORDS
         return records[1:] if broken is None else records, broken, is_full
 
-    def _set_ledger_fault(self, broken: Fault | None) -> None:
+    def _set_ledger_fault(self, broken: BeltFault | None) -> None:
         """Keep a break of the ledger among the faults for some time, since it is over at once."""
         if broken is not None:
             self._ledger_s = time.monotonic()
@@ -251,7 +251,7 @@ class BeltFollower:
             complete_ms = max(complete_ms, state.wall_ms - _SETTLE_MS)
         self._store.set_complete(self.settings.name, complete_ms)
 
-    def _set_fault(self, place: str, fault: Fault | None) -> None:
+    def _set_fault(self, place: str, fault: BeltFault | None) -> None:
         """Keep a fault, and report its beginning and its end."""
         with self._lock:
             before = self._faults.pop(place, None)

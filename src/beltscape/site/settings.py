@@ -25,7 +25,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class BeltSettings(_Table):
+class SiteBeltSettings(_Table):
     """One belt: an entry of [[belts]]."""
 
     name: Name
@@ -102,7 +102,7 @@ class SiteSettings(_Table):
 
     data: Path = Path("data")
     """Folder for the sums, the users and the log of changes."""
-    belts: Annotated[tuple[BeltSettings, ...], Field(min_length=1, max_length=64)]
+    belts: Annotated[tuple[SiteBeltSettings, ...], Field(min_length=1, max_length=64)]
     balances: Annotated[tuple[BalanceSettings, ...], Field(max_length=64)] = ()
     shifts: Annotated[tuple[ShiftSettings, ...], Field(min_length=1, max_length=12)] = DAY_AND_NIGHT
     """They begin at quarters of an hour; a day begins with the first of them."""
@@ -151,7 +151,7 @@ class SiteSettings(_Table):
                 )
         return self
 
-    def is_in_total(self, belt: BeltSettings) -> bool:
+    def is_in_total(self, belt: SiteBeltSettings) -> bool:
         """Return whether the site's total counts a belt."""
         if belt.in_total is not None:
             return belt.in_total
@@ -196,7 +196,7 @@ def read_site(path: Path) -> Site:
     return Site(path, settings.model_copy(update={"belts": belts, "web": web}))
 
 
-def read_key(belt: BeltSettings) -> str:
+def read_key(belt: SiteBeltSettings) -> str:
     """Return the key of a belt; InputError if its file has none."""
     try:
         lines = belt.key_file.read_text("utf-8").splitlines()

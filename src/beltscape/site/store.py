@@ -17,7 +17,7 @@ from typing import Any
 from beltscape.core.errors import OutputError
 from beltscape.files.sqlite_failures import describe_failure, is_damage
 from beltscape.site.balance import BalanceResult
-from beltscape.site.catch_up import FIELDS, Batch, Cursor, Gap, Sums
+from beltscape.site.catch_up import FIELDS, Cursor, Gap, PieceSums, RecordSums
 
 FILE = "site.db"
 _VERSION = 1
@@ -80,7 +80,7 @@ class SiteStore:
         rows = self._select("SELECT complete_ms FROM belts WHERE belt = ?", belt)
         return rows[0][0] if rows else 0
 
-    def add(self, belt: str, before: Cursor | None, batch: Batch) -> None:
+    def add(self, belt: str, before: Cursor | None, batch: PieceSums) -> None:
         """Add a piece of a ledger, and set the cursor behind it.
 
         Nothing is added where the cursor is not ``before`` any more, since another program has counted meanwhile.
@@ -121,11 +121,11 @@ class SiteStore:
         query = "SELECT from_ms, to_ms, reason FROM gaps WHERE belt = ? AND to_ms > ? AND from_ms < ?"
         return [Gap(*row) for row in self._select(query, belt, from_ms, to_ms)]
 
-    def read_seconds(self, belt: str, first: int, end: int) -> dict[int, Sums]:
+    def read_seconds(self, belt: str, first: int, end: int) -> dict[int, RecordSums]:
         """Return the sums of a belt by seconds from ``first`` to before ``end``, those without a record left out."""
         return self._read_sums("seconds", belt, first, end)
 
-    def read_quarters(self, belt: str, first: int, end: int) -> dict[int, Sums]:
+    def read_quarters(self, belt: str, first: int, end: int) -> dict[int, RecordSums]:
         """Return the sums of a belt by quarters of an hour that begin from ``first`` to before ``end``."""
         return self._read_sums("quarters", belt, first, end)
 
@@ -167,11 +167,11 @@ class SiteStore:
         with self._lock:
             self._connection.close()
 
-    def _read_sums(self, table: str, belt: str, first: int, end: int) -> dict[int, Sums]:
+    def _read_sums(self, table: str, belt: str, first: int, end: int) -> dict[int, RecordSums]:
         query = (
             f"SELECT second, {_COLUMNS} FROM {table} WHERE belt = ? AND second >= ? AND second < ? ORDER BY 1"
         )
-        return {row[0]: Sums(int(row[1]), *row[2:]) for row in self._select(query, belt, first, end)}
+        return {row[0]: RecordSums(int(row[1]), *row[2:]) for row in self._select(query, belt, first, end)}
 
     def _select(self, query: str, *values: str | int) -> list[Any]:
         with self._lock:
@@ -194,7 +194,9 @@ class SiteStore:
                 raise
 
 
-def _add_sums(connection: sqlite3.Connection, table: str, belt: str, sums_of: Mapping[int, Sums]) -> None:
+def _add_sums(
+    connection: sqlite3.Connection, table: str, belt: str, sums_of: Mapping[int, RecordSums]
+) -> None:
     added = ", ".join(f"{name} = {name} + excluded.{name}" for name in FIELDS)
     connection.executemany(
         f"INSERT INTO {table} VALUES (?, ?, {', '.join('?' * len(FIELDS))}) ON CONFLICT DO UPDATE SET {added}",

@@ -55,7 +55,7 @@ class Placement(BaseModel, frozen=True, extra="forbid"):
         return cls(origin_mm=object_from_board.translation_mm.tolist(), x_axis=x, y_axis=y)
 
 
-class Face(BaseModel, frozen=True, extra="forbid"):
+class BoardFace(BaseModel, frozen=True, extra="forbid"):
     """One board of a set."""
 
     if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class BoardSet(BaseModel, frozen=True, extra="forbid"):
     kind: Literal["boards"] = "boards"
     rigid: bool = True
     """Whether the boards are fixed to each other: the faces of a cube, or several sheets on one plate."""
-    faces: Annotated[tuple[Face, ...], Field(min_length=1)]
+    faces: Annotated[tuple[BoardFace, ...], Field(min_length=1)]
 
     @model_validator(mode="after")
     def _check_faces(self) -> BoardSet:
@@ -150,13 +150,13 @@ class BoardSet(BaseModel, frozen=True, extra="forbid"):
         )
 
 
-def _place_corners(face: Face) -> NDArray[np.float64]:
+def _place_corners(face: BoardFace) -> NDArray[np.float64]:
     corners = face.board.corners_mm()
     corners = np.column_stack([corners, np.zeros(len(corners))])
     return corners if face.placement is None else face.placement.to_pose().apply(corners)
 
 
-def _require_separate_ids(first: Face, second: Face) -> None:
+def _require_separate_ids(first: BoardFace, second: BoardFace) -> None:
     a, b = _list_markers(first.board), _list_markers(second.board)
     if (
         first.from_behind == second.from_behind

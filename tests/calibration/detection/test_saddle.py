@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibration.detection.subpixel import Saddles, Windows, fit_saddles
+from beltscape.calibration.detection.subpixel import CornerWindows, Saddles, fit_saddles
 
 TRUE = np.array([[0.31, -0.22, 1.9, 0.25, np.log(0.8), 120.0, 0.4, -0.3, 70.0]])
 
 
-def windows(noise: float = 0.0, seed: int = 0, radius: int = 8, count: int = 1) -> Windows:
+def windows(noise: float = 0.0, seed: int = 0, radius: int = 8, count: int = 1) -> CornerWindows:
     grid = np.arange(-radius, radius + 1.0)
     x, y = (np.tile(a.ravel(), (count, 1)) for a in np.meshgrid(grid, grid))
-    empty = Windows(x, y, np.zeros_like(x), np.ones_like(x))
+    empty = CornerWindows(x, y, np.zeros_like(x), np.ones_like(x))
     values, _ = Saddles(np.tile(TRUE, (count, 1))).linearise(empty)
     rng = np.random.default_rng(seed)
-    return Windows(x, y, values + rng.normal(0, noise, values.shape), np.ones_like(x))
+    return CornerWindows(x, y, values + rng.normal(0, noise, values.shape), np.ones_like(x))
 
 
 def start(count: int = 1) -> Saddles:
@@ -59,8 +59,8 @@ def test_unused_pixels_have_no_effect():
     clean = windows(1.0)
     spoiled = np.where(clean.x > 5, 255.0, clean.values)
     used = (clean.x <= 5).astype(float)
-    found, _ = fit_saddles(Windows(clean.x, clean.y, spoiled, used), start())
-    same, _ = fit_saddles(Windows(clean.x, clean.y, clean.values, used), start())
+    found, _ = fit_saddles(CornerWindows(clean.x, clean.y, spoiled, used), start())
+    same, _ = fit_saddles(CornerWindows(clean.x, clean.y, clean.values, used), start())
     np.testing.assert_array_equal(found.parameters, same.parameters)
 
 
@@ -68,6 +68,6 @@ def test_one_corner_without_a_fit_does_not_disturb_the_others():
     both = windows(1.0, count=2)
     values = both.values.copy()
     values[1] = 255.0
-    found, _ = fit_saddles(Windows(both.x, both.y, values, both.used), start(2))
-    alone, _ = fit_saddles(Windows(both.x[:1], both.y[:1], both.values[:1], both.used[:1]), start(1))
+    found, _ = fit_saddles(CornerWindows(both.x, both.y, values, both.used), start(2))
+    alone, _ = fit_saddles(CornerWindows(both.x[:1], both.y[:1], both.values[:1], both.used[:1]), start(1))
     np.testing.assert_allclose(found.parameters[0], alone.parameters[0], atol=1e-3)

@@ -11,7 +11,7 @@ from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.zhang import calibrate_camera
 from beltscape.calibration.network.association import LoopError, associate_cameras
-from beltscape.calibration.network.fault_isolation import CameraFault, describe_fault, isolate_fault
+from beltscape.calibration.network.fault_isolation import NetworkFault, describe_fault, isolate_fault
 from beltscape.calibration.network.pairs import Pair, calibrate_pairs
 from beltscape.calibration.network.pose_chains import exp
 from beltscape.core.geometry.pose import Pose
@@ -115,7 +115,7 @@ def test_a_loop_that_is_slightly_worse_than_the_rest_is_no_fault():
     ],
 )
 def test_the_description_names_cameras_and_size(cameras, text):
-    assert CameraFault(cameras, 20.0, 0.1234, 3.4321).describe().startswith(text)
+    assert NetworkFault(cameras, 20.0, 0.1234, 3.4321).describe().startswith(text)
 
 
 def displace_camera(rig: Rig, name: str, shift: Pose) -> Rig:

@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from beltscape.calibration.solver.levenberg_marquardt import Damping, LinearisedProblem, Problem, minimise
+from beltscape.calibration.solver.levenberg_marquardt import (
+    Damping,
+    LeastSquaresProblem,
+    LinearisedProblem,
+    minimise,
+)
 
 Vector = NDArray[np.float64]
 
 
-class Curve(Problem[Vector]):
+class Curve(LeastSquaresProblem[Vector]):
     """Least squares of a model and its Jacobian, on a plain vector."""
 
     def __init__(self, errors: Callable[[Vector], Vector], jacobian: Callable[[Vector], Vector]):

@@ -10,7 +10,7 @@ import pytest
 
 from beltscape.core.progress import Silent
 from beltscape.evaluate.paper import surfaces
-from beltscape.evaluate.paper.laboratory import Laboratory, Scene
+from beltscape.evaluate.paper.laboratory import Laboratory, LaboratoryScene
 from beltscape.evaluate.paper.surfaces import reconstruct_all
 from beltscape.evaluate.truth import read_truth
 from beltscape.files.images import write_image
@@ -30,7 +30,7 @@ def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Laboratory:
     simulate(scenario, folder / "belt", Silent())
     truth, scene = read_truth(folder / "belt" / "truth", "belt_loaded").truths[0], SimulatedScene(scenario)
     names = "belt_loaded", "belt_loaded_nospeckle"
-    scenes = {name: Scene(name, "belt_loaded", folder / "belt", truth, scene) for name in names}
+    scenes = {name: LaboratoryScene(name, "belt_loaded", folder / "belt", truth, scene) for name in names}
     return Laboratory(folder, folder, folder, scenes)
 
 
@@ -48,7 +48,7 @@ def test_scores_and_files_are_those_of_one_process(laboratory, tmp_path, monkeyp
     black = tmp_path / "black"
     for camera, (width, height) in rig_sizes(laboratory).items():
         write_image(black / camera / "000.png", np.zeros((height, width), np.uint8))
-    scene = Scene("belt_loaded", "belt_loaded", black, laboratory.scenes["belt_loaded"].truth, None)
+    scene = LaboratoryScene("belt_loaded", "belt_loaded", black, laboratory.scenes["belt_loaded"].truth, None)
     laboratory = Laboratory(black, black, black, {**laboratory.scenes, "belt_loaded": scene})
     rig = laboratory.scenes["belt_loaded"].truth.rig
     one, two = (

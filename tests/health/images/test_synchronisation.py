@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.findings import Finding
-from beltscape.health.images.synchronisation import Delay, compute_depth_error, separate_delay
+from beltscape.health.images.synchronisation import CameraDelay, compute_depth_error, separate_delay
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
 from tests.health.images.drawn_belt import ALONG, RIG, STEP_MM, make_frame
@@ -134,8 +134,8 @@ def test_a_delay_holds_until_a_check_disproves_it(monkeypatch: pytest.MonkeyPatc
     assert named == [False, False, True, True, True, True, True, False]
 
 
-def delays(speeds_mm_s, delay_ms: float, shift_mm: float) -> list[Delay]:
-    return [Delay(1e-3 * delay_ms * speed + shift_mm, 0.1, speed) for speed in speeds_mm_s]
+def delays(speeds_mm_s, delay_ms: float, shift_mm: float) -> list[CameraDelay]:
+    return [CameraDelay(1e-3 * delay_ms * speed + shift_mm, 0.1, speed) for speed in speeds_mm_s]
 
 
 def test_speeds_distinguish_a_moved_camera_from_a_delay() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from beltscape.core.depth import DepthMap
-from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.meter import BeltFlowMeter
 from tests.measure.flow.moving_belt import Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-900, end_mm=-300)
@@ -27,7 +27,7 @@ def with_bridges(depth: DepthMap, confidence: float, seed: int) -> DepthMap:
 
 
 def total_mm3(confidence: float) -> float:
-    meter = FlowMeter(make_empty_belt())
+    meter = BeltFlowMeter(make_empty_belt())
     for k, place in enumerate(np.arange(0.0, 1300.0, 130.0)):
         depth = with_bridges(depth_map(HEAP, place), confidence, k)
         meter.push(depth, round(k * 1e8), place)

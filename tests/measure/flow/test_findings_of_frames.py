@@ -12,7 +12,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Effect, Finding
 from beltscape.core.ledger import FlowRecord
 from beltscape.measure.belt.reference import EmptyBeltReference
-from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.meter import BeltFlowMeter
 from tests.measure.flow.moving_belt import COARSE_CAMERA, Heap, depth_map, make_empty_belt
 
 HEAP = Heap(start_mm=-4000, end_mm=500)
@@ -39,9 +39,9 @@ def make_finding(
     )  # fmt: skip
 
 
-def measure(findings: Mapping[int, Sequence[Finding]]) -> tuple[FlowMeter, list[FlowRecord]]:
+def measure(findings: Mapping[int, Sequence[Finding]]) -> tuple[BeltFlowMeter, list[FlowRecord]]:
     """Push frames with findings; the others have one that passed."""
-    meter = FlowMeter(empty_belt())
+    meter = BeltFlowMeter(empty_belt())
     records: list[FlowRecord] = []
     for number in range(COUNT):
         place = number * STEP_MM
@@ -51,7 +51,7 @@ def measure(findings: Mapping[int, Sequence[Finding]]) -> tuple[FlowMeter, list[
 
 
 @cache
-def measure_sound() -> tuple[FlowMeter, list[FlowRecord]]:
+def measure_sound() -> tuple[BeltFlowMeter, list[FlowRecord]]:
     return measure({})
 
 
@@ -59,7 +59,7 @@ def list_frames(records: Sequence[FlowRecord], quality: str) -> list[int]:
     return [int(record.frame) for record in records if record.quality == quality]
 
 
-def check_sums(meter: FlowMeter, records: Sequence[FlowRecord]) -> None:
+def check_sums(meter: BeltFlowMeter, records: Sequence[FlowRecord]) -> None:
     """Check that the total is the sum of the records that are not missing, which carry nothing."""
     counted = [record for record in records if record.quality != "missing"]
     assert meter.totals.volume_mm3 == pytest.approx(sum(r.volume_mm3 for r in counted), rel=1e-12)
@@ -133,7 +133,7 @@ def test_belt_that_only_missing_frames_saw_is_in_no_total() -> None:
 
 
 def test_a_frame_without_depth_on_a_standing_belt_is_missing_and_not_what_was_there_before() -> None:
-    meter = FlowMeter(empty_belt())
+    meter = BeltFlowMeter(empty_belt())
     records: list[FlowRecord] = []
     for number in range(16):
         place = STEP_MM * min(number, 8)

@@ -15,7 +15,7 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.ledger import FlowRecord
 from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.density import Density
-from beltscape.measure.flow.meter import FlowMeter, FramePlacement
+from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
 from beltscape.measure.flow.settings import FlowSettings
 from tests.measure.flow.moving_belt import CAMERA, COARSE_CAMERA, Heap, depth_map, make_empty_belt
 from tests.thorough import list_cases
@@ -50,10 +50,10 @@ def measure(
     lost: Sequence[int] = (),
     density: Density | None = None,
     camera: Camera = COARSE_CAMERA,
-) -> tuple[FlowMeter, list[FlowRecord], list[FramePlacement]]:
+) -> tuple[BeltFlowMeter, list[FlowRecord], list[FramePlacement]]:
     """Push a capture frame by frame; ``encoder`` True: the true places, None: none."""
     steps: list[FramePlacement] = []
-    meter = FlowMeter(make_empty_belt(camera), settings, density=density, watch_step=steps.append)
+    meter = BeltFlowMeter(make_empty_belt(camera), settings, density=density, watch_step=steps.append)
     counts = list(places) if encoder is True else encoder
     heap = HEAP if direction == 1 else BACK
     records: list[FlowRecord] = []
@@ -64,12 +64,12 @@ def measure(
 
 
 @cache
-def measure_whole() -> tuple[FlowMeter, list[FlowRecord]]:
+def measure_whole() -> tuple[BeltFlowMeter, list[FlowRecord]]:
     """Return what a capture without any fault gives."""
     return measure(positions(100.0))[:2]
 
 
-def check_every_mm_once(meter: FlowMeter, records: Sequence[FlowRecord]) -> None:
+def check_every_mm_once(meter: BeltFlowMeter, records: Sequence[FlowRecord]) -> None:
     strips = [r.strip_mm for r in records if np.isfinite(r.strip_mm[0])]
     for before, after in pairwise(strips):
         assert before[1] == after[0]
@@ -185,7 +185,7 @@ def test_a_belt_that_rolls_back_a_bit_counts_nothing_twice() -> None:
 
 
 def test_records_come_as_soon_as_their_belt_has_left_and_memory_stays_bounded() -> None:
-    meter = FlowMeter(floor(), FlowSettings(direction="+y"))
+    meter = BeltFlowMeter(floor(), FlowSettings(direction="+y"))
     held: list[int] = []
     given = 0
     for k in range(36):
@@ -197,7 +197,7 @@ def test_records_come_as_soon_as_their_belt_has_left_and_memory_stays_bounded() 
 
 
 def test_an_empty_belt_without_an_encoder_is_never_given_a_speed() -> None:
-    meter = FlowMeter(floor())
+    meter = BeltFlowMeter(floor())
     records: list[FlowRecord] = []
     for k in range(14):
         records += meter.push(depth_map(None, 50.0 * k, camera=COARSE_CAMERA), k * 10**8, frame=str(k))
@@ -219,7 +219,7 @@ def test_mass_follows_density_over_time() -> None:
 
 def sigma_of_total(systematic_mm: float, step_mm: float) -> tuple[float, float]:
     """σ and length of belt of a total whose depth maps all share an error of this σ."""
-    meter = FlowMeter(floor())
+    meter = BeltFlowMeter(floor())
     for k, place in enumerate(positions(step_mm)):
         depth = replace(seen(HEAP, place, 1), systematic_mm=systematic_mm)
         meter.push(depth, round(k * 1e8), place)
@@ -274,7 +274,7 @@ def test_an_encoder_that_counts_in_reverse_over_a_load_is_no_roll_back(step_mm: 
 
 def test_steps_that_hardly_overlap_are_not_valid_and_named() -> None:
     low, high = floor().seen_mm
-    meter = FlowMeter(floor(), FlowSettings(direction="+y"))
+    meter = BeltFlowMeter(floor(), FlowSettings(direction="+y"))
     records: list[FlowRecord] = []
     named: list[int] = []
     for k in range(6):
@@ -289,7 +289,7 @@ def test_steps_that_hardly_overlap_are_not_valid_and_named() -> None:
 @pytest.mark.parametrize("sudden", list_cases([1, 2, 6], [2]))
 def test_a_sudden_speed_on_a_bare_belt_is_not_valid_until_it_returns(sudden: int) -> None:
     """Material, which could confirm it, does not come."""
-    meter = FlowMeter(floor(), FlowSettings(direction="+y"))
+    meter = BeltFlowMeter(floor(), FlowSettings(direction="+y"))
     records: list[FlowRecord] = []
     for k in range(12):
         ahead = 100.0 * min(max(k - 5, 0), sudden)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from beltscape.core.findings import Finding
 from beltscape.measure.flow.foreign_objects import ForeignObjectCheck
-from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.meter import BeltFlowMeter
 from tests.measure.flow.moving_belt import COARSE_CAMERA, HEIGHT_MM, Heap, depth_map, make_empty_belt
 from tests.thorough import list_cases, list_rows
 
@@ -167,8 +167,8 @@ def test_a_motion_that_most_of_the_load_contradicts_is_not_judged() -> None:
 def test_the_meter_measures_what_lies_under_a_plate() -> None:
     """The volume is that without the plate, within the σ that it adds."""
 
-    def measure(*, has_plate: bool) -> FlowMeter:
-        meter = FlowMeter(make_empty_belt(COARSE_CAMERA))
+    def measure(*, has_plate: bool) -> BeltFlowMeter:
+        meter = BeltFlowMeter(make_empty_belt(COARSE_CAMERA))
         load = Heap(start_mm=-2000, end_mm=-300)
         for number in range(22):
             depth = depth_map(load, 100.0 * number, seed=3, camera=COARSE_CAMERA)

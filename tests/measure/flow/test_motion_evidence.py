@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.measure.flow.motion_evidence import MotionEvidence
 from beltscape.measure.flow.registration import Shift
 from beltscape.measure.flow.settings import Direction, FlowSettings
@@ -19,9 +19,9 @@ HEAP = Heap(start_mm=-900, end_mm=500)
 
 def meter_of(
     way: int, encoder_factor: float | None, direction: Direction | None = None, heap: Heap | None = HEAP
-) -> FlowMeter:
+) -> BeltFlowMeter:
     """Push six frames of a belt that moves ``way``; the encoder counts by a factor, None: there is none."""
-    meter = FlowMeter(make_empty_belt(), FlowSettings(direction=direction))
+    meter = BeltFlowMeter(make_empty_belt(), FlowSettings(direction=direction))
     for k in range(6):
         encoder = None if encoder_factor is None else encoder_factor * k * STEP_MM
         meter.push(depth_map(heap, k * STEP_MM, way), round(k * 1e8), encoder)
@@ -55,7 +55,7 @@ def test_encoder_without_common_view_is_still_compared(factor: float) -> None:
 
 
 def test_belt_too_fast_for_its_frames_gives_no_conflict() -> None:
-    meter = FlowMeter(make_empty_belt(), FlowSettings(direction="+y"))
+    meter = BeltFlowMeter(make_empty_belt(), FlowSettings(direction="+y"))
     heap = Heap(start_mm=-9000, end_mm=500)
     for k in range(9 if THOROUGH else 6):
         meter.push(depth_map(heap, 900.0 * k), round(k * 1e8), 900.0 * k)
@@ -85,7 +85,7 @@ def test_an_empty_belt_is_no_evidence() -> None:
 
 
 def test_assumed_direction_gives_no_evidence() -> None:
-    meter = FlowMeter(make_empty_belt(), FlowSettings())
+    meter = BeltFlowMeter(make_empty_belt(), FlowSettings())
     for k in range(12):
         meter.push(depth_map(None, k * STEP_MM), round(k * 1e8), k * STEP_MM)
     meter.finish()

@@ -23,7 +23,7 @@ from beltscape.service.production.serving import ReportStatus, ServedProduction
 from beltscape.service.project import open_project
 from beltscape.service.protocols import ServedPlant
 from beltscape.service.reload_requests import answer_requests, request_reload
-from beltscape.service.reloader import PARTS, Change, ReloadablePart, RunningPlant, SettingsReloader
+from beltscape.service.reloader import PARTS, CheckedChange, ReloadablePart, RunningPlant, SettingsReloader
 from beltscape.service.tls import CertificateExpiry
 from tests.service.access.sample_app import CHEAP
 
@@ -158,8 +158,8 @@ def test_a_part_that_fails_takes_all_changes_back(
     def fail() -> None:
         raise OutputError("[modbus]: the port is taken; choose another")
 
-    def prepare(*_: object) -> Change:
-        return Change(fail, lambda: reverted.append("last"))
+    def prepare(*_: object) -> CheckedChange:
+        return CheckedChange(fail, lambda: reverted.append("last"))
 
     monkeypatch.setattr("beltscape.service.reloader.PARTS", (*PARTS, ReloadablePart(("watch",), prepare)))
     rewrite(

@@ -11,7 +11,7 @@ import pytest
 
 from beltscape.service.hosting import serve
 from beltscape.service.settings import LimitSettings
-from beltscape.site.settings import BeltSettings
+from beltscape.site.settings import SiteBeltSettings
 from tests.docs.blocks import read_blocks
 from tests.docs.conftest import page_text
 from tests.service.access.sample_app import PASSWORD
@@ -115,7 +115,7 @@ def test_a_site_follows_a_belt_below_a_path(portal, tmp_path: Path):
 
     address, parts = portal
     (tmp_path / "key").write_text(parts[0].access.keys.create("site"))
-    settings = BeltSettings(name="4", url=f"{address}/belt4/", key_file=tmp_path / "key")
+    settings = SiteBeltSettings(name="4", url=f"{address}/belt4/", key_file=tmp_path / "key")
     with closing(BeltClient(settings)) as client:
         assert client.read_state().frames is not None
 

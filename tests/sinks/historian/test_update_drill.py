@@ -14,7 +14,7 @@ from beltscape.service.backup import make_backup
 from beltscape.service.restoring import restore_backup
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.historian import database as schema
-from beltscape.sinks.historian.ledger import Sums
+from beltscape.sinks.historian.ledger import LedgerTotals
 from beltscape.sinks.historian.records import COLUMNS, to_row
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import ledger
@@ -37,7 +37,7 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         older.setattr(schema, "MIGRATIONS", schema.MIGRATIONS[:FIRST_RELEASE])
         connection = schema.open_writer(data / "history.db")
     columns = COLUMNS[: COLUMNS.index("product")]
-    sums = Sums()
+    sums = LedgerTotals()
     for record in ledger(RECORDS, sections=False):
         sums = sums.add_record(record)
         marks = ", ".join("?" * len(columns))

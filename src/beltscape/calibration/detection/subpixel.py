@@ -26,7 +26,7 @@ MAX_STEPS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Windows:
+class CornerWindows:
     """Pixels around n corners, m each."""
 
     x: Array
@@ -65,7 +65,7 @@ class Saddles:
         """(n,) half of the difference between light and dark squares."""
         return np.abs(self.parameters[:, 8])
 
-    def linearise(self, windows: Windows) -> tuple[Array, Array]:
+    def linearise(self, windows: CornerWindows) -> tuple[Array, Array]:
         """Return grey values (n, m) and their derivatives (n, 9, m) by the parameters."""
         p = self.parameters[:, :, None]
         x, y, width = windows.x - p[:, 0], windows.y - p[:, 1], np.sqrt(2) * np.exp(p[:, 4])
@@ -87,7 +87,7 @@ class Saddles:
         return values, derivatives
 
 
-def fit_saddles(windows: Windows, start: Saddles) -> tuple[Saddles, Array]:
+def fit_saddles(windows: CornerWindows, start: Saddles) -> tuple[Saddles, Array]:
     """Fit all corners at once by Levenberg–Marquardt, each with its own damping.
 
     Return the corners and the RMS (n,) of the residual grey values.
@@ -115,12 +115,12 @@ def fit_saddles(windows: Windows, start: Saddles) -> tuple[Saddles, Array]:
     return current, np.sqrt(cost / np.maximum(windows.used.sum(axis=1) - PARAMETERS, 1))
 
 
-def _drop_unused(windows: Windows) -> Windows:
+def _drop_unused(windows: CornerWindows) -> CornerWindows:
     """Return windows of as many pixels as the fullest one uses, its used ones first: about half of a square."""
     most = int(windows.used.sum(axis=1).max(initial=0.0))
     first = np.argsort(windows.used == 0, axis=1, kind="stable")[:, :most]
     parts = (windows.x, windows.y, windows.values, windows.used)
-    return Windows(*(np.take_along_axis(part, first, axis=1) for part in parts))
+    return CornerWindows(*(np.take_along_axis(part, first, axis=1) for part in parts))
 
 
 def _clip_blur(parameters: Array) -> Array:
@@ -130,11 +130,11 @@ def _clip_blur(parameters: Array) -> Array:
     )
 
 
-def _compute_cost(windows: Windows, values: Array) -> Array:
+def _compute_cost(windows: CornerWindows, values: Array) -> Array:
     return np.einsum("nm,nm->n", windows.used, (windows.values - values) ** 2)
 
 
-def _form_normal_equations(windows: Windows, values: Array, derivatives: Array) -> tuple[Array, Array]:
+def _form_normal_equations(windows: CornerWindows, values: Array, derivatives: Array) -> tuple[Array, Array]:
     """Return the normal equations (n, 9, 9) and (n, 9)."""
     weighted = derivatives * windows.used[:, None]
     hessian = weighted @ derivatives.transpose(0, 2, 1)
@@ -195,7 +195,7 @@ def _compute_square_axes(homography: Array, squares: Array) -> Array:
 
 def _initialise(
     luminance: NDArray[np.float32], pixels: Array, axes: Array, gap: float
-) -> tuple[Saddles, Windows]:
+) -> tuple[Saddles, CornerWindows]:
     """Return round windows about the corners, and start values of their edges from the board's pose."""
     sides = np.linalg.norm(axes, axis=1)
     radius = int(np.clip(np.ceil(WINDOW_REACH * sides.max()), 3, MAX_RADIUS_PX))
@@ -206,7 +206,7 @@ def _initialise(
     height, width = luminance.shape
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height) & (dx**2 + dy**2 <= (radius + 0.5) ** 2)
     values = luminance[v.clip(0, height - 1), u.clip(0, width - 1)].astype(np.float64)
-    windows = Windows(u - pixels[:, :1], v - pixels[:, 1:], values, inside.astype(np.float64))
+    windows = CornerWindows(u - pixels[:, :1], v - pixels[:, 1:], values, inside.astype(np.float64))
     across, down = _map_to_board(windows, axes)
     near = windows.used * (np.maximum(np.abs(across), np.abs(down)) < min(gap, 0.5))
     even, odd = (_average(values, near * (sign * across * down > 0)) for sign in (1, -1))
@@ -218,7 +218,9 @@ def _initialise(
     return Saddles(parameters), windows
 
 
-def _mask_windows(windows: Windows, axes: Array, gap: float, saddles: Saddles, blur_px: Array) -> Windows:
+def _mask_windows(
+    windows: CornerWindows, axes: Array, gap: float, saddles: Saddles, blur_px: Array
+) -> CornerWindows:
     """Restrict windows to pixels that only the two edges affect: away from the markers in light squares."""
     across, down = (np.abs(a) for a in _map_to_board(windows, axes))
     margin = MARGIN_BLURS * blur_px[:, None] / np.linalg.norm(axes, axis=1)  # in squares
@@ -226,10 +228,10 @@ def _mask_windows(windows: Windows, axes: Array, gap: float, saddles: Saddles, b
     used = windows.used * ((across < reach[:, :1]) & (down < reach[:, 1:]))
     marker = (across > gap - margin[:, :1]) & (down > gap - margin[:, 1:])
     signs = np.multiply(*_map_to_board(windows, axes)) * saddles.parameters[:, 8:]
-    return Windows(windows.x, windows.y, windows.values, used * ~(marker & (signs > 0)))
+    return CornerWindows(windows.x, windows.y, windows.values, used * ~(marker & (signs > 0)))
 
 
-def _map_to_board(windows: Windows, axes: Array) -> tuple[Array, Array]:
+def _map_to_board(windows: CornerWindows, axes: Array) -> tuple[Array, Array]:
     """Return the pixels' offsets (n, m) from the corner in squares, along the board's x and y."""
     inverse = np.linalg.inv(axes)
     across = inverse[:, 0, :1] * windows.x + inverse[:, 0, 1:] * windows.y

@@ -20,7 +20,7 @@ SINGLE_LOOP_RATIO = 100.0
 
 
 @dataclass(frozen=True, slots=True)
-class CameraFault:
+class NetworkFault:
     """A camera or pair whose loops do not close."""
 
     cameras: tuple[str, ...]
@@ -59,7 +59,7 @@ def describe_fault(network: CameraNetwork) -> str | None:
     return fault.describe() if fault else None
 
 
-def isolate_fault(loops: Sequence[LoopError]) -> CameraFault | None:
+def isolate_fault(loops: Sequence[LoopError]) -> NetworkFault | None:
     """Return the camera or pair whose loops are open beyond the common scale.
 
     Errors that all loops share, such as those of a bent board, raise all χ² alike. A loop is therefore compared by
@@ -91,7 +91,7 @@ def isolate_fault(loops: Sequence[LoopError]) -> CameraFault | None:
     return None
 
 
-def _test_candidate(candidate: tuple[str, ...], loops: Sequence[LoopError]) -> CameraFault | None:
+def _test_candidate(candidate: tuple[str, ...], loops: Sequence[LoopError]) -> NetworkFault | None:
     candidate_loops = [loop for loop in loops if set(candidate) <= set(loop.cameras)]
     others = [loop for loop in loops if loop not in candidate_loops]
     if not others:
@@ -112,8 +112,10 @@ def _lower_median(values: list[float]) -> float:
     return float(np.percentile(values, 50, method="lower"))
 
 
-def _make_fault(candidates: Iterable[str], candidate_loops: Sequence[LoopError], scale: float) -> CameraFault:
-    return CameraFault(
+def _make_fault(
+    candidates: Iterable[str], candidate_loops: Sequence[LoopError], scale: float
+) -> NetworkFault:
+    return NetworkFault(
         cameras=tuple(candidates),
         excess=_lower_median([loop.chi2_per_dof for loop in candidate_loops]) / scale,
         rotation_deg=max(loop.rotation_deg for loop in candidate_loops),

@@ -25,7 +25,7 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.target.board import Board, Chessboard, PlanarBoard, corner_points_mm
-from beltscape.target.board_set import BoardSet, Face
+from beltscape.target.board_set import BoardFace, BoardSet
 
 NAMES = ("front", "back")
 TURN_SIGMA = 0.05
@@ -51,7 +51,7 @@ def number_sides(detections: BoardDetections, board: PlanarBoard) -> tuple[Board
         name: {frame: _number(corners, count) for frame, corners in own.items()}
         for name, own in detections.views.items()
     }
-    faces = tuple(Face(name=name, board=board, from_behind=name == "back") for name in NAMES)
+    faces = tuple(BoardFace(name=name, board=board, from_behind=name == "back") for name in NAMES)
     return replace(detections, views=views), BoardSet(faces=faces)
 
 

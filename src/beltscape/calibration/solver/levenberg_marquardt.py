@@ -37,7 +37,7 @@ class LinearisedProblem(Protocol):
         ...
 
 
-class Problem(Protocol[State]):
+class LeastSquaresProblem(Protocol[State]):
     """A least-squares problem over a state, which need not be a vector space."""
 
     def compute_cost(self, state: State) -> float:
@@ -83,7 +83,9 @@ class Minimum(Generic[State]):
     converged: bool
 
 
-def minimise(problem: Problem[State], state: State, damping: Damping | None = None) -> Minimum[State]:
+def minimise(
+    problem: LeastSquaresProblem[State], state: State, damping: Damping | None = None
+) -> Minimum[State]:
     """Minimise F, starting at ``state``; every accepted step lowers F.
 
     References

@@ -49,7 +49,7 @@ class Dimension(_Part):
     """Dimension by the paper's time-of-flight camera; None: the table has none."""
 
 
-class Density(_Part):
+class PointDensity(_Part):
     """Ratio of measured points on the material with and without speckle."""
 
     place: str
@@ -61,7 +61,7 @@ class PaperNumbers(_Part):
 
     source: str
     doi: str
-    density: Density
+    density: PointDensity
     dimension: tuple[Dimension, ...]
 
 

@@ -35,7 +35,7 @@ from beltscape.evaluate.paper.other_sensors import (
 )
 from beltscape.evaluate.paper.surfaces import (
     METHODS,
-    Density,
+    DensityComparison,
     ScoredDepth,
     Surfaces,
     compute_density_gains,
@@ -63,7 +63,7 @@ class Paper:
     """The calibrated rig, used by all methods except the baselines."""
     rig_score: RigScore
     surfaces: Surfaces
-    density: tuple[Density, ...]
+    density: tuple[DensityComparison, ...]
     dimensions: tuple[DimensionRow, ...]
     """Dimensions by every method, time of flight and baseline; empty without the module."""
     tof: ScoredDepth | None

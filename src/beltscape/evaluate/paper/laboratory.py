@@ -34,7 +34,7 @@ CALIBRATION = "calibration"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scene:
+class LaboratoryScene:
     """The capture of a scene with its truth."""
 
     name: str
@@ -45,7 +45,7 @@ class Scene:
     simulation: SimulatedScene | None
     """The scene for the simulation of other sensors; None if the capture was not rendered by Beltscape."""
 
-    def without_caches(self) -> Scene:
+    def without_caches(self) -> LaboratoryScene:
         """Return the scene without the objects that its simulation has made so far, as it is sent to workers."""
         return replace(self, simulation=self.simulation and SimulatedScene(self.simulation.scenario))
 
@@ -58,7 +58,7 @@ class Laboratory:
     board: Path
     module: Path
     """module.toml."""
-    scenes: Mapping[str, Scene]
+    scenes: Mapping[str, LaboratoryScene]
     """All scenes except the calibration."""
 
 
@@ -118,12 +118,12 @@ def read_laboratory(folder: Path) -> Laboratory:
     return Laboratory(calibration, board, module, scenes)
 
 
-def _scene(folder: Path, name: str) -> Scene:
+def _scene(folder: Path, name: str) -> LaboratoryScene:
     own, kind = folder / name / "truth", str(SCENES[name]["kind"])
     truth = read_truth(own if own.is_dir() else folder / "truth", kind).truths[0]
     scenario = own / "scenario.json"
     simulation = SimulatedScene(_scenario(scenario)) if scenario.is_file() else None
-    return Scene(name, kind, folder / name, truth, simulation)
+    return LaboratoryScene(name, kind, folder / name, truth, simulation)
 
 
 def _is_complete(scenario: Scenario, capture: Path) -> bool:

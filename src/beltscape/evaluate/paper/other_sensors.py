@@ -20,7 +20,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.evaluate.frame_scores import score_frame
 from beltscape.evaluate.line_laser import measure_profiles, rasterise_profiles
-from beltscape.evaluate.paper.laboratory import Scene
+from beltscape.evaluate.paper.laboratory import LaboratoryScene
 from beltscape.evaluate.paper.surfaces import FRAME, ScoredDepth, score_surface
 from beltscape.evaluate.structured_light import decode
 from beltscape.evaluate.truth import Truth
@@ -153,7 +153,11 @@ BASELINES = (
 
 
 def measure_baselines(
-    scenes: Mapping[str, Scene], out: Path, seed: int, reporter: Reporter, workers: WorkerOptions = HERE
+    scenes: Mapping[str, LaboratoryScene],
+    out: Path,
+    seed: int,
+    reporter: Reporter,
+    workers: WorkerOptions = HERE,
 ) -> Mapping[tuple[str, str], ScoredDepth]:
     """Measure every scene that can be rendered again with every baseline; write the results to ``out``."""
     simulated = {name: scene.without_caches() for name, scene in scenes.items() if scene.simulation}
@@ -165,7 +169,9 @@ def measure_baselines(
     return {(one.scene, one.by): one for one in found}
 
 
-def _measure_baseline(shared: tuple[Mapping[str, Scene], Path, int], job: tuple[str, int]) -> ScoredDepth:
+def _measure_baseline(
+    shared: tuple[Mapping[str, LaboratoryScene], Path, int], job: tuple[str, int]
+) -> ScoredDepth:
     scenes, out, seed = shared
     scene, baseline = scenes[job[0]], BASELINES[job[1]]
     assert scene.simulation is not None
@@ -173,7 +179,7 @@ def _measure_baseline(shared: tuple[Mapping[str, Scene], Path, int], job: tuple[
     return _write_depth(scene, baseline.name, folder, baseline.measure(scene.simulation, seed))
 
 
-def _write_depth(scene: Scene, name: str, folder: Path, depth: DepthMap) -> ScoredDepth:
+def _write_depth(scene: LaboratoryScene, name: str, folder: Path, depth: DepthMap) -> ScoredDepth:
     """Write a depth map as a reconstruction that `measure` reads; the cloud's colours are the core image's."""
     rig = scene.truth.rig
     write_rig(folder / "rig.json", rig)
@@ -184,7 +190,7 @@ def _write_depth(scene: Scene, name: str, folder: Path, depth: DepthMap) -> Scor
 
 
 def measure_moving_belt(
-    scene: Scene,
+    scene: LaboratoryScene,
     travels_mm: tuple[float, ...],
     seed: int,
     reporter: Reporter,
@@ -198,7 +204,7 @@ def measure_moving_belt(
     return tuple(found)
 
 
-def _measure_moving(shared: tuple[Scene, int], travel_mm: float) -> ScoredDepth:
+def _measure_moving(shared: tuple[LaboratoryScene, int], travel_mm: float) -> ScoredDepth:
     scene, seed = shared
     assert scene.simulation is not None
     depth = measure_structured_light(scene.simulation, seed, beside=True, travel_mm=travel_mm)
@@ -210,7 +216,7 @@ SMOOTHED_PX = 9
 """Edge of the median filter applied before dimensions are measured; without it noise hides the planes."""
 
 
-def measure_time_of_flight(scene: Scene) -> ScoredDepth | None:
+def measure_time_of_flight(scene: LaboratoryScene) -> ScoredDepth | None:
     """Return the depth of the capture's time-of-flight camera on its own grid; None without such a camera."""
     folder = scene.capture / "tof" / FRAME
     if scene.simulation is None or scene.simulation.scenario.tof is None or not folder.is_dir():
@@ -232,7 +238,7 @@ def smooth_depth(found: ScoredDepth) -> ScoredDepth:
     return replace(found, depth=flat)
 
 
-def _truth(scene: Scene, rig: Rig, tof_from_world: Pose) -> Truth:
+def _truth(scene: LaboratoryScene, rig: Rig, tof_from_world: Pose) -> Truth:
     """Return the truth on the camera's grid; without auxiliaries no pixel counts as occluded."""
     assert scene.simulation is not None
     view = trace_core_view(scene.simulation.world_at(0), Station(rig, tof_from_world))

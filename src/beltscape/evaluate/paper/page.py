@@ -25,7 +25,7 @@ from beltscape.evaluate.paper.pictures import (
     make_error_panels,
     make_motion_chart,
 )
-from beltscape.evaluate.paper.surfaces import METHODS, TITLES, Density, ScoredDepth
+from beltscape.evaluate.paper.surfaces import METHODS, TITLES, DensityComparison, ScoredDepth
 from beltscape.report.drawing.pictures import Panel
 from beltscape.report.page import Item, Lines, Pictures, Section, Table, Tile, Tiles, render
 
@@ -211,7 +211,7 @@ def _errors(found: Sequence[ScoredDepth], titles: Sequence[str]) -> list[Panel]:
     return make_error_panels(named, {t: t for t in titles}, limit_mm=ERROR_MM)
 
 
-def _density_row(one: Density, published: float) -> list[str]:
+def _density_row(one: DensityComparison, published: float) -> list[str]:
     of_the_paper = (one.speckle.scene, one.speckle.by) == ("belt_loaded", "pairwise")
     return [
         f"{SCENE_NAMES[one.speckle.scene]}, {TITLES[one.speckle.by]}",

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from beltscape.evaluate.paper.dimensions import DimensionRow
 from beltscape.evaluate.paper.surfaces import ScoredDepth
-from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.depth_picture import GAPS, NO_ERROR, color_errors, shade_depth
 from beltscape.report.drawing.legend import DIFFERENCE, NEAR_TO_FAR, Scale
 from beltscape.report.drawing.palette import light
@@ -64,7 +64,7 @@ def make_error_panels(
 def make_dimension_chart(rows: Sequence[DimensionRow], by: Mapping[str, str]) -> Chart:
     """Return the absolute errors of the dimensions, the paper's and those of ``by`` (method → name)."""
     who = {"paper": "the paper, as published", **by}
-    key = Key([Entry(name, ROLES[one], "area") for one, name in who.items()])
+    key = ChartKey([KeyEntry(name, ROLES[one], "area") for one, name in who.items()])
     caption = "Absolute errors; bars to the left are better, each line is a factor of ten."
     return Chart.draw(partial(_plot_dimensions, rows, list(who)), caption, key)
 
@@ -96,8 +96,11 @@ def _plot_dimensions(rows: Sequence[DimensionRow], who: Sequence[str], form: For
 
 def make_motion_chart(travels_mm: Sequence[float], found: Sequence[ScoredDepth], ours: ScoredDepth) -> Chart:
     """Return the share within 1 mm and the median error of structured light over the travel between images."""
-    key = Key(
-        [Entry("structured light, 12 pictures", "second"), Entry("Beltscape, one instant", "first", "dashed")]
+    key = ChartKey(
+        [
+            KeyEntry("structured light, 12 pictures", "second"),
+            KeyEntry("Beltscape, one instant", "first", "dashed"),
+        ]
     )
     caption = "Structured light on a moving belt, and Beltscape on the same rocks."
     return Chart.draw(partial(_plot_motion, travels_mm, found, ours), caption, key)

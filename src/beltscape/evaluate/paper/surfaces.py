@@ -16,7 +16,7 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
 from beltscape.evaluate.frame_scores import RegionScore, score_frame
-from beltscape.evaluate.paper.laboratory import Laboratory, Scene
+from beltscape.evaluate.paper.laboratory import Laboratory, LaboratoryScene
 from beltscape.evaluate.truth import Truth
 from beltscape.files.reconstruction import read_frame
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
@@ -109,7 +109,9 @@ def reconstruct_all(
     return {job: found[job] for job in jobs}
 
 
-def score_surface(scene: Scene, by: str, folder: Path | None, depth: DepthMap, rig: Rig) -> ScoredDepth:
+def score_surface(
+    scene: LaboratoryScene, by: str, folder: Path | None, depth: DepthMap, rig: Rig
+) -> ScoredDepth:
     """Return a depth map with its scores."""
     truth = scene.truth.resample_to(rig)
     return ScoredDepth(scene.name, by, folder, depth, truth, score_frame(depth, rig, scene.truth))
@@ -129,7 +131,7 @@ Range = tuple[float, float]
 class _Reconstructed:
     """Settings and inputs that all reconstructions share."""
 
-    scenes: Mapping[str, Scene]
+    scenes: Mapping[str, LaboratoryScene]
     rig: Rig
     out: Path
 
@@ -161,7 +163,7 @@ def _reconstruct_series(shared: _Reconstructed, series: _Series) -> tuple[list[S
 
 
 def _reconstruct(
-    scene: Scene, method: str, rig: Rig, out: Path, near_far: Range | None
+    scene: LaboratoryScene, method: str, rig: Rig, out: Path, near_far: Range | None
 ) -> tuple[ScoredDepth, Range | None]:
     folder = out / method / scene.name
     try:
@@ -175,7 +177,7 @@ def _reconstruct(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Density:
+class DensityComparison:
     """One scene and method, with the projector on and off."""
 
     speckle: ScoredDepth
@@ -192,11 +194,13 @@ class Density:
         return _ratio(self.speckle.right_points, self.dark.right_points)
 
 
-def compute_density_gains(surfaces: Surfaces) -> tuple[Density, ...]:
+def compute_density_gains(surfaces: Surfaces) -> tuple[DensityComparison, ...]:
     """Return the gain of every scene and method with both captures."""
     pairs = [((scene, method), (f"{scene}_nospeckle", method)) for scene in REGION for method in METHODS]
     return tuple(
-        Density(surfaces[on], surfaces[off]) for on, off in pairs if on in surfaces and off in surfaces
+        DensityComparison(surfaces[on], surfaces[off])
+        for on, off in pairs
+        if on in surfaces and off in surfaces
     )
 
 

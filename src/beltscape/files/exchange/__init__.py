@@ -42,7 +42,7 @@ RIG_JSON = "rig.json"
 """Name that `detect_format` gives to Beltscape's own format."""
 
 
-class Format(Protocol):
+class ExchangeFormat(Protocol):
     """The interface of a format's module."""
 
     def is_of_format(self, document: Any) -> bool:
@@ -120,7 +120,7 @@ def _read(path: Path, kind: str, reporter: Reporter) -> RigDescription:
     return _module(kind).read(path, lambda text: reporter.warn(f"{path}: {text}"))
 
 
-def _module(kind: str) -> Format:
+def _module(kind: str) -> ExchangeFormat:
     if kind not in READABLE:
         raise InputError(f"format {kind!r} is not known; there are {', '.join(READABLE)}")
     return import_module(f"{__name__}.{READABLE[kind]}")  # pyrefly: ignore[bad-return]

@@ -17,7 +17,7 @@ from beltscape.core.findings import Finding
 from beltscape.core.translatable_message import make_message
 from beltscape.health.belt.cells import compute_belt_cells
 from beltscape.health.belt.passes import BeltEvent, BeltPasses
-from beltscape.health.belt.residue import BeltRows, BesideLoad, arrange_rows, measure_residue
+from beltscape.health.belt.residue import BesideLoad, CellRows, arrange_rows, measure_residue
 from beltscape.health.belt.splices import find_splice
 from beltscape.health.belt.zero_finding import ZeroHistory, make_zero_findings, update_zero_history
 from beltscape.health.belt.zero_shift import estimate_zero_shift, make_unmeasured_shift
@@ -107,7 +107,7 @@ class BeltMonitor:
     def __init__(self, reference: EmptyBeltReference, limits: BeltLimits | None = None) -> None:
         self._reference, self._limits = reference, limits or BeltLimits()
         self._history = ZeroHistory()
-        self._rows: BeltRows | None = None
+        self._rows: CellRows | None = None
         self._residue = (_NAN, _NAN)
         self._zero_sigma_mm = _NAN
         self._beside: tuple[Finding, ...] = ()
@@ -155,7 +155,7 @@ class BeltMonitor:
             *make_event_findings(events, self._rows.side_mm),
         )
 
-    def _find_carry_back(self, rows: BeltRows, passes: BeltPasses) -> tuple[Finding, ...]:
+    def _find_carry_back(self, rows: CellRows, passes: BeltPasses) -> tuple[Finding, ...]:
         """Return the finding of an empty stretch and the totals; keep that of a load's strips."""
         width_mm = rows.over_mm.shape[1] * rows.side_mm
         beside = make_beside_finding(passes.beside_load, self._zero_sigma_mm, width_mm, self._limits)

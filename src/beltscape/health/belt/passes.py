@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.health.belt.residue import BeltRows, BesideLoad, StripAverage, measure_strips
+from beltscape.health.belt.residue import BesideLoad, CellRows, StripAverage, measure_strips
 from beltscape.health.belt.splices import SpliceBand
 from beltscape.health.belt.torn_edges import EdgeHistory
 
@@ -115,7 +115,7 @@ class BeltPasses:
         self.residue_mm3 += self._strips_mm3
 
     def add(
-        self, rows: BeltRows, position_mm: float, direction: int, splice: SpliceBand | None = None
+        self, rows: CellRows, position_mm: float, direction: int, splice: SpliceBand | None = None
     ) -> list[BeltEvent]:
         """Add the rows of a frame that were not in view before; return the events that they complete.
 
@@ -199,7 +199,7 @@ class BeltPasses:
         self._last[number % period] = (number, material)
 
     def _follow_edges(
-        self, rows: BeltRows, numbers: NDArray[np.int64], is_new: NDArray[np.bool_]
+        self, rows: CellRows, numbers: NDArray[np.int64], is_new: NDArray[np.bool_]
     ) -> list[BeltEvent]:
         """Return the tears that end in a frame; an edge is followed wherever it is bare."""
         events: list[BeltEvent] = []

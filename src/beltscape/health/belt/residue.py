@@ -34,7 +34,7 @@ _MARGIN_MM, _MARGIN_SHARE = 200.0, 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BeltRows:
+class CellRows:
     """Rows of cells across the belt, in the order of y."""
 
     y_mm: NDArray[np.float64]
@@ -85,7 +85,7 @@ class BeltRows:
         )
 
 
-def arrange_rows(cells: BeltCells, shift: ZeroShift) -> BeltRows:
+def arrange_rows(cells: BeltCells, shift: ZeroShift) -> CellRows:
     """Return the cells of a frame as rows over the belt as it lies."""
     over, sigma = np.full(cells.shape, np.nan), np.full(cells.shape, np.nan)
     bare = np.zeros(cells.shape, bool)
@@ -93,10 +93,10 @@ def arrange_rows(cells: BeltCells, shift: ZeroShift) -> BeltRows:
     over[place], sigma[place], bare[place] = shift.over_mm, cells.sigma_mm, shift.bare
     first = cells.y_middle_mm - 0.5 * (cells.y_extent_mm - cells.side_mm)
     y = first + cells.side_mm * np.arange(cells.shape[0], dtype=np.float64)
-    return BeltRows(y, over, sigma, bare, cells.side_mm)
+    return CellRows(y, over, sigma, bare, cells.side_mm)
 
 
-def measure_residue(rows: BeltRows, shift: ZeroShift) -> tuple[float, float]:
+def measure_residue(rows: CellRows, shift: ZeroShift) -> tuple[float, float]:
     """Return the mean cross-section of material on the empty stretches in view and its σ, mm²; NaN without one."""
     empty = rows.is_empty
     if not shift.is_measured or empty.sum() < 0.5 * len(empty):
@@ -147,7 +147,7 @@ class StripAverage:
         return BesideLoad(float((total[:2] / total[2:]).min()), strip)
 
 
-def measure_strips(rows: BeltRows) -> NDArray[np.float64]:
+def measure_strips(rows: CellRows) -> NDArray[np.float64]:
     """Return for each row (n, 4) the sums of the heights on the left and right strip, mm, and the numbers of cells.
 
     The strips of a row lie outside of its load; a row without a load has none.

@@ -13,7 +13,7 @@ from beltscape.health.belt.residue import (
     HIGHEST_MM,
     HIGHEST_RIDGE_MM,
     LEAST_RIDGE_MM,
-    BeltRows,
+    CellRows,
 )
 
 _SLOPES = np.tan(np.deg2rad(np.arange(-60.0, 61.0, 2.5)))
@@ -47,7 +47,7 @@ class SpliceBand:
     """(n, m) cells that show it."""
 
 
-def find_splice(rows: BeltRows) -> SpliceBand | None:
+def find_splice(rows: CellRows) -> SpliceBand | None:
     """Return the splice in the cells of a frame; None without one whose two ends are in view."""
     over, side = rows.over_mm, rows.side_mm
     height = _find_level(over, rows.bare)

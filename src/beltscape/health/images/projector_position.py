@@ -18,7 +18,7 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.translatable_message import make_message
 from beltscape.health.images.surface_samples import (
-    Surface,
+    SampledSurface,
     SurfaceGrid,
     Texture,
     correlate_at_rest,
@@ -267,7 +267,7 @@ class ProjectorMonitor:
         self._last_ns = frames.time_ns
         return True
 
-    def _find_bare_belt(self, surface: Surface) -> tuple[NDArray[np.bool_], float]:
+    def _find_bare_belt(self, surface: SampledSurface) -> tuple[NDArray[np.bool_], float]:
         """Return where the belt is bare (H, W), and its mean height over the learned one there."""
         belt = self._reference.belt
         points = belt.belt_from_core.apply(surface.points_mm)

@@ -23,7 +23,7 @@ _MOVING = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class ImageChange:
     """The change of a camera's image since the one before; NaN for a black or uniform image."""
 
     noise_ratio: float
@@ -34,27 +34,27 @@ class Change:
 
 def measure_changes(
     before: Mapping[str, Float32Array], now: Mapping[str, Float32Array], noise: float
-) -> dict[str, Change]:
+) -> dict[str, ImageChange]:
     """Return the change of each camera that is in both frames.
 
     ``before`` and ``now`` are levels of `compute_levels`; ``noise`` is the least variance over the cameras, because
     texture everywhere in a picture raises its estimate.
     """
-    changes: dict[str, Change] = {}
+    changes: dict[str, ImageChange] = {}
     for name, levels in now.items():
         if name not in before or before[name].shape != levels.shape:
             continue
         one, other = before[name][::_ROWS_STEP], levels[::_ROWS_STEP]
         if np.ptp(other) < 4:
-            changes[name] = Change(float("nan"), float("nan"))
+            changes[name] = ImageChange(float("nan"), float("nan"))
             continue
         difference = one - other
         rms = float(np.sqrt(np.mean(difference * difference)))
-        changes[name] = Change(rms / float(np.sqrt(2 * noise)), rms / float(other.std()))
+        changes[name] = ImageChange(rms / float(np.sqrt(2 * noise)), rms / float(other.std()))
     return changes
 
 
-def check_repeated(changes: Mapping[str, Change]) -> list[Finding]:
+def check_repeated(changes: Mapping[str, ImageChange]) -> list[Finding]:
     """Return the finding "frozen_image" of every camera, from `measure_changes`; one repeated image suffices."""
     return [
         _check_camera(name, change, [other for key, other in changes.items() if key != name])
@@ -62,7 +62,7 @@ def check_repeated(changes: Mapping[str, Change]) -> list[Finding]:
     ]
 
 
-def _check_camera(camera: str, change: Change, others: Sequence[Change]) -> Finding:
+def _check_camera(camera: str, change: ImageChange, others: Sequence[ImageChange]) -> Finding:
     finding = Finding(FROZEN_IMAGE, change.noise_ratio, 0.05, _QUIET, "σ of noise", camera)
     known = [other for other in others if np.isfinite(other.noise_ratio)]
     is_still = False

@@ -33,7 +33,7 @@ _AROUND = 5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class SampledSurface:
     """The surface of one frame on the grid."""
 
     points_mm: NDArray[np.float64]
@@ -68,7 +68,7 @@ class SurfaceGrid:
         """Return the number of cells per length at a distance of 1: the focal length in cells."""
         return float(self._focal_cells.mean())
 
-    def locate_surface(self, depth: DepthMap) -> Surface:
+    def locate_surface(self, depth: DepthMap) -> SampledSurface:
         """Return the surface of a depth map of the core."""
         part = slice(self._step // 2, None, self._step)
         measured = depth.depth_mm[part, part].astype(np.float32)
@@ -80,7 +80,7 @@ class SurfaceGrid:
         nearest: NDArray[np.float32] = cv2.erode(np.nan_to_num(filled, nan=-np.inf), kernel)
         with np.errstate(invalid="ignore"):
             is_smooth = np.isfinite(filled) & (farthest - nearest < _STEEP * width)
-        return Surface(points, is_smooth)
+        return SampledSurface(points, is_smooth)
 
     def filter_texture(self, image: Image) -> Texture:
         """Return the band-passed texture of an image over its local level; it is reduced to two pixels per cell."""
@@ -124,7 +124,7 @@ class SurfaceView:
         self._textures: dict[str, Texture] = {}
 
     @cached_property
-    def surface(self) -> Surface:
+    def surface(self) -> SampledSurface:
         """Return the surface on the grid."""
         return self._grid.locate_surface(self.depth)
 
@@ -159,7 +159,7 @@ class FrameTextures:
     """The textures of all cameras at one instant, and the surface."""
 
     textures: Mapping[str, Texture]
-    surface: Surface
+    surface: SampledSurface
     own: Mapping[str, Texture]
     """The textures at the points of the surface."""
 

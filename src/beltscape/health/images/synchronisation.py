@@ -27,7 +27,7 @@ _RELATIVE_SIGMA = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Delay:
+class CameraDelay:
     """Delay of a camera against the core; NaN: not measured."""
 
     displacement_mm: float
@@ -51,7 +51,7 @@ class Delay:
         return abs(self.delay_ms) > max(limit_ms, SIGMAS * self.sigma_ms)
 
 
-def separate_delay(delays: Sequence[Delay]) -> tuple[float, float]:
+def separate_delay(delays: Sequence[CameraDelay]) -> tuple[float, float]:
     """Return a camera's delay in ms and its σ from frames at different speeds.
 
     A camera that moved displaces the material by the same length at every speed, an unsynchronised one in proportion
@@ -70,13 +70,13 @@ def separate_delay(delays: Sequence[Delay]) -> tuple[float, float]:
     return 1000 * slope, 1000 * float(np.sqrt(covariance[0, 0]))
 
 
-def compute_core_delay(delays: Mapping[str, Delay]) -> Delay:
+def compute_core_delay(delays: Mapping[str, CameraDelay]) -> CameraDelay:
     """Return the core's delay against the auxiliary that it is nearest to: a late core is late for all."""
     nearest = min(delays.values(), key=lambda one: abs(one.displacement_mm))
-    return Delay(-nearest.displacement_mm, nearest.sigma_mm, nearest.speed_mm_s)
+    return CameraDelay(-nearest.displacement_mm, nearest.sigma_mm, nearest.speed_mm_s)
 
 
-def find_late_core(delays: Mapping[str, Delay], limit_ms: float) -> Delay | None:
+def find_late_core(delays: Mapping[str, CameraDelay], limit_ms: float) -> CameraDelay | None:
     """Return the core's delay if all auxiliaries, at least two, are displaced by the same; else None."""
     if len(delays) < 2 or not all(one.exceeds(limit_ms) for one in delays.values()):
         return None
@@ -88,7 +88,7 @@ def find_late_core(delays: Mapping[str, Delay], limit_ms: float) -> Delay | None
 
 
 def check_synchronisation(
-    camera: str, delay: Delay, systematic_mm: float, settings: HealthSettings
+    camera: str, delay: CameraDelay, systematic_mm: float, settings: HealthSettings
 ) -> Finding:
     """Return the finding "camera_sync" of a camera; ``systematic_mm`` is the error of depth that the delay causes."""
     limit = max(settings.skew_ms, SIGMAS * delay.sigma_ms)
@@ -203,7 +203,9 @@ class CheckPool:
         return False
 
 
-def pool_delays(checks: Sequence[PairCheck], core: str, baseline_mm: Mapping[str, float]) -> dict[str, Delay]:
+def pool_delays(
+    checks: Sequence[PairCheck], core: str, baseline_mm: Mapping[str, float]
+) -> dict[str, CameraDelay]:
     """Return each camera's delay by all checks; without a camera whose delay they leave open.
 
     What all auxiliaries have in common, and what grows with the baseline, is an error of the comparison within its σ;
@@ -244,7 +246,9 @@ def pool_delays(checks: Sequence[PairCheck], core: str, baseline_mm: Mapping[str
         shift, sigma = _estimate(mean, free, effects)
         shift[late], sigma[late] = own
     speed = float(np.mean([one.speed_mm_s for one in checks]))
-    return {name: Delay(float(d), float(s), speed) for name, d, s in zip(cameras, shift, sigma, strict=True)}
+    return {
+        name: CameraDelay(float(d), float(s), speed) for name, d, s in zip(cameras, shift, sigma, strict=True)
+    }
 
 
 def _average(checks: Sequence[PairCheck], what: str, names: Sequence[str]) -> NDArray[np.float64]:

@@ -22,8 +22,8 @@ from beltscape.health.images.surface_samples import (
     measure_displacement,
 )
 from beltscape.health.images.synchronisation import (
+    CameraDelay,
     CheckPool,
-    Delay,
     PairCheck,
     check_synchronisation,
     compute_core_delay,
@@ -83,8 +83,8 @@ class SynchronisationMonitor:
         self._number = 0
         self._due = 0
         self._before: _Stored | None = None
-        self._recent: dict[str, deque[Delay]] = defaultdict(lambda: deque(maxlen=_MEMORY))
-        self._history: dict[str, deque[Delay]] = defaultdict(lambda: deque(maxlen=_SPEEDS))
+        self._recent: dict[str, deque[CameraDelay]] = defaultdict(lambda: deque(maxlen=_MEMORY))
+        self._history: dict[str, deque[CameraDelay]] = defaultdict(lambda: deque(maxlen=_SPEEDS))
         self._pool = CheckPool()
         self._faults: tuple[Finding, ...] = ()
 
@@ -153,7 +153,7 @@ class SynchronisationMonitor:
         delays = {name: self._estimate(name, moved[name], travel / seconds, distance_mm) for name in names}
         for name in names:
             if now.number == before.number + 1 and self._is_old(name, before.frame, now.frame):
-                delays[name] = Delay(-travel, _BIAS * distance_mm, travel / seconds)
+                delays[name] = CameraDelay(-travel, _BIAS * distance_mm, travel / seconds)
         measured = {name: one for name, one in delays.items() if one is not None}
         late_core = find_late_core(measured, self._settings.skew_ms)
         if late_core is not None:
@@ -178,7 +178,7 @@ class SynchronisationMonitor:
         along: NDArray[np.float64],
         speed_mm_s: float,
         distance_mm: float,
-    ) -> dict[str, Delay]:
+    ) -> dict[str, CameraDelay]:
         """Return the delays by the last checks and this one."""
         seen = {name: one for name, one in moved.items() if one.correlation >= _LEAST_CORRELATION}
         check = PairCheck(
@@ -198,22 +198,22 @@ class SynchronisationMonitor:
 
     def _estimate(
         self, name: str, moved: Displacement, speed_mm_s: float, distance_mm: float
-    ) -> Delay | None:
+    ) -> CameraDelay | None:
         """Return a camera's delay by the last checks; None where they leave it open."""
         if moved.correlation < _LEAST_CORRELATION:
             return None
         noise = self._compute_noise(moved, distance_mm)
-        newest = Delay(moved.moving_mm, float(np.hypot(noise, _BIAS * distance_mm)), speed_mm_s)
+        newest = CameraDelay(moved.moving_mm, float(np.hypot(noise, _BIAS * distance_mm)), speed_mm_s)
         self._history[name].append(newest)
         if newest.exceeds(self._settings.skew_ms) and abs(moved.same_mm) > _STATIC * abs(moved.moving_mm):
             delay_ms, sigma_ms = separate_delay(self._history[name])
             if not np.isfinite(sigma_ms):
                 return None
-            newest = Delay(1e-3 * delay_ms * speed_mm_s, 1e-3 * sigma_ms * speed_mm_s, speed_mm_s)
+            newest = CameraDelay(1e-3 * delay_ms * speed_mm_s, 1e-3 * sigma_ms * speed_mm_s, speed_mm_s)
         recent = self._recent[name]
         recent.append(newest)
         middle = 1e-3 * float(np.median([one.delay_ms for one in recent])) * speed_mm_s
-        delay = Delay(middle, newest.sigma_mm, speed_mm_s)
+        delay = CameraDelay(middle, newest.sigma_mm, speed_mm_s)
         limit = self._settings.skew_ms
         if not newest.exceeds(limit):
             return delay
@@ -221,7 +221,7 @@ class SynchronisationMonitor:
         return newest if len(recent) >= _CONFIRMING and delay.exceeds(limit) else None
 
     def _make_finding(
-        self, name: str, delay: Delay | None, along: NDArray[np.float64], distance_mm: float
+        self, name: str, delay: CameraDelay | None, along: NDArray[np.float64], distance_mm: float
     ) -> Finding:
         """Return a camera's finding; a fault holds until a check shows less than half of its delay."""
         fault = next((one for one in self._faults if one.subject == name), None)

@@ -28,7 +28,7 @@ _MAX_SLOPE = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CrossSection:
+class BeltCrossSection:
     """A generalised cylinder z = h(x), invariant along y, in a frame rotated against the camera's."""
 
     rotation: NDArray[np.float64]
@@ -52,7 +52,7 @@ class CrossSection:
 
 def fit_cross_section(
     points_mm: NDArray[np.float64], rotation: NDArray[np.float64], *, rounds: int = 8, turn_yaw: bool = True
-) -> CrossSection:
+) -> BeltCrossSection:
     """Fit the section to points (N, 3) in the camera's frame, starting from ``rotation`` (section_from_camera).
 
     Gauss-Newton on z = h(x) + y·(θ - φ·h'(x)): pitch θ, yaw φ and the free cross-section h together, with
@@ -64,7 +64,7 @@ def fit_cross_section(
         if max(abs(step.pitch), abs(step.yaw)) < 1e-7:
             break
     step = _GaussNewtonStep.solve(_rotate_points(rotation, points_mm), turn_yaw=turn_yaw)
-    return CrossSection(rotation, step.x, step.z, step.residual, step.noise, step.sigma)
+    return BeltCrossSection(rotation, step.x, step.z, step.residual, step.noise, step.sigma)
 
 
 def refine_section(

@@ -21,7 +21,7 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.statistics import MAD_TO_SIGMA
 from beltscape.measure.belt.cross_section import (
     STEP_MM,
-    CrossSection,
+    BeltCrossSection,
     estimate_correlation,
     estimate_node_sigma,
     fit_cross_section,
@@ -30,7 +30,7 @@ from beltscape.measure.belt.cross_section import (
 )
 from beltscape.measure.belt.edges import Middle, find_belt_edges, find_continuous_nodes, find_middle
 from beltscape.measure.belt.extent import (
-    Extent,
+    BeltExtent,
     find_component,
     find_extent,
     keep_pixels,
@@ -197,7 +197,7 @@ def find_belt(
     return replace(belt, ends=ends, clear_mm=_convert_clear(extent, part, belt.belt_from_core))
 
 
-def _convert_clear(extent: Extent, section: CrossSection, pose: Pose) -> tuple[float, float]:
+def _convert_clear(extent: BeltExtent, section: BeltCrossSection, pose: Pose) -> tuple[float, float]:
     """Return the range that is clear of things beside the belt, in the belt frame."""
     x = np.array(extent.clear_mm)
     known = np.where(np.isfinite(x), x, 0.0)
@@ -208,7 +208,7 @@ def _convert_clear(extent: Extent, section: CrossSection, pose: Pose) -> tuple[f
 
 def _find_section(
     depth: DepthMap, camera: Camera, *, largest: bool
-) -> tuple[InitialFrame, CrossSection, Extent]:
+) -> tuple[InitialFrame, BeltCrossSection, BeltExtent]:
     """Return the frame and the section of the surface's blocks, and the extent of the belt that continues it."""
     side = max(8, camera.size_px[0] // 38)
     blocks = fit_block_planes(depth, camera, side)
@@ -259,7 +259,7 @@ def _sample_points(depth: DepthMap, camera: Camera) -> NDArray[np.float64]:
     return points[np.isfinite(z)]
 
 
-def _find_checked_middle(section: CrossSection, depth_mm: float, camera: Camera) -> Middle:
+def _find_checked_middle(section: BeltCrossSection, depth_mm: float, camera: Camera) -> Middle:
     """Return the section's flat or symmetry; refuse a section that scatters more than a belt's."""
     if section.noise_mm > _MAX_ROUGHNESS * depth_mm:
         raise MeasureError(
@@ -272,7 +272,7 @@ def _find_checked_middle(section: CrossSection, depth_mm: float, camera: Camera)
     return find_middle(section.x_mm[own], section.z_mm[own], 4 * node_mm + 0.1 * pixel_mm)
 
 
-def _find_belt_nodes(section: CrossSection) -> slice:
+def _find_belt_nodes(section: BeltCrossSection) -> slice:
     """Return the nodes of the continuous surface that the optical axis meets."""
     own = find_continuous_nodes(
         section.x_mm, section.z_mm, section.noise_mm, float(_intersect_optical_axis(section)[0])
@@ -285,7 +285,7 @@ def _find_belt_nodes(section: CrossSection) -> slice:
     return own
 
 
-def _intersect_optical_axis(section: CrossSection) -> NDArray[np.float64]:
+def _intersect_optical_axis(section: BeltCrossSection) -> NDArray[np.float64]:
     """Return the point (3,) where the optical axis meets the section, in the section's frame."""
     axis = section.rotation[:, 2]
     distance = float(np.nanmedian(section.z_mm)) / axis[2]
@@ -306,7 +306,7 @@ def _fit_flat_plane(points: NDArray[np.float64], middle: Middle) -> Plane | None
 def _assemble_belt(
     depth: DepthMap,
     camera: Camera,
-    section: CrossSection,
+    section: BeltCrossSection,
     pose: Pose,
     start: InitialFrame,
     plane: Plane | None,

@@ -16,7 +16,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import End
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
-from beltscape.measure.belt.cross_section import STEP_MM, CrossSection
+from beltscape.measure.belt.cross_section import STEP_MM, BeltCrossSection
 from beltscape.measure.belt.initial_frame import BlockPlanes
 
 _BINS = 160
@@ -41,7 +41,7 @@ _SURE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Extent:
+class BeltExtent:
     """The belt's ends in the frame of its cross-section, and the pixels between them."""
 
     across_mm: tuple[float, float]
@@ -80,7 +80,7 @@ class _Bins:
         return self.on + self.below + self.above
 
 
-def find_extent(depth: DepthMap, camera: Camera, section: CrossSection, stride: int) -> Extent:
+def find_extent(depth: DepthMap, camera: Camera, section: BeltCrossSection, stride: int) -> BeltExtent:
     """Find the ends of the belt whose ``section`` was fitted to a part of its surface.
 
     Every ray is intersected with the section, prolonged beyond its ends; its pixel shows the belt, or something
@@ -98,11 +98,11 @@ def find_extent(depth: DepthMap, camera: Camera, section: CrossSection, stride: 
     left, left_end, left_clear = _walk(bins.reversed(), len(bins.on) - 1 - start, density, width_mm)
     inside = (bins.edges_mm[:-1] > -left - 1e-6) & (bins.edges_mm[1:] < right + 1e-6)
     share = float(bins.on[inside].sum() / max(int(bins.measured[inside].sum()), 1))
-    return Extent((-left, right), (left_end, right_end), (-left_clear, right_clear), share)
+    return BeltExtent((-left, right), (left_end, right_end), (-left_clear, right_clear), share)
 
 
 def on_belt_mask(
-    points_mm: NDArray[np.float64], section: CrossSection, across_mm: tuple[float, float]
+    points_mm: NDArray[np.float64], section: BeltCrossSection, across_mm: tuple[float, float]
 ) -> NDArray[np.bool_]:
     """Return which points (N, 3) in the camera's frame lie between the ends and near the section."""
     x, _, z = np.einsum("ij,nj->in", section.rotation, points_mm)
@@ -110,7 +110,7 @@ def on_belt_mask(
     return near & (x >= across_mm[0]) & (x <= across_mm[1])
 
 
-def prolong(section: CrossSection, x_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+def prolong(section: BeltCrossSection, x_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the height of the section at x, prolonged linearly beyond its ends."""
     measured = np.isfinite(section.z_mm)
     nodes, heights = section.x_mm[measured], section.z_mm[measured]
@@ -125,7 +125,7 @@ def prolong(section: CrossSection, x_mm: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def _intersect(
-    depth: DepthMap, camera: Camera, section: CrossSection, stride: int
+    depth: DepthMap, camera: Camera, section: BeltCrossSection, stride: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Return x (N,) where rays meet the prolonged section, each pixel's height off it, and whether it is measured."""
     part = slice(None, None, stride)
@@ -148,7 +148,7 @@ def _count(
     x: NDArray[np.float64],
     off: NDArray[np.float64],
     measured: NDArray[np.bool_],
-    section: CrossSection,
+    section: BeltCrossSection,
     pixel_mm: float,
 ) -> _Bins:
     """Return the counts in bins of two pixels or more over the image."""
@@ -173,7 +173,7 @@ def _count(
     )
 
 
-def _usual_density(bins: _Bins, section: CrossSection) -> float:
+def _usual_density(bins: _Bins, section: BeltCrossSection) -> float:
     """Return the share of pixels that show the belt in the middle half of the section."""
     known = section.x_mm[np.isfinite(section.z_mm)]
     quarter = 0.25 * float(known[-1] - known[0])
@@ -182,7 +182,7 @@ def _usual_density(bins: _Bins, section: CrossSection) -> float:
     return float(np.median(share)) if len(share) else 0.0
 
 
-def _find_start(bins: _Bins, section: CrossSection, density: float) -> int:
+def _find_start(bins: _Bins, section: BeltCrossSection, density: float) -> int:
     """Return the bin that shows the belt nearest to the middle of the section."""
     known = section.x_mm[np.isfinite(section.z_mm)]
     middle = 0.5 * (bins.edges_mm[:-1] + bins.edges_mm[1:]) - float(np.median(known))

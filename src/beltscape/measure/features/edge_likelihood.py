@@ -32,7 +32,7 @@ _SIDE_SHARE = 0.15
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Band:
+class EdgeBand:
     """Pixels around an edge, without those that occlude it or lie beyond a second step."""
 
     across_px: NDArray[np.float64]
@@ -108,7 +108,7 @@ def make_straight_band(
     half_mm: tuple[float, float],
     axis: int,
     sign: int,
-) -> Band | None:
+) -> EdgeBand | None:
     """Return the band around the edge at ``sign · half_mm[axis]``; None where too little of it is visible."""
     coordinates = plane.x_mm, plane.y_mm
     across = (sign * coordinates[axis] - half_mm[axis]) / plane.px_mm
@@ -122,7 +122,7 @@ def make_straight_band(
 
 def make_round_band(
     plane: FaceCoordinates, view: NominalView, label: int, depth_mm: NDArray[np.float32], radius_mm: float
-) -> Band | None:
+) -> EdgeBand | None:
     """Return the band around a circle about the plane's origin; None where too little of it is visible."""
     far = np.hypot(plane.x_mm, plane.y_mm)
     across = (far - radius_mm) / plane.px_mm
@@ -141,7 +141,7 @@ def _select_pixels(
     across: NDArray[np.float64],
     along: NDArray[np.float64],
     shapes: NDArray[np.float64],
-) -> Band | None:
+) -> EdgeBand | None:
     if near.sum() < 60:
         return None
     window = plane.window
@@ -169,7 +169,7 @@ def _select_pixels(
     kind = "round" if shapes.shape[1] == 2 else "crease" if crease else "outline"
     reach = min(MATCHER_REACH_PX * plane.scale + 2, WIDE_PX)
     clear = ((last < -reach) & (next_part > reach))[bins[keep]]
-    return Band(across[keep], along[keep], bins[keep], shapes[keep], at, plane.px_mm, off, clear, kind)
+    return EdgeBand(across[keep], along[keep], bins[keep], shapes[keep], at, plane.px_mm, off, clear, kind)
 
 
 def _find_outermost(
@@ -212,7 +212,7 @@ class EdgeLikelihood:
 
 
 def compute_edge_likelihood(
-    band: Band,
+    band: EdgeBand,
     grey: NDArray[np.float64],
     start_px: float,
     nuisances: NDArray[np.float64],

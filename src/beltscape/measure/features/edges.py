@@ -15,7 +15,7 @@ from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.measure.features.edge_likelihood import (
     OFFSETS_PX,
-    Band,
+    EdgeBand,
     FaceCoordinates,
     compute_edge_likelihood,
     compute_face_coordinates,
@@ -44,7 +44,7 @@ _STEP_PX = 0.1
 """Step of the search; far below σ of the rim."""
 
 
-def locate_rim_px(band: Band) -> float | None:
+def locate_rim_px(band: EdgeBand) -> float | None:
     """Return the offset that best separates pixels on the face from others, less the matcher's bias, or None."""
     across, off = band.across_px[band.clear], band.off_mm[band.clear]
     on = np.abs(off) < max(_ON_MM, 0.3 * band.px_mm)  # NaN is not on the face
@@ -97,7 +97,9 @@ class Edge:
     by_image: bool
 
 
-def locate_edge(band: Band, grey: NDArray[np.floating] | None, nuisances: NDArray[np.float64]) -> Edge | None:
+def locate_edge(
+    band: EdgeBand, grey: NDArray[np.floating] | None, nuisances: NDArray[np.float64]
+) -> Edge | None:
     """Locate the edge in the image (H, W) with the depth map's rim as prior; by the rim alone without an image.
 
     The result is None where neither shows the edge. The most likely of ``nuisances`` (M, J) px is taken. The image's
@@ -134,7 +136,7 @@ def _inflate_for_conflict(edge: Edge, rim: float) -> Edge:
 
 
 def _locate_in_image(
-    band: Band,
+    band: EdgeBand,
     grey: NDArray[np.float64],
     start: float,
     nuisances: NDArray[np.float64],

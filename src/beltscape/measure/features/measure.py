@@ -17,7 +17,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.measure.features.edges import EdgeScene, Extent, measure_circle, measure_rectangle
 from beltscape.measure.features.face import Face, estimate_correlation_area_px, fit_face
 from beltscape.measure.features.pose import find_module, refine_pose
-from beltscape.measure.features.result import EdgeLine, MeasuredModule, Quantity
+from beltscape.measure.features.result import EdgeLine, MeasuredDimension, MeasuredModule
 from beltscape.measure.features.smoothing import compute_camera_scale, estimate_smoothing
 from beltscape.measure.features.solids import NominalView, render_nominal_view
 from beltscape.measure.features.sphere import FittedSphere, fit_sphere
@@ -102,7 +102,7 @@ def _measure_quantities(
     faces: dict[str, Face],
     spheres: dict[str, FittedSphere],
     errors: FaceErrors,
-) -> tuple[list[Quantity], list[EdgeLine]]:
+) -> tuple[list[MeasuredDimension], list[EdgeLine]]:
     """Measure the base and every feature; return their quantities and the edges they were measured by."""
     quantities, edges = _measure_base(scene, module, faces["base"])
     for label, feature in enumerate(module.features, start=1):
@@ -164,7 +164,9 @@ def _fit_spheres(
     return spheres
 
 
-def _measure_base(scene: EdgeScene, module: Module, face: Face) -> tuple[list[Quantity], list[EdgeLine]]:
+def _measure_base(
+    scene: EdgeScene, module: Module, face: Face
+) -> tuple[list[MeasuredDimension], list[EdgeLine]]:
     length, width, _ = module.base.size_mm
     extents, lines = measure_rectangle(scene, "base", 0, face, np.zeros(3), (length, width))
     named = zip(("length", "width"), (length, width), extents, strict=True)
@@ -173,7 +175,7 @@ def _measure_base(scene: EdgeScene, module: Module, face: Face) -> tuple[list[Qu
 
 def _measure_edge(
     scene: EdgeScene, cube: Cube, label: int, face: Face | None
-) -> tuple[Quantity, list[EdgeLine]]:
+) -> tuple[MeasuredDimension, list[EdgeLine]]:
     """Measure the mean of the upper face's two edge lengths."""
     if face is None:
         return _make_quantity(cube.name, "edge", cube.edge_mm, None), []
@@ -190,7 +192,7 @@ def _measure_edge(
 
 def _measure_diameter(
     scene: EdgeScene, rod: Cylinder, label: int, face: Face | None
-) -> tuple[Quantity, list[EdgeLine]]:
+) -> tuple[MeasuredDimension, list[EdgeLine]]:
     if face is None:
         return _make_quantity(rod.name, "diameter", rod.diameter_mm, None), []
     place = np.array([*rod.center_mm, rod.height_mm])
@@ -198,18 +200,20 @@ def _measure_diameter(
     return _make_quantity(rod.name, "diameter", rod.diameter_mm, extent), lines
 
 
-def _make_quantity(name: str, quantity: str, nominal_mm: float, extent: Extent | None) -> Quantity:
+def _make_quantity(name: str, quantity: str, nominal_mm: float, extent: Extent | None) -> MeasuredDimension:
     if extent is None:
-        return Quantity(name, quantity, nominal_mm, float("nan"), float("nan"), 0)
-    return Quantity(name, quantity, nominal_mm, extent.length_mm, extent.sigma_mm, extent.points)
+        return MeasuredDimension(name, quantity, nominal_mm, float("nan"), float("nan"), 0)
+    return MeasuredDimension(name, quantity, nominal_mm, extent.length_mm, extent.sigma_mm, extent.points)
 
 
-def _make_radius(sphere: Sphere, fitted: FittedSphere | None) -> Quantity:
+def _make_radius(sphere: Sphere, fitted: FittedSphere | None) -> MeasuredDimension:
     extent = None if fitted is None else Extent(fitted.radius_mm, fitted.sigma_mm, fitted.points)
     return _make_quantity(sphere.name, "radius", sphere.diameter_mm / 2, extent)
 
 
-def _measure_height(feature: Cube | Cylinder, top: Face | None, base: Face, errors: FaceErrors) -> Quantity:
+def _measure_height(
+    feature: Cube | Cylinder, top: Face | None, base: Face, errors: FaceErrors
+) -> MeasuredDimension:
     """Measure the height of the upper face's centre over the base's plane."""
     nominal = feature.edge_mm if isinstance(feature, Cube) else feature.height_mm
     if top is None:
@@ -222,10 +226,10 @@ def _measure_height(feature: Cube | Cylinder, top: Face | None, base: Face, erro
     )
 
 
-def _measure_steps(module: Module, faces: dict[str, Face], errors: FaceErrors) -> list[Quantity]:
+def _measure_steps(module: Module, faces: dict[str, Face], errors: FaceErrors) -> list[MeasuredDimension]:
     """Measure the height differences of cubes next in size, in which most of the base's error cancels."""
     base = faces["base"]
-    steps: list[Quantity] = []
+    steps: list[MeasuredDimension] = []
     cubes = sorted(module.cube, key=lambda cube: -cube.edge_mm)
     for large, small in pairwise(cubes):
         upper, lower = faces.get(large.name), faces.get(small.name)
@@ -246,7 +250,7 @@ def _measure_steps(module: Module, faces: dict[str, Face], errors: FaceErrors) -
 
 
 def _collect_warnings(
-    module: Module, quantities: Sequence[Quantity], edges: Sequence[EdgeLine], patterned: bool
+    module: Module, quantities: Sequence[MeasuredDimension], edges: Sequence[EdgeLine], patterned: bool
 ) -> tuple[str, ...]:
     names = [feature.name for feature in module.features]
     missing = [q for q in quantities if np.isnan(q.measured_mm)]

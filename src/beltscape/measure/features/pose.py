@@ -18,7 +18,7 @@ from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.measure.belt.initial_frame import BlockPlanes, fit_block_planes
-from beltscape.measure.features.solids import Solid, build_solids
+from beltscape.measure.features.solids import ConvexBody, build_solids
 from beltscape.target.module import Module
 
 _NEAR_MM, _TILT_RAD = 1.0, np.deg2rad(2.0)
@@ -295,7 +295,7 @@ def _sample_points(depth: DepthMap, camera: Camera, module: Module, start: Pose)
     return points[:: max(len(points) // _POINTS, 1)]
 
 
-def _compute_distance(solids: tuple[Solid, ...], points: NDArray[np.float64]) -> NDArray[np.float64]:
+def _compute_distance(solids: tuple[ConvexBody, ...], points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the signed distances (N,) mm to the surface of the union."""
     points = np.asfortranarray(points)  # sums over x, y and z are eight times as fast by columns
     nearest = solids[0].distance(points)

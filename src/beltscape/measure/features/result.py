@@ -16,7 +16,7 @@ from beltscape.target.module import Module
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class MeasuredDimension:
     """One measured dimension."""
 
     name: str
@@ -62,5 +62,5 @@ class MeasuredModule:
     spheres: Mapping[str, FittedSphere]
     """Measured spheres by feature."""
     edges: tuple[EdgeLine, ...]
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[MeasuredDimension, ...]
     warnings: tuple[str, ...]

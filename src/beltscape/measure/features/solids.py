@@ -18,7 +18,7 @@ from beltscape.target.module import Cube, Feature, Module, Sphere
 Points = NDArray[np.float64]
 
 
-class Solid(Protocol):
+class ConvexBody(Protocol):
     """A convex body in the module's frame, mm."""
 
     def intersect(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
@@ -48,7 +48,7 @@ class BoxSolid:
     """(3,) mm."""
 
     def intersect(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         with np.errstate(divide="ignore", invalid="ignore"):
             one, two = (self.low - origin) / direction, (self.high - origin) / direction
         near, far = np.minimum(one, two), np.maximum(one, two)
@@ -56,17 +56,17 @@ class BoxSolid:
         return np.where(enter < leave, enter, np.inf), near[:, 2] >= enter
 
     def distance(self, points: Points) -> Points:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         off = np.abs(points - (self.low + self.high) / 2) - (self.high - self.low) / 2
         return np.linalg.norm(np.maximum(off, 0), axis=1) + np.minimum(off.max(axis=1), 0)
 
     def height(self, x: Points, y: Points) -> Points:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         inside = (x >= self.low[0]) & (x <= self.high[0]) & (y >= self.low[1]) & (y <= self.high[1])
         return np.where(inside, self.high[2], np.nan)
 
     def corners(self) -> Points:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         return _bounding_corners(self.low, self.high)
 
 
@@ -79,22 +79,22 @@ class SphereSolid:
     radius: float
 
     def intersect(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
-        """See `Solid`; the whole sphere counts as the top."""
+        """See `ConvexBody`; the whole sphere counts as the top."""
         enter = _intersect_round(origin - self.center, direction, self.radius)[0]
         return enter, np.ones(len(enter), bool)
 
     def distance(self, points: Points) -> Points:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         return np.linalg.norm(points - self.center, axis=1) - self.radius
 
     def height(self, x: Points, y: Points) -> Points:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         with np.errstate(invalid="ignore"):
             rise = np.sqrt(self.radius**2 - (x - self.center[0]) ** 2 - (y - self.center[1]) ** 2)
         return self.center[2] + rise
 
     def corners(self) -> Points:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         return _bounding_corners(self.center - self.radius, self.center + self.radius)
 
 
@@ -108,7 +108,7 @@ class CylinderSolid:
     height_mm: float
 
     def intersect(self, origin: Points, direction: Points) -> tuple[Points, NDArray[np.bool_]]:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         side_in, side_out = _intersect_round(origin[:2] - self.center, direction[:, :2], self.radius)
         with np.errstate(divide="ignore", invalid="ignore"):
             bottom, top = -origin[2] / direction[:, 2], (self.height_mm - origin[2]) / direction[:, 2]
@@ -117,31 +117,31 @@ class CylinderSolid:
         return np.where(enter < leave, enter, np.inf), (flat >= side_in) & (top <= bottom)
 
     def distance(self, points: Points) -> Points:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         beside = np.linalg.norm(points[:, :2] - self.center, axis=1) - self.radius
         above = np.abs(points[:, 2] - self.height_mm / 2) - self.height_mm / 2
         out = np.hypot(np.maximum(beside, 0), np.maximum(above, 0))
         return out + np.minimum(np.maximum(beside, above), 0)
 
     def height(self, x: Points, y: Points) -> Points:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         inside = np.hypot(x - self.center[0], y - self.center[1]) <= self.radius
         return np.where(inside, self.height_mm, np.nan)
 
     def corners(self) -> Points:
-        """See `Solid`."""
+        """See `ConvexBody`."""
         low, high = self.center - self.radius, self.center + self.radius
         return _bounding_corners(np.array([*low, 0.0]), np.array([*high, self.height_mm]))
 
 
-def build_solids(module: Module) -> tuple[Solid, ...]:
+def build_solids(module: Module) -> tuple[ConvexBody, ...]:
     """Return the base, then the features in the order of `Module.features`."""
     length, width, thickness = module.base.size_mm
     base = BoxSolid(np.array([-length / 2, -width / 2, -thickness]), np.array([length / 2, width / 2, 0.0]))
     return (base, *(_solid(feature) for feature in module.features))
 
 
-def _solid(feature: Feature) -> Solid:
+def _solid(feature: Feature) -> ConvexBody:
     center = np.array(feature.center_mm, dtype=np.float64)
     if isinstance(feature, Cube):
         half = feature.edge_mm / 2
@@ -208,7 +208,7 @@ def render_nominal_view(module: Module, core_from_module: Pose, camera: Camera) 
     return NominalView(label, top, depth)
 
 
-def _project_window(solid: Solid, core_from_module: Pose, camera: Camera) -> tuple[slice, slice] | None:
+def _project_window(solid: ConvexBody, core_from_module: Pose, camera: Camera) -> tuple[slice, slice] | None:
     """Return the rows and columns that can show a solid; None if there are none."""
     corners = core_from_module.apply(solid.corners())
     if (corners[:, 2] <= 0).any():

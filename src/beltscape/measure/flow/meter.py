@@ -24,7 +24,7 @@ from beltscape.measure.flow.registration import HighPassHeights, compute_high_pa
 from beltscape.measure.flow.rows import LayerBuffer, PieceCallback, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.flow.strip_cutter import FaultAttribution, StripCutter
-from beltscape.measure.flow.strips import FlowTotals, Strips, Sums
+from beltscape.measure.flow.strips import FlowTotals, Strips, StripSums
 
 _COARSE_CELLS = 2
 """Cells of the registration of the material are coarser by this factor."""
@@ -34,7 +34,7 @@ _PATIENCE_BACK = 24
 """The same while the encoder runs back, until it shows whether the belt rolls back; memory bounds it. Chosen."""
 
 
-class FlowMeter:
+class BeltFlowMeter:
     """Measures the flow of a moving belt.
 
     A record is returned some frames after its frame was pushed: when its strip has left the view and its holes can
@@ -63,7 +63,7 @@ class FlowMeter:
         self._count = 0
         self._cutter = StripCutter(front_mm, reference.seen_mm, self.settings.least_overlap)
         self._width_mm = reference.belt.across_mm[1] - reference.belt.across_mm[0]
-        self._sums = Sums(reference.belt.drift_mm, self._width_mm)
+        self._sums = StripSums(reference.belt.drift_mm, self._width_mm)
         self._strips = Strips(self._sums, density or make_unknown_density())
         self._profile = Profile(reference.cell_mm, self.settings.bridge_mm)
         self._buffer = LayerBuffer(reference, self.settings, RowFiller(reference, self.settings, watch_belt))

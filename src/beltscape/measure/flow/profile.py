@@ -44,7 +44,7 @@ def make_unmeasured_stretch(length_mm: float) -> Stretch:
 
 
 @dataclass(frozen=True, slots=True)
-class Gap:
+class UnseenStretch:
     """A stretch that was in no frame's view."""
 
     start_mm: float
@@ -76,7 +76,7 @@ class Profile:
         self._cell_mm, self._bridge_mm = cell_mm, bridge_mm
         self._table = np.empty((0, 7))
         """(n, 7): s, then a row's numbers in the order of `Rows`."""
-        self._gaps: list[Gap] = []
+        self._gaps: list[UnseenStretch] = []
 
     @property
     def end_mm(self) -> float | None:
@@ -100,17 +100,17 @@ class Profile:
             self._gaps.append(self._gap(self.end_mm, start, table))
         self._table = np.concatenate([self._table, table])
 
-    def _gap(self, start_mm: float, end_mm: float, after: NDArray[np.float64]) -> Gap:
+    def _gap(self, start_mm: float, end_mm: float, after: NDArray[np.float64]) -> UnseenStretch:
         length = end_mm - start_mm
         if length > self._bridge_mm:
-            return Gap(start_mm, end_mm, None, 0.0)
+            return UnseenStretch(start_mm, end_mm, None, 0.0)
         rim = max(1, round(_RIM_MM / self._cell_mm))
         ends = float(self._table[-rim:, 1].mean()), float(after[:rim, 1].mean())
         known = np.concatenate([self._table[:, 1], after[:, 1]])
         # the variance of a linear interpolation is a quarter of that between cross-sections this far apart
         lag = min(max(1, round(length / self._cell_mm)), len(known) - 1)
         change = float(np.mean((known[lag:] - known[:-lag]) ** 2)) if lag > 0 else float(known[0] ** 2)
-        return Gap(start_mm, end_mm, ends, float(np.sqrt(0.25 * change)))
+        return UnseenStretch(start_mm, end_mm, ends, float(np.sqrt(0.25 * change)))
 
     def integrate(self, start_mm: float, end_mm: float) -> Stretch:
         """Integrate between two positions; partial rows count partly."""

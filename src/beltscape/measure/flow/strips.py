@@ -50,7 +50,7 @@ class FlowTotals:
     """The last strip with a length."""
 
 
-class Sums:
+class StripSums:
     """Sums over strips; common errors add linearly, independent errors in squares."""
 
     def __init__(self, drift_mm: float, width_mm: float) -> None:
@@ -194,7 +194,7 @@ def _severity(finding: Finding) -> tuple[int, float, float]:
 class Strips:
     """A queue of strips in the order of the frames; each becomes a record when its profile is complete."""
 
-    def __init__(self, sums: Sums, density: Density) -> None:
+    def __init__(self, sums: StripSums, density: Density) -> None:
         """Records are also counted in ``sums``."""
         self._sums, self._density = sums, density
         self._waiting: deque[Strip] = deque()

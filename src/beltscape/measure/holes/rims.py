@@ -28,7 +28,7 @@ _LONGEST_CELLS = 95
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Line:
+class RimLine:
     """A line through every hole cell, (H,) each, with its rims on the near side (-) and on the far side (+)."""
 
     near_mm: NDArray[np.float64]
@@ -100,7 +100,7 @@ def fit_gradients(value_mm: NDArray[np.float64], cell_mm: float) -> NDArray[np.f
 
 
 def find_lowest_line(
-    lines: list[Line], rim_mm: NDArray[np.float64], cells: CellIndices, cell_mm: float
+    lines: list[RimLine], rim_mm: NDArray[np.float64], cells: CellIndices, cell_mm: float
 ) -> LowestLine:
     """Return, of twelve lines through each hole cell, the one whose higher rim is lowest.
 
@@ -138,7 +138,7 @@ def trace_lines(
     gradient: NDArray[np.float64],
     ray_slopes: NDArray[np.float64],
     cell_mm: float,
-) -> list[Line]:
+) -> list[RimLine]:
     """Trace five lines through the hole ``cells`` of a field ``rim_mm`` (Ny, Nx) with NaN in its holes.
 
     The core's line of sight comes first (along ``ray_slopes`` (2, Ny, Nx)), then four fixed directions.
@@ -154,14 +154,14 @@ def trace_lines(
         step_mm: float,
         direction: tuple[NDArray[np.float64] | float, ...],
         ray_slope: NDArray[np.float64],
-    ) -> Line:
+    ) -> RimLine:
         met = ends.cell >= 0
         height = np.where(met, rim_mm.ravel()[ends.cell], np.nan)
         x, y = (np.where(met, part.ravel()[ends.cell], 0.0) for part in gradient)
         rise = x * direction[1] + y * direction[0]
         ends_of_line = (height, ends.steps * step_mm, np.hypot(x, y), rise)
         pairs: list[NDArray[np.float64]] = [end for pair in ends_of_line for end in pair]
-        return Line(*pairs, ray_slope=ray_slope, is_vertical=straight_down)
+        return RimLine(*pairs, ray_slope=ray_slope, is_vertical=straight_down)
 
     measured, both = np.isfinite(rim_mm), np.array([-1.0, 1.0])[:, None]
     farthest = max(measured.shape) - 1
@@ -288,7 +288,7 @@ class SmoothSurface:
     """(2, H) structure function of the measured surface over the shortest gap and over four times the gap."""
 
 
-def compute_rim_profiles(lines: list[Line]) -> RimProfiles:
+def compute_rim_profiles(lines: list[RimLine]) -> RimProfiles:
     """Return the rim profiles along five lines, the first of which is the core's line of sight."""
     rims = np.stack([_order_rims(line) for line in lines])
     # equal gaps are ordered by heights, then by slopes, so that a mirrored field is filled mirrored
@@ -300,7 +300,7 @@ def compute_rim_profiles(lines: list[Line]) -> RimProfiles:
     return RimProfiles(*np.concatenate([own[None], others]).transpose(1, 0, 2))
 
 
-def _order_rims(line: Line) -> NDArray[np.float64]:
+def _order_rims(line: RimLine) -> NDArray[np.float64]:
     """Return the fields of `RimProfiles` for one line (9, H)."""
     near, far = line.near_mm, line.far_mm
     both = np.isfinite(near) & np.isfinite(far)

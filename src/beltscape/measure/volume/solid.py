@@ -14,7 +14,7 @@ from beltscape.measure.volume.volume import Volume
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mesh:
+class SolidMesh:
     """A triangle mesh in the belt frame."""
 
     vertices_mm: NDArray[np.float64]
@@ -29,13 +29,13 @@ class Mesh:
         return float(np.sum(a * np.cross(b, c)) / 6)
 
 
-def build_surface_mesh(volume: Volume) -> Mesh:
+def build_surface_mesh(volume: Volume) -> SolidMesh:
     """Return the upper surface within the box: load and bare belt, interpolated cells included."""
     x, y, top, _ = _sample_surfaces(volume)
-    return Mesh(_stack_points(x, y, top), _triangulate_grid(*top.shape))
+    return SolidMesh(_stack_points(x, y, top), _triangulate_grid(*top.shape))
 
 
-def build_load_mesh(volume: Volume) -> Mesh:
+def build_load_mesh(volume: Volume) -> SolidMesh:
     """Return the load between belt and surface, closed by walls along the box: it encloses the volume."""
     x, y, top, bottom = _sample_surfaces(volume)
     rows, columns = top.shape
@@ -50,7 +50,7 @@ def build_load_mesh(volume: Volume) -> Mesh:
         [np.stack([ring, under, following], 1), np.stack([following, under, under_following], 1)]
     )
     vertices = np.concatenate([_stack_points(x, y, top), _stack_points(x, y, bottom)])
-    return Mesh(vertices, np.concatenate([upper, lower, walls]).astype(np.int32))
+    return SolidMesh(vertices, np.concatenate([upper, lower, walls]).astype(np.int32))
 
 
 def _sample_surfaces(

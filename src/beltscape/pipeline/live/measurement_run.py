@@ -25,7 +25,7 @@ from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.density import Density
-from beltscape.measure.flow.meter import FlowMeter, FramePlacement
+from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
 from beltscape.measure.flow.rows import BeltPiece
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.learned_images import LearnedImages
@@ -150,7 +150,7 @@ class MeasurementRun:
         """Number of the first record of the present context."""
 
     @property
-    def meter(self) -> FlowMeter | None:
+    def meter(self) -> BeltFlowMeter | None:
         """Return the present meter; None before the first frame set and after a failure."""
         return None if self._chain is None else self._chain.meter
 
@@ -242,11 +242,11 @@ class MeasurementRun:
         self._ledger.discard_pending()
         return entries
 
-    def _can_continue(self, frames: FrameSet, before: FlowMeter) -> bool:
+    def _can_continue(self, frames: FrameSet, before: BeltFlowMeter) -> bool:
         """Return whether the belt between the last frame set and this one is known, by an encoder or by the speed."""
         return frames.position_mm is not None or self._has_encoder or before.prediction is not None
 
-    def _continue_meter(self, frames: FrameSet, before: FlowMeter) -> FlowChain:
+    def _continue_meter(self, frames: FrameSet, before: BeltFlowMeter) -> FlowChain:
         """Return the chain with a meter that continues where ``before`` ends, by the encoder or the belt's speed."""
         last, motion = before.motion.last, before.prediction
         is_by_encoder = frames.position_mm is not None or self._has_encoder
@@ -265,7 +265,7 @@ class MeasurementRun:
         """Return the chain with a meter; the belt up to ``front_mm`` is counted."""
         context, self._needs_new_meter = self.context, False
         self._sections = SectionBuffer(context.empty_belt)
-        meter = FlowMeter(
+        meter = BeltFlowMeter(
             context.empty_belt,
             context.flow,
             density=context.density,

@@ -27,7 +27,7 @@ from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.flow.density import Density
-from beltscape.measure.flow.meter import FlowMeter, FramePlacement
+from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
 from beltscape.measure.flow.motion_evidence import MotionEvidence
 from beltscape.measure.flow.rows import BeltPicture
 from beltscape.measure.flow.settings import Direction, FlowSettings
@@ -58,7 +58,7 @@ class Flow:
     records: list[FlowRecord]
     steps: list[FramePlacement]
     """Belt position of each frame."""
-    meter: FlowMeter
+    meter: BeltFlowMeter
     """The meter after the last frame."""
     picture: BeltPicture
     """Height map of the whole fused belt."""
@@ -107,7 +107,7 @@ def measure_flow_of_capture(
         else compute_depth_range(ground, load_mm)
     )
     picture, steps = BeltPicture(ground), list[FramePlacement]()
-    meter = FlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
+    meter = BeltFlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
     matcher = make_sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
     health = HealthSettings()
     monitored = MonitoredMatcher(matcher, ImageMonitor(rig, health))

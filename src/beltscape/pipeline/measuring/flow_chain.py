@@ -26,7 +26,7 @@ from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
-from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.pipeline.reconstructing.checked_matcher import SequenceMatcher
 
@@ -134,7 +134,7 @@ class FlowChain:
     def __init__(
         self,
         matcher: SequenceMatcher,
-        meter: FlowMeter,
+        meter: BeltFlowMeter,
         belt_limits: BeltLimits | None = None,
         images: BeltImageMonitor | None = None,
     ) -> None:
@@ -142,7 +142,7 @@ class FlowChain:
 
         ``images`` checks the images against the measured surface and motion; None: they are not checked.
         """
-        self.meter: FlowMeter = meter
+        self.meter: BeltFlowMeter = meter
         self.done = 0
         """Number of frame sets that were reconstructed."""
         self.failure: ReconstructionError | None = None
@@ -239,7 +239,7 @@ class FlowChain:
         """Return the remaining records after the last frame."""
         return self.flush() + self.meter.finish()
 
-    def restart(self, meter: FlowMeter) -> None:
+    def restart(self, meter: BeltFlowMeter) -> None:
         """Continue with another meter after `finish`."""
         if meter.reference is not self.meter.reference:
             self._belt = BeltMonitor(meter.reference, self._belt_limits)

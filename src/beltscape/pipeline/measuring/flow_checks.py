@@ -6,7 +6,7 @@ from pathlib import Path
 
 from beltscape.core.errors import MeasureError
 from beltscape.core.progress import Reporter
-from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.measure.flow.motion_evidence import LEAST_PAIRS, MotionEvidence
 
 _EARLY_PAIRS = 8
@@ -27,7 +27,7 @@ _NAMES = {1: "+y", -1: "-y"}
 
 
 def require_consistent_motion(
-    meter: FlowMeter, given: str | None, encoder: Path | None, *, done: bool
+    meter: BeltFlowMeter, given: str | None, encoder: Path | None, *, done: bool
 ) -> None:
     """Refuse a direction or an encoder that most frame pairs contradict.
 
@@ -44,7 +44,7 @@ def require_consistent_motion(
         raise MeasureError(message)
 
 
-def warn_of_motion_conflicts(meter: FlowMeter, encoder: Path | None, reporter: Reporter) -> None:
+def warn_of_motion_conflicts(meter: BeltFlowMeter, encoder: Path | None, reporter: Reporter) -> None:
     """Warn of contradictions in a minority of frame pairs and of a small error of the encoder's scale."""
     scale, evidence = meter.scale, meter.evidence
     if scale.compared >= LEAST_PAIRS and abs(scale.ratio - 1) > max(0.002, 4 * scale.sigma):
@@ -64,7 +64,7 @@ def warn_of_motion_conflicts(meter: FlowMeter, encoder: Path | None, reporter: R
         )
 
 
-def describe_motion(meter: FlowMeter, given: str | None) -> str:
+def describe_motion(meter: BeltFlowMeter, given: str | None) -> str:
     """Return a clause that states the direction and its evidence."""
     evidence, direction = meter.evidence, meter.direction
     if not direction:
@@ -78,7 +78,7 @@ def describe_motion(meter: FlowMeter, given: str | None) -> str:
     )
 
 
-def _direction_error(meter: FlowMeter, given: str | None, encoder: Path | None, least: int) -> str | None:
+def _direction_error(meter: BeltFlowMeter, given: str | None, encoder: Path | None, least: int) -> str | None:
     evidence, direction = meter.evidence, meter.direction
     if not direction:
         return None

@@ -36,7 +36,7 @@ _OLD_PROTOCOL = 132
 
 
 @dataclass(frozen=True, slots=True)
-class Message:
+class MqttMessage:
     """A message to publish."""
 
     topic: str
@@ -54,7 +54,7 @@ class Connection:
         self,
         settings: MqttSettings,
         password: str | None,
-        will: Message,
+        will: MqttMessage,
         on_message: Callable[[str, bytes], None] = lambda _topic, _payload: None,
     ) -> None:
         """Prepare; the broker publishes ``will`` if the connection breaks; ``on_message`` gets topic and payload."""
@@ -115,11 +115,11 @@ class Connection:
             self._subscribed.discard(number)
         return True
 
-    def publish(self, message: Message) -> None:
+    def publish(self, message: MqttMessage) -> None:
         """Publish a message without waiting; it may be lost."""
         self._client.publish(message.topic, message.payload, message.qos, message.retain)
 
-    def publish_all(self, messages: Sequence[Message]) -> int:
+    def publish_all(self, messages: Sequence[MqttMessage]) -> int:
         """Publish messages; return how many of them, from the first on, the broker has acknowledged."""
         sent = [self._client.publish(one.topic, one.payload, one.qos, one.retain) for one in messages]
         deadline_s = monotonic() + _ACKNOWLEDGED_S
@@ -140,7 +140,7 @@ class Connection:
         self.reason = self.reason or reason
         self._lost.set()
 
-    def close(self, goodbye: Message | None) -> None:
+    def close(self, goodbye: MqttMessage | None) -> None:
         """Publish ``goodbye``, if there is one, where the connection still stands, and end the library's thread."""
         if goodbye is not None and self._client.is_connected():
             sent = self._client.publish(goodbye.topic, goodbye.payload, goodbye.qos, goodbye.retain)
@@ -200,7 +200,7 @@ def find_refusal(settings: MqttSettings, password: str | None) -> str:
     own = settings.model_copy(
         update={"client": f"{settings.client_id[:50]}-check"}
     )  # disconnects no running client
-    connection = Connection(own, password, Message(f"{settings.place}/check", "", qos=0))
+    connection = Connection(own, password, MqttMessage(f"{settings.place}/check", "", qos=0))
     try:
         return connection.open()
     finally:

@@ -13,7 +13,7 @@ from typing import Any
 from beltscape.core.alarms import Alarm
 from beltscape.core.checks import is_dict
 from beltscape.core.ledger import BeltRecord
-from beltscape.protocols.mqtt.connection import Connection, Message
+from beltscape.protocols.mqtt.connection import Connection, MqttMessage
 from beltscape.protocols.plant import PlantState
 from beltscape.protocols.settings import MqttSettings
 
@@ -137,23 +137,23 @@ class JsonChannel:
 
     def publish_state(self, state: PlantState) -> None:
         """Publish the state, and the alarms that have changed; the broker keeps them."""
-        self._connection.publish(Message(f"{self._topic}/state", format_state(state), qos=0, retain=True))
+        self._connection.publish(MqttMessage(f"{self._topic}/state", format_state(state), qos=0, retain=True))
         for alarm in state.alarms:
             text = format_alarm(alarm)
             if self._alarms.get(alarm.name) != text:
                 self._alarms[alarm.name] = text
                 topic = f"{self._topic}/alarms/{alarm.name.replace(':', '/')}"
-                self._connection.publish(Message(topic, text, qos=0, retain=True))
+                self._connection.publish(MqttMessage(topic, text, qos=0, retain=True))
 
     def publish_records(self, records: Sequence[BeltRecord]) -> int:
         """Publish records; return how many of them, from the first on, have arrived."""
         return self._connection.publish_all(
-            [Message(f"{self._topic}/records", format_record(record)) for record in records]
+            [MqttMessage(f"{self._topic}/records", format_record(record)) for record in records]
         )
 
     def close(self) -> None:
         """Say goodbye where the connection still stands, and end."""
         self._connection.close(self._make_status("offline"))
 
-    def _make_status(self, text: str) -> Message:
-        return Message(f"{self._topic}/status", text, retain=True)
+    def _make_status(self, text: str) -> MqttMessage:
+        return MqttMessage(f"{self._topic}/status", text, retain=True)

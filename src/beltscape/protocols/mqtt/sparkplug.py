@@ -24,7 +24,7 @@ from beltscape import __version__
 from beltscape.core.checks import is_dict
 from beltscape.core.ledger import BeltRecord
 from beltscape.protocols.kept_number import KeptNumber
-from beltscape.protocols.mqtt.connection import Connection, Message
+from beltscape.protocols.mqtt.connection import Connection, MqttMessage
 from beltscape.protocols.mqtt.json_channel import QUALITIES
 from beltscape.protocols.mqtt.sparkplug_payload import (
     BAD,
@@ -286,7 +286,9 @@ class SparkplugChannel:
         self._birth = (-1 if kept.number is None else kept.number) + 1
         self._birth %= _SEQUENCE
         kept.keep(self._birth)
-        self._death = Message(self._topic.format("NDEATH"), encode(_now_ms(), [self._make_birth_number()]))
+        self._death = MqttMessage(
+            self._topic.format("NDEATH"), encode(_now_ms(), [self._make_birth_number()])
+        )
         self._commands = self._topic.format("NCMD")
         self._connection = Connection(settings, password, self._death, self._on_message)
         self._metrics, self._rebirth = DeviceMetrics(), Event()
@@ -358,13 +360,13 @@ class SparkplugChannel:
             Metric("String", f"Beltscape {__version__}", time_ms, "Properties/Program"),
         ]
         payload = encode(time_ms, node, self._take_sequence())
-        self._connection.publish(Message(self._topic.format("NBIRTH"), payload, qos=0))
+        self._connection.publish(MqttMessage(self._topic.format("NBIRTH"), payload, qos=0))
         self._publish("DBIRTH", self._metrics.make_birth(state))
         self._is_born = True
 
     def _publish(self, kind: str, metrics: Sequence[Metric]) -> None:
         topic = f"{self._topic.format(kind)}/{self._device}"
-        self._connection.publish(Message(topic, encode(_now_ms(), metrics, self._take_sequence()), qos=0))
+        self._connection.publish(MqttMessage(topic, encode(_now_ms(), metrics, self._take_sequence()), qos=0))
 
     def _take_sequence(self) -> int:
         number = self._sequence

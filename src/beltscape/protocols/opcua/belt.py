@@ -29,7 +29,7 @@ from beltscape.protocols.opcua.address_space import (
     Builder,
     own_id,
 )
-from beltscape.protocols.opcua.quantities import QUANTITIES, RECORD_QUANTITIES, Quantity
+from beltscape.protocols.opcua.quantities import QUANTITIES, RECORD_QUANTITIES, OpcUaQuantity
 from beltscape.protocols.opcua.types import make_weight
 from beltscape.protocols.plant import Provenance
 from beltscape.protocols.settings import OpcUaSettings
@@ -191,7 +191,7 @@ def _add_texts(builder: Builder, node: ua.NodeId, texts: dict[str, str], names: 
         builder.add_property(_below(node, key), node, ua.QualifiedName(key, DI), value)
 
 
-def _add_quantity(builder: Builder, quantity: Quantity, settings: OpcUaSettings) -> None:
+def _add_quantity(builder: Builder, quantity: OpcUaQuantity, settings: OpcUaSettings) -> None:
     node, parent = own_id(quantity.path), _find_parent(quantity.path)
     value = make_weight(0.0) if quantity.is_weight else ua.Variant(0.0, ua.VariantType.Double)
     builder.add_variable(

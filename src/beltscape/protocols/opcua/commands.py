@@ -51,7 +51,7 @@ _METHODS = (
 )
 
 
-class Commands:
+class CommandMethods:
     """The methods; each needs the role operator and is written to the audit log, whether it is done or refused."""
 
     def __init__(

@@ -17,7 +17,7 @@ from asyncua.server.internal_server import InternalServer
 
 from beltscape.core.alarms import Alarm
 from beltscape.protocols.opcua.address_space import OWN, Builder, own_id
-from beltscape.protocols.opcua.commands import Commands
+from beltscape.protocols.opcua.commands import CommandMethods
 from beltscape.protocols.opcua.publication import to_datetime
 from beltscape.protocols.plant import PlantState
 
@@ -46,7 +46,7 @@ class _Condition:
 class Conditions:
     """The conditions of all alarms; an alarm that was not known becomes a new one."""
 
-    def __init__(self, server: InternalServer, builder: Builder, commands: Commands) -> None:
+    def __init__(self, server: InternalServer, builder: Builder, commands: CommandMethods) -> None:
         """Add the method of acknowledgement."""
         self._server, self._builder, self._commands = server, builder, commands
         self._conditions: dict[str, _Condition] = {}

@@ -20,7 +20,7 @@ from asyncua import ua
 from beltscape.core.ledger import BeltRecord
 from beltscape.protocols.opcua.address_space import own_id
 from beltscape.protocols.opcua.publication import make_count, make_value
-from beltscape.protocols.opcua.quantities import QUANTITIES, RECORD_QUANTITIES, Quantity, RecordQuantity
+from beltscape.protocols.opcua.quantities import QUANTITIES, RECORD_QUANTITIES, OpcUaQuantity, RecordQuantity
 from beltscape.protocols.plant import Plant
 
 _PAGE = 2000
@@ -203,7 +203,7 @@ def _find_place(record: BeltRecord) -> tuple[int, int]:
     return record.wall_ns, record.number
 
 
-def _make_encoder(quantity: Quantity) -> Encode:
+def _make_encoder(quantity: OpcUaQuantity) -> Encode:
     def encode(record: BeltRecord) -> ua.DataValue:
         value = math.nan if quantity.record is None else quantity.record(record)
         return make_value(value, quantity.find_record_status(record, value), record.wall_ns)

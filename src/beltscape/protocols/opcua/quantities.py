@@ -25,7 +25,7 @@ _STATUS: dict[Standing, int] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
+class OpcUaQuantity:
     """One number with a unit."""
 
     path: str
@@ -93,85 +93,85 @@ def _compute_load(state: PlantState) -> float:
 _PROCESS = "Belt.Monitoring.Process"
 _SCALE_PROCESS = "Belt.Components.BeltScale.Monitoring.Process"
 _SCALE = "Belt.Components.Scale"
-QUANTITIES: tuple[Quantity, ...] = (
-    Quantity(
+QUANTITIES: tuple[OpcUaQuantity, ...] = (
+    OpcUaQuantity(
         f"{_PROCESS}.VolumeFlowRate", "m³/h", "volume flow", lambda s: s.volume_flow_m3_h,
         record=_read_strip(lambda strip: strip.volume_flow_m3_h),
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_PROCESS}.VolumeFlowRateSigma", "m³/h", "one standard deviation of the volume flow",
         lambda s: s.volume_flow_sigma_m3_h,
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_PROCESS}.MassFlowRate", "t/h", "mass flow", lambda s: s.mass_flow_t_h, record=_MASS_FLOW,
         absent=_NO_DENSITY,
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_PROCESS}.MassFlowRateSigma", "t/h", "one standard deviation of the mass flow, from the volume alone",
         lambda s: s.mass_flow_sigma_t_h, absent=_NO_DENSITY,
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_PROCESS}.BeltSpeed", "m/s", "speed of the belt", lambda s: s.speed_m_s, "speed", _SPEED
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_PROCESS}.CrossSection", "m²", "mean cross-section of the load", lambda s: s.area_mm2 * 1e-6,
         record=_read_strip(lambda strip: strip.area_mm2 * 1e-6),
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_PROCESS}.Load", "kg/m", "mass on the belt per length", _compute_load, absent=_NO_DENSITY
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_PROCESS}.Filling", "%", "share of the full belt's cross-section",
         lambda s: 100 * s.area_mm2 / s.full_area_mm2 if s.full_area_mm2 else math.nan,
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_PROCESS}.Coverage", "%", "share of the load that is measured", lambda s: s.coverage * 100
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_PROCESS}.LargestLump", "mm", "sieve size of the largest lump at the last search",
         lambda s: s.largest_lump_mm, "speed", absent=ua.StatusCodes.BadWaitingForInitialData,
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_SCALE_PROCESS}.MassFlowRate", "t/h", "mass flow", lambda s: s.mass_flow_t_h, record=_MASS_FLOW,
         absent=_NO_DENSITY, namespace=CONVEYING,
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_SCALE_PROCESS}.BeltSpeedScale", "m/s", "speed of the belt", lambda s: s.speed_m_s, "speed", _SPEED,
         namespace=CONVEYING,
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_SCALE}.FlowRate", "t/h", "mass flow", lambda s: s.mass_flow_t_h, record=_MASS_FLOW,
         absent=_NO_DENSITY, namespace=SCALES, kind=MEASURED_ITEM_TYPE,
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_SCALE}.Speed", "m/s", "speed of the belt", lambda s: s.speed_m_s, "speed", _SPEED, namespace=SCALES
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_SCALE}.Load", "kg/m", "mass on the belt per length", _compute_load, absent=_NO_DENSITY,
         namespace=SCALES,
     ),
-    Quantity(
+    OpcUaQuantity(
         f"{_SCALE}.MasterTotalizer.TotalizedValue", "t", "mass of all records",
         lambda s: s.totals.mass_kg * 1e-3, "total", absent=_NO_DENSITY, namespace=SCALES,
         kind=MEASURED_ITEM_TYPE,
     ),
-    Quantity("Belt.Totals.Volume", "m³", "volume of all records", lambda s: s.totals.volume_mm3 * 1e-9, "total"),
-    Quantity(
+    OpcUaQuantity("Belt.Totals.Volume", "m³", "volume of all records", lambda s: s.totals.volume_mm3 * 1e-9, "total"),
+    OpcUaQuantity(
         "Belt.Totals.VolumeSigma", "m³", "one standard deviation of the volume",
         lambda s: s.totals.sigma_mm3 * 1e-9, "total",
     ),
-    Quantity(
+    OpcUaQuantity(
         "Belt.Totals.Mass", "t", "mass of all records", lambda s: s.totals.mass_kg * 1e-3, "total",
         absent=_NO_DENSITY,
     ),
-    Quantity(
+    OpcUaQuantity(
         "Belt.Totals.ValidLength", "m", "belt that was measured well", lambda s: s.totals.valid_mm * 1e-3, "total"
     ),
-    Quantity(
+    OpcUaQuantity(
         "Belt.Totals.DegradedLength", "m", "belt that was measured with less certainty",
         lambda s: s.totals.degraded_mm * 1e-3, "total",
     ),
-    Quantity(
+    OpcUaQuantity(
         "Belt.Totals.MissingLength", "m", "belt that was not measured", lambda s: s.totals.missing_mm * 1e-3,
         "total",
     ),

@@ -25,7 +25,7 @@ from beltscape.protocols.listening import ListeningThread
 from beltscape.protocols.opcua.address_space import URIS, Builder
 from beltscape.protocols.opcua.belt import add_belt
 from beltscape.protocols.opcua.certificates import ClientCertificates, open_own_certificate
-from beltscape.protocols.opcua.commands import Commands
+from beltscape.protocols.opcua.commands import CommandMethods
 from beltscape.protocols.opcua.conditions import Conditions
 from beltscape.protocols.opcua.history import RecordHistory
 from beltscape.protocols.opcua.publication import Findings, Publication
@@ -138,7 +138,7 @@ _POLICIES = {
 """Policies by the least security of the settings."""
 
 
-class ServedPlant(Plant, PlantCommands, Protocol):
+class ControlledPlant(Plant, PlantCommands, Protocol):
     """The running system, its commands and its users."""
 
     @property
@@ -158,7 +158,7 @@ class OpcUaServer:
     def __init__(
         self,
         settings: OpcUaSettings,
-        plant: ServedPlant,
+        plant: ControlledPlant,
         data: Path,
         on_message: Callable[[str], None] = lambda _: None,
     ) -> None:
@@ -238,7 +238,7 @@ class OpcUaServer:
         await add_weight_type(guarded, builder)
         add_types(builder)
         add_belt(builder, self._settings, self.own.application, self._plant.provenance)
-        commands = Commands(guarded, builder, self._plant, self._plant.users)
+        commands = CommandMethods(guarded, builder, self._plant, self._plant.users)
         publication = Publication(guarded, self._plant, lambda: self._plant.provenance)
         conditions, findings = Conditions(guarded, builder, commands), Findings(guarded, builder)
         return publication, [

@@ -47,7 +47,7 @@ _TEXT = ua.NodeId(ua.ObjectIds.PropertyType)
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class TypeMember:
     """A component, add-in or property that a type declares."""
 
     name: str
@@ -63,13 +63,13 @@ class ObjectType:
     node: ua.NodeId
     name: str
     parent: ua.NodeId
-    members: tuple[Member, ...] = ()
+    members: tuple[TypeMember, ...] = ()
     is_abstract: bool = False
 
 
 _EQUIPMENT = (
-    Member("MiningEquipmentIdentification", MINING, MINING_IDENTIFICATION_TYPE),
-    Member("MachineryBuildingBlocks", MACHINERY, _FOLDER),
+    TypeMember("MiningEquipmentIdentification", MINING, MINING_IDENTIFICATION_TYPE),
+    TypeMember("MachineryBuildingBlocks", MACHINERY, _FOLDER),
 )
 _TYPES: tuple[ObjectType, ...] = (
     ObjectType(
@@ -81,14 +81,17 @@ _TYPES: tuple[ObjectType, ...] = (
         ITEM_IDENTIFICATION_TYPE,
         "MachineryItemIdentificationType",
         FUNCTIONAL_GROUP_TYPE,
-        (Member("Manufacturer", DI, _TEXT), Member("SerialNumber", DI, _TEXT)),
+        (TypeMember("Manufacturer", DI, _TEXT), TypeMember("SerialNumber", DI, _TEXT)),
         is_abstract=True,
     ),
     ObjectType(
         MACHINE_IDENTIFICATION_TYPE,
         "MachineIdentificationType",
         ITEM_IDENTIFICATION_TYPE,
-        (Member("ProductInstanceUri", DI, _TEXT), Member("Location", MACHINERY, _TEXT, is_mandatory=False)),
+        (
+            TypeMember("ProductInstanceUri", DI, _TEXT),
+            TypeMember("Location", MACHINERY, _TEXT, is_mandatory=False),
+        ),
     ),
     ObjectType(MACHINE_COMPONENTS_TYPE, "MachineComponentsType", ua.NodeId(ua.ObjectIds.BaseObjectType)),
     ObjectType(
@@ -96,7 +99,8 @@ _TYPES: tuple[ObjectType, ...] = (
         "MonitoringType",
         _FOLDER,
         tuple(
-            Member(name, MACHINERY, _FOLDER, is_mandatory=False) for name in ("Process", "Status", "Health")
+            TypeMember(name, MACHINERY, _FOLDER, is_mandatory=False)
+            for name in ("Process", "Status", "Health")
         ),
     ),
     ObjectType(
@@ -108,7 +112,7 @@ _TYPES: tuple[ObjectType, ...] = (
         MINING_IDENTIFICATION_TYPE,
         "MiningEquipmentIdentificationType",
         MACHINE_IDENTIFICATION_TYPE,
-        tuple(Member(name, DI, _TEXT) for name in ("AssetId", "DeviceClass", "ManufacturerUri", "Model")),
+        tuple(TypeMember(name, DI, _TEXT) for name in ("AssetId", "DeviceClass", "ManufacturerUri", "Model")),
     ),
     ObjectType(
         MINING_EQUIPMENT_TYPE, "MiningEquipmentType", ua.NodeId(ua.ObjectIds.BaseObjectType), _EQUIPMENT
@@ -122,38 +126,38 @@ _TYPES: tuple[ObjectType, ...] = (
         MINING_EQUIPMENT_TYPE,
         (
             *_EQUIPMENT,
-            Member("Components", MACHINERY, MACHINE_COMPONENTS_TYPE, is_mandatory=False),
-            Member("Monitoring", MACHINERY, MONITORING_TYPE),
+            TypeMember("Components", MACHINERY, MACHINE_COMPONENTS_TYPE, is_mandatory=False),
+            TypeMember("Monitoring", MACHINERY, MONITORING_TYPE),
         ),
     ),
     ObjectType(
         BELT_SCALE_TYPE,
         "BeltScaleType",
         MINING_EQUIPMENT_TYPE,
-        (*_EQUIPMENT, Member("Monitoring", MACHINERY, MONITORING_TYPE, is_mandatory=False)),
+        (*_EQUIPMENT, TypeMember("Monitoring", MACHINERY, MONITORING_TYPE, is_mandatory=False)),
     ),
     ObjectType(
         SCALE_DEVICE_TYPE,
         "ScaleDeviceType",
         COMPONENT_TYPE,
-        (Member("Identification", DI, ITEM_IDENTIFICATION_TYPE),),
+        (TypeMember("Identification", DI, ITEM_IDENTIFICATION_TYPE),),
         is_abstract=True,
     ),
     ObjectType(
         TOTALIZER_TYPE,
         "TotalizerType",
         ua.NodeId(ua.ObjectIds.BaseObjectType),
-        (Member("TotalizedValue", SCALES, MEASURED_ITEM_TYPE),),
+        (TypeMember("TotalizedValue", SCALES, MEASURED_ITEM_TYPE),),
     ),
     ObjectType(
         CONTINUOUS_SCALE_TYPE,
         "ContinuousScaleType",
         SCALE_DEVICE_TYPE,
         (
-            Member("FlowRate", SCALES, MEASURED_ITEM_TYPE),
-            Member("Speed", SCALES, _ANALOGUE, is_mandatory=False),
-            Member("Load", SCALES, _ANALOGUE, is_mandatory=False),
-            Member("MasterTotalizer", SCALES, TOTALIZER_TYPE, is_mandatory=False),
+            TypeMember("FlowRate", SCALES, MEASURED_ITEM_TYPE),
+            TypeMember("Speed", SCALES, _ANALOGUE, is_mandatory=False),
+            TypeMember("Load", SCALES, _ANALOGUE, is_mandatory=False),
+            TypeMember("MasterTotalizer", SCALES, TOTALIZER_TYPE, is_mandatory=False),
         ),
     ),
 )
@@ -173,7 +177,7 @@ def add_types(builder: Builder) -> None:
         _add_metadata(builder, namespace, version)
 
 
-def _add_member(builder: Builder, kind: ObjectType, member: Member) -> None:
+def _add_member(builder: Builder, kind: ObjectType, member: TypeMember) -> None:
     node = own_id(f"{kind.name}.{member.name}")
     name = ua.QualifiedName(member.name, member.namespace)
     if member.kind == _TEXT:

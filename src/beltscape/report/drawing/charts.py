@@ -28,7 +28,7 @@ _MARKS: dict[Mark, str] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class KeyEntry:
     """A word with its mark in the charts; a cell of a table or an entry of a key."""
 
     text: str
@@ -45,10 +45,10 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class ChartKey:
     """The key to the marks of a chart."""
 
-    entries: Sequence[Entry]
+    entries: Sequence[KeyEntry]
     kind: str = "key"
 
 
@@ -60,12 +60,14 @@ class Chart:
     narrow: str
     """SVG elements."""
     caption: str
-    legends: Sequence[Scale | Swatches | Key] = ()
+    legends: Sequence[Scale | Swatches | ChartKey] = ()
     half: bool = False
     """Whether it shares its row with another one on wide screens."""
     kind: str = "chart"
 
     @classmethod
-    def draw(cls, plot: Callable[[Form], Figure], caption: str, *legends: Scale | Swatches | Key) -> Chart:
+    def draw(
+        cls, plot: Callable[[Form], Figure], caption: str, *legends: Scale | Swatches | ChartKey
+    ) -> Chart:
         """Return a plot, drawn in both forms."""
         return cls(to_svg(plot, WIDE), to_svg(plot, NARROW), caption, legends)

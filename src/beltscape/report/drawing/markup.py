@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from markupsafe import Markup
 
-from beltscape.report.drawing.charts import Entry
+from beltscape.report.drawing.charts import KeyEntry
 from beltscape.report.drawing.legend import Color, Rgb, Scale
 from beltscape.report.drawing.pictures import PANEL_PX, is_light, limit_width
 
@@ -60,9 +60,9 @@ def rim(color: Color) -> str:
     return "#000" if is_light(color) else "#fff"
 
 
-def cell_class(cell: str | Entry) -> Markup:
+def cell_class(cell: str | KeyEntry) -> Markup:
     """Return the class attribute of a table cell: prose is left-aligned and wraps, a state does not wrap."""
-    if isinstance(cell, Entry):
+    if isinstance(cell, KeyEntry):
         return Markup(' class="state"')
     return Markup(' class="text"') if len(cell) > _PROSE else Markup("")
 

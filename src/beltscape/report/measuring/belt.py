@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
 from beltscape.core.geometry.camera import Camera
-from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.legend import DIFFERENCE, Color, Rgb, Scale, Swatches
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.pictures import Panel, quantile_range
@@ -121,12 +121,12 @@ def _tiles(belt: Belt) -> Tiles:
 
 def make_section_chart(belt: Belt) -> Chart:
     """Return the cross-section as a chart."""
-    entries = [Entry("height of the belt", "first"), Entry("three σ of it", "band", "area")]
+    entries = [KeyEntry("height of the belt", "first"), KeyEntry("three σ of it", "band", "area")]
     if belt.flat_mm is not None:
-        entries.append(Entry("level middle", "grid", "area"))
+        entries.append(KeyEntry("level middle", "grid", "area"))
     if any(np.isfinite(end) for end in _ends(belt)):
-        entries.append(Entry("ends", "limit"))
-    return Chart.draw(partial(plot_section, belt), "Cross-section, and three σ of it.", Key(entries))
+        entries.append(KeyEntry("ends", "limit"))
+    return Chart.draw(partial(plot_section, belt), "Cross-section, and three σ of it.", ChartKey(entries))
 
 
 def plot_section(belt: Belt, form: Form) -> Figure:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
 from beltscape.core.geometry.camera import Camera
-from beltscape.measure.features.result import EdgeLine, MeasuredModule, Quantity
+from beltscape.measure.features.result import EdgeLine, MeasuredDimension, MeasuredModule
 from beltscape.measure.features.solids import NO_PART
 from beltscape.report.drawing.depth_picture import NO_TRUTH
 from beltscape.report.drawing.legend import DIFFERENCE, QUIET, Color, Rgb, Scale, Swatches, round_above
@@ -232,7 +232,7 @@ def summarise_module(measured: MeasuredModule) -> str:
     )
 
 
-def _signed(quantity: Quantity) -> str:
+def _signed(quantity: MeasuredDimension) -> str:
     return f"{quantity.measured_mm - quantity.nominal_mm:+.3f}".replace("-", "−")
 
 

@@ -18,7 +18,7 @@ from beltscape.core.height_map import HeightMap
 from beltscape.core.ledger import QUALITIES, FlowRecord
 from beltscape.measure.flow.meter import FramePlacement
 from beltscape.measure.flow.strips import FlowTotals
-from beltscape.report.drawing.charts import Chart, Entry, Key, Mark
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry, Mark
 from beltscape.report.drawing.legend import HEIGHT, Scale
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.pictures import quantile_range
@@ -43,9 +43,9 @@ _MOST_CELLS = 1600
 """Largest number of cells of a piece along the belt."""
 
 
-def make_state_entry(quality: str) -> Entry:
+def make_state_entry(quality: str) -> KeyEntry:
     """Return the word of a strip's quality with its mark."""
-    return Entry(quality, quality, _SHAPES[quality][0])
+    return KeyEntry(quality, quality, _SHAPES[quality][0])
 
 
 def make_belt_chart(records: Sequence[FlowRecord], belt: HeightMap, share: NDArray[np.float64]) -> Chart:
@@ -88,7 +88,9 @@ def make_flow_chart(records: Sequence[FlowRecord]) -> Chart:
     """Return the cross-section over the belt, and the flow over time."""
     present = [quality for quality in QUALITIES if any(r.quality == quality for r in records)]
     caption = "Cross-section along the belt with two σ, and flow over time."
-    return Chart.draw(partial(plot_flow, records), caption, Key([make_state_entry(name) for name in present]))
+    return Chart.draw(
+        partial(plot_flow, records), caption, ChartKey([make_state_entry(name) for name in present])
+    )
 
 
 def plot_flow(records: Sequence[FlowRecord], form: Form) -> Figure:
@@ -134,11 +136,11 @@ def _plot_rates(axis: Axes, timed: Sequence[FlowRecord]) -> None:
 
 def make_motion_chart(steps: Sequence[FramePlacement]) -> Chart:
     """Return the speed of material and encoder, and the difference of their positions."""
-    entries = [Entry("belt as used", "first"), Entry("told by the material", "first", "circle")]
+    entries = [KeyEntry("belt as used", "first"), KeyEntry("told by the material", "first", "circle")]
     if any(s.place.encoder_mm is not None for s in steps):
-        entries.append(Entry("encoder", "second", "dashed"))
+        entries.append(KeyEntry("encoder", "second", "dashed"))
     caption = "Speed by the material and by the encoder; what they differ by."
-    return Chart.draw(partial(_plot_motion, steps), caption, Key(entries))
+    return Chart.draw(partial(_plot_motion, steps), caption, ChartKey(entries))
 
 
 def _plot_motion(steps: Sequence[FramePlacement], form: Form) -> Figure:
@@ -180,7 +182,7 @@ def _plot_speeds(axis: Axes, steps: Sequence[FramePlacement], *, encoder: bool) 
 
 def make_coverage_chart(records: Sequence[FlowRecord]) -> Chart:
     """Return the measured share of every strip, by a single frame and by all frames."""
-    key = Key([Entry("all frames", "first"), Entry("one frame alone", "second", "dashed")])
+    key = ChartKey([KeyEntry("all frames", "first"), KeyEntry("one frame alone", "second", "dashed")])
     return Chart.draw(partial(_plot_coverage, records), "Share of each strip that was measured.", key)
 
 

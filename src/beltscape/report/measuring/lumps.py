@@ -16,7 +16,7 @@ from scipy import ndimage
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image, to_grey
 from beltscape.measure.lumps.lumps import BIAS, FINES, Lump, Lumps
-from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.charts import Mark as ChartMark
 from beltscape.report.drawing.depth_picture import LIGHT
 from beltscape.report.drawing.legend import HEIGHT, Color, Rgb, Scale, Swatches
@@ -248,14 +248,14 @@ def _percent(share: float) -> str:
 def make_distribution_chart(lumps: Lumps) -> Chart:
     """Return the distribution of the sizes as a chart."""
     entries = [
-        Entry(f"{name} ({len(chosen)})", role, mark)
+        KeyEntry(f"{name} ({len(chosen)})", role, mark)
         for name, whole, role, mark in _CURVES
         if (chosen := _select_lumps(lumps, whole))
     ]
     if lumps.oversize is not None:
-        entries.append(Entry(f"over {lumps.oversize.limit_mm:g} mm is oversize", "limit", "dotted"))
+        entries.append(KeyEntry(f"over {lumps.oversize.limit_mm:g} mm is oversize", "limit", "dotted"))
     caption = "Share of the mass in lumps smaller than a size, with d10 to d90 of all and their σ; numbers of lumps."
-    return Chart.draw(partial(plot_distribution, lumps), caption, Key(entries))
+    return Chart.draw(partial(plot_distribution, lumps), caption, ChartKey(entries))
 
 
 def plot_distribution(lumps: Lumps, form: Form) -> Figure:

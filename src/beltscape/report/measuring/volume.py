@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
 from beltscape.measure.volume.volume import Volume
-from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.legend import HEIGHT, Scale
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.pictures import quantile_range
@@ -122,11 +122,11 @@ def make_height_chart(volume: Volume) -> Chart:
     """Return the load's height map as a chart."""
     low, high = quantile_range(volume.load.height_mm, 0.002)
     scale = Scale(min(low, 0.0), high, HEIGHT, label="height, mm")
-    signs = [Entry("stretch that is measured", "limit", "outline")]
+    signs = [KeyEntry("stretch that is measured", "limit", "outline")]
     if volume.centre is not None:
-        signs.append(Entry("centre of gravity", "limit", "cross"))
+        signs.append(KeyEntry("centre of gravity", "limit", "cross"))
     caption = "Height of the load above the empty belt; interpolated cells are faded, unknown ones empty."
-    return Chart.draw(partial(plot_heights, volume, scale), caption, scale, Key(signs))
+    return Chart.draw(partial(plot_heights, volume, scale), caption, scale, ChartKey(signs))
 
 
 def plot_heights(volume: Volume, scale: Scale, form: Form) -> Figure:

@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from beltscape.files.json_number import Number
-from beltscape.production.scale import Comparison
+from beltscape.production.scale import WeighedVolume
 from beltscape.production.shifts import Period, PeriodKind
 from beltscape.production.sums import Batch, ProductionSums, add_up
 
@@ -69,7 +69,7 @@ class ScaleOut(_Document):
     reason: str
 
     @classmethod
-    def from_comparison(cls, comparison: Comparison) -> ScaleOut:
+    def from_comparison(cls, comparison: WeighedVolume) -> ScaleOut:
         """Return the comparison in t."""
         return cls(
             mass_t=comparison.weighing.kg * 1e-3,
@@ -100,7 +100,7 @@ class BatchOut(_Document):
     scale: ScaleOut | None
 
     @classmethod
-    def from_batch(cls, batch: Batch, comparison: Comparison | None) -> BatchOut:
+    def from_batch(cls, batch: Batch, comparison: WeighedVolume | None) -> BatchOut:
         """Return the batch with its weighing, if there is a scale."""
         return cls(
             number=batch.number,
@@ -131,7 +131,7 @@ class PeriodOut(_Document):
 
     @classmethod
     def from_period(
-        cls, period: Period, by_product: dict[str, ProductionSums], comparison: Comparison | None
+        cls, period: Period, by_product: dict[str, ProductionSums], comparison: WeighedVolume | None
     ) -> PeriodOut:
         """Return the period with its sums and its weighing, if there is a scale."""
         return cls(
@@ -155,7 +155,7 @@ class ChangeOut(_Document):
     by: str
 
 
-class FlowOut(_Document):
+class FlowIntervals(_Document):
     """Mean flow in equal intervals."""
 
     width_ms: int
@@ -175,7 +175,7 @@ class ReportDocument(_Document):
     shifts: list[PeriodOut]
     batches: list[BatchOut]
     changes: list[ChangeOut]
-    flow: FlowOut
+    flow: FlowIntervals
     colours: dict[str, str]
     """Colour of every product."""
 

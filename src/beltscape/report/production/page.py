@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.plots import Form, make_panels
 from beltscape.report.page import Lines, Section, Table, Tile, Tiles, render
@@ -28,8 +28,8 @@ def make_flow_chart(document: ReportDocument, texts: Texts) -> Chart:
     """Return the chart; intervals without a measurement have no bar."""
     caption = texts("flow_caption")
     known = [name for name in document.colours if any(c.product == name for c in document.changes)]
-    entries = [Entry(name, document.colours[name], "square") for name in known]
-    return Chart.draw(partial(_plot, document, texts), caption, *([Key(entries)] if entries else []))
+    entries = [KeyEntry(name, document.colours[name], "square") for name in known]
+    return Chart.draw(partial(_plot, document, texts), caption, *([ChartKey(entries)] if entries else []))
 
 
 def _plot(document: ReportDocument, texts: Texts, form: Form) -> Figure:
@@ -118,13 +118,13 @@ def _sum_columns(texts: Texts) -> list[str]:
     return [texts(key) for key in ("volume_m3", "mass_t", "belt_m", "missing_m")]
 
 
-def _mark_product(name: str, document: ReportDocument, texts: Texts) -> Entry | str:
+def _mark_product(name: str, document: ReportDocument, texts: Texts) -> KeyEntry | str:
     colour = document.colours.get(name)
-    return (name or texts("no_product")) if colour is None else Entry(name, colour, "square")
+    return (name or texts("no_product")) if colour is None else KeyEntry(name, colour, "square")
 
 
 def _product_table(document: ReportDocument, texts: Texts) -> Table:
-    rows: list[Sequence[str | Entry]] = [
+    rows: list[Sequence[str | KeyEntry]] = [
         [_mark_product(one.product, document, texts), *_sum_cells(one.totals, texts)]
         for one in document.period.by_product
     ]
@@ -162,7 +162,7 @@ def _batch_table(batches: Sequence[BatchOut], texts: Texts) -> Table | Lines:
 
 
 def _change_table(document: ReportDocument, texts: Texts) -> Table:
-    rows: list[Sequence[str | Entry]] = [
+    rows: list[Sequence[str | KeyEntry]] = [
         [_mark_product(change.product, document, texts), texts.moment(change.at_ms), change.by]
         for change in document.changes
     ]
@@ -185,7 +185,7 @@ def _scale_table(weighed: Sequence[tuple[str, ScaleOut]], texts: Texts) -> Table
             texts.with_sigma(scale.density_kg_m3, scale.sigma_kg_m3),
             texts.with_sigma(scale.moisture_percent, scale.moisture_sigma_percent),
             texts.with_sigma(scale.deviation_t, scale.deviation_sigma_t),
-            Entry(texts("disagrees"), "missing", "cross") if scale.disagrees else "",
+            KeyEntry(texts("disagrees"), "missing", "cross") if scale.disagrees else "",
         ]
         for name, scale in weighed
     ]

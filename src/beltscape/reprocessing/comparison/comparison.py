@@ -16,8 +16,8 @@ from beltscape.core.errors import InputError
 from beltscape.core.progress import Reporter
 from beltscape.reprocessing.comparison.differences import (
     BeltPart,
+    DifferencePattern,
     DifferingStretch,
-    Pattern,
     find_pattern,
     list_changed_standings,
     list_differing_stretches,
@@ -229,7 +229,7 @@ class Comparison:
     stretches: tuple[DifferingStretch, ...]
     """Those that differ most beyond their σ."""
     provenance: tuple[Provenance, ...]
-    pattern: Pattern | None
+    pattern: DifferencePattern | None
     """What the differences of the intervals have in common; None: nothing."""
 
     @property

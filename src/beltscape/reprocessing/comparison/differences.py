@@ -216,7 +216,7 @@ _EVIDENCE = 9.0
 
 
 @dataclass(frozen=True, slots=True)
-class Pattern:
+class DifferencePattern:
     """A pattern that the differences of the intervals have in common."""
 
     kind: Literal["proportional", "constant"]
@@ -226,7 +226,7 @@ class Pattern:
     """One standard deviation of it, by the strips' own errors."""
 
 
-def find_pattern(volume: PairedSums) -> Pattern | None:
+def find_pattern(volume: PairedSums) -> DifferencePattern | None:
     """Return the pattern that explains the differences of the intervals; None if none does, or both do.
 
     Each pattern is fitted by weighted least squares. Errors that all strips share are left out of the weights: they
@@ -249,10 +249,12 @@ def find_pattern(volume: PairedSums) -> Pattern | None:
 
 def _fit_pattern(
     kind: Literal["proportional", "constant"], quantity: Numbers, difference: Numbers, weight: Numbers
-) -> tuple[Pattern, float]:
+) -> tuple[DifferencePattern, float]:
     """Return the pattern of differences in proportion to a quantity, and the χ² that it leaves."""
     norm = float((weight * quantity**2).sum())
     if norm <= 0:
-        return Pattern(kind, 0.0, np.inf), np.inf
+        return DifferencePattern(kind, 0.0, np.inf), np.inf
     value = float((weight * quantity * difference).sum()) / norm
-    return Pattern(kind, value, norm**-0.5), float((weight * (difference - value * quantity) ** 2).sum())
+    return DifferencePattern(kind, value, norm**-0.5), float(
+        (weight * (difference - value * quantity) ** 2).sum()
+    )

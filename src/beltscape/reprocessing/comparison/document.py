@@ -7,7 +7,12 @@ from dataclasses import asdict
 from typing import Any
 
 from beltscape.reprocessing.comparison.comparison import Comparison, PairedTotal, Provenance, WholeLedger
-from beltscape.reprocessing.comparison.differences import BeltPart, DifferingStretch, Pattern, StretchSide
+from beltscape.reprocessing.comparison.differences import (
+    BeltPart,
+    DifferencePattern,
+    DifferingStretch,
+    StretchSide,
+)
 from beltscape.reprocessing.comparison.ledger import ComparedLedger
 from beltscape.reprocessing.comparison.texts import explain_causes, explain_sigma, list_warnings, make_verdict
 from beltscape.reprocessing.comparison.uncertainty import Intervals
@@ -74,7 +79,7 @@ def _describe_provenance(one: Provenance) -> dict[str, Any]:
     }
 
 
-def _describe_pattern(pattern: Pattern) -> dict[str, Any]:
+def _describe_pattern(pattern: DifferencePattern) -> dict[str, Any]:
     unit = "relative" if pattern.kind == "proportional" else "mm2"
     return {"kind": pattern.kind, unit: pattern.value, f"sigma_{unit}": pattern.sigma}
 

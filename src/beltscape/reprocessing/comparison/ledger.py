@@ -25,7 +25,7 @@ from beltscape.core.progress import Reporter
 from beltscape.sinks.historian.database import MIGRATIONS, open_reader, require_known
 from beltscape.sinks.historian.day_files import UNBOUNDED
 from beltscape.sinks.historian.events import Run, read_runs
-from beltscape.sinks.historian.ledger import Sums, read_sums
+from beltscape.sinks.historian.ledger import LedgerTotals, read_sums
 from beltscape.sinks.historian.periods import read_records
 from beltscape.sinks.historian.recovery import DATABASE
 
@@ -286,7 +286,7 @@ def _require_sound(connection: sqlite3.Connection, path: Path) -> None:
         )
 
 
-def _check_sums(columns: LedgerColumns, sums: Sums | None, path: Path, reporter: Reporter) -> None:
+def _check_sums(columns: LedgerColumns, sums: LedgerTotals | None, path: Path, reporter: Reporter) -> None:
     """Warn if the records do not add up to the sums that the ledger keeps with a checksum."""
     volumes = columns.volume_mm3[columns.is_counted]
     kept = math.nan if sums is None else sums.totals.volume_mm3

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from beltscape.report.drawing.charts import Chart, Entry, Key
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.plots import Form, make_panels
 from beltscape.report.page import Lines, Section, Table, Tile, Tiles, render
@@ -56,17 +56,17 @@ _STEPS_S = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800
 def make_flow_chart(intervals: Intervals) -> Chart:
     """Return the chart: flows over time, or cross-sections along the belt where no speed is known."""
     entries = [
-        Entry("A", "first"),
-        Entry("B", "second", "dashed"),
-        Entry("B - A", "third"),
-        Entry("its ±2 σ", "band", "area"),
-        Entry("beyond ±2 σ", "missing", "circle"),
+        KeyEntry("A", "first"),
+        KeyEntry("B", "second", "dashed"),
+        KeyEntry("B - A", "third"),
+        KeyEntry("its ±2 σ", "band", "area"),
+        KeyEntry("beyond ±2 σ", "missing", "circle"),
     ]
     quantity = "flow" if has_flow(intervals) else "cross-section"
     caption = (
         f"Mean {quantity} of both on the belt that both measured, and the difference with ±2 σ, per interval."
     )
-    return Chart.draw(partial(_plot, intervals), caption, Key(entries))
+    return Chart.draw(partial(_plot, intervals), caption, ChartKey(entries))
 
 
 def has_flow(intervals: Intervals) -> bool:
@@ -220,11 +220,11 @@ def _make_ledgers_table(comparison: Comparison) -> Table:
     return Table(columns, rows)
 
 
-def _make_total_row(name: str, total: PairedTotal, factor: float) -> list[str | Entry]:
+def _make_total_row(name: str, total: PairedTotal, factor: float) -> list[str | KeyEntry]:
     mark = {
-        True: Entry("agrees", "measured", "circle"),
-        False: Entry("differs", "missing", "cross"),
-        None: Entry("no σ", "degraded", "square"),
+        True: KeyEntry("agrees", "measured", "circle"),
+        False: KeyEntry("differs", "missing", "cross"),
+        None: KeyEntry("no σ", "degraded", "square"),
     }[total.agrees]
     return [
         name,

@@ -13,8 +13,8 @@ from beltscape.reprocessing.comparison.comparison import Comparison, PairedTotal
 from beltscape.reprocessing.comparison.differences import (
     NO_RECORD,
     BeltPart,
+    DifferencePattern,
     DifferingStretch,
-    Pattern,
     StretchSide,
 )
 from beltscape.reprocessing.comparison.segments import EDGE_MM
@@ -159,7 +159,7 @@ def explain_causes(comparison: Comparison) -> Iterator[str]:
         )
 
 
-def describe_pattern(pattern: Pattern) -> str:
+def describe_pattern(pattern: DifferencePattern) -> str:
     """Return the pattern of the differences, and what has such a pattern."""
     if pattern.kind == "proportional":
         share = format_with_sigma(100 * pattern.value, 100 * pattern.sigma, sign="+")

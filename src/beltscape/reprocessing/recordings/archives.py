@@ -31,7 +31,7 @@ _RANGE = re.compile(r"(.*)@(\d+)\+(\d+)", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
-class Member:
+class ArchiveMember:
     """A file in an archive."""
 
     start: int
@@ -49,7 +49,7 @@ class Member:
 
 
 def split_member(path: str) -> tuple[str, int, int]:
-    """Return name, start and length of a path that `Member.append_range` made."""
+    """Return name, start and length of a path that `ArchiveMember.append_range` made."""
     match = _RANGE.fullmatch(path)
     if match is None:
         raise ValueError(f"{path}: has no byte range")
@@ -76,7 +76,7 @@ _DESCRIPTOR_BYTES = 8
 """Bytes of a data descriptor up to its CRC: the signature, which may be missing, and the CRC (APPNOTE 4.3.9)."""
 
 
-def list_zip(file: IO[bytes], url: str) -> dict[str, Member]:
+def list_zip(file: IO[bytes], url: str) -> dict[str, ArchiveMember]:
     """Return the files of a zip archive by name; InputError if it is damaged, encrypted or packed otherwise."""
     try:
         with zipfile.ZipFile(file) as archive:
@@ -91,7 +91,9 @@ def list_zip(file: IO[bytes], url: str) -> dict[str, Member]:
                 f"{url}: {info.filename} is packed by method {info.compress_type}; pack it again by deflate or store"
             )
     return {
-        info.filename: Member(info.header_offset, info.compress_size, info.file_size, f"{info.CRC:08x}")
+        info.filename: ArchiveMember(
+            info.header_offset, info.compress_size, info.file_size, f"{info.CRC:08x}"
+        )
         for info in infos
     }
 
@@ -304,18 +306,20 @@ class UnpackedFile(io.RawIOBase):
         return data
 
 
-def list_tar(file: IO[bytes] | UnpackedFile, url: str) -> dict[str, Member]:
+def list_tar(file: IO[bytes] | UnpackedFile, url: str) -> dict[str, ArchiveMember]:
     """Return the files of a tar archive by name; InputError if it is damaged or cut short.
 
     Hard links are listed with the data of their file, other links are left out.
     """
-    members: dict[str, Member] = {}
+    members: dict[str, ArchiveMember] = {}
     try:
         with tarfile.open(fileobj=file, mode="r:") as archive:
             while (info := archive.next()) is not None:
                 archive.members = []  # it would grow with the archive  # pyrefly: ignore[missing-attribute]
                 if info.isreg():
-                    members[info.name] = Member(info.offset_data, info.size, info.size, f"{info.mtime}")
+                    members[info.name] = ArchiveMember(
+                        info.offset_data, info.size, info.size, f"{info.mtime}"
+                    )
                 elif info.islnk() and info.linkname in members:
                     members[info.name] = members[info.linkname]
             file.seek(archive.offset)
@@ -337,7 +341,7 @@ _STREAMS: OrderedDict[str, GzipStream | None] = OrderedDict()
 _LOCK = Lock()
 
 
-def list_archive(kind: str, url: str) -> dict[str, Member]:
+def list_archive(kind: str, url: str) -> dict[str, ArchiveMember]:
     """Return the files of an archive by name.
 
     Raises

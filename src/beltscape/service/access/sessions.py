@@ -143,7 +143,7 @@ _KEY_SCHEME = "bearer "
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class AccessKey:
     """A key as the list of keys shows it."""
 
     name: str
@@ -157,10 +157,10 @@ class Keys:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def list(self) -> tuple[Key, ...]:
+    def list(self) -> tuple[AccessKey, ...]:
         """Return all keys by name."""
         return tuple(
-            Key(*row) for row in self._database.select("SELECT name, created_s FROM keys ORDER BY name")
+            AccessKey(*row) for row in self._database.select("SELECT name, created_s FROM keys ORDER BY name")
         )
 
     def create(self, name: str) -> str:

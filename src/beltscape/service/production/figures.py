@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from beltscape.pipeline.live.production import ProductionControl
-from beltscape.production.scale import Comparison, Trend, compare, fit_trend, weigh
+from beltscape.production.scale import Trend, WeighedVolume, compare, fit_trend, weigh
 from beltscape.production.settings import ProductSettings, ScaleSettings
 from beltscape.production.shifts import Period, PeriodKind, list_production_days, list_shifts
 from beltscape.production.sums import ProductionSums, add_up
@@ -69,7 +69,7 @@ class ProductionFigures:
 
     def _compare(
         self, since_ns: int, until_ns: int | None, by_product: Mapping[str, ProductionSums]
-    ) -> Comparison | None:
+    ) -> WeighedVolume | None:
         """Return the comparison of a period that is over; None without a scale."""
         if self.scale is None or until_ns is None:
             return None

@@ -18,7 +18,7 @@ from beltscape.core.supervision import make_supervised_thread
 from beltscape.files.atomic import ensure_output_folder, keep_state
 from beltscape.production.settings import ReportSettings
 from beltscape.production.shifts import Period, PeriodKind
-from beltscape.report.production.document import ChangeOut, FlowOut, ReportDocument
+from beltscape.report.production.document import ChangeOut, FlowIntervals, ReportDocument
 from beltscape.report.production.pdf import require_pdf
 from beltscape.report.production.texts import make_title, open_texts, summarise
 from beltscape.service.production.figures import ProductionFigures
@@ -210,7 +210,7 @@ class ReportWriter:
             shifts=[self._figures.count_period(shift) for shift in shifts],
             batches=self._figures.list_batches(since, until)[::-1],
             changes=[ChangeOut(at_ms=c.wall_ns // _MS_NS, product=c.product, by=c.by) for c in changes],
-            flow=FlowOut(
+            flow=FlowIntervals(
                 width_ms=series.width_ns // _MS_NS,
                 start_ms=[int(each) // _MS_NS for each in series.start_ns],
                 m3_h=[float(each) for each in series.flow_m3_h],

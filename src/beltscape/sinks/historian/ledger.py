@@ -40,7 +40,7 @@ def add_compensated(pair: Pair, value: float) -> Pair:
 
 
 @dataclass(frozen=True, slots=True)
-class Sums:
+class LedgerTotals:
     """The end of the ledger and its totals."""
 
     number: int = 0
@@ -63,7 +63,7 @@ class Sums:
     sigma_run_mm3: float = 0.0
     """σ of this run."""
 
-    def add_record(self, record: BeltRecord) -> Sums:
+    def add_record(self, record: BeltRecord) -> LedgerTotals:
         """Return the sums with one more record."""
         volume, mass = get_volume_mm3(record), get_mass_kg(record)
         lengths = {
@@ -109,8 +109,8 @@ class Sums:
         return json.dumps({"sums": values, "crc32": crc32(body.encode())}, sort_keys=True)
 
 
-def read_sums(text: str) -> Sums | None:
-    """Return the sums of ``Sums.text``; None if the text is damaged."""
+def read_sums(text: str) -> LedgerTotals | None:
+    """Return the sums of ``LedgerTotals.text``; None if the text is damaged."""
     try:
         document = json.loads(text)
         values: dict[str, Any] = document["sums"]
@@ -119,12 +119,12 @@ def read_sums(text: str) -> Sums | None:
         pairs: dict[str, Any] = {
             k: tuple(cast("list[float]", v)) for k, v in values.items() if isinstance(v, list)
         }
-        return Sums(**{**values, **pairs})
+        return LedgerTotals(**{**values, **pairs})
     except (ValueError, TypeError, KeyError):
         return None
 
 
-def read_leading_sums(data: bytes) -> Sums | None:
+def read_leading_sums(data: bytes) -> LedgerTotals | None:
     """Return the sums whose text ``data`` begins with, ignoring what follows; None if it is damaged or absent."""
     try:
         text = data.decode("latin-1")
@@ -218,12 +218,12 @@ def merge_buckets(one: Bucket, other: Bucket) -> Bucket:
 
 def append_records(
     connection: sqlite3.Connection,
-    sums: Sums,
+    sums: LedgerTotals,
     records: Sequence[BeltRecord],
     shift_ns: int,
     *,
     sections: bool,
-) -> Sums:
+) -> LedgerTotals:
     """Store all or none of the new ``records``; return the sums after them. They are on disk when this returns.
 
     Raises
@@ -268,7 +268,7 @@ class transaction:  # noqa: N801  (a context manager, used like a keyword)
                 self._connection.execute("ROLLBACK")
 
 
-def set_sums(connection: sqlite3.Connection, sums: Sums) -> None:
+def set_sums(connection: sqlite3.Connection, sums: LedgerTotals) -> None:
     """Let the ledger end, and add up, as ``sums`` says; within a transaction."""
     connection.execute(
         "UPDATE ledger SET number = ?, run = ?, end_mm = ?, state = ?",
@@ -278,7 +278,7 @@ def set_sums(connection: sqlite3.Connection, sums: Sums) -> None:
 
 
 def _select_new(
-    connection: sqlite3.Connection, sums: Sums, records: Sequence[BeltRecord]
+    connection: sqlite3.Connection, sums: LedgerTotals, records: Sequence[BeltRecord]
 ) -> list[BeltRecord]:
     """Return the records that are not stored yet, each checked to continue the previous one."""
     new: list[BeltRecord] = []

@@ -28,7 +28,7 @@ from beltscape.sinks.historian.database import locate_suspect_marker, open_write
 from beltscape.sinks.historian.day_files import UNBOUNDED, DayFile, read_day, read_summary
 from beltscape.sinks.historian.ledger import (
     SUMS_BEGIN,
-    Sums,
+    LedgerTotals,
     append_records,
     read_leading_sums,
     read_sums,
@@ -51,7 +51,7 @@ _SIGMA_FACTOR = 2.0
 class CaughtUp:
     """The sums after the recovery."""
 
-    sums: Sums
+    sums: LedgerTotals
     message: str
     """Line that describes what was recovered and what is missing; empty if nothing was."""
 
@@ -59,7 +59,7 @@ class CaughtUp:
 class _CatchUp:
     """Adds the records that files have behind the database's end."""
 
-    def __init__(self, connection: sqlite3.Connection, sums: Sums) -> None:
+    def __init__(self, connection: sqlite3.Connection, sums: LedgerTotals) -> None:
         self.connection, self.sums = connection, sums
         self.lost: list[str] = []
         self._volume, self._sigma = connection.execute(
@@ -140,7 +140,7 @@ class _CatchUp:
         return True
 
 
-def catch_up(connection: sqlite3.Connection, sums: Sums, folder: Path, shift_ns: int) -> CaughtUp:
+def catch_up(connection: sqlite3.Connection, sums: LedgerTotals, folder: Path, shift_ns: int) -> CaughtUp:
     """Return the sums with everything that day files and tables have behind the database's end.
 
     Raises
@@ -207,7 +207,7 @@ class OpenedDatabase:
     """A sound database."""
 
     connection: sqlite3.Connection
-    sums: Sums
+    sums: LedgerTotals
     number: int
     """The database holds all records up to this number, and perhaps later ones behind those of unknown day files."""
     message: str
@@ -265,13 +265,13 @@ def _open_or_replace(folder: Path, shift_ns: int) -> OpenedDatabase:
     return OpenedDatabase(connection, saved, sums.number, message)
 
 
-def replace_database(folder: Path, shift_ns: int, known: Sums | None, why: str) -> OpenedDatabase:
+def replace_database(folder: Path, shift_ns: int, known: LedgerTotals | None, why: str) -> OpenedDatabase:
     """Move the database aside and create a new one with the newest totals; no connection may be open."""
     path = folder / DATABASE
     moved = move_database_aside(path)
     locate_suspect_marker(path).unlink(missing_ok=True)
     candidates = [sums for sums in (known, read_snapshot(folder), _salvage_sums(moved)) if sums is not None]
-    sums = max(candidates, key=lambda each: each.number, default=Sums())
+    sums = max(candidates, key=lambda each: each.number, default=LedgerTotals())
     connection = open_writer(path)
     with transaction(connection):
         set_sums(connection, sums)
@@ -284,7 +284,7 @@ def replace_database(folder: Path, shift_ns: int, known: Sums | None, why: str) 
     return OpenedDatabase(connection, sums, 0, message)
 
 
-def read_snapshot(folder: Path) -> Sums | None:
+def read_snapshot(folder: Path) -> LedgerTotals | None:
     """Return the totals of ``totals.json``; None if it is absent or damaged."""
     try:
         return read_sums((folder / SNAPSHOT).read_text("utf-8"))
@@ -292,15 +292,15 @@ def read_snapshot(folder: Path) -> Sums | None:
         return None
 
 
-def write_snapshot(folder: Path, sums: Sums) -> None:
+def write_snapshot(folder: Path, sums: LedgerTotals) -> None:
     """Write the totals beside the database, for its recovery; OSError if that fails."""
     write_durably(folder / SNAPSHOT, (sums.text() + "\n").encode())
 
 
-def _check_database(connection: sqlite3.Connection, path: Path) -> Sums:
+def _check_database(connection: sqlite3.Connection, path: Path) -> LedgerTotals:
     """Check the database and return its sums; sqlite3.DatabaseError if it is damaged."""
     number, state = connection.execute("SELECT number, state FROM ledger").fetchone() or (0, "gone")
-    sums = Sums() if not state and not number else read_sums(state)
+    sums = LedgerTotals() if not state and not number else read_sums(state)
     if sums is None or sums.number != number:
         raise sqlite3.DatabaseError("the end of its ledger is not readable")
     if path.stat().st_size <= _QUICK_BYTES or locate_suspect_marker(path).exists():
@@ -325,9 +325,9 @@ def move_database_aside(path: Path) -> Path:
         ) from error
 
 
-def _salvage_sums(path: Path) -> Sums | None:
+def _salvage_sums(path: Path) -> LedgerTotals | None:
     """Return the newest sums with a valid checksum anywhere in the bytes of a database or its log."""
-    found: list[Sums] = []
+    found: list[LedgerTotals] = []
     for file in (path, path.with_name(f"{path.name}-wal")):
         try:
             with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
@@ -341,7 +341,7 @@ def _salvage_sums(path: Path) -> Sums | None:
 
 
 def rescue_database(
-    folder: Path, shift_ns: int, connection: sqlite3.Connection, sums: Sums, why: str
+    folder: Path, shift_ns: int, connection: sqlite3.Connection, sums: LedgerTotals, why: str
 ) -> OpenedDatabase:
     """Write the database again from the open connection, which is closed; from the totals alone if it is unsound.
 
@@ -381,7 +381,7 @@ def rescue_database(
     return OpenedDatabase(open_writer(path), sums, sums.number, message)
 
 
-def correct_end(connection: sqlite3.Connection, sums: Sums) -> bool:
+def correct_end(connection: sqlite3.Connection, sums: LedgerTotals) -> bool:
     """Set the stored end of the ledger to ``sums`` if it differs; return whether it did.
 
     Raises

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from beltscape.core.ledger import BeltRecord
 from beltscape.core.progress import Silent
-from beltscape.measure.flow.meter import FlowMeter
+from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.measurement_run import MeasurementRun
@@ -73,7 +73,9 @@ def test_run_counts_the_encoders_travel_and_the_heap() -> None:
 def test_run_gives_the_records_of_the_command() -> None:
     sets = [frames(p, p, cameras=() if p == 1200 else CAMERAS) for p in positions(600, 1800)]
     context = make_context()
-    chain = FlowChain(context.matcher, FlowMeter(context.empty_belt, context.flow, density=context.density))
+    chain = FlowChain(
+        context.matcher, BeltFlowMeter(context.empty_belt, context.flow, density=context.density)
+    )
     offline = [r for one in sets for r in chain.push(one, Silent(), whole=bool(one.images)).records]
     offline += chain.finish()
     entries = measured(LedgerState(1, 0, None), sets)
@@ -93,7 +95,7 @@ def test_frame_without_one_camera_is_degraded_with_the_reason() -> None:
 def test_belt_measured_with_inconsistent_cameras_is_degraded() -> None:
     context = make_context()
     matcher = FakeMatcher()
-    chain = FlowChain(matcher, FlowMeter(context.empty_belt, context.flow, density=context.density))
+    chain = FlowChain(matcher, BeltFlowMeter(context.empty_belt, context.flow, density=context.density))
     records = []
     for place in positions(0, 1500):
         matcher.is_inconsistent = 600 <= place < 800

@@ -19,7 +19,10 @@ def hold_lock(path: Path) -> Generator[None]:
 
 
 def make_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
-    """Return a folder that the first worker to ask for it fills by ``make``; the others wait."""
+    """Return a folder that the first worker to ask for it fills by ``make``; the others wait.
+
+    One name is made by one function: what another one would have made is not taken for it.
+    """
     shared = factory.getbasetemp()
     shared = shared.parent if shared.name.startswith("popen") else shared
     folder, done = shared / name, shared / f"{name}.done"
@@ -27,5 +30,7 @@ def make_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
         if not done.is_file():
             folder.mkdir()
             make(folder)
-            done.touch()
+            done.write_text(f"{make.__module__} {make.__qualname__}")
+        elif done.read_text() != (asked := f"{make.__module__} {make.__qualname__}"):
+            raise ValueError(f"{name} was made by {done.read_text()}, not by {asked}")
     return folder

@@ -49,7 +49,7 @@ def test_every_verb_has_an_example_that_runs(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:
     if name == "calibrate":
-        found = {**found, "demo": make_once(tmp_path_factory, "small_demo", make_small_demo)}
+        found = {**found, "demo": make_once(tmp_path_factory, "four_camera_demo", make_small_demo)}
     monkeypatch.chdir(tmp_path)
     bs.write_rig(found["rig"], "rig.json")
     bs.write_belt(found["belt"], "belt.json")

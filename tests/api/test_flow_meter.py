@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import beltscape as bs
-from tests.measure.flow.moving_belt import CAMERA, depth_map
+from tests.measure.flow.moving_belt import COARSE_CAMERA, depth_map
 from tests.measure.flow.test_flow_meter import HEAP, positions, seen
 
 STEP_MM = 150.0
@@ -13,12 +13,12 @@ STEP_MM = 150.0
 
 @pytest.fixture(scope="module")
 def rig() -> bs.Rig:
-    return bs.Rig(CAMERA.name, {CAMERA.name: CAMERA}, {CAMERA.name: bs.Pose.identity()})
+    return bs.Rig("cam0", {"cam0": COARSE_CAMERA}, {"cam0": bs.Pose.identity()})
 
 
 @pytest.fixture(scope="module")
 def belt(rig: bs.Rig) -> bs.Belt:
-    return bs.learn_belt([depth_map(None, 0.0, seed=99)], rig)
+    return bs.learn_belt([depth_map(None, 0.0, seed=99, camera=COARSE_CAMERA)], rig)
 
 
 def measure(meter: bs.FlowMeter, *, encoder: bool) -> list[bs.FlowRecord]:

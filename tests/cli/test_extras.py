@@ -52,7 +52,7 @@ for module in pkgutil.walk_packages(beltscape.__path__, "beltscape."):
 
 
 def test_images_become_depth_and_a_page_without_extras(tmp_path, tmp_path_factory):
-    demo = make_once(tmp_path_factory, "small_demo", make_small_demo)
+    demo = make_once(tmp_path_factory, "four_camera_demo", make_small_demo)
     done = run_without_extras(f"""
 from beltscape.cli.main import main
 scene, rig, out = {str(demo / "module")!r}, {str(demo / "truth" / "rig.json")!r}, {str(tmp_path)!r}

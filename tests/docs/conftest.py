@@ -88,7 +88,7 @@ def results(tmp_path_factory) -> Results:
 @pytest.fixture(scope="session")
 def small_demo(tmp_path_factory) -> Path:
     """The capture that the manual's tests are run on in place of the demo's."""
-    return make_once(tmp_path_factory, "small_demo", make_small_demo)
+    return make_once(tmp_path_factory, "four_camera_demo", make_small_demo)
 
 
 @pytest.fixture(autouse=True)

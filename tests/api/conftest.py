@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 import beltscape as bs
+from tests.once import make_once
 from tests.synthetic.demo import DEMO, TRUE_RIG
 
 
@@ -24,13 +27,18 @@ def rig() -> bs.Rig:
 
 
 @pytest.fixture(scope="session")
-def scenes(rig: bs.Rig) -> dict[str, Scene]:
+def scenes(tmp_path_factory, rig: bs.Rig) -> dict[str, Scene]:
     matcher = bs.Reconstructor(rig, preset="fast")
-    return {
-        name: Scene(frame, matcher(frame))
-        for name in ("belt_empty", "belt_loaded", "module")
-        for frame in bs.read_capture(DEMO / name, rig)
-    }
+
+    def make(folder: Path) -> None:
+        made = {
+            name: Scene(frame, matcher(frame))
+            for name in ("belt_empty", "belt_loaded", "module")
+            for frame in bs.read_capture(DEMO / name, rig)
+        }
+        (folder / "scenes.pickle").write_bytes(pickle.dumps(made))
+
+    return pickle.loads((make_once(tmp_path_factory, "scenes", make) / "scenes.pickle").read_bytes())
 
 
 @pytest.fixture(scope="session")

@@ -78,6 +78,7 @@ def test_three_specimens_against_their_subsets(real_data, method):
     check_points(read_dice_auto(real_data("dice_stereo_auto")), method, AUTO[method])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS)
 def test_a_motorcycle_against_its_truth(real_data, method):
     pair, limits = read_motorcycle(real_data("middlebury_motorcycle")), MOTORCYCLE[method]

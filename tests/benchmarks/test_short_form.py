@@ -28,6 +28,7 @@ def on_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("row", list_cases(ROWS, ("encoder frozen",)))
 def test_row_passes(row: str) -> None:
     (case,) = (case for case in import_module("faults.cases").read_cases() if case.name == row)

@@ -51,6 +51,7 @@ def test_two_cameras_on_a_chessboard(tmp_path):
     assert found.held_out.frames == 8
 
 
+@pytest.mark.thorough
 def test_a_camera_mounted_upside_down_numbers_the_chessboard_alike(tmp_path):
     rig = row_of_cameras(["left", "right"])
     turned = Pose.of([0, 0, np.pi], [0, 0, 0]) @ rig.cam_from_core["right"]

@@ -13,6 +13,7 @@ from beltscape.files.rig_json import write_rig
 pytestmark = pytest.mark.usefixtures("desk")
 
 
+@pytest.mark.thorough
 def test_calibrate_writes_rig_document_and_report_and_nothing_else(calibrate):
     assert calibrate() == (0, [])
     assert sorted(path.name for path in Path("out").iterdir()) == [

@@ -51,6 +51,7 @@ for module in pkgutil.walk_packages(beltscape.__path__, "beltscape."):
     assert done.returncode == 0
 
 
+@pytest.mark.thorough
 def test_images_become_depth_and_a_page_without_extras(tmp_path, tmp_path_factory):
     demo = make_once(tmp_path_factory, "four_camera_demo", make_small_demo)
     done = run_without_extras(f"""

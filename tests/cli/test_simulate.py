@@ -52,6 +52,7 @@ def test_json_is_one_document_that_names_what_was_written(capsys):
     assert (scenario["seed"], scenario["rig"]["scale"]) == (5, 0.5)
 
 
+@pytest.mark.thorough
 def test_options_and_a_given_rig_are_used(capsys):
     assert main(["simulate", "scene.toml", "--out", "first", "--size", "half"]) == 0
     said = capsys.readouterr().out.splitlines()

@@ -98,6 +98,7 @@ def test_moved_core_degrades_or_voids_the_frame(frame):
         assert ("camera_pose", RIG.core, effect) in faults_of(matcher)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("step", list_cases([(1, -1), (-1, 1), (-1, -1)], [(-1, -1)]))
 def test_mirrored_images_of_all_cameras_are_named(frame, step):
     matcher = make_matcher()

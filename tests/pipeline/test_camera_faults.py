@@ -70,6 +70,7 @@ def write_empty_belt(folder, rig):
     write_rig(folder / "rig.json", rig)
 
 
+@pytest.mark.thorough
 def test_knocked_auxiliary_is_excluded_and_the_depth_is_right(run, cropped, cropped_rig, tmp_path):
     knocked = write_knocked_rig(cropped_rig, tmp_path, ("cam2", (0.1, 0.2, 0)))
     code, out, err = reconstruct(run, cropped / "belt_loaded", knocked, tmp_path / "r")
@@ -154,6 +155,7 @@ class _TrueDepthMatcher:
         return make_depth(TRUTH)
 
 
+@pytest.mark.thorough
 def test_matcher_continues_with_the_next_consistent_frame():
     rig, frame = crop_demo_rig(), read_cropped_frame("belt_loaded")
     matcher = CheckedMatcher(rig, rig.auxiliaries, (570.0, 750.0), lambda _: _TrueDepthMatcher(), every=50)

@@ -119,6 +119,7 @@ def test_every_picture_of_the_chain_shows_something(demo):
             assert (picture == np.bincount(picture.ravel()).argmax()).mean() < 0.99, path
 
 
+@pytest.mark.thorough
 @needs_browser
 @short_and_shipped
 def test_every_report_of_the_chain_fits_a_phone_and_paper(demo, reports):

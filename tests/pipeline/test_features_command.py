@@ -95,6 +95,7 @@ def test_answer_and_files_follow_the_contract(measured):
     assert text_faults(page) == []
 
 
+@pytest.mark.thorough
 def test_plain_image_replaces_the_patterned_one_at_edges(run, frame, measured, tmp_path):
     toml, dots = frame.parent / "module.toml", tmp_path / "dots.png"
     noise = np.random.default_rng(1).integers(0, 255, (512, 612), dtype=np.uint8)

@@ -72,6 +72,7 @@ def test_summary_names_the_evidence_of_the_direction(timed_flow: tuple[Mapping[s
     assert f"in {evidence['pairs_towards_plus_y']} of" in summary(result)
 
 
+@pytest.mark.thorough
 def test_direction_of_an_empty_belt_is_unknown(tmp_path: Path) -> None:
     result = write_flow_result(
         tmp_path, measured(make_unknown_density(), heap=None), make_unknown_density(), ()

@@ -97,6 +97,7 @@ def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkey
     assert sorted(path.name for path in marks.iterdir()) == [name for name in FRAMES if name != "002"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("elsewhere", list_cases(["nothing", "another_frame"], ["another_frame"]))
 def test_images_are_sent_to_workers_that_do_not_see_them(capture, tmp_path, elsewhere: str) -> None:
     other = {name: capture / name / "003.png" for name in ("cam0", "cam1", "cam2", "cam3")}

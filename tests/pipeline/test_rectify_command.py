@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from beltscape.core.geometry.pose import Pose
 from beltscape.files.images import read_image, write_image
@@ -58,6 +59,7 @@ def check_a_moved_camera(run, cropped, rig, plain, tmp_path):
     assert (above.min(axis=2) < 128).any()
 
 
+@pytest.mark.thorough
 def test_camera_without_matches_is_unmatched(run, cropped_capture, cropped_rig, tmp_path):
     folder = cropped_capture("belt_loaded")
     path = folder / "cam3" / "000.png"

@@ -81,6 +81,7 @@ def run(frames, at_a_time):
     return done, reporter.warnings, max(counts)
 
 
+@pytest.mark.thorough
 def test_frames_matched_at_a_time_change_no_result_and_no_warning(frames):
     alone, two = run(frames, 1), run(frames, 2)
     assert two[:2] == alone[:2]

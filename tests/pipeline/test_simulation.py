@@ -23,7 +23,7 @@ from beltscape.simulate.scene_assembly import SimulatedScene
 from beltscape.target.board import CharucoBoard, corner_points_mm, read_board
 from beltscape.target.module import read_module
 from tests.simulate.tiny import CUBES, tiny
-from tests.thorough import THOROUGH
+from tests.thorough import THOROUGH, list_cases
 
 CAMERAS = ("cam0", "cam1", "cam2")
 TOF = {"camera": {"size_px": (64, 48), "multipath": False}}
@@ -52,7 +52,7 @@ def simulated(tmp_path_factory):
     return capture
 
 
-@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("kind", list_cases(SCENES, ["calibration", "belt_moving"]))
 def test_simulated_capture_reads_as_a_capture(simulated, kind):
     scene, folder = SCENES[kind](), simulated(kind)
     capture = read_capture(folder)

@@ -79,6 +79,7 @@ def test_births_data_rebirth_and_death(broker: Broker, tmp_path: Path) -> None:
     host.close()
 
 
+@pytest.mark.thorough
 @with_broker
 def test_no_record_is_lost_while_host_broker_or_program_are_away(broker: Broker, tmp_path: Path) -> None:
     plant, rng = FakePlant(), random.Random(9)

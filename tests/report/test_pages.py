@@ -65,6 +65,7 @@ def test_layout_check_detects_a_bad_page(opened):
     assert any("1 tables" in fault for fault in text_faults(bare + "<table></table>"))
 
 
+@pytest.mark.thorough
 @needs_browser
 def test_tables_that_are_cut_have_a_shadow_and_lone_tiles_do_not_stretch(opened):
     table = Table([f"column {k}" for k in range(20)], [["a"] * 20])

@@ -160,6 +160,7 @@ def read_true_depth(scene: str) -> bs.DepthMap:
     return bs.DepthMap(depth, sigma, known.astype(np.uint8), known.astype(np.float32))
 
 
+@pytest.mark.thorough
 def test_quality_of_a_pattern_shows_a_piece_of_it_and_both_curves() -> None:
     pattern = make_pattern(PatternSettings(size_px=(400, 300)))
     image = draw_pattern(pattern)

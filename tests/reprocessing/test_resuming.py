@@ -100,6 +100,7 @@ def test_a_run_goes_on_on_a_processor_that_fits_the_empty_belt_with_other_last_b
     assert (again["changed"], again["measured_now"]) == (False, 0)
 
 
+@pytest.mark.thorough
 def test_another_empty_belt_needs_a_store_of_its_own(reprocess, run, recorded_plant, tmp_path) -> None:
     reprocess("moving")
     other = _write_project(recorded_plant, tmp_path, 'empty = "empty/000"', 'empty = "empty"')

@@ -138,6 +138,7 @@ def test_what_passes_one_service_passes_the_other_after_the_delay(ledgers: Ledge
     assert max(deviations) == pytest.approx(expected, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_a_service_that_was_away_is_balanced_when_it_is_back(ledgers: Ledgers, tmp_path: Path) -> None:
     ledgers.measure("a", 0, 6)
     ledgers.measure("c", 0, 6)
@@ -159,6 +160,7 @@ def test_a_service_that_was_away_is_balanced_when_it_is_back(ledgers: Ledgers, t
             check_result(result, ledgers.begin_s)
 
 
+@pytest.mark.thorough
 def test_windows_in_which_a_program_did_not_run_are_incomplete_and_no_others(
     ledgers: Ledgers, tmp_path: Path
 ) -> None:

@@ -66,6 +66,7 @@ def test_three_belts_one_away_and_back(belts: dict[str, Belt], tmp_path: Path) -
         wait_until(lambda: [count(running, name) for name in "abc"] == [27, 50, 25])
 
 
+@pytest.mark.thorough
 def test_signed_in_users_only(belts: dict[str, Belt], tmp_path: Path) -> None:
     import httpx
 

@@ -65,6 +65,7 @@ def test_scenarios_are_the_same_on_every_draw_and_hold_every_kind(load) -> None:
     assert held_out.rig.seed not in {one.rig.seed for one in drawn}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", list_cases(["initial_confidence", "confidence"], ["confidence"]))
 def test_samples_of_pixels_have_the_features_of_the_network(load, capture, monkeypatch, name: str) -> None:
     pixels = load("samples.pixels")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from beltscape.calibration.assessment.covariance import compute_depth_sigma, compute_rig_covariance
 from beltscape.calibration.bundle_adjustment import adjust_bundle
@@ -54,6 +55,7 @@ def test_independent_noise_needs_no_inflation(rig, board, poses):
     assert max(raised) < 2
 
 
+@pytest.mark.thorough
 def test_a_board_that_bends_between_views_inflates_sigma_to_the_true_error(rig, board, poses):
     errors, sigmas, raised = [], [], []
     for seed in range(count_examples(16)):

@@ -51,6 +51,7 @@ def test_another_charuco_board_is_recognised(dictionary, squares, legacy, invert
     assert describe_shown_board(views(board, Print(legacy, inverted)), EXPECTED_BOARD) == message
 
 
+@pytest.mark.thorough
 def test_a_board_that_begins_with_another_marker_is_recognised():
     board = CharucoBoard(squares=(7, 6), square_mm=45, marker_mm=34, dictionary="DICT_5X5_100", first_id=46)
     shown = describe_shown_board(views(board), EXPECTED_BOARD)

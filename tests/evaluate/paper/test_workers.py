@@ -40,6 +40,7 @@ def rig_sizes(laboratory: Laboratory) -> dict[str, tuple[int, int]]:
     return {name: camera.size_px for name, camera in rig.cameras.items()}
 
 
+@pytest.mark.thorough
 def test_scores_and_files_are_those_of_one_process(laboratory, tmp_path, monkeypatch) -> None:
     methods = ("binocular", "multiview") if THOROUGH else ("binocular",)
     monkeypatch.setattr(surfaces, "METHODS", methods)

@@ -29,6 +29,7 @@ LIMITS_MM = {
 """At a quarter of the sensor's pixels (1.2 mm each)."""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("preset", "radius_mm"), list_rows([("standard", 0.3), ("fast", 1.0)], [("fast", 1.0)])
 )

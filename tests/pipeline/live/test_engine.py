@@ -166,6 +166,7 @@ def test_runs_follow_one_another(tmp_path: Path) -> None:
     again.close()
 
 
+@pytest.mark.thorough
 def test_another_program_that_holds_the_history_delays_only_the_storing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

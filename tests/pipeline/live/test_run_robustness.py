@@ -65,6 +65,7 @@ def test_a_narrower_umask_is_kept(tmp_path):
 NO_DATABASE = b"this is no database, but long enough to look at" * 30
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("content", list_cases([NO_DATABASE, b"\xa5" * 9000], [NO_DATABASE]))
 def test_a_damaged_users_database_does_not_stop_measuring(run, plant, content):
     data = plant.parent / "data"

@@ -105,6 +105,7 @@ def test_the_view_has_key_figures_journal_and_all_alarms(site, page):
     assert site.errors == []
 
 
+@pytest.mark.thorough
 def test_the_plant_s_own_texts_stand_before_the_page_s(site):
     page = site.page("/?lang=de")
     wait_until_live(page)

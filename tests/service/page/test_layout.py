@@ -78,6 +78,7 @@ def test_on_a_phone_the_flow_stands_above_a_short_list_with_one_line_for_all_cam
     page.context.close()
 
 
+@pytest.mark.thorough
 def test_wall_display_shows_everything_at_once(site):
     page = site.page("/?wall", wide=1920, high=1080)
     wait_until_live(page)
@@ -112,6 +113,7 @@ def test_negative_belt_positions_are_drawn_without_errors_and_without_webgl_from
     made.close()
 
 
+@pytest.mark.thorough
 def test_a_long_camera_message_stretches_no_picture_and_is_translated(site):
     plant = site.works.plant
     message = Message("overexposed: " + "the pixels are saturated; " * 40, "overexposed", share=37)

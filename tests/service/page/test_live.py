@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tests.service.page.site import (
     Site,
     needs_chromium,
@@ -33,6 +35,7 @@ def test_page_loads_offline_without_errors_and_updates(site):
     page.context.close()
 
 
+@pytest.mark.thorough
 def test_a_flow_without_a_measured_record_is_not_shown_though_frames_arrive(site, page):
     wait_for(page, "document.querySelector('#flow-volume').innerText.length > 1")
     measure, site.works.plant._measure = site.works.plant._measure, lambda _: None
@@ -67,6 +70,7 @@ def test_stale_values_are_marked_and_the_page_reconnects(site, page):
     site.errors.clear()  # the browser itself logs that nobody answered
 
 
+@pytest.mark.thorough
 def test_page_before_the_first_frame_states_this_and_shows_alarms(tmp_path, browser):
     made = Site(tmp_path, browser, frames=0)
     made.running.close()

@@ -58,6 +58,7 @@ def test_an_operator_changes_the_product_and_counts_a_batch(production_site):
     page.context.close()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("language", list_cases(["de", "zh"], ["de"]))
 def test_the_view_fits_a_phone(production_site, language):
     page = production_site.page(

@@ -211,6 +211,7 @@ def test_frame_before_shows_which_camera_is_late(auxiliaries, camera):
     assert "one frame" in fault.text
 
 
+@pytest.mark.thorough
 def test_late_core_is_held_until_moving_load_shows_its_own_instant():
     rig, late, before = see_with_late(2, "left")
     _, now = see(2)

@@ -73,6 +73,7 @@ def test_only_what_a_restart_must_not_lose_is_written(tmp_path: Path) -> None:
     assert (tmp_path / STATES_FILE).stat().st_ino != written
 
 
+@pytest.mark.thorough
 def test_no_acknowledgement_is_lost_by_a_kill(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-m", "tests.pipeline.live.operation.killed_operator", str(tmp_path), "12"],

@@ -9,6 +9,8 @@ NATIVE := CMakeLists.txt pyproject.toml $(SOURCES)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Many tests start the program, which takes twice as long where its modules are compiled anew.
 export PYTHONDONTWRITEBYTECODE :=
+# What is imported is compiled then; compiling every module of every package takes longer than installing them.
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --no-compile
 
 help: ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -18,11 +20,11 @@ $(VENV)/.made: tools/venv.sh
 	@touch $@
 
 $(VENV)/.run: $(VENV)/.made requirements/run.lock
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/run.lock
+	$(PIP_INSTALL) --require-hashes -r requirements/run.lock
 	@touch $@
 
 $(VENV)/.dev: $(VENV)/.run requirements/dev.lock
-	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/dev.lock
+	$(PIP_INSTALL) --require-hashes -r requirements/dev.lock
 	@touch $@
 
 $(VENV)/.native: $(VENV)/.run $(NATIVE)

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.thorough import list_cases
+
 ROOT = Path(__file__).resolve().parents[1]
 PRIVATE = """
 begun belief blame brink brinks contend contends contested deeds duel duels finalist finalists foresight glance guilty
@@ -101,7 +103,7 @@ def json_keys(value: object) -> Iterator[str]:
             yield from json_keys(part)
 
 
-@pytest.mark.parametrize("folder", ["src", "tools", "benchmarks", "tests"])
+@pytest.mark.parametrize("folder", list_cases(["src", "tools", "benchmarks", "tests"], ["src", "tests"]))
 def test_python_names_are_terms_of_the_field(folder):
     found = {
         (str(path.relative_to(ROOT)), name)

@@ -105,7 +105,6 @@ def test_belt_measured_with_inconsistent_cameras_is_degraded() -> None:
     assert is_inconsistent == [f"{place}" for place in positions(0, 1500) if 600 <= place < 800]
 
 
-@pytest.mark.thorough
 def test_graceful_stop_loses_nothing() -> None:
     first = measured(LedgerState(1, 0, None), [frames(p, p) for p in positions(0, 1500)])
     state = reopened(first, 2)

@@ -1,7 +1,7 @@
 """How many of the examples of a property are tried: a part in ``make test``, all in ``make thorough``.
 
-A test or case with the mark ``thorough`` shows on more inputs what another test shows in ``make test``; it runs in
-``make thorough`` only.
+A test or case with the mark ``thorough`` runs in ``make thorough`` only: it shows on more inputs, or at length, what
+a shorter test shows in ``make test``.
 """
 
 from __future__ import annotations

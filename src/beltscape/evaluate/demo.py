@@ -205,7 +205,8 @@ def render_demo_page(demo: Demo) -> str:
     """Return report.html of the demo."""
     loaded, module = demo.volumes["belt_loaded"], demo.volumes["module"]
     summary = (
-        f"{len(demo.calibration.rig.cameras)} cameras, calibrated from {demo.calibration.training.views} board views, measure "
+        f"{len(demo.calibration.rig.cameras)} cameras, calibrated from {demo.calibration.training.views} board "
+        "views, measure "
         f"{format_litres(loaded.volume.volume_mm3)} ± {format_litres(loaded.volume.sigma_mm3)} litres of rock "
         "on 0.4 m of belt; "
         f"the truth is {format_litres(loaded.true_mm3)}."

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.frames import FrameSet
+from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.files.images import read_image, write_image
@@ -118,17 +118,23 @@ class RoundCapture:
 
     def render(self, name: str, cameras: Sequence[str], faults: Mapping[str, Any]) -> Path:
         """Return the folder with these cameras' images of the whole round, rendered with these faults."""
-        out = self.folder / name
-        others = [{"camera": other} for other in self.rig.cameras if other not in cameras]
-        changed = {"faults": Faults.model_validate({**faults, "missing_frames": others})}
-        scene = SimulatedScene(self.scenario.model_copy(update=changed))
-        for frame in range(self.frames):
-            paths = {camera: out / camera / f"{scene.frame_name(frame)}.png" for camera in cameras}
+        out, render = self.folder / name, self.make_renderer(cameras, faults)
+        for frame, listed in enumerate(self.truth["frames"]):
+            paths = {camera: out / camera / f"{listed['frame']}.png" for camera in cameras}
             if not all(path.is_file() for path in paths.values()):
-                images = scene.render_frame(frame).images
+                images = render(frame)
                 for camera, path in paths.items():
                     write_image(path, images[camera])
         return out
+
+    def make_renderer(
+        self, cameras: Sequence[str], faults: Mapping[str, Any]
+    ) -> Callable[[int], Mapping[str, Image]]:
+        """Return what renders a frame of the round in these cameras with these faults."""
+        others = [{"camera": other} for other in self.rig.cameras if other not in cameras]
+        changed = {"faults": Faults.model_validate({**faults, "missing_frames": others})}
+        scene = SimulatedScene(self.scenario.model_copy(update=changed))
+        return lambda frame: scene.render_frame(frame).images
 
 
 def open_capture(

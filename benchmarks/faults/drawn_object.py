@@ -7,7 +7,6 @@ cameras. Not drawn: its shadow on the belt.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -17,12 +16,12 @@ from scipy import ndimage
 from beltscape.core.frames import Image, to_grey
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
-from beltscape.core.geometry.rig import Rig
 from beltscape.files.images import read_image
 from beltscape.files.json_text import read_json
 from beltscape.simulate.faults.belt import ForeignObject
 from beltscape.simulate.ray_casting import RayScene
-from beltscape.simulate.world import Solid
+from beltscape.simulate.world import Projector, Solid, Station
+from captures import parse_true_camera
 
 _SAMPLES = 4
 """Rays across and along a pixel."""
@@ -36,35 +35,18 @@ _NOISE = 0.75
 """Noise of images that are averages of 2 × 2 pixels, grey values."""
 
 
-@dataclass(frozen=True)
-class Projector:
-    """A projector without distortion."""
-
-    matrix: np.ndarray
-    from_world: Pose
-    pattern: np.ndarray
-    """(H, W) linear light, 0 to 1."""
-
-    def light(self, points_mm: np.ndarray) -> np.ndarray:
-        """Return the light (N,) on points (N, 3) of the world that face it, 1 at the belt's distance."""
-        local = self.from_world.apply(points_mm)
-        pixels = (local / local[:, 2:]) @ self.matrix.T
-        seen = ndimage.map_coordinates(self.pattern, pixels[:, 1::-1].T, order=1, cval=0.0)
-        return seen * (self.from_world.translation_mm[2] / local[:, 2]) ** 2
-
-
 def read_projector(rendered: Path) -> Projector:
     """Return the projector of a folder of rendered captures."""
     truth = read_json(rendered / "truth" / "projector.json")
     picture = to_grey(read_image(rendered / "pattern" / "speckle_1920x1200.png"))
-    linear = (picture / picture.max()) ** 2.2
-    return Projector(np.array(truth["K"]), Pose.of(truth["R"], truth["t"]), linear)
+    light = np.repeat(((picture / picture.max()) ** 2.2)[..., None], 3, axis=2)
+    lens = parse_true_camera("projector", truth, truth["size"])
+    return Projector(lens, Pose.of(truth["R"], truth["t"]), light, power=1.0)
 
 
 def draw_objects(
     images: Mapping[str, Image],
-    rig: Rig,
-    core_from_world: Pose,
+    station: Station,
     projector: Projector,
     objects: Sequence[ForeignObject],
     frame: int,
@@ -75,23 +57,23 @@ def draw_objects(
         return dict(images)
     scene, rng = RayScene(solids), np.random.default_rng([frame, 17])
     drawn: dict[str, Image] = {}
-    for name, camera in rig.cameras.items():
-        camera_from_world = rig.cam_from_core[name] @ core_from_world
-        drawn[name] = _draw(images[name], camera, camera_from_world, projector, scene, solids, rng)
+    for name, camera in station.rig.cameras.items():
+        pose = station.cam_from_world(name)
+        drawn[name] = _draw(images[name], camera, pose, projector, scene, solids, rng)
     return drawn
 
 
 def _draw(
     image: Image,
     camera: Camera,
-    camera_from_world: Pose,
+    cam_from_world: Pose,
     projector: Projector,
     scene: RayScene,
     solids: Sequence[Solid],
     rng: np.random.Generator,
 ) -> Image:
     corners = np.concatenate([solid.vertices_mm for solid in solids])
-    around = camera.project(camera_from_world.apply(corners))
+    around = camera.project(cam_from_world.apply(corners))
     low = np.maximum(np.floor(np.nanmin(around, axis=0)).astype(int) - 3, 0)
     high = np.minimum(np.ceil(np.nanmax(around, axis=0)).astype(int) + 4, np.array(camera.size_px))
     if (high <= low).any():
@@ -101,8 +83,8 @@ def _draw(
         for start, end in zip(low, high, strict=True)
     )
     ideal = camera.undistort(np.stack(np.meshgrid(columns, rows), axis=-1)).reshape(-1, 2)
-    directions = np.column_stack([ideal, np.ones(len(ideal))]) @ camera_from_world.rotation
-    center = camera_from_world.inverse().translation_mm
+    directions = np.column_stack([ideal, np.ones(len(ideal))]) @ cam_from_world.rotation
+    center = cam_from_world.center_mm
     hits = scene.cast(center, directions)
     is_hit = hits.face >= 0
     light = np.zeros(len(directions), np.float32)
@@ -122,14 +104,15 @@ def _draw(
 
 def _shade(points_mm: np.ndarray, scene: RayScene, faces: np.ndarray, projector: Projector) -> np.ndarray:
     """Return the grey values (N,) of points on faces of the objects."""
-    a, b, c = np.moveaxis(scene.corners_mm[faces], 1, 0)
-    normals = np.cross(b - a, c - a)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    source = projector.from_world.inverse().translation_mm
-    rays = source - points_mm
+    pose, normals = projector.projector_from_world, scene.face_normals(faces)
+    rays = pose.center_mm - points_mm
     cosine = np.einsum("ni,ni->n", normals, rays) / np.linalg.norm(rays, axis=1)
-    is_free = scene.is_free(points_mm + 0.01 * normals, source)
-    return (_UNLIT + _LIT * projector.light(points_mm) * np.maximum(cosine, 0.0) * is_free).astype(np.float32)
+    seen = scene.is_visible_from(points_mm, normals, pose.center_mm)
+    local = pose.apply(points_mm)
+    at = projector.camera.project(local)[:, ::-1].T
+    pattern = ndimage.map_coordinates(projector.pattern[..., 0], at, order=1, cval=0.0)
+    nearness = (pose.translation_mm[2] / local[:, 2]) ** 2
+    return (_UNLIT + _LIT * pattern * nearness * np.where(seen, cosine, 0.0)).astype(np.float32)
 
 
 def _average(values: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ images; a zero that was learned wrong is that of its empty belt, displaced.
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from beltscape.core.frames import Image
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import scale_rig
 from beltscape.core.progress import Reporter
@@ -24,6 +25,7 @@ from beltscape.files.json_text import read_json, write_json
 from beltscape.files.rig_json import write_rig
 from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.simulate.faults.settings import Faults
+from beltscape.simulate.world import Station
 from captures import parse_true_rig
 from faults.capture import FRAMES_PER_S, RoundCapture, Sizes
 from faults.case import Case
@@ -51,19 +53,15 @@ class ImportedRound(RoundCapture):
         write_belt(path, belt, camera)
         return path
 
-    def render(self, name: str, cameras: Sequence[str], faults: Mapping[str, Any]) -> Path:
-        """Return the folder with these cameras' images of the whole round, with the foreign objects drawn in."""
-        out, objects = self.folder / name, Faults.model_validate(faults).foreign_object
+    def make_renderer(
+        self, cameras: Sequence[str], faults: Mapping[str, Any]
+    ) -> Callable[[int], Mapping[str, Image]]:
+        """Return what draws the foreign objects of these faults into a frame."""
+        del cameras  # all are drawn
         core = read_json(self.rendered / "truth" / "rig.json")["cameras"][self.rig.core]
-        core_from_world, projector = Pose.of(core["R"], core["t"]), read_projector(self.rendered)
-        for index, listed in enumerate(self.truth["frames"]):
-            paths = {camera: out / camera / f"{listed['frame']}.png" for camera in cameras}
-            if not all(path.is_file() for path in paths.values()):
-                sound = self.images(index).images
-                drawn = draw_objects(sound, self.rig, core_from_world, projector, objects, index)
-                for camera, path in paths.items():
-                    write_image(path, drawn[camera])
-        return out
+        station = Station(self.rig, Pose.of(core["R"], core["t"]))
+        objects, projector = Faults.model_validate(faults).foreign_object, read_projector(self.rendered)
+        return lambda frame: draw_objects(self.images(frame).images, station, projector, objects, frame)
 
 
 def is_playable(case: Case) -> bool:

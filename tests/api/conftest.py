@@ -28,9 +28,8 @@ def rig() -> bs.Rig:
 
 @pytest.fixture(scope="session")
 def scenes(tmp_path_factory, rig: bs.Rig) -> dict[str, Scene]:
-    matcher = bs.Reconstructor(rig, preset="fast")
-
     def make(folder: Path) -> None:
+        matcher = bs.Reconstructor(rig, preset="fast")
         made = {
             name: Scene(frame, matcher(frame))
             for name in ("belt_empty", "belt_loaded", "module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.simulate.grains import GRAINS
+from beltscape.simulate.grains import GRAIN_PATTERNS
 from beltscape.simulate.rig_and_projector import make_projector, make_station
 from beltscape.simulate.scenario import ProjectorSpec, RigSpec
 from beltscape.simulate.solids.belt import BeltSettings
@@ -15,13 +15,15 @@ from beltscape.simulate.solids.rocks import ShapeSettings, make_rock
 SIZE_PX = (320, 200)
 
 
-@pytest.mark.parametrize("name", GRAINS)
+@pytest.mark.parametrize("name", GRAIN_PATTERNS)
 def test_half_of_the_pattern_is_lit_in_grains_of_the_stated_size(name):
-    lit = GRAINS[name](SIZE_PX, 4.0, 7)
+    lit = GRAIN_PATTERNS[name](SIZE_PX, 4.0, 7)
     assert lit.shape == SIZE_PX[::-1] and 0.45 < lit.mean() < 0.55
-    assert (GRAINS[name](SIZE_PX, 4.0, 7) == lit).all() and (GRAINS[name](SIZE_PX, 4.0, 8) != lit).any()
+    assert (GRAIN_PATTERNS[name](SIZE_PX, 4.0, 7) == lit).all() and (
+        GRAIN_PATTERNS[name](SIZE_PX, 4.0, 8) != lit
+    ).any()
     runs = SIZE_PX[0] / (1 + np.count_nonzero(np.diff(lit, axis=1), axis=1))  # mean length of a run, px
-    twice = GRAINS[name]((640, 200), 8.0, 7)
+    twice = GRAIN_PATTERNS[name]((640, 200), 8.0, 7)
     runs_of_twice = 640 / (1 + np.count_nonzero(np.diff(twice, axis=1), axis=1))
     assert 3.5 < runs.mean() < 12.0
     assert runs_of_twice.mean() == pytest.approx(2 * runs.mean(), rel=0.15)
@@ -29,7 +31,7 @@ def test_half_of_the_pattern_is_lit_in_grains_of_the_stated_size(name):
 
 def test_noise_has_no_large_patches_and_cells_do():
     share = {
-        name: np.lib.stride_tricks.sliding_window_view(GRAINS[name](SIZE_PX, 4.0, 7), (20, 20))
+        name: np.lib.stride_tricks.sliding_window_view(GRAIN_PATTERNS[name](SIZE_PX, 4.0, 7), (20, 20))
         .mean((2, 3))
         .std()
         for name in ("noise", "cells")

@@ -10,21 +10,14 @@ import numpy as np
 import tifffile
 
 import beltscape as bs
-from beltscape.core.geometry.rig import Rig
 from beltscape.files.images import read_image
-from tests.synthetic.demo import DEMO, TRUE_RIG
+from tests.synthetic.demo import DEMO, choose_demo_rig
 
 CAMERAS = ("cam0", "cam1", "cam2", "cam3")
 """The core camera and three auxiliaries."""
 SCALE = 0.5
 LEFT_OUT = ("001", "007", "013")
 """Views of the board that the small capture does without."""
-
-
-def read_small_rig() -> Rig:
-    """Return the true rig of the small capture."""
-    rig = bs.scale_rig(bs.read_rig(TRUE_RIG), SCALE)
-    return Rig(rig.core, {n: rig.cameras[n] for n in CAMERAS}, {n: rig.cam_from_core[n] for n in CAMERAS})
 
 
 def make_small_demo(folder: Path) -> None:
@@ -39,7 +32,7 @@ def make_small_demo(folder: Path) -> None:
     shutil.copy(DEMO / "truth/volume.json", folder / "truth")
     for path in (DEMO / "truth").glob("*.tiff"):
         tifffile.imwrite(folder / "truth" / path.name, shrink(tifffile.imread(path)))
-    bs.write_rig(read_small_rig(), folder / "truth/rig.json")
+    bs.write_rig(choose_demo_rig(CAMERAS, SCALE), folder / "truth/rig.json")
 
 
 def shrink_images(capture: Path, scale: float) -> None:

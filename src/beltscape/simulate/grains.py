@@ -56,7 +56,7 @@ def _index_cells(extent_px: int, cell_px: float) -> NDArray[np.int64]:
     return (np.arange(extent_px) / cell_px).astype(np.int64)
 
 
-GRAINS: Mapping[str, Callable[[tuple[int, int], float, int], Mask]] = {
+GRAIN_PATTERNS: Mapping[str, Callable[[tuple[int, int], float, int], Mask]] = {
     "cells": draw_cells,
     "stripes": draw_stripes,
     "noise": draw_noise,

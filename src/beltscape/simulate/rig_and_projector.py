@@ -19,7 +19,7 @@ from beltscape.core.geometry.lens import MODELS
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig, scale_camera
 from beltscape.files.rig_json import read_rig
-from beltscape.simulate.grains import GRAINS
+from beltscape.simulate.grains import GRAIN_PATTERNS
 from beltscape.simulate.scenario import BoardSpec, ProjectorSpec, RigSpec
 from beltscape.simulate.world import Projector, Station
 from beltscape.target.board import Board, corner_points_mm
@@ -85,8 +85,8 @@ def make_projector(spec: ProjectorSpec) -> Projector:
 
 def _draw_light(spec: ProjectorSpec) -> NDArray[np.float32]:
     """Return the light (H, W, 3) of the pattern before the lens, 0 to 1."""
-    if str(spec.pattern) in GRAINS:
-        lit = GRAINS[str(spec.pattern)](spec.size_px, spec.cell_px, spec.seed)
+    if str(spec.pattern) in GRAIN_PATTERNS:
+        lit = GRAIN_PATTERNS[str(spec.pattern)](spec.size_px, spec.cell_px, spec.seed)
         return np.repeat(lit.astype(np.float32)[..., None], 3, axis=2)
     pixels = draw_pattern(_load_pattern(spec), 16)
     return ((pixels / np.float32(65535)) ** np.float32(spec.gamma)).astype(np.float32)

@@ -52,15 +52,15 @@ def _draw_blocks(rng: np.random.Generator) -> Heap:
         "roughness": float(rng.uniform(0.01, 0.05)),
     }
     heap = _bed(rng, rocks=int(rng.choice([30, 100, 300, 600])))
-    heap["sizes"] = _draw_sizes(rng, (15, 40), (20, 80))
+    heap["sizes"] = _draw_sizes(rng, (8, 25), (10, 45))
     return heap | {"shapes": shapes, "gloss": _draw_gloss(rng)}
 
 
 def _draw_rods(rng: np.random.Generator) -> Heap:
     """Return long round bodies among slabs."""
-    shapes = {"pressed": 1.0, "forms": ["cylinder", "cuboid"], "longest": 3.5, "flattest": 0.35}
+    shapes = {"pressed": 1.0, "forms": ["cylinder", "cuboid"], "longest": 3.0, "flattest": 0.35}
     heap = _bed(rng, rocks=int(rng.choice([60, 150, 300]))) | {"shapes": shapes, "gloss": _draw_gloss(rng)}
-    heap["sizes"] = _draw_sizes(rng, (12, 20), (25, 50))
+    heap["sizes"] = _draw_sizes(rng, (8, 18), (10, 30))
     return heap
 
 

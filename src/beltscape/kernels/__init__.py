@@ -15,6 +15,7 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels.geometry import (
     HeightRasterisationKernels,
     RayMarchKernels,
+    ShadowKernels,
     TriangulationKernels,
     VisibilityKernels,
 )
@@ -41,6 +42,7 @@ class Kernels(
     GatheringKernels,
     HeightRasterisationKernels,
     RayMarchKernels,
+    ShadowKernels,
     WindowStatisticsKernels,
 ):
     """All kernels of one back end; stages receive them as a value.

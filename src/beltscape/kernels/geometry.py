@@ -334,3 +334,70 @@ class RayMarchKernels(KernelFamily):
         return FirstHits(
             *self._run("first_hits", given, (np.empty(shape, np.int64), np.empty(shape)), threads)
         )
+
+
+class ShadowInput(NamedTuple):
+    """Checked input of `shadow_heights`."""
+
+    height: NDArray[np.float64]
+    """(Ny, Nx)"""
+    rows: NDArray[np.int64]
+    """(H,)"""
+    columns: NDArray[np.int64]
+    """(H,)"""
+    down: NDArray[np.float64]
+    """(V, H)"""
+    across: NDArray[np.float64]
+    """(V, H)"""
+    fall: NDArray[np.float64]
+    """(V, H)"""
+
+
+class ShadowKernels(KernelFamily):
+    """Kernel of occlusion on a height map."""
+
+    def shadow_heights(
+        self,
+        height: NDArray[np.floating],
+        cells: CellIndices,
+        down: NDArray[np.floating],
+        across: NDArray[np.floating],
+        fall: NDArray[np.floating],
+        *,
+        threads: int = 0,
+    ) -> NDArray[np.float64]:
+        """Return the heights below which points over given cells are hidden from a view by the measured cells.
+
+        The line of sight from a point over cell (r, c) at height z passes over (r + rint(k down), c + rint(k across))
+        at z + k fall, for k from 1 on: the point is hidden where a cell there is higher.
+
+        Parameters
+        ----------
+        height
+            (Ny, Nx); NaN where nothing was measured, which hides nothing.
+        cells
+            (H,) rows and columns, within the grid.
+        down, across
+            (V, H) rows and columns per step towards the view; -1 to 1.
+        fall
+            (V, H) what the line of sight rises per step, above 0; inf for a vertical line.
+
+        Returns
+        -------
+        (V, H) heights; -inf where no cell hides anything.
+        """
+        height = np.ascontiguousarray(height, dtype=np.float64)
+        if height.ndim != 2 or not height.size:
+            raise KernelError(f"height must have the shape (Ny, Nx), not {height.shape}")
+        rows, columns = cell_indices(cells, height.shape)
+        down, across, fall = (np.ascontiguousarray(part, dtype=np.float64) for part in (down, across, fall))
+        for name, part in (("down", down), ("across", across), ("fall", fall)):
+            if part.ndim != 2 or part.shape[1] != len(rows) or part.shape != down.shape:
+                raise KernelError(f"{name} must have the shape (V, {len(rows)}), not {part.shape}")
+        for name, part in (("down", down), ("across", across)):
+            if not (np.abs(part) <= 1).all():
+                raise KernelError(f"{name} must be -1 to 1")
+        if not (fall > 0).all():
+            raise KernelError("fall must be above 0")
+        given = ShadowInput(height, rows, columns, down, across, fall)
+        return self._run("shadow_heights", given, (np.empty(down.shape),), threads)[0]

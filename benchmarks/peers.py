@@ -6,7 +6,8 @@
 The peers match rectified pairs and are averaged over the pairs as the paper's method is: OpenCV's SGBM, and CNES
 Pandora with a census cost and with the learned cost MC-CNN, both optimised by libSGM. RENDERED is a folder of
 rendered captures with truth (default: ../shared/data/rendered beside the repository), taken at half size; without one
-the capture that ships with the demo is used. The scenes of another maker's rig are rendered once, into out/bench-axes.
+the capture that ships with the demo is used. The scenes of another maker's rig are rendered once, into
+out/bench-axes.
 """
 
 from __future__ import annotations
@@ -167,10 +168,10 @@ def main() -> None:
         "Written by `python benchmarks/peers.py`: Beltscape beside other matchers, with exact rigs, on the same",
         f"images in the same run at commit {current_commit()}, {versions}.", "",
         "Shares are of all true pixels of the scene's surface that the projector can light; gross: off by more than",
-        "5 mm, of the measured; false fill: pixels that no auxiliary sees and that carry a depth. The interval is that",
-        f"of {COVERAGE:.0%}: ±1.64 σ of the averaged depth, and Pandora's own intervals of possibility for each pair;",
-        "holds: share of the measured pixels away from steps whose true depth lies within it. MC-CNN has the weights",
-        "that Pandora ships. CPU s: of a frame of a prepared matcher, its first.",
+        "5 mm, of the measured; false fill: pixels that no auxiliary sees and that carry a depth. The interval is",
+        f"that of {COVERAGE:.0%}: ±1.64 σ of the averaged depth, and Pandora's own intervals of each pair; holds:",
+        "share of the measured pixels away from steps whose true depth lies within it. MC-CNN has the weights that",
+        "Pandora ships. CPU s: of a frame of a prepared matcher, its first.",
     ]  # fmt: skip
     for scene in read_scenes(arguments.rendered, arguments.scenes):
         for line in compare(scene):

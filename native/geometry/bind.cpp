@@ -4,7 +4,6 @@
 #include "geometry/arc_tangent.hpp"
 #include "geometry/height_rasterisation.hpp"
 #include "geometry/ray_march.hpp"
-#include "geometry/shadow.hpp"
 #include "geometry/triangulate.hpp"
 #include "geometry/visibility.hpp"
 
@@ -14,6 +13,5 @@ void beltscape::bind_geometry(nb::module_& m) {
     bind(m, "inverse_depth_buffers", &inverse_depth_buffers);
     bind(m, "visible", &visible);
     bind(m, "first_hits", &first_hits);
-    bind(m, "shadow_heights", &shadow_heights);
     bind(m, "rasterise_heights", &rasterise_heights);
 }

@@ -15,7 +15,6 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels.geometry import (
     HeightRasterisationKernels,
     RayMarchKernels,
-    ShadowKernels,
     TriangulationKernels,
     VisibilityKernels,
 )
@@ -42,7 +41,6 @@ class Kernels(
     GatheringKernels,
     HeightRasterisationKernels,
     RayMarchKernels,
-    ShadowKernels,
     WindowStatisticsKernels,
 ):
     """All kernels of one back end; stages receive them as a value.

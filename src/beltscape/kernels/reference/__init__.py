@@ -15,7 +15,6 @@ from beltscape.kernels.reference.geometry import (
     first_hits,
     inverse_depth_buffers,
     rasterise_heights,
-    shadow_heights,
     triangulate,
     visible,
 )
@@ -37,8 +36,8 @@ _KERNELS: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     kernel.__name__: kernel
     for kernel in (
         aggregate, candidate_surfaces, evaluate_network, first_hits, gather, local_fit, normal_equations,
-        pass_messages, photo_consistency, plane_slopes, propagate, quadratics, shadow_heights,
-        spline_coefficients, sweep_and_aggregate, triangulate, visible, warp, window_means, window_minima,
+        pass_messages, photo_consistency, plane_slopes, propagate, quadratics, spline_coefficients,
+        sweep_and_aggregate, triangulate, visible, warp, window_means, window_minima,
     )
 }  # fmt: skip
 

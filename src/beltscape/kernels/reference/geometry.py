@@ -17,7 +17,6 @@ from beltscape.kernels.geometry import (
     BuffersInput,
     RasterisationInput,
     RayMarchInput,
-    ShadowInput,
     TriangulationInput,
     VisibleInput,
 )
@@ -190,23 +189,3 @@ def first_hits(given: RayMarchInput) -> tuple[NDArray[np.int64], NDArray[np.floa
         cell[hit], steps[hit] = flat[hit], step
         going &= ~hit
     return cell, steps
-
-
-def shadow_heights(given: ShadowInput) -> tuple[NDArray[np.float64]]:
-    """Return the heights (V, H)."""
-    rows, columns = given.height.shape
-    shape = given.down.shape
-    shadow, going = np.full(shape, -np.inf), np.ones(shape, bool)
-    top = np.max(given.height, initial=-np.inf, where=np.isfinite(given.height))
-    step = 0
-    while True:
-        step += 1
-        row = given.rows + np.rint(step * given.down).astype(np.int64)
-        column = given.columns + np.rint(step * given.across).astype(np.int64)
-        going &= (row >= 0) & (column >= 0) & (row < rows) & (column < columns)
-        going &= top - step * given.fall > shadow
-        if not going.any():
-            return (shadow,)
-        flat = np.where(going, row * columns + column, 0)
-        own = given.height.ravel()[flat] - step * given.fall
-        shadow = np.where(going & (own > shadow), own, shadow)

@@ -9,6 +9,7 @@ images, and the optimisation from libSGM.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import cv2
@@ -44,9 +45,8 @@ class PandoraMatcher:
     """Pandora for all pairs of a rig with the core."""
 
     def __init__(self, rig: Rig, near_far: tuple[float, float], cost: str) -> None:
-        from pandora import import_plugin
-
-        import_plugin()
+        pandora: Any = import_module("pandora")
+        pandora.import_plugin()
         self._rig, self._cost, self._settings = rig, cost, PairwiseSettings()
         self._pairs = {
             name: make_pair_matcher(rig, name, near_far, self._settings) for name in rig.auxiliaries
@@ -64,7 +64,7 @@ class PandoraMatcher:
             np.stack([one.depth_mm for one in found]).astype(np.float32),
             None if agreement is None else agreement / scale,
         )
-        confidence = fused.views / np.float32(len(found))
+        confidence = (fused.views / len(found)).astype(np.float32)
         return DepthMap(fused.depth_mm, estimate_sigma(fused, scale), fused.views, confidence), found
 
     def _match_pair(self, matcher: PairMatcher, core_root: np.ndarray, aux_root: np.ndarray) -> PairResult:
@@ -89,17 +89,16 @@ def _run_pandora(
     left: np.ndarray, right: np.ndarray, disparities: int, cost: dict[str, Any]
 ) -> list[np.ndarray]:
     """Return disparity and both ends of its interval (H, W), px, positive as OpenCV's; NaN where invalid."""
-    import pandora
-    from pandora.criteria import Criteria
-    from pandora.state_machine import PandoraMachine
-
-    machine = PandoraMachine()
+    pandora, criteria, state_machine = (
+        import_module(name) for name in ("pandora", "pandora.criteria", "pandora.state_machine")
+    )
+    machine: Any = state_machine.PandoraMachine()
     images = _make_dataset(left, -disparities, 0), _make_dataset(right, 0, disparities)
     # the check reads the names of bands, of which one band has none
     described = (image.assign_coords(band_im=[None]) for image in images)
     machine.check_conf({"pipeline": _make_pipeline(cost)}, *described)
     found, _ = pandora.run(machine, *images, {"pipeline": machine.pipeline_cfg["pipeline"]})
-    invalid = (found["validity_mask"].data & int(Criteria.PANDORA_MSK_PIXEL_INVALID)) != 0
+    invalid = (found["validity_mask"].data & int(criteria.Criteria.PANDORA_MSK_PIXEL_INVALID)) != 0
     measures = found["confidence_measure"]
     ends = {str(name): k for k, name in enumerate(measures.coords["indicator"].data)}
     upper, lower = (next(k for name, k in ends.items() if end in name) for end in ("_sup", "_inf"))
@@ -126,13 +125,11 @@ def _make_pipeline(cost: dict[str, Any]) -> dict[str, dict[str, Any]]:
 
 def _make_dataset(image: np.ndarray, lowest: int, highest: int) -> Any:
     """Return an image (H, W) with its range of disparities as Pandora takes it."""
-    import xarray
-    from pandora.img_tools import add_disparity
-
+    xarray, img_tools = (import_module(name) for name in ("xarray", "pandora.img_tools"))
     rows, columns = image.shape
     dataset = xarray.Dataset(
         {"im": (["row", "col"], image.astype(np.float32))},
         coords={"row": np.arange(rows), "col": np.arange(columns)},
         attrs={"crs": None, "transform": None, "valid_pixels": 0, "no_data_mask": 1, "no_data_img": -1},
     )
-    return add_disparity(dataset, [lowest, highest], None)
+    return img_tools.add_disparity(dataset, [lowest, highest], None)

@@ -32,10 +32,22 @@ FRAMES = ("000", "001", "002", "003")
 """The load, a frame with a mirrored camera, one without an image of the core, and the load in another light."""
 
 
-@pytest.fixture(scope="module", autouse=True)
+PROCESSES, CLUSTER = WorkerOptions(workers=2), WorkerOptions(workers=2, address="auto")
+WORKERS = list_cases([PROCESSES, CLUSTER], [PROCESSES])
+
+
+@pytest.fixture(scope="module")
 def cluster() -> Iterator[None]:
     """A local cluster that all tests of the file share."""
     yield from start_cluster()
+
+
+@pytest.fixture
+def workers(request: pytest.FixtureRequest) -> WorkerOptions:
+    """Processes of this machine, or the cluster."""
+    if request.param is CLUSTER:
+        request.getfixturevalue("cluster")
+    return request.param
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +87,9 @@ def alone(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict
     return reconstruct(capture, tmp_path_factory.mktemp("alone"), WorkerOptions())
 
 
-@pytest.mark.thorough
-def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path) -> None:
-    files, warnings = reconstruct(capture, tmp_path, WorkerOptions(workers=2))
+@pytest.mark.parametrize("workers", WORKERS, indirect=True, ids=str)
+def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path, workers) -> None:
+    files, warnings = reconstruct(capture, tmp_path, workers)
     assert sorted(files) == sorted(alone[0])
     assert [name for name in files if files[name] != alone[0][name]] == []
     assert warnings == alone[1]
@@ -86,12 +98,17 @@ def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path) 
 
 
 @pytest.mark.thorough
-def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkeypatch) -> None:
+@pytest.mark.parametrize("workers", WORKERS, indirect=True, ids=str)
+def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkeypatch, workers) -> None:
     marks = tmp_path / "marks"
     marks.mkdir()
-    killing = KillOnce(match_ahead.match_frame, str(marks))
-    monkeypatch.setattr(match_ahead, "match_frame", killing)
-    files, warnings = reconstruct(capture, tmp_path / "r", WorkerOptions(workers=2))
+    opened = match_ahead.open_pool
+    monkeypatch.setattr(
+        match_ahead,
+        "open_pool",
+        lambda function, *others: opened(KillOnce(function, str(marks)), *others),
+    )
+    files, warnings = reconstruct(capture, tmp_path / "r", workers)
     assert [name for name in alone[0] if files[name] != alone[0][name]] == []
     assert warnings == alone[1]
     assert sorted(path.name for path in marks.iterdir()) == [name for name in FRAMES if name != "002"]
@@ -99,6 +116,7 @@ def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkey
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("elsewhere", list_cases(["nothing", "another_frame"], ["another_frame"]))
+@pytest.mark.usefixtures("cluster")
 def test_images_are_sent_to_workers_that_do_not_see_them(capture, tmp_path, elsewhere: str) -> None:
     other = {name: capture / name / "003.png" for name in ("cam0", "cam1", "cam2", "cam3")}
     files = {name: tmp_path / name for name in other} if elsewhere == "nothing" else other
@@ -106,7 +124,7 @@ def test_images_are_sent_to_workers_that_do_not_see_them(capture, tmp_path, else
     frame = replace(frame, images={name: frame.images[name] for name in files})
     factory = MatcherFactory(RIG, RANGE_MM, MultiviewSettings.preset("fast"))
     reporter = Silent()
-    with match_ahead.open_workers(factory, WorkerOptions(workers=2), lambda _: files, reporter) as workers:
+    with match_ahead.open_workers(factory, CLUSTER, lambda _: files, reporter) as workers:
         pending = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
         assert pending.task.files.keys() == files.keys()
         first = require(pending.result())
@@ -135,7 +153,7 @@ class DeadPool:
 
 
 def test_frames_ahead_keep_every_worker_busy_within_the_memory() -> None:
-    workers = match_ahead.MatchWorkers(DeadPool(64), lambda _: {}, Silent())
+    workers = match_ahead.MatchWorkers(DeadPool(64), lambda _: {}, Silent(), sends_images=True)
     assert workers.count_frames_ahead((612, 512), 5) == 128
     assert workers.count_frames_ahead((4096, 3000), 5) * 4096 * 3000 * 18 <= 4 << 30
 
@@ -143,7 +161,7 @@ def test_frames_ahead_keep_every_worker_busy_within_the_memory() -> None:
 def test_a_frame_that_no_worker_survives_is_matched_here(capture) -> None:
     reporter = Silent()
     frame = next(iter(reconstruction.open_capture(capture, RIG, Silent())))
-    workers = match_ahead.MatchWorkers(DeadPool(2), lambda _: {}, reporter)
+    workers = match_ahead.MatchWorkers(DeadPool(2), lambda _: {}, reporter, sends_images=True)
     assert workers.submit(frame, RIG.auxiliaries, lambda: pytest.fail("made here")).result() is None
     assert reporter.warnings == [
         "frame 000: its worker died 11 times (WorkerCrashedError); it is matched by this process"

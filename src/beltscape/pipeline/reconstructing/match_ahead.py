@@ -1,6 +1,7 @@
 """Matching of a sequence's frames side by side: while one frame is measured, the next ones are matched already.
 
-They are matched on threads, or on workers, which read the images themselves where they can see the files.
+They are matched on threads, or on workers: on processes of this machine, which share memory with this one, or on a
+cluster, whose workers read the images themselves where they can see the files.
 """
 
 from __future__ import annotations
@@ -210,10 +211,12 @@ class MatchWorkers:
         pool: TaskPool[MatchTask, DepthMap | None],
         files: Callable[[str], Mapping[str, Path]],
         reporter: Reporter,
+        *,
+        sends_images: bool,
     ) -> None:
-        """``files`` returns the files of a frame's images by camera."""
+        """``files`` returns the files of a frame's images by camera, which workers read unless they are sent."""
         self._pool, self._files, self._reporter = pool, files, reporter
-        self._sends_images = False
+        self._sends_images = sends_images
 
     def count_frames_ahead(self, size_px: tuple[int, int], cameras: int) -> int:
         """Return how many frames to hand out at a time: enough for every worker, within `_MOST_BYTES`."""
@@ -261,4 +264,5 @@ def open_workers(
 ) -> Generator[MatchWorkers]:
     """Yield workers that match frames; what they match at the end is cancelled. Errors as `open_pool`."""
     with open_pool(match_frame, MatchParameters(uuid4().hex, make_matcher), options) as pool:
-        yield MatchWorkers(pool, files, reporter)
+        # workers of this machine share its memory
+        yield MatchWorkers(pool, files, reporter, sends_images=options.address is None)

@@ -28,6 +28,7 @@ from tests.workers.functions import KillOnce
 
 RIG = scale_rig(read_rig(TRUE_RIG), 0.5)
 RANGE_MM = (570.0, 750.0)
+FACTORY = MatcherFactory(RIG, RANGE_MM, MultiviewSettings.preset("fast"))
 FRAMES = ("000", "001", "002", "003")
 """The load, a frame with a mirrored camera, one without an image of the core, and the load in another light."""
 
@@ -122,16 +123,15 @@ def test_images_are_sent_to_workers_that_do_not_see_them(capture, tmp_path, else
     files = {name: tmp_path / name for name in other} if elsewhere == "nothing" else other
     frame = next(iter(reconstruction.open_capture(capture, RIG, Silent())))
     frame = replace(frame, images={name: frame.images[name] for name in files})
-    factory = MatcherFactory(RIG, RANGE_MM, MultiviewSettings.preset("fast"))
     reporter = Silent()
-    with match_ahead.open_workers(factory, CLUSTER, lambda _: files, reporter) as workers:
+    with match_ahead.open_workers(FACTORY, CLUSTER, lambda _: files, reporter) as workers:
         pending = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
         assert pending.task.files.keys() == files.keys()
         first = require(pending.result())
         later = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
         assert not later.task.files
         assert first.depth_mm.tobytes() == require(later.result()).depth_mm.tobytes()
-    here = factory(("cam1", "cam2", "cam3")).reconstruct(frame, reporter)
+    here = FACTORY(("cam1", "cam2", "cam3")).reconstruct(frame, reporter)
     assert first.depth_mm.tobytes() == here.depth_mm.tobytes()
     assert not reporter.warnings
 
@@ -142,6 +142,10 @@ class DeadPool:
 
     workers: int
 
+    def done(self) -> bool:
+        """Return that it has ended."""
+        return True
+
     def submit(self, task: MatchTask, name: str) -> DeadPool:
         """Take a frame."""
         del task, name
@@ -149,11 +153,12 @@ class DeadPool:
 
     def result(self) -> Completed[DepthMap | None]:
         """Return the workers' death."""
+        assert self.done()
         return Completed(0, None, "its worker died 11 times (WorkerCrashedError)", "", 0.0, 0.0)
 
 
 def test_frames_ahead_keep_every_worker_busy_within_the_memory() -> None:
-    workers = match_ahead.MatchWorkers(DeadPool(64), lambda _: {}, Silent(), sends_images=True)
+    workers = match_ahead.MatchWorkers(DeadPool(64), FACTORY, lambda _: {}, Silent(), sends_images=True)
     assert workers.count_frames_ahead((612, 512), 5) == 128
     assert workers.count_frames_ahead((4096, 3000), 5) * 4096 * 3000 * 18 <= 4 << 30
 
@@ -161,7 +166,7 @@ def test_frames_ahead_keep_every_worker_busy_within_the_memory() -> None:
 def test_a_frame_that_no_worker_survives_is_matched_here(capture) -> None:
     reporter = Silent()
     frame = next(iter(reconstruction.open_capture(capture, RIG, Silent())))
-    workers = match_ahead.MatchWorkers(DeadPool(2), lambda _: {}, reporter, sends_images=True)
+    workers = match_ahead.MatchWorkers(DeadPool(2), FACTORY, lambda _: {}, reporter, sends_images=True)
     assert workers.submit(frame, RIG.auxiliaries, lambda: pytest.fail("made here")).result() is None
     assert reporter.warnings == [
         "frame 000: its worker died 11 times (WorkerCrashedError); it is matched by this process"

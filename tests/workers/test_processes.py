@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,15 +16,7 @@ from beltscape.workers.processes import open_process_pool
 from beltscape.workers.tasks import run_tasks
 from tests.protocols.broker import wait_until
 from tests.workers.functions import add_arrays, count_cores, die_always, die_at_first, multiply, sleep
-
-
-def is_alive(process: int) -> bool:
-    """Return whether a process runs; its parent has waited for one that ended."""
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True
+from tests.workers.processes import is_running
 
 
 def test_arrays_of_any_size_and_order_come_back_as_the_functions_own() -> None:
@@ -74,13 +68,10 @@ def test_processes_end_with_their_pool_even_in_a_task() -> None:
         tasks = [pool.submit(k, str(k)) for k in range(3)]
         processes = pool.list_processes()
         wait_until(tasks[0].future.running, 60)
-    assert not any(map(is_alive, processes))
+    assert not any(map(is_running, processes))
 
 
 def test_processes_end_with_the_program_that_began_them(tmp_path: Path) -> None:
-    import subprocess
-    import sys
-
     code = (
         "from beltscape.workers.processes import ProcessPool\n"
         "from tests.workers.functions import multiply\n"
@@ -94,15 +85,6 @@ def test_processes_end_with_the_program_that_began_them(tmp_path: Path) -> None:
     processes = [int(number) for number in done.stdout.split()]
     assert len(processes) == 2, done.stderr
     wait_until(lambda: not any(map(is_running, processes)), 60)
-
-
-def is_running(process: int) -> bool:
-    """Return whether a process runs, although nobody may have waited for its end."""
-    try:
-        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
-    except OSError:
-        return False
-    return state != "Z"
 
 
 def test_a_worker_takes_as_many_cores_as_it_is_given() -> None:

@@ -120,8 +120,9 @@ class ProcessPool:
         *,
         threads: int = 1,
         on_death: OnDeath | None = None,
+        on_end: Callable[[], None] | None = None,
     ) -> None:
-        """``threads`` is the number of cores that each worker may take."""
+        """``threads`` is the number of cores that each worker may take; ``on_end`` is called after every task."""
         self.workers = workers
         """Number of workers."""
         self._function, self._shared, self._worker_threads, self._on_death = (
@@ -130,6 +131,7 @@ class ProcessPool:
             threads,
             on_death,
         )
+        self._on_end = on_end
         self._lock, self._closed = threading.Lock(), False
         self._idle: deque[WorkerProcess] = deque()
         self._alive: set[WorkerProcess] = set()
@@ -140,7 +142,10 @@ class ProcessPool:
 
     def submit(self, task: Any, name: str) -> ProcessTask:
         """Hand out a task; see `tasks.TaskPool`."""
-        return ProcessTask(self._threads.submit(self._run, next(self._numbers), task, name))
+        future, on_end = self._threads.submit(self._run, next(self._numbers), task, name), self._on_end
+        if on_end is not None:
+            future.add_done_callback(lambda _: on_end())
+        return ProcessTask(future)
 
     def close(self) -> None:
         """Cancel what waits, and end all processes."""
@@ -195,6 +200,10 @@ class ProcessTask:
     def result(self) -> Completed[Any]:
         """Return the task's end; see `tasks.PendingTask`."""
         return self.future.result()
+
+    def done(self) -> bool:
+        """Return whether the task has ended."""
+        return self.future.done()
 
 
 @contextmanager

@@ -174,6 +174,10 @@ class RayPool:
         for reference in self._ray.wait(list(self.running), num_returns=1, timeout=seconds)[0]:
             yield self.take(reference)
 
+    def has_ended(self, reference: Any) -> bool:
+        """Return whether a task has ended, or was taken already."""
+        return reference not in self.running or bool(self._ray.wait([reference], timeout=0)[0])
+
     def take(self, reference: Any) -> Completed[Any]:
         """Wait for the end of a task that was run, or whose workers died."""
         number = self.running.pop(reference)
@@ -197,6 +201,10 @@ class _RayTask:
     def result(self) -> Completed[Any]:
         """Return the task's end; see `tasks.PendingTask`."""
         return self._pool.take(self._reference)
+
+    def done(self) -> bool:
+        """Return whether the task has ended."""
+        return self._pool.has_ended(self._reference)
 
 
 def _call_on_worker(everywhere: tuple[str, Any, Any], number: int, task: Any) -> Completed[Any]:

@@ -53,6 +53,10 @@ class PendingTask(Protocol[Value_co]):
         """Wait for the task's end and return it."""
         ...
 
+    def done(self) -> bool:
+        """Return whether the task has ended."""
+        ...
+
 
 class TaskPool(Protocol[Arguments_contra, Value_co]):
     """Workers that take tasks of one function one by one; their number is the caller's to bound."""

@@ -215,7 +215,8 @@ class Engine(OperatorControls):
         while True:
             while len(submitted) < most and (frames := components.queue.get(0)) is not None:
                 submitted.append((frames, self._submit(frames)))
-            if submitted and (submitted[0][1] is None or submitted[0][1].is_done):
+            # where no more are submitted there is nothing to do but to wait for the oldest one
+            if submitted and (len(submitted) == most or _is_done(submitted[0][1])):
                 self._measure(*submitted.popleft())
                 if not submitted and not len(components.queue):
                     self._flush()
@@ -393,3 +394,8 @@ class Engine(OperatorControls):
             certificate_days=components.certificate_days(),
             is_maintained=components.maintenance.current is not None,
         )
+
+
+def _is_done(pending: PendingFrame | None) -> bool:
+    """Return whether a frame set that was submitted can be measured without waiting for its match."""
+    return pending is None or pending.is_done

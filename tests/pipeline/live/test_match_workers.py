@@ -24,7 +24,7 @@ def plant(recorded_plant: Path, tmp_path: Path) -> Path:  # noqa: F811
     return shutil.copytree(recorded_plant, tmp_path / "plant")
 
 
-def replay(plant: Path, workers: int, *, kill_at: int = -1) -> tuple[list[tuple], Watcher, list[str]]:
+def replay(plant: Path, workers: int, *, kill_at: int = -1) -> tuple[list[tuple], Killing, list[str]]:
     """Replay the plant's recording; return the records, what an observer saw, and the texts of the events.
 
     At the frame ``kill_at`` a worker is killed.

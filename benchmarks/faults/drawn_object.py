@@ -111,8 +111,8 @@ def _shade(points_mm: np.ndarray, scene: RayScene, faces: np.ndarray, projector:
     local = pose.apply(points_mm)
     at = projector.camera.project(local)[:, ::-1].T
     pattern = ndimage.map_coordinates(projector.pattern[..., 0], at, order=1, cval=0.0)
-    nearness = (pose.translation_mm[2] / local[:, 2]) ** 2
-    return (_UNLIT + _LIT * pattern * nearness * np.where(seen, cosine, 0.0)).astype(np.float32)
+    falloff = (pose.translation_mm[2] / local[:, 2]) ** 2
+    return (_UNLIT + _LIT * pattern * falloff * np.where(seen, cosine, 0.0)).astype(np.float32)
 
 
 def _average(values: np.ndarray) -> np.ndarray:

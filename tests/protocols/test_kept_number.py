@@ -159,8 +159,8 @@ def test_a_damaged_cursor_loses_no_record(tmp_path: Path) -> None:
     publisher = Publisher(MqttSettings(host="127.0.0.1", port=1), plant, tmp_path, messages.append)
     publisher.start()
     wait_until((tmp_path / "mqtt.json").exists, 120)
+    publisher.close(120)  # its thread writes the cursor, too
     assert publisher.waiting == 5  # although a first start would publish from now on only
     publisher._publish_records(channel)  # pyrefly: ignore[bad-argument-type]
     assert channel.numbers == [1, 2, 3, 4, 5]
     assert "mqtt.json: is empty and was moved to" in messages[0]
-    publisher.close()

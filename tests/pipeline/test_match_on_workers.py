@@ -93,7 +93,7 @@ def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path, 
     files, warnings = reconstruct(capture, tmp_path, workers)
     assert sorted(files) == sorted(alone[0])
     assert [name for name in files if files[name] != alone[0][name]] == []
-    assert warnings == alone[1]
+    assert sorted(warnings) == sorted(alone[1])  # images are read as many frames ahead as there are workers
     assert {"000/depth.tiff", "001/sigma.tiff", "003/depth.tiff", "reconstruction.json"} <= files.keys()
     assert any("002" in line and "going on without this frame" in line for line in warnings)
 
@@ -111,7 +111,7 @@ def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkey
     )
     files, warnings = reconstruct(capture, tmp_path / "r", workers)
     assert [name for name in alone[0] if files[name] != alone[0][name]] == []
-    assert warnings == alone[1]
+    assert sorted(warnings) == sorted(alone[1])
     assert sorted(path.name for path in marks.iterdir()) == [name for name in FRAMES if name != "002"]
 
 

@@ -39,7 +39,10 @@ class Cost:
     seconds: float
     cpu_s: float
     peak_gib: float
+    """Of the process that measures."""
     records: int
+    own_cpu_s: float
+    """CPU time of the process that orders and measures, without its workers'."""
 
 
 def live(rendered: Path, rig: Rig) -> list[str]:
@@ -56,47 +59,62 @@ def live(rendered: Path, rig: Rig) -> list[str]:
     with tempfile.TemporaryDirectory() as folder:
         plant = Path(folder)
         for width in (612, 1224):
-            images = _scale_capture(capture, plant / f"capture{width}", width)
-            empty = _reconstruct_empty(rendered / "belt_empty", plant / f"empty{width}", width, rig)
+            images, empty = make_plant(rendered, rig, plant, width)
             pairs = _four_pairs_s(images)
             lines += [_row(images, empty, width, preset, pairs) for preset in _PRESETS]
     return lines
 
 
+def make_plant(rendered: Path, rig: Rig, plant: Path, width: int) -> tuple[Path, Path]:
+    """Write the moving belt at an image width and reconstruct the empty one; return both folders."""
+    images = _scale_capture(rendered / "belt_moving", plant / f"capture{width}", width)
+    return images, _reconstruct_empty(rendered / "belt_empty", plant / f"empty{width}", width, rig)
+
+
 def _row(capture: Path, empty: Path, width: int, preset: str, pairs_s: float) -> str:
-    once, often = (_replay(capture, empty, preset, rounds) for rounds in (1, _ROUNDS))
+    once, often = (replay(capture, empty, preset, rounds) for rounds in (1, _ROUNDS))
     sets = often.records - once.records
     seconds, cpu = (often.seconds - once.seconds) / sets, (often.cpu_s - once.cpu_s) / sets
     figures = f"{1 / seconds:.2f} | {cpu:.3f} | {seconds / pairs_s:.2f} | {often.peak_gib:.2f}"
     return f"| {width} px | {preset} | {figures} |"
 
 
-def _replay(capture: Path, empty: Path, preset: str, rounds: int) -> Cost:
+def replay(capture: Path, empty: Path, preset: str, rounds: int, workers: int | str = "auto") -> Cost:
     """Run the program over ``rounds`` repetitions of the capture and return its cost."""
     plant = empty.parent
     listed = _rounds(capture, plant / f"{capture.name}x{rounds}", rounds)
-    project = plant / f"{capture.name}-{preset}-{rounds}.toml"
+    project = plant / f"{capture.name}-{preset}-{rounds}-{workers}.toml"
     project.write_text(
         f'rig = "{empty / "rig.json"}"\nempty = "{empty}"\n[capture]\nfolder = "{listed}"\n'
-        f'[encoder]\nkind = "capture"\n[matching]\npreset = "{preset}"\n'
+        f'[encoder]\nkind = "capture"\n[matching]\npreset = "{preset}"\nworkers = {json.dumps(workers)}\n'
         "[watch]\nlumps_every_s = 0\nedges_every_s = 0\n",
         encoding="utf-8",
     )
     began = perf_counter()
     out = plant / f"{project.stem}.out"
     words = [sys.executable, "-m", "beltscape", "replay", str(project), "--out", str(out), "--json"]
-    before, peak_mb = os.times(), 0.0  # os.wait4 would return at least our own peak
+    before, peak_mb, own_s = os.times(), 0.0, 0.0  # os.wait4 would return at least our own peak
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as program:
         output = None
         while output is None:
             peak_mb = max(peak_mb, memory_mb("VmHWM", program.pid))
+            own_s = max(own_s, _read_cpu_s(program.pid))
             with suppress(subprocess.TimeoutExpired):
                 output, _ = program.communicate(timeout=_POLL_S)
     if program.returncode:
         raise RuntimeError(f"{' '.join(words)}: ended with {program.returncode}")
     seconds, after = perf_counter() - began, os.times()
     cpu = after.children_user + after.children_system - before.children_user - before.children_system
-    return Cost(seconds, cpu, peak_mb * 1000 / 2**20, json.loads(output)["records"])
+    return Cost(seconds, cpu, peak_mb * 1000 / 2**20, json.loads(output)["records"], own_s)
+
+
+def _read_cpu_s(process: int) -> float:
+    """Return the CPU time that a process has taken so far; 0 after its end."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _rounds(capture: Path, folder: Path, rounds: int) -> Path:

@@ -8,6 +8,7 @@ from pathlib import Path
 os.environ["OPENBLAS_NUM_THREADS"] = (
     "1"  # before numpy is loaded: its waiting threads take the other workers' time
 )
+os.environ.setdefault("BELTSCAPE_CORES", "1")  # xdist already keeps every core busy
 
 import cv2
 import pytest
@@ -22,7 +23,7 @@ from tests.thorough import THOROUGH, count_examples
 settings.register_profile("beltscape", deadline=None, max_examples=count_examples(30), derandomize=True)
 settings.load_profile("beltscape")
 
-cv2.setNumThreads(1)  # xdist already keeps every core busy
+cv2.setNumThreads(1)
 
 pytest_plugins = ["tests.collecting"]
 

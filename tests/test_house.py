@@ -12,7 +12,7 @@ LEVELS = 3
 SHORTEST_LINES, LONGEST_LINES = 60, 480
 
 SHORT = {
-    "a process's entry": ("__main__.py", "report/production/__main__.py"),
+    "a process's entry": ("__main__.py", "report/production/__main__.py", "workers/worker_process.py"),
     "one command a file": ("cli/commands/*.py",),
     "one format a file": (
         "files/arrays.py",

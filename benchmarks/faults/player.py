@@ -189,7 +189,7 @@ def _open_project(capture: RoundCapture, case: Case, folder: Path) -> Any:
     path.write_text(
         f'rig = "{named.rig}"\nempty = "{named.empty}"\n'
         f'[capture]\nfolder = "{moving}"\n[encoder]\nkind = "capture"\n'
-        '[matching]\npreset = "fast"\n[watch]\nlumps_every_s = 0\n'
+        '[matching]\npreset = "fast"\nworkers = 0\n[watch]\nlumps_every_s = 0\n'
         f"edges_every_s = {0 if case.belt_width_mm is None else 1}\n"
         "[history]\nreserve_mib = 1\n[csv]\nenabled = false\n",
         encoding="utf-8",

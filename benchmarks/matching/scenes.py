@@ -56,7 +56,7 @@ def read_scenes(arguments: argparse.Namespace) -> Iterator[AblationScene]:
 
     for name, table in tomllib.loads(_SCENES.read_text("utf-8")).items():
         if is_chosen(name):
-            yield _read_own(name, Scenario.model_validate(table), arguments.cache / name)
+            yield read_own(name, Scenario.model_validate(table), arguments.cache / name)
     if arguments.rendered is not None and arguments.rendered.is_dir():
         for name in ("belt_loaded", "module", "belt_empty"):
             if is_chosen(f"{name}, other renderer"):
@@ -69,7 +69,8 @@ def _read_rendered(name: str, folder: Path) -> AblationScene:
     return AblationScene(scene, None, visibility)
 
 
-def _read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:
+def read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:
+    """Return a scene of the simulator, rendered into the folder where it is not there yet."""
     truth = folder / "truth"
     if not (folder / "preview.png").is_file():
         simulate(scenario, folder, Silent())

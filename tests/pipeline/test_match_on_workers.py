@@ -28,14 +28,27 @@ from tests.workers.functions import KillOnce
 
 RIG = scale_rig(read_rig(TRUE_RIG), 0.5)
 RANGE_MM = (570.0, 750.0)
+FACTORY = MatcherFactory(RIG, RANGE_MM, MultiviewSettings.preset("fast"))
 FRAMES = ("000", "001", "002", "003")
 """The load, a frame with a mirrored camera, one without an image of the core, and the load in another light."""
 
 
-@pytest.fixture(scope="module", autouse=True)
+PROCESSES, CLUSTER = WorkerOptions(workers=2), WorkerOptions(workers=2, address="auto")
+WORKERS = list_cases([PROCESSES, CLUSTER], [PROCESSES])
+
+
+@pytest.fixture(scope="module")
 def cluster() -> Iterator[None]:
     """A local cluster that all tests of the file share."""
     yield from start_cluster()
+
+
+@pytest.fixture
+def workers(request: pytest.FixtureRequest) -> WorkerOptions:
+    """Processes of this machine, or the cluster."""
+    if request.param is CLUSTER:
+        request.getfixturevalue("cluster")
+    return request.param
 
 
 @pytest.fixture(scope="module")
@@ -75,45 +88,50 @@ def alone(capture: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[dict
     return reconstruct(capture, tmp_path_factory.mktemp("alone"), WorkerOptions())
 
 
-@pytest.mark.thorough
-def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path) -> None:
-    files, warnings = reconstruct(capture, tmp_path, WorkerOptions(workers=2))
+@pytest.mark.parametrize("workers", WORKERS, indirect=True, ids=str)
+def test_files_and_warnings_are_those_without_workers(capture, alone, tmp_path, workers) -> None:
+    files, warnings = reconstruct(capture, tmp_path, workers)
     assert sorted(files) == sorted(alone[0])
     assert [name for name in files if files[name] != alone[0][name]] == []
-    assert warnings == alone[1]
+    assert sorted(warnings) == sorted(alone[1])  # images are read as many frames ahead as there are workers
     assert {"000/depth.tiff", "001/sigma.tiff", "003/depth.tiff", "reconstruction.json"} <= files.keys()
     assert any("002" in line and "going on without this frame" in line for line in warnings)
 
 
 @pytest.mark.thorough
-def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkeypatch) -> None:
+@pytest.mark.parametrize("workers", WORKERS, indirect=True, ids=str)
+def test_a_killed_worker_repeats_its_frame_only(capture, alone, tmp_path, monkeypatch, workers) -> None:
     marks = tmp_path / "marks"
     marks.mkdir()
-    killing = KillOnce(match_ahead.match_frame, str(marks))
-    monkeypatch.setattr(match_ahead, "match_frame", killing)
-    files, warnings = reconstruct(capture, tmp_path / "r", WorkerOptions(workers=2))
+    opened = match_ahead.open_pool
+    monkeypatch.setattr(
+        match_ahead,
+        "open_pool",
+        lambda function, *others: opened(KillOnce(function, str(marks)), *others),
+    )
+    files, warnings = reconstruct(capture, tmp_path / "r", workers)
     assert [name for name in alone[0] if files[name] != alone[0][name]] == []
-    assert warnings == alone[1]
+    assert sorted(warnings) == sorted(alone[1])
     assert sorted(path.name for path in marks.iterdir()) == [name for name in FRAMES if name != "002"]
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("elsewhere", list_cases(["nothing", "another_frame"], ["another_frame"]))
+@pytest.mark.usefixtures("cluster")
 def test_images_are_sent_to_workers_that_do_not_see_them(capture, tmp_path, elsewhere: str) -> None:
     other = {name: capture / name / "003.png" for name in ("cam0", "cam1", "cam2", "cam3")}
     files = {name: tmp_path / name for name in other} if elsewhere == "nothing" else other
     frame = next(iter(reconstruction.open_capture(capture, RIG, Silent())))
     frame = replace(frame, images={name: frame.images[name] for name in files})
-    factory = MatcherFactory(RIG, RANGE_MM, MultiviewSettings.preset("fast"))
     reporter = Silent()
-    with match_ahead.open_workers(factory, WorkerOptions(workers=2), lambda _: files, reporter) as workers:
+    with match_ahead.open_workers(FACTORY, CLUSTER, lambda _: files, reporter) as workers:
         pending = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
         assert pending.task.files.keys() == files.keys()
         first = require(pending.result())
         later = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
         assert not later.task.files
         assert first.depth_mm.tobytes() == require(later.result()).depth_mm.tobytes()
-    here = factory(("cam1", "cam2", "cam3")).reconstruct(frame, reporter)
+    here = FACTORY(("cam1", "cam2", "cam3")).reconstruct(frame, reporter)
     assert first.depth_mm.tobytes() == here.depth_mm.tobytes()
     assert not reporter.warnings
 
@@ -124,6 +142,10 @@ class DeadPool:
 
     workers: int
 
+    def done(self) -> bool:
+        """Return that it has ended."""
+        return True
+
     def submit(self, task: MatchTask, name: str) -> DeadPool:
         """Take a frame."""
         del task, name
@@ -131,11 +153,12 @@ class DeadPool:
 
     def result(self) -> Completed[DepthMap | None]:
         """Return the workers' death."""
+        assert self.done()
         return Completed(0, None, "its worker died 11 times (WorkerCrashedError)", "", 0.0, 0.0)
 
 
 def test_frames_ahead_keep_every_worker_busy_within_the_memory() -> None:
-    workers = match_ahead.MatchWorkers(DeadPool(64), lambda _: {}, Silent())
+    workers = match_ahead.MatchWorkers(DeadPool(64), FACTORY, lambda _: {}, Silent(), sends_images=True)
     assert workers.count_frames_ahead((612, 512), 5) == 128
     assert workers.count_frames_ahead((4096, 3000), 5) * 4096 * 3000 * 18 <= 4 << 30
 
@@ -143,7 +166,7 @@ def test_frames_ahead_keep_every_worker_busy_within_the_memory() -> None:
 def test_a_frame_that_no_worker_survives_is_matched_here(capture) -> None:
     reporter = Silent()
     frame = next(iter(reconstruction.open_capture(capture, RIG, Silent())))
-    workers = match_ahead.MatchWorkers(DeadPool(2), lambda _: {}, reporter)
+    workers = match_ahead.MatchWorkers(DeadPool(2), FACTORY, lambda _: {}, reporter, sends_images=True)
     assert workers.submit(frame, RIG.auxiliaries, lambda: pytest.fail("made here")).result() is None
     assert reporter.warnings == [
         "frame 000: its worker died 11 times (WorkerCrashedError); it is matched by this process"

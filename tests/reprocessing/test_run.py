@@ -12,35 +12,16 @@ import sys
 import threading
 import time
 import zipfile
-from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from beltscape.core.ledger import BeltRecord
 from beltscape.reprocessing import run as module
-from beltscape.sinks.historian.historian import Historian
-from beltscape.sinks.settings import HistorySettings
 from tests.reprocessing.conftest import FRAMES, STEP_MM
+from tests.reprocessing.ledgers import read_records
 from tests.synthetic.demo import parse_json
-
-
-def read_records(folder: Path) -> list[tuple[Any, ...]]:
-    """Return everything that records hold, except the run's number and the system clock's time."""
-    historian = Historian(folder, HistorySettings(reserve_mib=1))
-    records = historian.records(0, 2**62, 10_000, sections=True)
-    historian.close()
-    return [_list_values(record) for record in records]
-
-
-def _list_values(record: BeltRecord) -> tuple[Any, ...]:
-    section = None if record.section is None else record.section.height_mm.tobytes()
-    strip = None if record.strip is None else repr(astuple(record.strip))
-    return (
-        record.number, record.belt_mm, record.standing, record.reason, strip, record.run_sigma_mm3,
-        record.cameras, record.offset_mm, section, repr(record.mass_kg),
-    )  # fmt: skip
+from tests.workers.processes import find_workers
 
 
 def read_result(store: Path) -> dict[str, Any]:
@@ -76,7 +57,6 @@ def test_any_cut_counts_every_millimetre_once(moving_store, joined_store) -> Non
 
 @pytest.mark.thorough
 def test_two_workers_that_are_killed_give_the_ledger_of_one(reprocess, joined_store, tmp_path) -> None:
-    pytest.importorskip("ray", reason="Ray is not installed; pip install 'beltscape[cluster]' brings it")
     ended, killed = threading.Event(), []
     killer = threading.Thread(target=_kill_workers, args=(ended, killed))
     killer.start()
@@ -91,17 +71,13 @@ def test_two_workers_that_are_killed_give_the_ledger_of_one(reprocess, joined_st
 
 
 def _kill_workers(ended: threading.Event, killed: list[int], most: int = 1) -> None:
-    """Kill processes that measure a piece, a tenth of a second after their begin at most."""
+    """Kill workers of this process, a tenth of a second after their begin at most."""
     while not ended.wait(0.1) and len(killed) < most:
-        for entry in Path("/proc").iterdir():
-            try:
-                title = (entry / "cmdline").read_bytes()
-                if title.startswith(b"ray::") and b"frames" in title and int(entry.name) not in killed:
-                    os.kill(int(entry.name), signal.SIGKILL)
-                    killed.append(int(entry.name))
-                    break
-            except (OSError, ValueError):
-                continue
+        for process in find_workers():
+            if process not in killed:
+                os.kill(process, signal.SIGKILL)
+                killed.append(process)
+                break
 
 
 def test_a_killed_run_goes_on_where_it_was(reprocess, recorded_plant, joined_store, tmp_path) -> None:

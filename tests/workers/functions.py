@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from beltscape.core.errors import InputError
 from beltscape.core.system_calls import count_usable_cores
@@ -32,6 +33,18 @@ def die_at_first(folder: str, number: int | str) -> int | str:
         mark.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return number
+
+
+def die_always(shared: None, task: Any) -> None:
+    """Kill the own process."""
+    del shared, task
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def add_arrays(offset: float, given: dict[str, np.ndarray]) -> tuple[np.ndarray, bool]:
+    """Return the sum of arrays and an offset, and whether the first array was writeable."""
+    arrays = [*given.values()]
+    return np.asarray(sum(arrays) + offset), arrays[0].flags.writeable
 
 
 def count_cores(shared: None, task: None) -> tuple[int, int, str | None]:

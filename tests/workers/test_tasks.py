@@ -1,4 +1,4 @@
-"""Tasks on workers: in this process and on a local Ray cluster, with failures and killed workers."""
+"""Tasks on workers: in this process, on processes, and on a Ray cluster, with failures and killed workers."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from tests.workers.cluster import start_cluster
 from tests.workers.functions import count_cores, die_at_first, multiply, sleep
 
 HERE, TWO = WorkerOptions(), WorkerOptions(workers=2)
+CLUSTER = WorkerOptions(workers=2, address="auto")
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +38,9 @@ def test_a_cluster_that_does_not_answer_is_named() -> None:
         list(run_tasks(multiply, 2, [1], WorkerOptions(address="127.0.0.1:1")))
 
 
-def test_two_workers_give_the_same_values(cluster: None) -> None:
-    ends = sorted(run_tasks(multiply, 2, [*range(20)], TWO), key=lambda end: end.number)
+@pytest.mark.parametrize("options", [TWO, CLUSTER], ids=str)
+def test_two_workers_give_the_same_values(cluster: None, options) -> None:
+    ends = sorted(run_tasks(multiply, 2, [*range(20)], options), key=lambda end: end.number)
     assert [end.value for end in ends] == [end.value for end in run_tasks(multiply, 2, [*range(20)], HERE)]
     assert [end.failure for end in ends if end.value is None] == [
         "thirteen.png: the file is damaged; copy the image again",
@@ -47,8 +49,9 @@ def test_two_workers_give_the_same_values(cluster: None) -> None:
 
 
 @pytest.mark.thorough
-def test_two_tasks_run_at_a_time(cluster: None) -> None:
-    ends = list(run_tasks(sleep, 0.2, [*range(6)], TWO))
+@pytest.mark.parametrize("options", [TWO, CLUSTER], ids=str)
+def test_two_tasks_run_at_a_time(cluster: None, options) -> None:
+    ends = list(run_tasks(sleep, 0.2, [*range(6)], options))
     assert len({end.worker for end in ends}) == 2
     begins = sorted((end.begin_s, end.begin_s + end.seconds) for end in ends)
     assert any(second[0] < first[1] for first, second in itertools.pairwise(begins))
@@ -56,15 +59,15 @@ def test_two_tasks_run_at_a_time(cluster: None) -> None:
 
 def test_a_task_whose_worker_dies_is_run_again(cluster: None, tmp_path) -> None:
     count = 4 if THOROUGH else 1
-    ends = list(run_tasks(die_at_first, str(tmp_path), [*range(count)], TWO))
+    ends = list(run_tasks(die_at_first, str(tmp_path), [*range(count)], CLUSTER))
     assert sorted(end.value for end in ends if end.value is not None) == [*range(count)]
 
 
 def test_what_is_not_wanted_any_more_is_cancelled(cluster: None) -> None:
-    ends = run_tasks(sleep, 0.1, [*range(50)], TWO)
+    ends = run_tasks(sleep, 0.1, [*range(50)], CLUSTER)
     assert next(ends).value is not None
     ends.close()
-    assert len(list(run_tasks(multiply, 3, [1, 2], TWO))) == 2
+    assert len(list(run_tasks(multiply, 3, [1, 2], CLUSTER))) == 2
 
 
 @pytest.mark.parametrize("workers", list_cases([0, -1, 100_000], [0, 100_000]))
@@ -78,11 +81,11 @@ def test_without_ray_the_fix_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(SettingsError, match=r"pip install 'beltscape\[cluster\]'"):
-        list(run_tasks(multiply, 2, [1], TWO))
+        list(run_tasks(multiply, 2, [1], CLUSTER))
 
 
-@pytest.mark.parametrize("options", [HERE, TWO])
-def test_values_that_are_all_needed_come_in_order_or_as_the_error_of_one(cluster: None, options) -> None:
+@pytest.mark.parametrize("options", [HERE, TWO], ids=str)
+def test_values_that_are_all_needed_come_in_order_or_as_the_error_of_one(options) -> None:
     counts: list[int] = []
     assert collect_values(multiply, 2, [3, 1, 2], options, counts.append) == [6, 2, 4]
     assert counts == [0, 1, 2, 3]
@@ -93,5 +96,5 @@ def test_values_that_are_all_needed_come_in_order_or_as_the_error_of_one(cluster
 
 
 def test_a_worker_has_one_core(cluster: None) -> None:
-    (cores,) = collect_values(count_cores, None, [None], TWO, lambda _: None)
+    (cores,) = collect_values(count_cores, None, [None], CLUSTER, lambda _: None)
     assert cores == (1, 1, "1")

@@ -25,8 +25,9 @@ MOST_MM = 5.0
 """... and at most this error; false surfaces are left to the confidence."""
 ROUND = 0.1
 """Half width of the parabola that rounds the corner of the absolute deviation."""
-OCCLUDED = 4.0
-"""Weight of a pixel that no auxiliary sees: they are few, and right there only by chance."""
+HIDDEN = 4.0
+"""Weight of a pixel that no auxiliary sees, and of a wrong one that the projector does not light: they are few, and
+a depth there is invented."""
 SCHEDULES = {
     "initial_confidence": Schedule((32,), 16, 8192, 4e-3),
     "candidates": Schedule((32,), 16, 8192, 4e-3),
@@ -60,7 +61,8 @@ def train_pixels(name: str, captures: list[Path], cache: SampleCache) -> Network
     samples = collect_pixels(name, captures, cache)
     features = tuple(map(str, samples["names"]))
     x, right = samples["features"], mask_right(samples)[:, None]
-    weight = np.where(samples["occluded"], OCCLUDED, 1)[:, None]
+    hidden = samples["occluded"] | (samples["dark"] & ~right[:, 0])
+    weight = np.where(hidden, HIDDEN, 1)[:, None]
     confidence = fit_perceptron(features, ("logit",), x, make_cross_entropy(right, weight), SCHEDULES[name])
     if name == "initial_confidence":
         return confidence
@@ -119,6 +121,7 @@ def _stack(samples: list[Sample]) -> dict[str, np.ndarray]:
         "centred_px": np.concatenate([_centre_errors(s) for s in samples]),
         "interior": np.concatenate([s.interior for s in samples]),
         "occluded": np.concatenate([s.occluded for s in samples]),
+        "dark": np.concatenate([s.dark for s in samples]),
     }
 
 

@@ -34,8 +34,9 @@ ROUNDS, ROUND_UNITS = 3, 48
 EPOCHS, BATCH, RATE, DECAY = 6, 36_000, 3e-3, 1e-4
 FLAGS = torch.eye(2)
 """Last two numbers of the messages of rejected and of accepted pixels, whose other numbers are 0."""
-OCCLUDED = 6.0
-"""Weight of a pixel that no auxiliary sees: they are few, and right there only by chance."""
+HIDDEN = 6.0
+"""Weight of a pixel that no auxiliary sees, and of a wrong one that the projector does not light: they are few, and
+a depth there is invented."""
 SHIFT_WEIGHT, SIGMA_WEIGHT = 3.0, 0.2
 """Weights of the losses of shift and sigma relative to that of the confidence."""
 NEAREST_PX, FARTHEST_PX = 0.05, 1.0
@@ -70,7 +71,7 @@ class RefinementNetwork(nn.Module):
 
 def compute_loss(prediction: Tensor, tile: Tile) -> Tensor:
     """Return the weighted mean loss of confidence, sigma and shift."""
-    error, mm_per_px, weight, occluded = map(torch.from_numpy, tile[2:])
+    error, mm_per_px, weight, occluded, dark = map(torch.from_numpy, tile[2:])
     logit, log_sigma, shift = prediction.T
     left = error + shift
     with torch.no_grad():
@@ -84,7 +85,11 @@ def compute_loss(prediction: Tensor, tile: Tile) -> Tensor:
     confidence = functional.binary_cross_entropy_with_logits(logit, right.float(), reduction="none")
     sigma = torch.where(measured, huber(log_sigma - log_size, ROUND), zero)
     moves = torch.where(movable, huber(torch.where(movable, left, zero), NEAREST_PX), zero)
-    each = torch.where(occluded, OCCLUDED, 1.0) * confidence + SIGMA_WEIGHT * sigma + SHIFT_WEIGHT * moves
+    each = (
+        torch.where(occluded | (dark & ~right), HIDDEN, 1.0) * confidence
+        + SIGMA_WEIGHT * sigma
+        + SHIFT_WEIGHT * moves
+    )
     return (weight * each).sum() / weight.sum()
 
 

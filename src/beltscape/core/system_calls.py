@@ -1,4 +1,4 @@
-"""System calls that differ between Linux or macOS and Windows: locks, durable folders, space, cores, keys, addresses.
+"""System calls that differ between Linux or macOS and Windows: locks, folders, memory, cores, keys, addresses.
 
 No other module asks which system it runs on. On Windows a lock is one byte of a file (`msvcrt.locking`), folders
 cannot be opened, and a name in a folder needs no call to be durable. Systemd is told of start and liveness by the
@@ -12,6 +12,7 @@ import socket
 import sys
 import tempfile
 from contextlib import suppress
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import IO, TextIO
@@ -131,6 +132,38 @@ def sync_files() -> None:
     """Wait until all that was written is on the disk; Windows, which has no such call, is not asked."""
     if hasattr(os, "sync"):
         os.sync()
+
+
+@dataclass(frozen=True, slots=True)
+class SharedFile:
+    """An open file of memory that a process which this one begins can open, too."""
+
+    file: int
+    """The open file."""
+    name: str
+    """What `open_shared_file` of the other process takes."""
+    inherited: int | None
+    """The open file that the other process must inherit; None: none."""
+
+    def remove(self) -> None:
+        """Remove the file's name, where it has one; both processes have closed it."""
+        if self.inherited is None:
+            Path(self.name).unlink(missing_ok=True)
+
+
+def make_shared_file() -> SharedFile:
+    """Return a new file of memory: without a name on Linux, else a file of the temporary folder."""
+    if hasattr(os, "memfd_create"):
+        file = os.memfd_create("beltscape")
+        return SharedFile(file, f"inherited:{file}", file)
+    file, name = tempfile.mkstemp(prefix="beltscape-")
+    return SharedFile(file, name, None)
+
+
+def open_shared_file(name: str) -> int:
+    """Return a file of memory that the program which began this process made, open."""
+    kind, _, number = name.partition(":")
+    return int(number) if kind == "inherited" else os.open(name, os.O_RDWR | getattr(os, "O_BINARY", 0))
 
 
 def release_memory() -> None:

@@ -1,4 +1,4 @@
-"""The choice of workers: tasks run in this process, or on a Ray cluster with a largest number at a time."""
+"""The choice of workers: tasks run in this process, on processes of this machine, or on a Ray cluster."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tasks on a Ray cluster: one that runs already, or one of this machine that ends with the tasks.
+"""Tasks on a Ray cluster that runs already.
 
 Each worker of a machine has a core of its own, so that its threads do not take those of other workers.
 """
@@ -59,7 +59,7 @@ def set_authentication(address: str | None) -> None:
 
 @contextmanager
 def connect(options: WorkerOptions) -> Generator[Any]:
-    """Yield Ray, connected to the cluster, or to one of this machine that ends with it.
+    """Yield Ray, connected to the cluster.
 
     Raises
     ------
@@ -71,8 +71,8 @@ def connect(options: WorkerOptions) -> Generator[Any]:
         ray: Any = import_module("ray")
     except ImportError as error:
         raise SettingsError(
-            "several workers need Ray, which is not installed; pip install 'beltscape[cluster]', or leave out "
-            "--workers and --address"
+            "a cluster needs Ray, which is not installed; pip install 'beltscape[cluster]', or leave out "
+            "--address"
         ) from error
     _silence(ray)
     if ray.is_initialized():
@@ -81,10 +81,7 @@ def connect(options: WorkerOptions) -> Generator[Any]:
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     try:
         _probe(options.address)
-        if options.address is None:
-            ray.init(address="local", num_cpus=options.workers, include_dashboard=False, **quiet)
-        else:
-            ray.init(address=options.address, **quiet)
+        ray.init(address=options.address, **quiet)
     except (ConnectionError, OSError, RuntimeError, ValueError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise SettingsError(
@@ -177,6 +174,10 @@ class RayPool:
         for reference in self._ray.wait(list(self.running), num_returns=1, timeout=seconds)[0]:
             yield self.take(reference)
 
+    def has_ended(self, reference: Any) -> bool:
+        """Return whether a task has ended, or was taken already."""
+        return reference not in self.running or bool(self._ray.wait([reference], timeout=0)[0])
+
     def take(self, reference: Any) -> Completed[Any]:
         """Wait for the end of a task that was run, or whose workers died."""
         number = self.running.pop(reference)
@@ -200,6 +201,10 @@ class _RayTask:
     def result(self) -> Completed[Any]:
         """Return the task's end; see `tasks.PendingTask`."""
         return self._pool.take(self._reference)
+
+    def done(self) -> bool:
+        """Return whether the task has ended."""
+        return self._pool.has_ended(self._reference)
 
 
 def _call_on_worker(everywhere: tuple[str, Any, Any], number: int, task: Any) -> Completed[Any]:

@@ -10,6 +10,7 @@ from typing import Generic, Protocol, TypeVar
 from beltscape.core.errors import SettingsError
 from beltscape.workers.call import Completed, run_here
 from beltscape.workers.options import WorkerOptions
+from beltscape.workers.processes import open_process_pool, run_on_processes
 
 Shared = TypeVar("Shared")
 Arguments = TypeVar("Arguments")
@@ -34,10 +35,12 @@ def run_tasks(
     Raises
     ------
     SettingsError
-        When several workers are wanted and Ray is not installed, or the cluster does not answer.
+        When the tasks are for a cluster and Ray is not installed, or the cluster does not answer.
     """
     if options.is_here:
         return run_here(function, shared, tasks)
+    if options.address is None:
+        return run_on_processes(function, shared, tasks, options, describe)
     from beltscape.workers.ray_cluster import run_on_ray
 
     return run_on_ray(function, shared, tasks, options, describe)
@@ -48,6 +51,10 @@ class PendingTask(Protocol[Value_co]):
 
     def result(self) -> Completed[Value_co]:
         """Wait for the task's end and return it."""
+        ...
+
+    def done(self) -> bool:
+        """Return whether the task has ended."""
         ...
 
 
@@ -76,6 +83,9 @@ def open_pool(
     SettingsError
         When Ray is not installed, or the cluster does not answer.
     """
+    if options.address is None:
+        assert options.workers is not None
+        return open_process_pool(function, shared, options.workers)
     from beltscape.workers.ray_cluster import open_ray_pool
 
     return open_ray_pool(function, shared, options)

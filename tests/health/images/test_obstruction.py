@@ -43,8 +43,8 @@ def soil(camera: str, opacity: float) -> Callable[[str, Levels], Levels]:
 def watch_clean_windows() -> ImageMonitor:
     monitor = ImageMonitor(make_rig(), HealthSettings(learning_frames=5))
     for number in range(CLEAN):
-        monitor.check_images(make_frame(number))
-        assert not any(one.is_fault for one in monitor.check_depth(make_depth()))
+        check = monitor.check_images(make_frame(number))
+        assert not any(one.is_fault for one in monitor.check_depth(check, make_depth()))
     return monitor
 
 
@@ -53,8 +53,8 @@ def follow(camera: str, opacity: float, frames: int) -> list[list[Finding]]:
     monitor = deepcopy(watch_clean_windows())
     results: list[list[Finding]] = []
     for number in range(CLEAN, CLEAN + frames):
-        monitor.check_images(make_frame(number, soil(camera, opacity)))
-        results.append([one for one in monitor.check_depth(make_depth()) if one.is_fault])
+        check = monitor.check_images(make_frame(number, soil(camera, opacity)))
+        results.append([one for one in monitor.check_depth(check, make_depth()) if one.is_fault])
     return results
 
 
@@ -85,5 +85,5 @@ def test_frozen_camera_is_not_accused_of_dirt() -> None:
     for number in range(CLEAN, CLEAN + 8):
         frames = make_frame(number)
         frames = replace(frames, images={**frames.images, "cam2": frozen})
-        monitor.check_images(frames)
-        assert not any(one.is_fault for one in monitor.check_depth(make_depth()))
+        check = monitor.check_images(frames)
+        assert not any(one.is_fault for one in monitor.check_depth(check, make_depth()))

@@ -42,6 +42,8 @@ class TrainingFrame:
     label: np.ndarray
     views: np.ndarray
     """How many auxiliaries see a pixel's point."""
+    lit: np.ndarray
+    """Whether the projector lights it."""
     is_false: bool
     """Whether the images show no scene, or different ones: every surface is false."""
 
@@ -56,6 +58,8 @@ class Capture:
     label: np.ndarray
     views: np.ndarray
     """How many auxiliaries see a pixel's point."""
+    lit: np.ndarray
+    """Whether the projector lights it."""
 
     def training_frame(self, names: tuple[str, ...], augment: Augmentation) -> TrainingFrame:
         """Return the frame with these auxiliaries and an augmentation."""
@@ -65,7 +69,7 @@ class Capture:
         except ReconstructionError:
             near_far = ON_FAILURE_MM
         return TrainingFrame(
-            self.rig, names, frame, near_far, self.depth_mm, self.label, self.views,
+            self.rig, names, frame, near_far, self.depth_mm, self.label, self.views, self.lit,
             augment in (mismatched, blank),
         )  # fmt: skip
 
@@ -81,16 +85,17 @@ class Capture:
             for name, image in self.images.items()
         }
         views = self.views.reshape(height, 2, width, 2).max(axis=(1, 3))
-        return Capture(scale_rig(self.rig, 0.5), images, depth, self.label[::2, ::2], views)
+        label, lit = self.label[::2, ::2], self.lit[::2, ::2]
+        return Capture(scale_rig(self.rig, 0.5), images, depth, label, views, lit)
 
 
 def read_simulated(folder: Path) -> Capture:
     """Return a capture of the simulator."""
     rig = read_rig(folder / "truth" / "rig.json")
     truth = np.load(next((folder / "truth").glob("*_depth.npz")))
-    depth_mm, label, views = (truth[name] for name in ("depth_mm", "label", "views"))
+    depth_mm, label, views, lit = (truth[name] for name in ("depth_mm", "label", "views", "lit"))
     images = {name: read_image(next((folder / name).glob("000.*"))) for name in rig.cameras}
-    return Capture(rig, images, depth_mm, label, views)
+    return Capture(rig, images, depth_mm, label, views, lit)
 
 
 def training_frames(folder: Path, turn: int) -> Iterator[TrainingFrame]:

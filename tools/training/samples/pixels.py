@@ -44,6 +44,8 @@ class Sample:
     """Of pixels away from true steps."""
     occluded: np.ndarray
     """Of pixels that no auxiliary truly sees."""
+    dark: np.ndarray
+    """Of pixels that the projector does not light."""
     scale: float
     """Of the grid."""
 
@@ -57,6 +59,7 @@ class Truth:
     beside: np.ndarray
     interior: np.ndarray
     occluded: np.ndarray
+    dark: np.ndarray
 
 
 def draw_pixel_samples(folder: Path, turn: int, network: str) -> Iterator[Sample]:
@@ -90,6 +93,7 @@ def _sample(match: MatcherState, training: TrainingFrame, settings: MultiviewSet
         depth * depth * unit,
         truth.interior[at],
         truth.occluded[at],
+        truth.dark[at],
         context.scale,
     )
 
@@ -172,6 +176,7 @@ def read_truth(training: TrainingFrame, step: int) -> Truth:
         ~scene & near & ((label == 1) | (label == 2)),
         interior_mask(training.depth_mm.astype(float))[inside],
         training.views[inside] == 0,
+        ~training.lit[inside],
     )
 
 

@@ -48,6 +48,8 @@ class Tile(NamedTuple):
     """0 in the margin, where no auxiliary sees the matched surface, and outside the projector's light."""
     occluded: np.ndarray
     """Pixels that no auxiliary truly sees."""
+    dark: np.ndarray
+    """Pixels that the projector does not light."""
 
 
 FIELDS = Tile._fields
@@ -122,6 +124,7 @@ class UncertainFrame:
             (depth * depth * self.unit * scale).astype(np.float32),
             weight[at],
             self.truth.occluded[at],
+            self.truth.dark[at],
         )
 
 

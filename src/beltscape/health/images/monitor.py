@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -48,6 +48,8 @@ _COVERED_SIGMA = 0.3
 """σ of the log light while no bare belt shows it."""
 _LIGHT_FRAMES = 12
 """Number of frames of a moving belt before dirt is searched."""
+_LEAST_COMPARED = 3
+"""Number of cameras from which on one that is darker than the others can be told."""
 _MOVING = 3.0
 """Change over noise from which a frame shows other material than the one before."""
 _AUXILIARY_SHARE = 0.25
@@ -63,6 +65,10 @@ class ImageCheck:
     """The frame set with the cameras that can be matched; without images if nothing can be measured."""
     is_whole: bool
     """Whether no camera was left out of a frame that is matched."""
+    window_light: Mapping[str, Float32Array] | None = None
+    """Light of the cameras without another fault, which shows dirt on their windows; None: it says nothing."""
+    is_moving: bool = False
+    """Whether the frame shows other material than the one before."""
 
 
 class ImageMonitor:
@@ -86,12 +92,7 @@ class ImageMonitor:
         self._lit_before: dict[str, ImageStatistics] = {}
         """The last frame whose exposure times are known."""
         self._lights: deque[float] = deque(maxlen=_FLICKER_FRAMES)
-        self._is_moving = False
         self._rays: NDArray[np.float64] | None = None
-        self._faulty: set[str] = set()
-        """Cameras whose last image has another fault: its light says nothing about dirt."""
-        self._has_other_light = False
-        """Whether sunlight, dust or the projector changes the light of all cameras: then it says nothing either."""
 
     def _set_learned(self, learned: ImageReferences | None) -> None:
         """Compare with ``learned`` from now on; None: learn from the next sound frames."""
@@ -134,32 +135,31 @@ class ImageMonitor:
         if frames.recorded and frames.recorded == self._recorded:
             self._levels_before = {}  # a loop shows it again, with the frames between left out
         self._recorded = frames.recorded
-        findings = self._check(statistics, levels)
+        findings, is_moving = self._check(statistics, levels)
         is_sound = worst_effect(findings) == "none" and _has_known_exposure(statistics)
         if self._settings.learning and self._reference is None and is_sound:
             self._learn(statistics)
         self._before, self._levels_before = statistics, levels
-        self._faulty = {one.subject for one in findings if one.is_fault}
-        self._has_other_light = any(one.effect != "none" and not one.subject for one in findings)
         blind = {one.subject for one in findings if one.effect == "missing"}
-        return self._select(frames, blind, tuple(map(self._weight_camera, findings)))
+        check = self._select(frames, blind, tuple(map(self._weight_camera, findings)))
+        light = _select_window_light(statistics, findings)
+        return replace(check, window_light=light, is_moving=is_moving)
 
-    def check_depth(self, depth: DepthMap) -> tuple[Finding, ...]:
-        """Return the findings that need the depth of the frame that `check_images` received last.
+    def check_depth(self, check: ImageCheck, depth: DepthMap) -> tuple[Finding, ...]:
+        """Return the findings that need the depth of a frame whose images were checked.
 
-        Dirt is searched in frames of a moving belt; while it stands the last findings hold.
+        The frames come in their order, but the images of later ones may have been checked already. Dirt is searched
+        in frames of a moving belt; while it stands the last findings hold.
         """
-        is_comparable = not self._has_other_light and len(self._before.keys() - self._faulty) >= 3
-        if not self._settings.images or not is_comparable:
+        if check.window_light is None:
             return ()
-        self._moving_frames += self._is_moving
-        if self._is_moving:
-            self._dirt = tuple(map(self._weight_camera, self._check_dirt(depth)))
+        self._moving_frames += check.is_moving
+        if check.is_moving:
+            self._dirt = tuple(map(self._weight_camera, self._check_dirt(check.window_light, depth)))
         return self._dirt
 
-    def _check_dirt(self, depth: DepthMap) -> list[Finding]:
+    def _check_dirt(self, levels: Mapping[str, Float32Array], depth: DepthMap) -> list[Finding]:
         self._rays = compute_block_rays(self._rig) if self._rays is None else self._rays
-        levels = {name: one.level for name, one in self._before.items() if name not in self._faulty}
         for name, light in sample_light(levels, self._rig, self._rays, depth).items():
             self._light_maps[name] = accumulate_light(self._light_maps.get(name), light)
             self._recent_maps[name] = accumulate_light(self._recent_maps.get(name), light, SHORT_MEMORY)
@@ -177,17 +177,18 @@ class ImageMonitor:
                 name, light, self._recent_maps[name], self._light_references.get(name), self._settings
             )
             for name, light in self._light_maps.items()
-            if name not in self._faulty
+            if name in levels
         ]
 
     def _check(
         self, statistics: dict[str, ImageStatistics], levels: dict[str, Float32Array]
-    ) -> tuple[Finding, ...]:
+    ) -> tuple[tuple[Finding, ...], bool]:
+        """Return the findings, and whether the belt moves."""
         settings, reference = self._settings, self._reference
         noise = min(one.noise for one in statistics.values())
         changes = measure_changes(self._levels_before, levels, noise)
         finite = [one.noise_ratio for one in changes.values() if np.isfinite(one.noise_ratio)]
-        self._is_moving = bool(finite) and float(np.median(finite)) > _MOVING
+        is_moving = bool(finite) and float(np.median(finite)) > _MOVING
         step_sigma, light, light_sigma = self._follow_light(statistics)
         pattern = check_projected_pattern(statistics, reference, self._light, settings)
         flicker = check_flicker(tuple(self._lights), step_sigma, settings)
@@ -204,7 +205,7 @@ class ImageMonitor:
             check_sunlight(statistics, reference, settings),
             check_lamp(statistics, reference, light, light_sigma, settings),
         ]
-        return tuple(findings)
+        return tuple(findings), is_moving
 
     def _follow_light(self, statistics: dict[str, ImageStatistics]) -> tuple[float, float, float]:
         """Update the light; return the σ of its last step, and the light with its σ, NaN where they are not known.
@@ -254,6 +255,19 @@ class ImageMonitor:
         if not blind & {"", self._rig.core} and len(images) > 1:
             return ImageCheck(findings, replace(frames, images=images), not blind)
         return ImageCheck(findings, replace(frames, images={}), True)
+
+
+def _select_window_light(
+    statistics: Mapping[str, ImageStatistics], findings: Sequence[Finding]
+) -> dict[str, Float32Array] | None:
+    """Return the light of the cameras whose image has no other fault; None where it says nothing about dirt.
+
+    Sunlight, dust or the projector may change the light of all cameras, and two cannot be told apart.
+    """
+    faulty = {one.subject for one in findings if one.is_fault}
+    has_other_light = any(one.effect != "none" and not one.subject for one in findings)
+    light = {name: one.level for name, one in statistics.items() if name not in faulty}
+    return None if has_other_light or len(light) < _LEAST_COMPARED else light
 
 
 def _has_known_exposure(statistics: dict[str, ImageStatistics]) -> bool:

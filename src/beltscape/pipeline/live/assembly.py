@@ -22,6 +22,7 @@ from beltscape.pipeline.live.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.intake import ExposureControl, FrameQueue
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.maintenance import MaintenanceMode, recover_maintenance
+from beltscape.pipeline.live.match_workers import LiveWorkers, open_live_workers
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.measuring_parts import make_measuring_parts, read_run_rig
 from beltscape.pipeline.live.production import ProductionControl
@@ -73,6 +74,8 @@ class AssembledRun:
 
     def close(self) -> None:
         """Close all sinks; call it after the engine has stopped and the last reader is done."""
+        if self.components.workers is not None:
+            self.components.workers.close()
         self.components.events.close()
         self.table.close()
         self.historian.close()
@@ -106,9 +109,29 @@ def _assemble_around(
     reporter: Reporter,
 ) -> AssembledRun:
     """Open the other parts of a run; see ``assemble``."""
-    settings = project.settings
     require_cameras_of_banks(project, rig.cameras)
-    parts = make_measuring_parts(project, rig, reporter, options.data)
+    workers = open_live_workers(project.settings.matching.workers)
+    try:
+        parts = make_measuring_parts(project, rig, reporter, options.data, workers)
+        return _assemble_parts(source, rig, project, options, observer, reporter, parts, workers)
+    except BaseException:
+        if workers is not None:
+            workers.close()
+        raise
+
+
+def _assemble_parts(
+    source: LiveSource,
+    rig: Rig,
+    project: Project[RunSettings],
+    options: RunOptions,
+    observer: Observer,
+    reporter: Reporter,
+    parts: MeasuringParts,
+    workers: LiveWorkers | None,
+) -> AssembledRun:
+    """Open the history and all that needs it."""
+    settings = project.settings
     context = parts.context
     if options.learn_images:
         context.learned_images.learn_anew()
@@ -152,10 +175,14 @@ def _assemble_around(
             on_message=reporter.warn,
             recover=lambda: recover_maintenance(historian.events(0, _END_OF_TIME_NS)),
         ),
+        workers=workers,
         learned_images=context.learned_images,
         read_tag=lambda: production.tag,
         follow_timetable=production.follow_timetable,
     )
+    if workers is not None:
+        workers.on_end = components.queue.wake
+        workers.on_death = lambda line: events.add("worker", "replaced", line, time_ns())
     return AssembledRun(Engine(components), historian, table, components, parts, production)
 
 

@@ -6,6 +6,7 @@ The operator's actions on it are alarms, the kept recording, maintenance, learne
 from __future__ import annotations
 
 import threading
+from collections import deque
 from dataclasses import replace
 from time import monotonic, monotonic_ns, time_ns
 
@@ -21,6 +22,7 @@ from beltscape.pipeline.live.alarm_control import AlarmControl
 from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts
 from beltscape.pipeline.live.measurement_run import Outcome
 from beltscape.pipeline.live.reporting import RepairNotice
+from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame
 
 
 class OperatorControls:
@@ -207,16 +209,21 @@ class Engine(OperatorControls):
         return replace(frames, position_mm=encoder.position_at(frames.time_ns, frames.frame))
 
     def _work(self) -> None:
-        """Measure the queue's frame sets."""
-        components = self._components
+        """Measure the queue's frame sets in their order, while workers match those after them."""
+        components, submitted = self._components, deque[tuple[FrameSet, PendingFrame | None]]()
+        most = 1 if components.workers is None else components.workers.ahead
         while True:
-            frames = components.queue.get(_WAIT_S)
-            if frames is not None:
-                self._measure(frames)
-                if not len(components.queue):
+            while len(submitted) < most and (frames := components.queue.get(0)) is not None:
+                submitted.append((frames, self._submit(frames)))
+            # where no more are submitted there is nothing to do but to wait for the oldest one
+            if submitted and (len(submitted) == most or _is_done(submitted[0][1])):
+                self._measure(*submitted.popleft())
+                if not submitted and not len(components.queue):
                     self._flush()
-            elif components.queue.closed:
+            elif not submitted and components.queue.closed:
                 break
+            elif components.queue.wait(_WAIT_S) or submitted:
+                continue
             elif components.polls_encoder and (step := self._encoder_step()) is not None:
                 self._measure(step)
         try:
@@ -238,11 +245,21 @@ class Engine(OperatorControls):
             return None
         return step
 
-    def _measure(self, frames: FrameSet) -> None:
+    def _submit(self, frames: FrameSet) -> PendingFrame | None:
+        """Begin to match a frame set on a worker; None: it is matched in its turn."""
+        if self._components.maintenance.current is not None:
+            return None
+        try:
+            return self._components.measurement.submit(frames)
+        except Exception as error:
+            self._components.reporter.warn(f"frame {frames.frame}: {type(error).__name__}: {error}")
+            return None
+
+    def _measure(self, frames: FrameSet, pending: PendingFrame | None = None) -> None:
         components, began = self._components, monotonic()
         self._last_position_mm = frames.position_mm
         try:
-            outcome = self._push(frames, components.maintenance.current)
+            outcome = self._push(frames, components.maintenance.current, pending)
         except Exception as error:
             self._restart(f"frame {frames.frame}", error)
             return
@@ -266,14 +283,15 @@ class Engine(OperatorControls):
             )
         )
 
-    def _push(self, frames: FrameSet, present: Maintenance | None) -> Outcome:
+    def _push(self, frames: FrameSet, present: Maintenance | None, pending: PendingFrame | None) -> Outcome:
         """Measure a frame set; during maintenance it only gives the belt's position."""
         empty_belt = self._components.zero.pop_reference()
         if empty_belt is not None:
             self._components.measurement.set_empty_belt(empty_belt)
         finding = maintenance.make_maintenance_finding(present)
         measured = frames if present is None else replace(frames, images={})
-        return self._components.measurement.push(measured, (finding,), self._components.read_tag())
+        tag = self._components.read_tag()
+        return self._components.measurement.push(measured, (finding,), tag, pending)
 
     def _finish_exchange(self) -> None:
         """Use the other parts that belong to the context, once the measurement uses it."""
@@ -376,3 +394,8 @@ class Engine(OperatorControls):
             certificate_days=components.certificate_days(),
             is_maintained=components.maintenance.current is not None,
         )
+
+
+def _is_done(pending: PendingFrame | None) -> bool:
+    """Return whether a frame set that was submitted can be measured without waiting for its match."""
+    return pending is None or pending.is_done

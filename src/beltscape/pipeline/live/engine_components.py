@@ -26,6 +26,7 @@ from beltscape.pipeline.live.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.intake import FrameQueue
 from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.maintenance import MaintenanceMode
+from beltscape.pipeline.live.match_workers import LiveWorkers
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.writer import Writer
 from beltscape.pipeline.live.zero import ZeroControl
@@ -121,6 +122,8 @@ class EngineComponents:
     """Returns what the next frame's record is counted for."""
     follow_timetable: Callable[[], None] = lambda: None
     """Called twice a second: changes the product by the timetable."""
+    workers: LiveWorkers | None = None
+    """Processes that match frame sets; None: the worker thread matches them."""
     learned_images: LearnedImages = field(default_factory=LearnedImages)
     hidden_alarms: HiddenAlarms = field(default_factory=lambda: HiddenAlarms(None))
     alarm_states: AlarmStateFile = field(default_factory=lambda: AlarmStateFile(None))

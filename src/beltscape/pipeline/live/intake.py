@@ -33,7 +33,7 @@ class FrameQueue:
         self._capacity, self._blocking = capacity, blocking
         self._waiting: deque[FrameSet] = deque()
         self._changed = threading.Condition()
-        self._closed = False
+        self._closed = self._woken = False
 
     def __len__(self) -> int:
         return len(self._waiting)
@@ -66,6 +66,20 @@ class FrameQueue:
             frames = self._waiting.popleft()
             self._changed.notify_all()
             return frames
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for a frame set or for `wake`; return whether either came in time."""
+        with self._changed:
+            if not self._waiting and not self._woken:
+                self._changed.wait(seconds)
+            woken, self._woken = self._woken, False
+            return woken or bool(self._waiting)
+
+    def wake(self) -> None:
+        """Let the thread that waits, or waits next, go on; any thread may call it."""
+        with self._changed:
+            self._woken = True
+            self._changed.notify_all()
 
     def set_capacity(self, capacity: int) -> None:
         """Hold at most that many frame sets from the next one on."""

@@ -30,8 +30,9 @@ from beltscape.measure.flow.rows import BeltPiece
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.ledger import Ledger, LedgerState
+from beltscape.pipeline.live.match_workers import Submit
 from beltscape.pipeline.measuring.flow_chain import FlowChain
-from beltscape.pipeline.reconstructing.checked_matcher import SequenceMatcher
+from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
 
 _SECTION_CELL_MM = 5.0
 """Approximate column width of a stored cross-section."""
@@ -104,6 +105,8 @@ class MeasurementContext:
     """Of the files that the learned empty belt was read from; empty: nothing is kept beside it."""
     learned_images: LearnedImages = field(default_factory=LearnedImages)
     """What is learned of the images."""
+    submit: Submit | None = None
+    """Begins to match a frame set on a worker; None: the matcher matches each in its turn."""
 
     def with_empty_belt(self, empty_belt: EmptyBeltReference) -> MeasurementContext:
         """Return the context with another empty belt of the same camera."""
@@ -167,12 +170,26 @@ class MeasurementRun:
         self.context = self.context.with_empty_belt(empty_belt)
         self._needs_new_meter = True
 
-    def push(self, frames: FrameSet, findings: Sequence[Finding] = (), tag: RecordTag = _NO_TAG) -> Outcome:
+    def submit(self, frames: FrameSet) -> PendingFrame | None:
+        """Begin to match a frame set that is pushed later; None where it is matched when it is pushed."""
+        submit = self.context.submit
+        return None if submit is None or not frames.images else submit(self._resize(frames))
+
+    def push(
+        self,
+        frames: FrameSet,
+        findings: Sequence[Finding] = (),
+        tag: RecordTag = _NO_TAG,
+        pending: PendingFrame | None = None,
+    ) -> Outcome:
         """Measure the next frame set; without images it only gives the belt's position.
 
-        ``findings`` are further ones about it; its record is counted for ``tag``.
+        ``findings`` are further ones about it; its record is counted for ``tag``. ``pending`` is what `submit`
+        returned for it; the result is the same without.
         """
         entries = self._change_context(frames)
+        if pending is not None and pending.matcher is not self.context.matcher:
+            pending = None  # it was submitted in the context before
         if self._chain is None:
             self._chain = self._begin_meter(self._begin_ledger(frames.position_mm))
         elif frames.position_mm is not None and not self._has_encoder:
@@ -184,7 +201,12 @@ class MeasurementRun:
         self._has_encoder |= frames.position_mm is not None
         whole = set(self._cameras) <= set(frames.images)
         self._ledger.push(frames.frame, frames.images.keys(), frames.position_mm, tag)
-        result = self._chain.push(self._resize(frames), self._reporter, whole=whole, findings=findings)
+        resized = (
+            self._resize(frames) if pending is None else replace(frames, images=pending.frame_set.images)
+        )
+        if not frames.images:
+            resized, pending = frames, None
+        result = self._chain.push(resized, self._reporter, whole=whole, findings=findings, pending=pending)
         entries += self._make_entries(result.records)
         stretches, self._stretches = self._stretches, []
         speed = self._chain.meter.motion.speed

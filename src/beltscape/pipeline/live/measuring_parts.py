@@ -19,12 +19,14 @@ from beltscape.measure.volume.load import compute_capacity_mm2
 from beltscape.pipeline.live import zero
 from beltscape.pipeline.live.engine_components import MeasuringParts, PeriodicInspector
 from beltscape.pipeline.live.image_monitors import make_image_monitors
+from beltscape.pipeline.live.match_workers import LiveWorkers
 from beltscape.pipeline.live.measurement_run import MeasurementContext
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.measuring.belt import hash_empty_belt
 from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.camera_checks import make_rig_writer
 from beltscape.pipeline.reconstructing.checked_matcher import MonitoredMatcher, make_sequence_matcher
+from beltscape.pipeline.reconstructing.match_ahead import MatcherFactory
 from beltscape.sources.folder import scale_rig_to_capture
 
 TABLES = ("belt", "matching", "flow", "density", "watch", "health")
@@ -76,9 +78,15 @@ def require_same_cameras(project: Project[RunSettings], rig: Rig, present: Rig) 
 
 
 def make_measuring_parts(
-    project: Project[RunSettings], rig: Rig, reporter: Reporter, data: Path
+    project: Project[RunSettings],
+    rig: Rig,
+    reporter: Reporter,
+    data: Path,
+    workers: LiveWorkers | None = None,
 ) -> MeasuringParts:
     """Return the parts for a rig at the size of the images; ``data`` is the folder of what is learned and set.
+
+    ``workers`` match its frame sets side by side; None: this process matches them one after the other.
 
     Raises
     ------
@@ -86,7 +94,7 @@ def make_measuring_parts(
         With one line that names the fault and the fix.
     """
     settings, watch = project.settings, project.settings.watch
-    context = build_context(project, rig, reporter, data)
+    context = build_context(project, rig, reporter, data, workers)
     learned, digest, path = context.empty_belt, context.empty_belt_sha256, data / zero.FILE
     present = zero.read_zero(path, learned, digest, reporter)
     belt, camera = present.belt, context.rig.core_camera
@@ -106,8 +114,9 @@ def build_context(
     rig: Rig,
     reporter: Reporter,
     data: Path | None = None,
+    workers: LiveWorkers | None = None,
 ) -> MeasurementContext:
-    """Return rig, empty belt and matcher for the settings' image width.
+    """Return rig, empty belt and matcher for the settings' image width; ``workers`` match ahead, where given.
 
     ``data`` is the folder for the rig with the estimated pose of a camera that moved, and for what is learned of the
     images; None: nothing is read or kept.
@@ -130,6 +139,8 @@ def build_context(
     monitor, images, learned = make_image_monitors(project, rig, empty_belt, digest, reporter, data)
     matcher = MonitoredMatcher(matcher, monitor)
     density, limits = read_density(project), settings.health.belt
+    factory = MatcherFactory(rig, near_far, matching.multiview())
+    submit = None if workers is None else workers.make_submit(matcher, factory, reporter)
     return MeasurementContext(
-        rig, empty_belt, matcher, settings.flow, density, limits, images, digest, learned
+        rig, empty_belt, matcher, settings.flow, density, limits, images, digest, learned, submit
     )

@@ -67,7 +67,9 @@ class MatchingSettings(_Table):
     load_mm: Annotated[float, LOAD_HEIGHT] = 400.0
     """Largest height of a load over the empty belt."""
     threads: Annotated[int, Field(ge=0, le=256)] = 0
-    """0: one per core."""
+    """0: one per core; of a worker process one."""
+    workers: Annotated[int, Field(ge=0, le=256)] | Literal["auto"] = "auto"
+    """Worker processes that match frame sets side by side: one per core, or so many; 0: this process matches them."""
 
     def multiview(self) -> MultiviewSettings:
         """Return the matcher's settings."""

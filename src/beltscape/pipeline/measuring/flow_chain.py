@@ -28,7 +28,7 @@ from beltscape.measure.belt.reference import EmptyBeltReference, make_reference
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.pipeline.measuring.belt import read_empty_belt
-from beltscape.pipeline.reconstructing.checked_matcher import SequenceMatcher
+from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
 
 _OTHER_RAD = 1.5e-3
 """Another rig: 1 px at 600 px of focal length; calibrations of one rig differ by a tenth of it."""
@@ -163,14 +163,20 @@ class FlowChain:
         self._reported: set[tuple[str, str]] = set()
 
     def push(
-        self, frames: FrameSet, reporter: Reporter, *, whole: bool, findings: Sequence[Finding] = ()
+        self,
+        frames: FrameSet,
+        reporter: Reporter,
+        *,
+        whole: bool,
+        findings: Sequence[Finding] = (),
+        pending: PendingFrame | None = None,
     ) -> ChainResult:
         """Match the next frame set and measure the one before; without usable images it gives the belt position only.
 
-        ``whole``: all cameras are in it. ``findings`` are those about its images. The records are those of the
-        frame before.
+        ``whole``: all cameras are in it. ``findings`` are those about its images. ``pending`` is its match, where it
+        was begun ahead. The records are those of the frame before.
         """
-        matching = self._matching.submit(self._match, frames, reporter)
+        matching = self._matching.submit(self._match, frames, pending, reporter)
         try:
             records = self.flush()
         finally:
@@ -245,11 +251,13 @@ class FlowChain:
             self._belt = BeltMonitor(meter.reference, self._belt_limits)
         self.meter = meter
 
-    def _match(self, frames: FrameSet, reporter: Reporter) -> DepthMap | None:
+    def _match(self, frames: FrameSet, pending: PendingFrame | None, reporter: Reporter) -> DepthMap | None:
         if not frames.images:
             return None
         try:
-            depth = self._matcher.reconstruct(frames, reporter)
+            depth = (
+                self._matcher.reconstruct(frames, reporter) if pending is None else pending.complete(reporter)
+            )
         except ReconstructionError as error:
             self.failure = error
             reporter.warn(f"{error}; going on without this frame")

@@ -18,7 +18,7 @@ from beltscape.core.findings import Finding, summarise_faults
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
-from beltscape.health.images.monitor import ImageMonitor
+from beltscape.health.images.monitor import ImageCheck, ImageMonitor
 from beltscape.pipeline.reconstructing.camera_checks import (
     CameraCheck,
     CameraFindings,
@@ -53,6 +53,25 @@ class SequenceMatcher(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PendingFrame:
+    """A frame whose images are checked and which is being matched ahead."""
+
+    matcher: MonitoredMatcher
+    frame_set: FrameSet
+    check: ImageCheck
+    match: PendingMatch | None
+
+    @property
+    def is_done(self) -> bool:
+        """Return whether `complete` need not wait for the match."""
+        return self.match is None or self.match.depth.done()
+
+    def complete(self, reporter: Reporter) -> DepthMap:
+        """Return the depth; see `MonitoredMatcher.reconstruct`. Frames are completed in their order."""
+        return self.matcher.complete(self, reporter)
+
+
 class MonitoredMatcher:
     """Checks the images of a frame before it is matched, and the windows' dirt after it."""
 
@@ -81,6 +100,32 @@ class MonitoredMatcher:
             When the checks leave nothing to match, or the images do not suffice.
         """
         check = self._monitor.check_images(frame_set)
+        return self._measure(frame_set, check, self._matcher.reconstruct, reporter)
+
+    def submit(self, frame_set: FrameSet, pool: MatchPool) -> PendingFrame:
+        """Check the images of a frame and begin to match it in a pool."""
+        assert isinstance(self._matcher, CheckedMatcher)
+        check = self._monitor.check_images(frame_set)
+        match = self._matcher.submit(check.frames, pool) if check.frames.images else None
+        return PendingFrame(self, frame_set, check, match)
+
+    def complete(self, pending: PendingFrame, reporter: Reporter) -> DepthMap:
+        """Return the depth of a frame that was submitted; errors as `reconstruct`."""
+        matcher = self._matcher
+        assert isinstance(matcher, CheckedMatcher)
+
+        def match(frames: FrameSet, reporter: Reporter) -> DepthMap:
+            return matcher.reconstruct(frames, reporter, pending=pending.match)
+
+        return self._measure(pending.frame_set, pending.check, match, reporter)
+
+    def _measure(
+        self,
+        frame_set: FrameSet,
+        check: ImageCheck,
+        match: Callable[[FrameSet, Reporter], DepthMap],
+        reporter: Reporter,
+    ) -> DepthMap:
         self._findings, self._is_whole = check.findings, check.is_whole
         self._report(frame_set, check.findings, reporter)
         faults = summarise_faults(one for one in check.findings if one.effect != "none")
@@ -88,11 +133,10 @@ class MonitoredMatcher:
             raise ReconstructionError(f"frame {frame_set.frame}: {faults}")
         try:
             # without a fault too few cameras gave an image, which the matcher names
-            frames = check.frames if check.frames.images else frame_set
-            depth = self._matcher.reconstruct(frames, reporter)
+            depth = match(check.frames if check.frames.images else frame_set, reporter)
         finally:
             self._findings = (*check.findings, *self._matcher.findings)
-        dirt = self._monitor.check_depth(depth)
+        dirt = self._monitor.check_depth(check, depth)
         self._report(frame_set, dirt, reporter)
         self._findings = (*self._findings, *dirt)
         return depth
@@ -118,6 +162,10 @@ class PendingDepth(Protocol):
 
     def result(self) -> DepthMap | None:
         """Wait for the depth and return it; None if it could not be matched there. Errors as `FrameMatcher`."""
+        ...
+
+    def done(self) -> bool:
+        """Return whether `result` need not wait."""
         ...
 
 
@@ -204,9 +252,11 @@ class CheckedMatcher:
         """Return the findings about the cameras in the last frame."""
         return self._findings.latest
 
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
-        """Return the depth of a frame; report its faults when they are new."""
-        checked = self.measure(frame_set, reporter)
+    def reconstruct(
+        self, frame_set: FrameSet, reporter: Reporter, *, pending: PendingMatch | None = None
+    ) -> DepthMap:
+        """Return the depth of a frame, which may be ``pending``; report its faults when they are new."""
+        checked = self.measure(frame_set, reporter, pending=pending)
         if checked.consistency is not None:
             consistency = checked.consistency
             state = consistency.inconsistent, consistency.core_moved, bool(checked.faults)

@@ -1,6 +1,7 @@
 """Matching of a sequence's frames side by side: while one frame is measured, the next ones are matched already.
 
-They are matched on threads, or on workers, which read the images themselves where they can see the files.
+They are matched on threads, or on workers: on processes of this machine, which share memory with this one, or on a
+cluster, whose workers read the images themselves where they can see the files.
 """
 
 from __future__ import annotations
@@ -132,6 +133,8 @@ class MatchParameters:
 class MatchTask:
     """A frame to match."""
 
+    parameters: MatchParameters
+    """Those of its reconstruction."""
     auxiliaries: tuple[str, ...]
     """The matcher's auxiliaries."""
     frame_set: FrameSet
@@ -144,15 +147,16 @@ _matchers: dict[tuple[str, tuple[str, ...]], FrameMatcher] = {}
 """The matchers of this worker by reconstruction and auxiliaries."""
 
 
-def match_frame(parameters: MatchParameters, task: MatchTask) -> DepthMap | None:
+def match_frame(shared: None, task: MatchTask) -> DepthMap | None:
     """Return the depth of a frame; None if this worker does not see the driver's images in the files."""
+    del shared
     frame_set = task.frame_set
     if task.files:
         images = _read_images(task.files)
         if images is None:
             return None
         frame_set = replace(frame_set, images=images)
-    return _get_matcher(parameters, task.auxiliaries).reconstruct(frame_set, Silent())
+    return _get_matcher(task.parameters, task.auxiliaries).reconstruct(frame_set, Silent())
 
 
 def _read_images(files: Mapping[str, tuple[Path, int]]) -> dict[str, Image] | None:
@@ -192,6 +196,10 @@ class _PendingFrame:
     images: Mapping[str, Image]
     pending: PendingTask[DepthMap | None]
 
+    def done(self) -> bool:
+        """Return whether the match has ended."""
+        return self.pending.done()
+
     def result(self) -> DepthMap | None:
         """Return the depth; None if no worker could match the frame, of which this process then finds the reason."""
         end = self.pending.result()
@@ -208,12 +216,16 @@ class MatchWorkers:
     def __init__(
         self,
         pool: TaskPool[MatchTask, DepthMap | None],
+        make_matcher: MatcherFactory,
         files: Callable[[str], Mapping[str, Path]],
         reporter: Reporter,
+        *,
+        sends_images: bool,
     ) -> None:
-        """``files`` returns the files of a frame's images by camera."""
+        """``files`` returns the files of a frame's images by camera, which workers read unless they are sent."""
         self._pool, self._files, self._reporter = pool, files, reporter
-        self._sends_images = False
+        self._parameters = MatchParameters(uuid4().hex, make_matcher)
+        self._sends_images = sends_images
 
     def count_frames_ahead(self, size_px: tuple[int, int], cameras: int) -> int:
         """Return how many frames to hand out at a time: enough for every worker, within `_MOST_BYTES`."""
@@ -226,7 +238,7 @@ class MatchWorkers:
         """Begin to match a frame; see `MatchPool`."""
         del make_matcher
         files = {} if self._sends_images else self._describe_files(frame_set)
-        task = MatchTask(auxiliaries, replace(frame_set, images={}), files)
+        task = MatchTask(self._parameters, auxiliaries, replace(frame_set, images={}), files)
         images = frame_set.images
         pending = self._pool.submit(task, frame_set.frame) if files else self.send_images(task, images)
         return _PendingFrame(self, task, images, pending)
@@ -245,7 +257,7 @@ class MatchWorkers:
         """Hand out a frame with its images, as all frames after it."""
         self._sends_images = True
         frame_set = replace(task.frame_set, images=images)
-        return self._pool.submit(MatchTask(task.auxiliaries, frame_set, {}), frame_set.frame)
+        return self._pool.submit(replace(task, frame_set=frame_set, files={}), frame_set.frame)
 
     def report_death(self, frame: str, failure: str) -> None:
         """Warn of a frame that no worker survived."""
@@ -260,5 +272,6 @@ def open_workers(
     reporter: Reporter,
 ) -> Generator[MatchWorkers]:
     """Yield workers that match frames; what they match at the end is cancelled. Errors as `open_pool`."""
-    with open_pool(match_frame, MatchParameters(uuid4().hex, make_matcher), options) as pool:
-        yield MatchWorkers(pool, files, reporter)
+    with open_pool(match_frame, None, options) as pool:
+        # workers of this machine share its memory
+        yield MatchWorkers(pool, make_matcher, files, reporter, sends_images=options.address is None)

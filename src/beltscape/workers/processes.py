@@ -1,0 +1,242 @@
+"""Tasks on processes of this machine, which begin and end with the pool and share memory with this one.
+
+A process has its own interpreter, so that processes do not wait for each other's lock. One that dies is replaced, and
+its task runs again.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager, suppress
+from typing import Any
+
+from beltscape.core.system_calls import CORES, make_shared_file
+from beltscape.workers.call import Completed
+from beltscape.workers.options import WorkerOptions
+from beltscape.workers.transport import Block, receive, send
+
+_DEATHS = 3
+"""Deaths of its worker after which a task is given up: by then the task kills the worker, not chance."""
+_THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
+"""Variables of the environment from which libraries of linear algebra take their number of threads."""
+_EXIT_S = 10.0
+"""Longest wait for the end of a process whose pipe has ended already."""
+_AHEAD = 2
+"""Tasks handed out for each worker: one runs and one waits, so that no worker waits for this process."""
+
+OnDeath = Callable[[str], None]
+"""Receives a line on a worker that died and was replaced."""
+
+
+class WorkerProcess:
+    """One process that runs tasks of one function."""
+
+    def __init__(self, function: Callable[[Any, Any], Any], shared: Any, threads: int) -> None:
+        """Begin the process; it takes at most ``threads`` cores."""
+        self._lock, self._how = threading.Lock(), ""
+        self._tasks, self._ends = make_shared_file(), make_shared_file()
+        command = [
+            sys.executable,
+            "-m",
+            "beltscape.workers.worker_process",
+            self._tasks.name,
+            self._ends.name,
+        ]
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env=os.environ | dict.fromkeys((CORES, *_THREADS), str(threads)),
+            pass_fds=[file.inherited for file in (self._tasks, self._ends) if file.inherited is not None],
+        )
+        self._blocks = Block(self._tasks.file), Block(self._ends.file)
+        with suppress(OSError):  # a process that has ended already is found by `run`
+            self._send(sys.path)
+            self._send((function, shared))
+
+    @property
+    def process_id(self) -> int:
+        """Return the identity of the process."""
+        return self._process.pid
+
+    def run(self, number: int, task: Any) -> Completed[Any]:
+        """Run a task and return its end; EOFError or OSError if the process dies meanwhile."""
+        self._send((number, task))
+        assert self._process.stdout is not None
+        return receive(self._process.stdout, self._blocks[1], copied=True)
+
+    def _send(self, value: object) -> None:
+        assert self._process.stdin is not None
+        send(self._process.stdin, self._blocks[0], value)
+
+    def await_end(self) -> str:
+        """Give up a process whose pipe has ended; return how it ended, in words."""
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_EXIT_S)
+        return self.kill()
+
+    def kill(self) -> str:
+        """End the process, if it has not ended, and give its memory up; return how it ended, in words.
+
+        It may be called again, from any thread.
+        """
+        with self._lock:
+            if not self._how:
+                self._how = self._end()
+        return self._how
+
+    def _end(self) -> str:
+        ended = self._process.poll()
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+        for block in self._blocks:
+            block.close()
+        for file in (self._tasks, self._ends):
+            file.remove()
+        if ended is None:
+            return "stopped"
+        return f"ended by signal {-ended}" if ended < 0 else f"ended with code {ended}"
+
+
+class ProcessPool:
+    """Runs the tasks of one function on processes; each thread of this process serves one."""
+
+    def __init__(
+        self,
+        function: Callable[[Any, Any], Any],
+        shared: Any,
+        workers: int,
+        *,
+        threads: int = 1,
+        on_death: OnDeath | None = None,
+        on_end: Callable[[], None] | None = None,
+    ) -> None:
+        """``threads`` is the number of cores that each worker may take; ``on_end`` is called after every task."""
+        self.workers = workers
+        """Number of workers."""
+        self._function, self._shared, self._worker_threads, self._on_death = (
+            function,
+            shared,
+            threads,
+            on_death,
+        )
+        self._on_end = on_end
+        self._lock, self._closed = threading.Lock(), False
+        self._idle: deque[WorkerProcess] = deque()
+        self._alive: set[WorkerProcess] = set()
+        self._numbers = itertools.count()
+        for _ in range(workers):  # they begin side by side
+            self._idle.append(self._begin())
+        self._threads = ThreadPoolExecutor(workers, "workers")
+
+    def submit(self, task: Any, name: str) -> ProcessTask:
+        """Hand out a task; see `tasks.TaskPool`."""
+        future, on_end = self._threads.submit(self._run, next(self._numbers), task, name), self._on_end
+        if on_end is not None:
+            future.add_done_callback(lambda _: on_end())
+        return ProcessTask(future)
+
+    def close(self) -> None:
+        """Cancel what waits, and end all processes."""
+        with self._lock:
+            self._closed = True
+            workers, self._alive = self._alive, set()
+        for worker in workers:
+            worker.kill()
+        self._threads.shutdown(cancel_futures=True)
+
+    def list_processes(self) -> list[int]:
+        """Return the identities of the processes that run."""
+        with self._lock:
+            return sorted(worker.process_id for worker in self._alive)
+
+    def _begin(self) -> WorkerProcess:
+        worker = WorkerProcess(self._function, self._shared, self._worker_threads)
+        with self._lock:
+            if not self._closed:
+                self._alive.add(worker)
+                return worker
+        worker.kill()
+        return worker
+
+    def _run(self, number: int, task: Any, name: str) -> Completed[Any]:
+        worker, how = self._idle.popleft(), "stopped"
+        try:
+            for _ in range(_DEATHS):
+                try:
+                    return worker.run(number, task)
+                except (OSError, EOFError):
+                    with self._lock:
+                        self._alive.discard(worker)
+                        closed = self._closed
+                    how = worker.await_end()
+                    if closed:
+                        break
+                    if self._on_death is not None:
+                        self._on_death(f"{name}: the worker that ran it {how}; another one takes it")
+                    worker = self._begin()
+            return Completed(number, None, f"its worker {how}, {_DEATHS} times", "", 0.0, 0.0)
+        finally:
+            self._idle.append(worker)
+
+
+class ProcessTask:
+    """A task of a pool."""
+
+    def __init__(self, future: Future[Completed[Any]]) -> None:
+        self.future = future
+
+    def result(self) -> Completed[Any]:
+        """Return the task's end; see `tasks.PendingTask`."""
+        return self.future.result()
+
+    def done(self) -> bool:
+        """Return whether the task has ended."""
+        return self.future.done()
+
+
+@contextmanager
+def open_process_pool(
+    function: Callable[[Any, Any], Any],
+    shared: Any,
+    workers: int,
+    *,
+    threads: int = 1,
+    on_death: OnDeath | None = None,
+) -> Generator[ProcessPool]:
+    """Yield a pool of processes, which end with it; see `ProcessPool`."""
+    pool = ProcessPool(function, shared, workers, threads=threads, on_death=on_death)
+    try:
+        yield pool
+    finally:
+        pool.close()
+
+
+def run_on_processes(
+    function: Callable[[Any, Any], Any],
+    shared: Any,
+    tasks: Sequence[Any],
+    options: WorkerOptions,
+    describe: Callable[[Any], str],
+) -> Generator[Completed[Any]]:
+    """Yield the ends of the tasks in the order in which they come; see `tasks.run_tasks`."""
+    assert options.workers is not None
+    with open_process_pool(function, shared, min(options.workers, max(1, len(tasks)))) as pool:
+        waiting, running = deque(tasks), set[Future[Completed[Any]]]()
+        while waiting or running:
+            while waiting and len(running) < _AHEAD * pool.workers:
+                task = waiting.popleft()
+                running.add(pool.submit(task, describe(task)).future)
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            yield from (one.result() for one in sorted(done, key=lambda one: one.result().number))

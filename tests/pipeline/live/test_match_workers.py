@@ -1,0 +1,81 @@
+"""Frame sets matched on worker processes: the ledger of one process, whatever happens to a worker."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+from pathlib import Path
+
+import pytest
+
+from beltscape.pipeline.live.assembly import RunOptions, assemble
+from beltscape.pipeline.live.match_workers import count_workers
+from beltscape.service.project import open_project
+from tests.pipeline.live.feed import Watcher
+from tests.reprocessing.conftest import recorded_plant  # noqa: F401
+from tests.reprocessing.ledgers import read_records
+from tests.workers.processes import find_workers
+
+
+@pytest.fixture
+def plant(recorded_plant: Path, tmp_path: Path) -> Path:  # noqa: F811
+    """The folder of a plant with a recording of a moving belt."""
+    return shutil.copytree(recorded_plant, tmp_path / "plant")
+
+
+def replay(plant: Path, workers: int, *, kill_at: int = -1) -> tuple[list[tuple], Killing, list[str]]:
+    """Replay the plant's recording; return the records, what an observer saw, and the texts of the events.
+
+    At the frame ``kill_at`` a worker is killed.
+    """
+    text = (plant / "project.toml").read_text()
+    path = plant / f"workers{workers}_{kill_at}.toml"
+    path.write_text(f"{text}\n[matching]\nworkers = {workers}\n")
+    data, watcher = plant / path.stem, Killing(kill_at)
+    run = assemble(open_project(path), RunOptions(data, paced=False, record=False), watcher)
+    run.engine.start()
+    assert run.engine.wait(300)
+    assert run.engine.stop() == 0
+    events = [event.text for event in run.historian.events(0, 1 << 62) if event.kind == "worker"]
+    run.close()
+    assert find_workers() == []
+    return read_records(data), watcher, events
+
+
+class Killing(Watcher):
+    """Kills a worker at a frame."""
+
+    def __init__(self, kill_at: int) -> None:
+        super().__init__()
+        self.kill_at, self.messages = kill_at, list[str]()
+
+    def on_message(self, message: str) -> None:
+        """Keep the warnings."""
+        self.messages.append(message)
+
+    def on_frame(self, event) -> None:
+        """Count the frame."""
+        super().on_frame(event)
+        if len(self.frames) == self.kill_at:
+            os.kill(find_workers()[0], signal.SIGKILL)
+
+
+def test_two_workers_give_the_ledger_and_findings_of_none_even_if_one_is_killed(plant: Path) -> None:
+    records, alone, _ = replay(plant, 0)
+    for kill_at in (-1, 5):
+        others, watched, events = replay(plant, 2, kill_at=kill_at)
+        assert others == records
+        # a frame that nothing follows is measured early, so the findings come in other groups
+        assert sorted(map(repr, watched.findings)) == sorted(map(repr, alone.findings))
+        assert watched.messages == alone.messages
+        assert [event.frames.frame for event in watched.frames] == [
+            event.frames.frame for event in alone.frames
+        ]
+        assert len(events) == (kill_at > 0)
+    assert "ended by signal 9; another one takes it" in events[0]
+
+
+def test_as_many_workers_as_cores_and_none_for_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BELTSCAPE_CORES", "1")
+    assert (count_workers("auto"), count_workers(3), count_workers(0)) == (0, 3, 0)

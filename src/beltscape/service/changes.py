@@ -155,6 +155,7 @@ RESTART = {
     "web.port": "the page's port is open",
     "web.metrics_open": "the guard's public paths are fixed",
     "web.limits": "the limits belong to open connections",
+    "matching.workers": "the worker processes run",
     "history.reserve_mib": "the reserve lies on the disk",
     "history.day_begins_utc_h": "it must never be changed",
 }

@@ -12,12 +12,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from time import time_ns
 
-from beltscape.core.errors import BeltscapeError, InputError
+from beltscape.core.errors import BeltscapeError
 from beltscape.core.progress import Reporter
 from beltscape.pipeline.live.assembly import AssembledRun
 from beltscape.pipeline.live.engine_components import MeasuringParts
 from beltscape.pipeline.live.event_log import EventLog
-from beltscape.pipeline.live.match_workers import count_workers
 from beltscape.pipeline.live.measuring_parts import make_measuring_parts, read_run_rig, require_same_cameras
 from beltscape.pipeline.live.project import Project, read_alarm_texts
 from beltscape.protocols.plant import Provenance
@@ -88,13 +87,7 @@ def _prepare_measuring(plant: RunningPlant, project: Project[ProjectSettings]) -
     reporter, data = plant.assembled.components.reporter, project.resolve(project.settings.data)
     rig = read_run_rig(project, reporter)
     require_same_cameras(project, rig, plant.parts.rig)
-    workers, matching = plant.assembled.components.workers, project.settings.matching
-    present, wanted = 0 if workers is None else workers.count, count_workers(matching.workers)
-    if wanted != present:
-        raise InputError(
-            f"{project.path}: matching.workers = {matching.workers}: the run has {present} worker processes; their "
-            "number changes by a restart only"
-        )
+    workers = plant.assembled.components.workers
     before, after = plant.parts, make_measuring_parts(project, rig, reporter, data, workers)
     described = plant.served.provenance, describe_provenance(project)
 

@@ -81,6 +81,7 @@ def test_what_can_change_changes_and_the_rest_is_named(
     rewrite(
         path,
         ("kg_m3 = 1500", "kg_m3 = 1600"),
+        ("load_mm = 150", "load_mm = 150\nworkers = 3"),
         ("port = 0", 'port = 8999\nplant = "Belt 9"\n[web.access]\nbody_max_bytes = 2048'),
         ("reserve_mib = 1", "reserve_mib = 2\ndatabase_days = 3"),
         more="[alarms.overload]\nmass_flow_t_h = 900\n[csv]\nenabled = true\n[queue]\nframes = 5\n",
@@ -92,7 +93,7 @@ def test_what_can_change_changes_and_the_rest_is_named(
         *("density.kg_m3", "web.plant", "web.access.body_max_bytes", "history.database_days"),
         *("alarms.overload.mass_flow_t_h", "csv.enabled", "queue.frames"),
     }
-    assert {one.key for one in done.restart} == {"web.port", "history.reserve_mib"}
+    assert {one.key for one in done.restart} == {"web.port", "history.reserve_mib", "matching.workers"}
     assert running.live_state.settings.plant == "Belt 9"
     assert running.access.settings.body_max_bytes == 2048
     assert running.assembled.components.board.settings.overload.mass_flow_t_h == 900
@@ -104,7 +105,11 @@ def test_what_can_change_changes_and_the_rest_is_named(
     assert runs[0].provenance["rig"] == runs[1].provenance["rig"]
     (entry,) = [one for one in running.access.audit.read_last(9) if "density.kg_m3" in one]
     assert (entry["who"], entry["density.kg_m3"]) == ("anna", "1500.0 → 1600.0")
-    assert set(entry["needs a restart"].split(", ")) == {"web.port", "history.reserve_mib"}
+    assert set(entry["needs a restart"].split(", ")) == {
+        "web.port",
+        "history.reserve_mib",
+        "matching.workers",
+    }
     assert reloader.reload("anna").at_once == ()  # what needs a restart is named again, nothing else
 
 

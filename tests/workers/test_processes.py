@@ -33,6 +33,13 @@ def test_arrays_of_any_size_and_order_come_back_as_the_functions_own() -> None:
             assert not was_writeable or not total.size
 
 
+def test_what_tasks_share_is_not_overwritten_by_the_first_task() -> None:
+    shared = np.arange(200_000.0)
+    with open_process_pool(add_arrays, shared, 1) as pool:
+        end = pool.submit({"one": np.zeros(200_000)}, "sum").result()
+    np.testing.assert_array_equal(end.value[0], shared)  # pyrefly: ignore[unsupported-operation]
+
+
 def test_a_result_outlives_the_pool_and_the_tasks_after_it() -> None:
     with open_process_pool(add_arrays, 0, 1) as pool:
         ends = [pool.submit({"one": np.full((400, 400), float(k))}, "sum") for k in range(4)]

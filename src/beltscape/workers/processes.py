@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import pickle
 import subprocess
 import sys
 import threading
@@ -58,8 +59,8 @@ class WorkerProcess:
         )
         self._blocks = Block(self._tasks.file), Block(self._ends.file)
         with suppress(OSError):  # a process that has ended already is found by `run`
-            self._send(sys.path)
-            self._send((function, shared))
+            # in the pipe alone: the first task may overwrite the block before the process has read this
+            self._send((sys.path, pickle.dumps((function, shared))))
 
     @property
     def process_id(self) -> int:
@@ -171,7 +172,7 @@ class ProcessPool:
         return worker
 
     def _run(self, number: int, task: Any, name: str) -> Completed[Any]:
-        worker, how = self._idle.popleft(), "stopped"
+        worker, how = self._idle.popleft(), ""
         try:
             for _ in range(_DEATHS):
                 try:
@@ -182,7 +183,7 @@ class ProcessPool:
                         closed = self._closed
                     how = worker.await_end()
                     if closed:
-                        break
+                        return Completed(number, None, "its pool was closed", "", 0.0, 0.0)
                     if self._on_death is not None:
                         self._on_death(f"{name}: the worker that ran it {how}; another one takes it")
                     worker = self._begin()

@@ -2,8 +2,8 @@
 
     python -m beltscape.workers.worker_process TASKS ENDS
 
-TASKS and ENDS are the blocks of memory in both directions. The first object says where modules are found, the second
-is the function with what all tasks share; a task follows each time, and its end is sent on what was standard output.
+TASKS and ENDS are the blocks of memory in both directions. The first object says where modules are found and holds
+the function with what all tasks share; a task follows each time, and its end is sent on what was standard output.
 What the function prints goes to the standard error. The process ends with its standard input, hence with the program
 that began it, and with nothing else: an interrupt from the keyboard is that program's.
 """
@@ -11,6 +11,7 @@ that began it, and with nothing else: an interrupt from the keyboard is that pro
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import sys
 
@@ -26,8 +27,8 @@ def main() -> None:
     os.dup2(2, 1)  # a print would be read as an object
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        sys.path[:] = receive(sys.stdin.buffer, tasks, copied=True)
-        function, shared = receive(sys.stdin.buffer, tasks, copied=True)
+        sys.path[:], start = receive(sys.stdin.buffer, tasks, copied=True)
+        function, shared = pickle.loads(start)
         _limit_threads()
         while True:
             number, task = receive(sys.stdin.buffer, tasks, copied=False)

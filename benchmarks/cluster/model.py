@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 _AHEAD = 2
-"""Pieces handed out for each worker, as `beltscape.workers.ray_cluster` does."""
+"""Pieces handed out for each worker, as `beltscape.workers.tasks` does."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -150,6 +150,10 @@ class DeadPool:
         """Take a frame."""
         del task, name
         return self
+
+    def wait(self, pending: Sequence[DeadPool]) -> list[DeadPool]:
+        """Return the tasks, all of which have ended."""
+        return [*pending]
 
     def result(self) -> Completed[DepthMap | None]:
         """Return the workers' death."""

@@ -205,7 +205,7 @@ def draw_depth(capture: Path, turn: int) -> dict[str, np.ndarray]:
 def test_samples_are_the_same_bytes_with_any_number_of_workers(
     load, capture, tmp_path, monkeypatch, draw
 ) -> None:
-    monkeypatch.setattr("beltscape.workers.ray_cluster.run_on_ray", run_backwards)
+    monkeypatch.setattr("beltscape.workers.tasks.run_in_pool", run_backwards)
     others = [tmp_path / f"capture{number}" for number in range(2)]
     for other in others:
         other.symlink_to(capture)

@@ -1,4 +1,4 @@
-"""An engine for tasks in place of Ray's: last task first, everything pickled as on its way to another machine."""
+"""An engine for tasks in place of a pool's: last task first, everything pickled as on its way to another machine."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def run_backwards(
     options: WorkerOptions,
     describe: Callable[[Any], str],
 ) -> Generator[Completed[Any]]:
-    """Yield the ends of the tasks, the last task's first; for ``beltscape.workers.ray_cluster.run_on_ray``."""
+    """Yield the ends of the tasks, the last task's first; for ``beltscape.workers.tasks.run_in_pool``."""
     del options, describe
     for number, task in reversed([*enumerate(tasks)]):
         there = pickle.loads(pickle.dumps((function, shared, number, task)))

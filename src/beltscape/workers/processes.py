@@ -20,7 +20,6 @@ from typing import Any
 
 from beltscape.core.system_calls import CORES, make_shared_file
 from beltscape.workers.call import Completed
-from beltscape.workers.options import WorkerOptions
 from beltscape.workers.transport import Block, receive, send
 
 _DEATHS = 3
@@ -29,8 +28,6 @@ _THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 """Variables of the environment from which libraries of linear algebra take their number of threads."""
 _EXIT_S = 10.0
 """Longest wait for the end of a process whose pipe has ended already."""
-_AHEAD = 2
-"""Tasks handed out for each worker: one runs and one waits, so that no worker waits for this process."""
 
 OnDeath = Callable[[str], None]
 """Receives a line on a worker that died and was replaced."""
@@ -148,6 +145,11 @@ class ProcessPool:
             future.add_done_callback(lambda _: on_end())
         return ProcessTask(future)
 
+    def wait(self, pending: Sequence[ProcessTask]) -> list[ProcessTask]:
+        """Return the tasks that have ended, of which there is one; see `tasks.TaskPool`."""
+        wait([one.future for one in pending], return_when=FIRST_COMPLETED)
+        return [one for one in pending if one.done()]
+
     def close(self) -> None:
         """Cancel what waits, and end all processes."""
         with self._lock:
@@ -222,22 +224,3 @@ def open_process_pool(
         yield pool
     finally:
         pool.close()
-
-
-def run_on_processes(
-    function: Callable[[Any, Any], Any],
-    shared: Any,
-    tasks: Sequence[Any],
-    options: WorkerOptions,
-    describe: Callable[[Any], str],
-) -> Generator[Completed[Any]]:
-    """Yield the ends of the tasks in the order in which they come; see `tasks.run_tasks`."""
-    assert options.workers is not None
-    with open_process_pool(function, shared, min(options.workers, max(1, len(tasks)))) as pool:
-        waiting, running = deque(tasks), set[Future[Completed[Any]]]()
-        while waiting or running:
-            while waiting and len(running) < _AHEAD * pool.workers:
-                task = waiting.popleft()
-                running.add(pool.submit(task, describe(task)).future)
-            done, running = wait(running, return_when=FIRST_COMPLETED)
-            yield from (one.result() for one in sorted(done, key=lambda one: one.result().number))

@@ -9,7 +9,6 @@ import os
 import secrets
 import socket
 import tempfile
-from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from functools import cache
@@ -107,27 +106,8 @@ def take_core() -> int | None:
 
 _RETRIES = 10
 """Number of deaths of its worker after which a task is given up: by then the task kills the worker, not chance."""
-_AHEAD = 2
-"""Tasks handed out for each worker: one runs and one waits beside it, so that no worker waits for the driver."""
 _POLL_S = 1.0
 """Time after which the cluster's size is looked at again."""
-
-
-def run_on_ray(
-    function: Callable[[Any, Any], Any],
-    shared: Any,
-    tasks: Sequence[Any],
-    options: WorkerOptions,
-    describe: Callable[[Any], str],
-) -> Generator[Completed[Any]]:
-    """Yield the ends of the tasks in the order in which they come; see `tasks.run_tasks`."""
-    with open_ray_pool(function, shared, options) as pool:
-        waiting = deque(tasks)
-        while waiting or pool.running:
-            while waiting and len(pool.running) < _AHEAD * pool.workers:
-                task = waiting.popleft()
-                pool.submit(task, describe(task))
-            yield from pool.wait(_POLL_S)
 
 
 @contextmanager
@@ -169,10 +149,10 @@ class RayPool:
         self._count += 1
         return _RayTask(self, reference)
 
-    def wait(self, seconds: float) -> Generator[Completed[Any]]:
-        """Yield the end of a task that ends within a time; nothing if none does."""
-        for reference in self._ray.wait(list(self.running), num_returns=1, timeout=seconds)[0]:
-            yield self.take(reference)
+    def wait(self, pending: Sequence[_RayTask]) -> list[_RayTask]:
+        """Return a task that ends before the cluster's size is looked at again, if any; see `tasks.TaskPool`."""
+        ended = self._ray.wait([one.reference for one in pending], num_returns=1, timeout=_POLL_S)[0]
+        return [one for one in pending if one.reference in ended]
 
     def has_ended(self, reference: Any) -> bool:
         """Return whether a task has ended, or was taken already."""
@@ -196,15 +176,15 @@ class _RayTask:
     """A task of a pool."""
 
     def __init__(self, pool: RayPool, reference: Any) -> None:
-        self._pool, self._reference = pool, reference
+        self._pool, self.reference = pool, reference
 
     def result(self) -> Completed[Any]:
         """Return the task's end; see `tasks.PendingTask`."""
-        return self._pool.take(self._reference)
+        return self._pool.take(self.reference)
 
     def done(self) -> bool:
         """Return whether the task has ended."""
-        return self._pool.has_ended(self._reference)
+        return self._pool.has_ended(self.reference)
 
 
 def _call_on_worker(everywhere: tuple[str, Any, Any], number: int, task: Any) -> Completed[Any]:

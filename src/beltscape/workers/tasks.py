@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, Generic, Protocol, TypeVar
 
 from beltscape.core.errors import SettingsError
 from beltscape.workers.call import Completed, run_here
 from beltscape.workers.options import WorkerOptions
-from beltscape.workers.processes import open_process_pool, run_on_processes
+from beltscape.workers.processes import open_process_pool
 
 Shared = TypeVar("Shared")
 Arguments = TypeVar("Arguments")
 Arguments_contra = TypeVar("Arguments_contra", contravariant=True)
 Value = TypeVar("Value")
 Value_co = TypeVar("Value_co", covariant=True)
+
+_AHEAD = 2
+"""Tasks handed out for each worker: one runs and one waits, so that no worker waits for the driver."""
 
 
 def run_tasks(
@@ -39,11 +43,28 @@ def run_tasks(
     """
     if options.is_here:
         return run_here(function, shared, tasks)
-    if options.address is None:
-        return run_on_processes(function, shared, tasks, options, describe)
-    from beltscape.workers.ray_cluster import run_on_ray
+    return run_in_pool(function, shared, tasks, options, describe)
 
-    return run_on_ray(function, shared, tasks, options, describe)
+
+def run_in_pool(
+    function: Callable[[Shared, Arguments], Value],
+    shared: Shared,
+    tasks: Sequence[Arguments],
+    options: WorkerOptions,
+    describe: Callable[[Arguments], str],
+) -> Generator[Completed[Value]]:
+    """Yield the ends of tasks on several workers, no more than there are tasks; see `run_tasks`."""
+    most = None if options.workers is None else max(1, min(options.workers, len(tasks)))
+    with open_pool(function, shared, replace(options, workers=most)) as pool:
+        waiting, running = deque(tasks), list[PendingTask[Value]]()
+        while waiting or running:
+            while waiting and len(running) < _AHEAD * pool.workers:
+                task = waiting.popleft()
+                running.append(pool.submit(task, describe(task)))
+            ended = pool.wait(running)
+            running = [one for one in running if one not in ended]
+            for one in ended:
+                yield one.result()
 
 
 class PendingTask(Protocol[Value_co]):
@@ -68,6 +89,10 @@ class TaskPool(Protocol[Arguments_contra, Value_co]):
 
     def submit(self, task: Arguments_contra, name: str) -> PendingTask[Value_co]:
         """Hand out a task; ``name`` is the one under which a cluster's dashboard shows it."""
+        ...
+
+    def wait(self, pending: Sequence[Any]) -> list[Any]:
+        """Wait for the end of one of these tasks of the pool, or a while; return those that have ended."""
         ...
 
 

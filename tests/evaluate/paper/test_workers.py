@@ -44,7 +44,7 @@ def rig_sizes(laboratory: Laboratory) -> dict[str, tuple[int, int]]:
 def test_scores_and_files_are_those_of_one_process(laboratory, tmp_path, monkeypatch) -> None:
     methods = ("binocular", "multiview") if THOROUGH else ("binocular",)
     monkeypatch.setattr(surfaces, "METHODS", methods)
-    monkeypatch.setattr("beltscape.workers.ray_cluster.run_on_ray", run_backwards)
+    monkeypatch.setattr("beltscape.workers.tasks.run_in_pool", run_backwards)
     # the first surface fails, so that the next one of its kind finds the depth range
     black = tmp_path / "black"
     for camera, (width, height) in rig_sizes(laboratory).items():

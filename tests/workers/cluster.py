@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import gc
+import os
+import secrets
 import warnings
 from collections.abc import Iterator
 
 import pytest
 
-from beltscape.workers.ray_cluster import set_authentication
-
 
 def start_cluster() -> Iterator[None]:
     """Start a cluster of two workers, and stop it at the end; without Ray the tests are skipped."""
-    set_authentication(None)
+    # Ray turns tokens on by itself, but would keep a new one in the home folder
+    os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
     ray = pytest.importorskip(
         "ray", reason="Ray is not installed; pip install 'beltscape[cluster]' brings it"
     )

@@ -1,5 +1,6 @@
 """Independent tasks on several workers: in this process, on processes of this machine, or on a Ray cluster.
 
 `tasks` has the entry points, `run_tasks`, `open_pool` and `collect_values`; `options` choose the workers;
-`ray_cluster` runs the tasks on workers, each of which runs a task by `call`.
+`processes` and `ray_cluster` run the tasks on workers, each of which runs a task by `call`. `transport` brings
+objects to a process; `worker_process` is that process.
 """

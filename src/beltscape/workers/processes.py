@@ -29,7 +29,7 @@ _THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 _EXIT_S = 10.0
 """Longest wait for the end of a process whose pipe has ended already."""
 
-OnDeath = Callable[[str], None]
+OnDeath = Callable[[str], object]
 """Receives a line on a worker that died and was replaced."""
 
 
@@ -117,19 +117,17 @@ class ProcessPool:
         workers: int,
         *,
         threads: int = 1,
-        on_death: OnDeath | None = None,
-        on_end: Callable[[], None] | None = None,
+        on_death: OnDeath = lambda _: None,
+        on_end: Callable[[], object] = lambda: None,
     ) -> None:
-        """``threads`` is the number of cores that each worker may take; ``on_end`` is called after every task."""
+        """``threads`` is the number of cores that each worker may take; ``on_end`` is called after every task.
+
+        Both ``on_death`` and ``on_end`` may be exchanged later.
+        """
         self.workers = workers
         """Number of workers."""
-        self._function, self._shared, self._worker_threads, self._on_death = (
-            function,
-            shared,
-            threads,
-            on_death,
-        )
-        self._on_end = on_end
+        self.on_death, self.on_end = on_death, on_end
+        self._begin_worker = lambda: WorkerProcess(function, shared, threads)
         self._lock, self._closed = threading.Lock(), False
         self._idle: deque[WorkerProcess] = deque()
         self._alive: set[WorkerProcess] = set()
@@ -140,9 +138,8 @@ class ProcessPool:
 
     def submit(self, task: Any, name: str) -> ProcessTask:
         """Hand out a task; see `tasks.TaskPool`."""
-        future, on_end = self._threads.submit(self._run, next(self._numbers), task, name), self._on_end
-        if on_end is not None:
-            future.add_done_callback(lambda _: on_end())
+        future = self._threads.submit(self._run, next(self._numbers), task, name)
+        future.add_done_callback(lambda _: self.on_end())
         return ProcessTask(future)
 
     def wait(self, pending: Sequence[ProcessTask]) -> list[ProcessTask]:
@@ -165,7 +162,7 @@ class ProcessPool:
             return sorted(worker.process_id for worker in self._alive)
 
     def _begin(self) -> WorkerProcess:
-        worker = WorkerProcess(self._function, self._shared, self._worker_threads)
+        worker = self._begin_worker()
         with self._lock:
             if not self._closed:
                 self._alive.add(worker)
@@ -186,8 +183,7 @@ class ProcessPool:
                     how = worker.await_end()
                     if closed:
                         return Completed(number, None, "its pool was closed", "", 0.0, 0.0)
-                    if self._on_death is not None:
-                        self._on_death(f"{name}: the worker that ran it {how}; another one takes it")
+                    self.on_death(f"{name}: the worker that ran it {how}; another one takes it")
                     worker = self._begin()
             return Completed(number, None, f"its worker {how}, {_DEATHS} times", "", 0.0, 0.0)
         finally:
@@ -216,7 +212,7 @@ def open_process_pool(
     workers: int,
     *,
     threads: int = 1,
-    on_death: OnDeath | None = None,
+    on_death: OnDeath = lambda _: None,
 ) -> Generator[ProcessPool]:
     """Yield a pool of processes, which end with it; see `ProcessPool`."""
     pool = ProcessPool(function, shared, workers, threads=threads, on_death=on_death)

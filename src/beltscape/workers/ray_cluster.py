@@ -6,7 +6,6 @@ Each worker of a machine has a core of its own, so that its threads do not take 
 from __future__ import annotations
 
 import os
-import secrets
 import socket
 import tempfile
 from collections.abc import Callable, Generator, Sequence
@@ -35,24 +34,21 @@ def _silence(ray: Any) -> None:
     ray._private.worker._worker_logs_enabled = False
 
 
-def _probe(address: str | None) -> None:
+def _probe(address: str) -> None:
     """Raise OSError if nothing listens at host:port; Ray itself would try for minutes."""
-    host, separator, port = (address or "").removeprefix("ray://").rpartition(":")
+    host, separator, port = address.removeprefix("ray://").rpartition(":")
     if separator and port.isdigit():
         socket.create_connection((host, int(port)), _ANSWER_S).close()
 
 
-def set_authentication(address: str | None) -> None:
-    """Choose Ray's token, before Ray is imported, where the environment does not: without a trace in the home folder.
+def _set_authentication() -> None:
+    """Choose, before Ray is imported, that it gives a cluster the user's token where there is one.
 
-    A cluster of this machine has a token of its own, so that no other user can run code on it. A cluster that runs
-    already gets the user's token, if there is one; clusters without tokens ignore it.
+    The environment may say otherwise; clusters without tokens ignore it.
     """
     if _MODE in os.environ:
         return
-    if address is None:  # Ray turns tokens on by itself, but would keep a new one in the home folder
-        os.environ.setdefault(_TOKEN, secrets.token_hex(32))
-    elif _TOKEN in os.environ or f"{_TOKEN}_PATH" in os.environ or _TOKEN_FILE.expanduser().is_file():
+    if _TOKEN in os.environ or f"{_TOKEN}_PATH" in os.environ or _TOKEN_FILE.expanduser().is_file():
         os.environ[_MODE] = "token"
 
 
@@ -65,7 +61,8 @@ def connect(options: WorkerOptions) -> Generator[Any]:
     SettingsError
         When Ray is not installed, or the cluster does not answer.
     """
-    set_authentication(options.address)
+    assert options.address is not None
+    _set_authentication()
     try:
         ray: Any = import_module("ray")
     except ImportError as error:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from beltscape.pipeline.live.assembly import RunOptions, assemble
-from beltscape.pipeline.live.match_workers import count_workers
+from beltscape.pipeline.reconstructing.match_ahead import count_workers
 from beltscape.service.project import open_project
 from tests.pipeline.live.feed import Watcher
 from tests.reprocessing.conftest import recorded_plant  # noqa: F401

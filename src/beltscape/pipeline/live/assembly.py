@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import time_ns
@@ -22,7 +23,6 @@ from beltscape.pipeline.live.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.intake import ExposureControl, FrameQueue
 from beltscape.pipeline.live.ledger import LedgerState
 from beltscape.pipeline.live.maintenance import MaintenanceMode, recover_maintenance
-from beltscape.pipeline.live.match_workers import LiveWorkers, open_live_workers
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.measuring_parts import make_measuring_parts, read_run_rig
 from beltscape.pipeline.live.production import ProductionControl
@@ -30,6 +30,7 @@ from beltscape.pipeline.live.project import Project, RunSettings, read_alarm_tex
 from beltscape.pipeline.live.reporting import DeduplicatingReporter
 from beltscape.pipeline.live.writer import CsvTable, make_record_writer, notify_records
 from beltscape.pipeline.measuring.instants import Instant, list_instants
+from beltscape.pipeline.reconstructing.match_ahead import LiveWorkers, open_live_workers
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
@@ -91,17 +92,21 @@ def assemble(project: Project[RunSettings], options: RunOptions, observer: Obser
     """
     reporter = DeduplicatingReporter(observer)
     rig = read_run_rig(project, reporter)
-    # first: cameras take seconds to answer, in which the rest is loaded
-    source = open_source(project, rig, reporter, paced=options.paced)
-    try:
-        return _assemble_around(source, rig, project, options, observer, reporter)
-    except BaseException:
-        source.close()
-        raise
+    with ExitStack() as opened:  # closed again where a later part fails
+        # first: cameras take seconds to answer and workers a second to begin, in which the rest is loaded
+        source = open_source(project, rig, reporter, paced=options.paced)
+        opened.callback(source.close)
+        workers = open_live_workers(project.settings.matching.workers)
+        if workers is not None:
+            opened.callback(workers.close)
+        run = _assemble_around(source, workers, rig, project, options, observer, reporter)
+        opened.pop_all()
+        return run
 
 
 def _assemble_around(
     source: LiveSource,
+    workers: LiveWorkers | None,
     rig: Rig,
     project: Project[RunSettings],
     options: RunOptions,
@@ -109,29 +114,9 @@ def _assemble_around(
     reporter: Reporter,
 ) -> AssembledRun:
     """Open the other parts of a run; see ``assemble``."""
-    require_cameras_of_banks(project, rig.cameras)
-    workers = open_live_workers(project.settings.matching.workers)
-    try:
-        parts = make_measuring_parts(project, rig, reporter, options.data, workers)
-        return _assemble_parts(source, rig, project, options, observer, reporter, parts, workers)
-    except BaseException:
-        if workers is not None:
-            workers.close()
-        raise
-
-
-def _assemble_parts(
-    source: LiveSource,
-    rig: Rig,
-    project: Project[RunSettings],
-    options: RunOptions,
-    observer: Observer,
-    reporter: Reporter,
-    parts: MeasuringParts,
-    workers: LiveWorkers | None,
-) -> AssembledRun:
-    """Open the history and all that needs it."""
     settings = project.settings
+    require_cameras_of_banks(project, rig.cameras)
+    parts = make_measuring_parts(project, rig, reporter, options.data, workers)
     context = parts.context
     if options.learn_images:
         context.learned_images.learn_anew()
@@ -181,8 +166,8 @@ def _assemble_parts(
         follow_timetable=production.follow_timetable,
     )
     if workers is not None:
-        workers.on_end = components.queue.wake
-        workers.on_death = lambda line: events.add("worker", "replaced", line, time_ns())
+        workers.pool.on_end = components.queue.wake
+        workers.pool.on_death = lambda line: events.add("worker", "replaced", line, time_ns())
     return AssembledRun(Engine(components), historian, table, components, parts, production)
 
 

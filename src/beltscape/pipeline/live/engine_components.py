@@ -26,10 +26,10 @@ from beltscape.pipeline.live.hidden_alarms import HiddenAlarms
 from beltscape.pipeline.live.intake import FrameQueue
 from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.maintenance import MaintenanceMode
-from beltscape.pipeline.live.match_workers import LiveWorkers
 from beltscape.pipeline.live.measurement_run import MeasurementContext, MeasurementRun
 from beltscape.pipeline.live.writer import Writer
 from beltscape.pipeline.live.zero import ZeroControl
+from beltscape.pipeline.reconstructing.match_ahead import LiveWorkers
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.recorder import Recorder
 from beltscape.sources.encoder.opening import Encoder

@@ -30,9 +30,9 @@ from beltscape.measure.flow.rows import BeltPiece
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.ledger import Ledger, LedgerState
-from beltscape.pipeline.live.match_workers import Submit
 from beltscape.pipeline.measuring.flow_chain import FlowChain
 from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
+from beltscape.pipeline.reconstructing.match_ahead import Submit
 
 _SECTION_CELL_MM = 5.0
 """Approximate column width of a stored cross-section."""
@@ -188,8 +188,8 @@ class MeasurementRun:
         returned for it; the result is the same without.
         """
         entries = self._change_context(frames)
-        if pending is not None and pending.matcher is not self.context.matcher:
-            pending = None  # it was submitted in the context before
+        if pending is not None and (not frames.images or pending.matcher is not self.context.matcher):
+            pending = None  # its images do not count any more, or it was submitted in the context before
         if self._chain is None:
             self._chain = self._begin_meter(self._begin_ledger(frames.position_mm))
         elif frames.position_mm is not None and not self._has_encoder:
@@ -204,8 +204,6 @@ class MeasurementRun:
         resized = (
             self._resize(frames) if pending is None else replace(frames, images=pending.frame_set.images)
         )
-        if not frames.images:
-            resized, pending = frames, None
         result = self._chain.push(resized, self._reporter, whole=whole, findings=findings, pending=pending)
         entries += self._make_entries(result.records)
         stretches, self._stretches = self._stretches, []

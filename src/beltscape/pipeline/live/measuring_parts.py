@@ -19,14 +19,13 @@ from beltscape.measure.volume.load import compute_capacity_mm2
 from beltscape.pipeline.live import zero
 from beltscape.pipeline.live.engine_components import MeasuringParts, PeriodicInspector
 from beltscape.pipeline.live.image_monitors import make_image_monitors
-from beltscape.pipeline.live.match_workers import LiveWorkers
 from beltscape.pipeline.live.measurement_run import MeasurementContext
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.pipeline.measuring.belt import hash_empty_belt
 from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.camera_checks import make_rig_writer
 from beltscape.pipeline.reconstructing.checked_matcher import MonitoredMatcher, make_sequence_matcher
-from beltscape.pipeline.reconstructing.match_ahead import MatcherFactory
+from beltscape.pipeline.reconstructing.match_ahead import LiveWorkers, MatcherFactory
 from beltscape.sources.folder import scale_rig_to_capture
 
 TABLES = ("belt", "matching", "flow", "density", "watch", "health")

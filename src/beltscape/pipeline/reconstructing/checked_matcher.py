@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -111,12 +112,8 @@ class MonitoredMatcher:
 
     def complete(self, pending: PendingFrame, reporter: Reporter) -> DepthMap:
         """Return the depth of a frame that was submitted; errors as `reconstruct`."""
-        matcher = self._matcher
-        assert isinstance(matcher, CheckedMatcher)
-
-        def match(frames: FrameSet, reporter: Reporter) -> DepthMap:
-            return matcher.reconstruct(frames, reporter, pending=pending.match)
-
+        assert isinstance(self._matcher, CheckedMatcher)
+        match = partial(self._matcher.reconstruct, pending=pending.match)
         return self._measure(pending.frame_set, pending.check, match, reporter)
 
     def _measure(

@@ -13,6 +13,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 from uuid import uuid4
 
 import numpy as np
@@ -28,12 +29,15 @@ from beltscape.pipeline.reconstructing.checked_matcher import (
     CheckedMatcher,
     FrameMatcher,
     MatchPool,
+    MonitoredMatcher,
+    PendingFrame,
     PendingMatch,
 )
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor
 from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings
 from beltscape.workers.options import WorkerOptions
+from beltscape.workers.processes import ProcessPool
 from beltscape.workers.tasks import PendingTask, TaskPool, open_pool
 
 _MOST_FRAMES = 2
@@ -275,3 +279,42 @@ def open_workers(
     with open_pool(match_frame, None, options) as pool:
         # workers of this machine share its memory
         yield MatchWorkers(pool, make_matcher, files, reporter, sends_images=options.address is None)
+
+
+Submit = Callable[[FrameSet], PendingFrame]
+"""Checks the images of a frame set and begins to match it."""
+
+
+def count_workers(setting: int | Literal["auto"]) -> int:
+    """Return the number of worker processes for the setting: one for each core, and none where there is one only."""
+    if setting != "auto":
+        return setting
+    cores = count_usable_cores()
+    return cores if cores > 1 else 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveWorkers:
+    """The processes, which live as long as the run; contexts of measurement that follow each other share them."""
+
+    pool: ProcessPool
+
+    @property
+    def ahead(self) -> int:
+        """Return the number of frame sets to submit at most: one for each process, and one that waits."""
+        return self.pool.workers + 1
+
+    def make_submit(self, matcher: MonitoredMatcher, factory: MatcherFactory, reporter: Reporter) -> Submit:
+        """Return what begins to match a frame set for a matcher, which completes it; ``factory`` makes its like."""
+        workers = MatchWorkers(self.pool, factory, lambda _: {}, reporter, sends_images=True)
+        return lambda frame_set: matcher.submit(frame_set, workers)
+
+    def close(self) -> None:
+        """End the processes."""
+        self.pool.close()
+
+
+def open_live_workers(setting: int | Literal["auto"]) -> LiveWorkers | None:
+    """Return the workers for the setting; None where frame sets are matched in this process."""
+    count = count_workers(setting)
+    return LiveWorkers(ProcessPool(match_frame, None, count)) if count else None

@@ -23,17 +23,16 @@ import numpy as np
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
-from beltscape.evaluate.depth_scores import GROSS_MM, interior_mask, score_depth
+from beltscape.evaluate.depth_scores import score_depth
 from beltscape.evaluate.frame_scores import compute_false_fill, compute_sigma_ratios
-from beltscape.measure.volume.settings import VolumeSettings
-from beltscape.measure.volume.volume import measure_volume
 from beltscape.stereo.multiview import estimate
 from beltscape.stereo.multiview.depth_range import find_depth_range
 from beltscape.stereo.multiview.estimate import OFFSETS
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.multiview.textureless import FilledDiscs
 from beltscape.stereo.settings import MultiviewSettings
-from matching.scenes import AblationScene, make_scene_parser, read_scenes
+from matching.methods import find_interior_errors
+from matching.scenes import AblationScene, make_scene_parser, measure_load, read_scenes
 from tables import format_cells, format_head
 
 _RUNS = 2
@@ -126,13 +125,8 @@ def measure(row: Row, one: AblationScene, near_far_mm: tuple[float, float]) -> F
             costs.append(time.process_time() - start)
     assert depth is not None
     score = score_depth(depth, scene.true_depth_mm, scene.region)
-    error = depth.depth_mm.astype(np.float64) - scene.true_depth_mm
-    inside = (
-        scene.region
-        & interior_mask(scene.true_depth_mm)
-        & (np.abs(np.nan_to_num(error, nan=np.inf)) < GROSS_MM)
-    )
-    ratios = compute_sigma_ratios(error[inside], depth.sigma_mm[inside])
+    error, inside = find_interior_errors(depth, scene)
+    ratios = compute_sigma_ratios(error, depth.sigma_mm[inside])
     return Figures(
         score.within_1mm, score.within_quarter_mm, score.gross, compute_false_fill(depth, scene.occluded),
         float(ratios.min()), float(ratios.max()), _measure_volume_error(depth, one), min(costs),
@@ -140,13 +134,8 @@ def measure(row: Row, one: AblationScene, near_far_mm: tuple[float, float]) -> F
 
 
 def _measure_volume_error(depth: DepthMap, one: AblationScene) -> float:
-    if one.belt is None or one.scene.true_volume_mm3 is None:
-        return np.nan
-    camera = one.scene.rig.core_camera
-    volume = measure_volume(
-        depth, one.belt, camera, VolumeSettings(), across_mm=None, along_mm=one.scene.along_mm
-    )
-    return volume.volume_mm3 / one.scene.true_volume_mm3 - 1
+    volume, true_mm3 = measure_load(depth, one), one.scene.true_volume_mm3
+    return np.nan if volume is None or true_mm3 is None else volume.volume_mm3 / true_mm3 - 1
 
 
 def format_row(name: str, figures: Sequence[Figures]) -> str:

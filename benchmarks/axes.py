@@ -28,18 +28,19 @@ import numpy as np
 from beltscape.core.depth import DepthMap
 from beltscape.core.errors import ReconstructionError
 from beltscape.core.progress import Silent
-from beltscape.evaluate.depth_scores import GROSS_MM, interior_mask, score_depth
+from beltscape.evaluate.depth_scores import GROSS_MM, score_depth
 from beltscape.evaluate.frame_scores import compute_sigma_ratios
-from beltscape.measure.volume.settings import VolumeSettings
-from beltscape.measure.volume.volume import measure_volume
 from beltscape.simulate.scenario import Scenario
 from beltscape.stereo.multiview.depth_range import find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.settings import MultiviewSettings
-from matching.scenes import ROOT, AblationScene, read_own
+from matching.methods import find_interior_errors
+from matching.scenes import ROOT, AblationScene, measure_load, read_own
 from tables import format_cells, format_head
 
 _SCENES = Path(__file__).parent / "matching" / "axes.toml"
+CACHE = ROOT / "out" / "bench-axes"
+"""Folder of the rendered scenes."""
 HEAD = ("preset", "scene", "< 1 mm", "in reach", "gross", "σ ratio in fifths", "invented", "volume")
 
 
@@ -103,12 +104,10 @@ def measure(one: AblationScene, preset: str) -> Figures | None:
     score = score_depth(depth, scene.true_depth_mm, scene.region)
     reached = one.visibility.lit & (one.visibility.views > 0)
     known = scene.region & np.isfinite(scene.true_depth_mm)
-    counted = known & interior_mask(scene.true_depth_mm) & (np.nan_to_num(error, nan=np.inf) < GROSS_MM)
-    ratios = compute_sigma_ratios(
-        (depth.depth_mm - scene.true_depth_mm)[counted], depth.sigma_mm[counted].astype(np.float64)
-    )
+    inside_error, inside = find_interior_errors(depth, scene)
+    ratios = compute_sigma_ratios(inside_error, depth.sigma_mm[inside])
     dark = known & ~reached
-    volume_error, volume_sigma = _measure_volume(depth, one)
+    volume_error, volume_sigma = _compare_volume(depth, one)
     return Figures(
         score.within_1mm,
         float(reached[known].mean()),
@@ -121,16 +120,17 @@ def measure(one: AblationScene, preset: str) -> Figures | None:
     )
 
 
-def _measure_volume(depth: DepthMap, one: AblationScene) -> tuple[float, float]:
+def _compare_volume(depth: DepthMap, one: AblationScene) -> tuple[float, float]:
     """Return the error of the volume and its σ, relative to the true volume; NaN without a load."""
-    if one.belt is None or one.scene.true_volume_mm3 is None:
+    volume, true_mm3 = measure_load(depth, one), one.scene.true_volume_mm3
+    if volume is None or true_mm3 is None:
         return np.nan, np.nan
-    camera = one.scene.rig.core_camera
-    volume = measure_volume(
-        depth, one.belt, camera, VolumeSettings(), across_mm=None, along_mm=one.scene.along_mm
-    )
-    true = one.scene.true_volume_mm3
-    return volume.volume_mm3 / true - 1, volume.sigma_mm3 / true
+    return volume.volume_mm3 / true_mm3 - 1, volume.sigma_mm3 / true_mm3
+
+
+def read_scene(name: str, scenario: Scenario, cache: Path = CACHE) -> AblationScene:
+    """Return a scene, rendered into the cache where it is not there yet."""
+    return read_own(name, scenario, cache / name.replace(": ", "_").replace(" ", "_"))
 
 
 def play(names: list[str], presets: list[str], cache: Path) -> Iterator[str]:
@@ -139,7 +139,7 @@ def play(names: list[str], presets: list[str], cache: Path) -> Iterator[str]:
         name: scenario for name, scenario in list_scenarios().items() if any(text in name for text in names)
     }
     for name, scenario in chosen.items():
-        one = read_own(name, scenario, cache / name.replace(": ", "_").replace(" ", "_"))
+        one = read_scene(name, scenario, cache)
         for preset in presets:
             figures = measure(one, preset)
             nothing = format_cells([preset, name, "no surface found", *[""] * (len(HEAD) - 3)])
@@ -153,7 +153,7 @@ def main() -> None:
     )
     parser.add_argument("--scenes", nargs="*", default=[""])
     parser.add_argument("--presets", nargs="*", default=["standard", "fast"])
-    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "bench-axes")
+    parser.add_argument("--cache", type=Path, default=CACHE)
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
     lines = format_head(HEAD)

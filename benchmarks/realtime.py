@@ -37,7 +37,7 @@ class Rate:
     """Of a set, in the process that measures."""
 
     def predict(self, cores: int) -> float:
-        """Return the sets per second of a machine with so many cores, of which one orders and measures."""
+        """Return the sets per second of a machine with this number of cores, of which one orders and measures."""
         return min((cores - 1) / max(self.cpu_s - self.serial_s, 1e-9), 1 / self.serial_s)
 
 

@@ -50,7 +50,7 @@ def run(method: str, scene: Scene, near_far: Range, *, timed: bool = True) -> Re
         depth, spent = measure_cost(lambda threads: make_matcher(method, scene, near_far, threads))
     else:
         depth, spent = make_matcher(method, scene, near_far, 0)(), None
-    dz, where = _interior(depth, scene)
+    dz, where = find_interior_errors(depth, scene)
     ratios = compute_sigma_ratios(dz, depth.sigma_mm[where])
     return Result(
         depth=depth,
@@ -99,7 +99,7 @@ def bare_sgbm(name: str, scene: Scene, near_far: Range) -> Cost:
     return measure_cost(make)[1]
 
 
-def _interior(depth: DepthMap, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+def find_interior_errors(depth: DepthMap, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Return the errors (N,), mm, of interior measured pixels without gross errors, and their mask (H, W)."""
     error = depth.depth_mm.astype(np.float64) - scene.true_depth_mm
     where = scene.region & interior_mask(scene.true_depth_mm)

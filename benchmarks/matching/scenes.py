@@ -10,12 +10,15 @@ from pathlib import Path
 
 import numpy as np
 
+from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Silent
 from beltscape.evaluate.truth import find_true_belt
 from beltscape.files.images import read_image
 from beltscape.files.json_text import read_json
+from beltscape.measure.volume.settings import VolumeSettings
+from beltscape.measure.volume.volume import Volume, measure_volume
 from beltscape.pipeline.simulation import simulate
 from beltscape.simulate.scenario import Scenario
 from beltscape.simulate.scene_assembly import SimulatedScene
@@ -67,6 +70,16 @@ def _read_rendered(name: str, folder: Path) -> AblationScene:
     scene = replace(read_rendered(folder, name, 0), name=f"{name}, other renderer")
     visibility = find_visibility(scene.rig, scene.true_depth_mm, *read_projector(folder / "truth"))
     return AblationScene(scene, None, visibility)
+
+
+def measure_load(depth: DepthMap, one: AblationScene) -> Volume | None:
+    """Return the measured volume of a scene's load; None where there is no load whose volume is known."""
+    if one.belt is None or one.scene.true_volume_mm3 is None:
+        return None
+    camera = one.scene.rig.core_camera
+    return measure_volume(
+        depth, one.belt, camera, VolumeSettings(), across_mm=None, along_mm=one.scene.along_mm
+    )
 
 
 def read_own(name: str, scenario: Scenario, folder: Path) -> AblationScene:

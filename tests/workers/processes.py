@@ -9,13 +9,13 @@ from pathlib import Path
 def find_workers() -> list[int]:
     """Return the worker processes of this process that run, in the order of their numbers."""
     found: list[int] = []
-    for entry in Path("/proc").iterdir():
+    for entry in Path("/proc").glob("[0-9]*"):
         try:
             is_worker = b"beltscape.workers.worker_process" in (entry / "cmdline").read_bytes()
-            state, parent = (entry / "stat").read_text().rpartition(")")[2].split()[:2]
+            state, parent = read_state(int(entry.name))
         except OSError:  # no process, or one that has ended
             continue
-        if is_worker and state != "Z" and int(parent) == os.getpid():
+        if is_worker and state != "Z" and parent == os.getpid():
             found.append(int(entry.name))
     return sorted(found)
 
@@ -23,7 +23,12 @@ def find_workers() -> list[int]:
 def is_running(process: int) -> bool:
     """Return whether a process runs, although nobody may have waited for its end."""
     try:
-        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+        return read_state(process)[0] != "Z"
     except OSError:
         return False
-    return state != "Z"
+
+
+def read_state(process: int) -> tuple[str, int]:
+    """Return the state of a process by its letter, and its parent; OSError if there is none."""
+    state, parent = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[:2]
+    return state, int(parent)

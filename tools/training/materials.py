@@ -11,9 +11,9 @@ Heap = dict[str, Any]
 
 
 def draw_heap(number: int, rng: np.random.Generator, *, held_out: bool) -> Heap:
-    """Return the heap of a scenario: one of the materials in random order, or one that is never trained on."""
-    names = [*(_HELD_OUT if held_out else _TRAINED)]
-    return {"seed": 300 + number, **_MATERIALS[str(rng.choice(names))](rng)}
+    """Return the heap of a scenario, of a material drawn at random; rods lie in scenarios that are held out only."""
+    material = str(rng.choice(_HELD_OUT if held_out else _TRAINED))
+    return {"seed": 300 + number, **_MATERIALS[material](rng)}
 
 
 def _draw_stones(rng: np.random.Generator) -> Heap:

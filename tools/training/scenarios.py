@@ -47,8 +47,8 @@ _WITHOUT_PATTERN = 11
 _AUXILIARIES = (1, 2, 2, 3, 3, 4, 4, 5, 6)
 """Numbers of auxiliaries, all as frequent."""
 _PART_DEG, _MOST_IN_PART, _HELD_OUT_PART_DEG = 180.0, 3, 120.0
-"""Angle within which up to so many auxiliaries stand on one side of the core, two of them in an L; and that of
-scenarios that are held out."""
+"""Angle within which a few auxiliaries stand on one side of the core, two of them in an L; their largest number; and
+the angle of scenarios that are held out."""
 _PATTERNS = ("paper", "fine", "dense", "cells", "noise")
 _HELD_OUT_PATTERNS = (*_PATTERNS, "stripes", "stripes")
 
@@ -58,9 +58,8 @@ def draw_scenario(number: int) -> Scenario:
     rng = np.random.default_rng([number, _FAMILY])
     height = float(rng.uniform(620, 980))
     belt = _draw_belt(rng)
-    kind = _KINDS[number % len(_KINDS)]
     values: dict[str, Any] = {
-        "kind": kind,
+        "kind": _KINDS[number % len(_KINDS)],
         "seed": 1000 + number,
         "speckle": number % _WITHOUT_PATTERN != _WITHOUT_PATTERN - 1,
         "ambient": float(np.exp(rng.uniform(np.log(0.15), np.log(1.5)))),

@@ -1,7 +1,7 @@
 """Beltscape beside other matchers on the same captures in one run; writes PEERS.md.
 
     pip install 'beltscape[simulate,bench]'
-    python benchmarks/peers.py [RENDERED] [--scenes TEXT …] [--out FILE]
+    python benchmarks/other_matchers.py [RENDERED] [--scenes TEXT …] [--out FILE]
 
 The peers match rectified pairs and are averaged over the pairs as the paper's method is: OpenCV's SGBM, and CNES
 Pandora with a census cost and with the learned cost MC-CNN, both optimised by libSGM. RENDERED is a folder of
@@ -19,10 +19,11 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
 
-from axes import list_scenarios
+from axes import list_scenarios, read_scene
 from beltscape.core.depth import DepthMap
 from beltscape.core.progress import Silent
 from beltscape.evaluate.depth_scores import interior_mask, score_depth
@@ -31,7 +32,7 @@ from beltscape.stereo.multiview.depth_range import find_depth_range
 from captures import Scene, demo_scenes, read_rendered
 from matching.methods import Range, make_matcher
 from matching.pandora_pairs import COSTS, COVERAGE, PairResult, PandoraMatcher
-from matching.scenes import ROOT, read_own
+from matching.scenes import ROOT
 from results import current_commit
 from tables import format_cells, format_head
 
@@ -49,38 +50,38 @@ HEAD = (
 )
 _OWN = ("module", "belt_loaded")
 _STRANGER = "stranger"
-_TWO_SIDED = 1.6449
+_TWO_SIDED = NormalDist().inv_cdf(0.5 + COVERAGE / 2)
 """Half width of a normal distribution's interval of `COVERAGE`, in standard deviations."""
 _LIBRARIES = "opencv-python-headless", "pandora", "pandora_plugin_mccnn", "libsgm"
 
 
 @dataclass(frozen=True)
-class Match:
+class MatchedDepth:
     """The result of a method: its depth, and the nearest and farthest ends (H, W) of each of its intervals, mm."""
 
     depth: DepthMap
     intervals: list[tuple[np.ndarray, np.ndarray]]
 
 
-def match_by_own(name: str, scene: Scene, near_far: Range) -> Callable[[], Match]:
+def match_by_own(name: str, scene: Scene, near_far: Range) -> Callable[[], MatchedDepth]:
     """Return a function that matches a scene by a method of ours, whose intervals follow from σ."""
     work = make_matcher(name, scene, near_far, 0)
 
-    def run() -> Match:
+    def run() -> MatchedDepth:
         depth = work()
         half = _TWO_SIDED * depth.sigma_mm
-        return Match(depth, [(depth.depth_mm - half, depth.depth_mm + half)])
+        return MatchedDepth(depth, [(depth.depth_mm - half, depth.depth_mm + half)])
 
     return run
 
 
-def match_by_pandora(cost: str, scene: Scene, near_far: Range) -> Callable[[], Match]:
+def match_by_pandora(cost: str, scene: Scene, near_far: Range) -> Callable[[], MatchedDepth]:
     """Return a function that matches a scene by Pandora, each of whose pairs has intervals."""
     matcher = PandoraMatcher(scene.rig, near_far, cost)
 
-    def run() -> Match:
+    def run() -> MatchedDepth:
         depth, pairs = matcher.match(scene)
-        return Match(depth, [_get_interval(pair) for pair in pairs])
+        return MatchedDepth(depth, [_get_interval(pair) for pair in pairs])
 
     return run
 
@@ -89,7 +90,7 @@ def _get_interval(pair: PairResult) -> tuple[np.ndarray, np.ndarray]:
     return pair.nearest_mm, pair.farthest_mm
 
 
-METHODS: dict[str, Callable[[Scene, Range], Callable[[], Match]]] = {
+METHODS: dict[str, Callable[[Scene, Range], Callable[[], MatchedDepth]]] = {
     "Beltscape, standard": lambda scene, near_far: match_by_own("standard", scene, near_far),
     "Beltscape, fast": lambda scene, near_far: match_by_own("fast", scene, near_far),
     "OpenCV SGBM, pairs averaged": lambda scene, near_far: match_by_own("pairwise", scene, near_far),
@@ -102,7 +103,7 @@ METHODS: dict[str, Callable[[Scene, Range], Callable[[], Match]]] = {
 }
 
 
-def score_match(name: str, match: Match, scene: Scene, cpu_s: float) -> str:
+def score_match(name: str, match: MatchedDepth, scene: Scene, cpu_s: float) -> str:
     """Return a row of the table."""
     true, depth = scene.true_depth_mm, match.depth
     score = score_depth(depth, true, scene.region)
@@ -134,8 +135,7 @@ def read_scenes(rendered: Path, names: list[str]) -> Iterator[Scene]:
     yield from own
     for name, scenario in list_scenarios().items():
         if name.startswith(_STRANGER) and is_chosen(name):
-            folder = ROOT / "out" / "bench-axes" / name.replace(": ", "_").replace(" ", "_")
-            yield read_own(name, scenario, folder).scene
+            yield read_scene(name, scenario).scene
 
 
 def compare(scene: Scene) -> Iterator[str]:
@@ -165,8 +165,8 @@ def main() -> None:
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in _LIBRARIES)
     lines = [
         "# Peers", "",
-        "Written by `python benchmarks/peers.py`: Beltscape beside other matchers, with exact rigs, on the same",
-        f"images in the same run at commit {current_commit()}, {versions}.", "",
+        "Written by `python benchmarks/other_matchers.py`: Beltscape beside other matchers, with exact rigs, on the",
+        f"same images in the same run at commit {current_commit()}, {versions}.", "",
         "Shares are of all true pixels of the scene's surface that the projector can light; gross: off by more than",
         "5 mm, of the measured; false fill: pixels that no auxiliary sees and that carry a depth. The interval is",
         f"that of {COVERAGE:.0%}: ±1.64 σ of the averaged depth, and Pandora's own intervals of each pair; holds:",

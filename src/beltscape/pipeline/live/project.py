@@ -69,7 +69,7 @@ class MatchingSettings(_Table):
     threads: Annotated[int, Field(ge=0, le=256)] = 0
     """0: one per core; of a worker process one."""
     workers: Annotated[int, Field(ge=0, le=256)] | Literal["auto"] = "auto"
-    """Worker processes that match frame sets side by side: one per core, or this number; 0: this process matches them."""
+    """Processes that match frame sets side by side: one per core, or this number; 0: this process matches them."""
 
     def multiview(self) -> MultiviewSettings:
         """Return the matcher's settings."""

@@ -130,6 +130,15 @@ def test_rail_beside_the_belt_across_a_gap_is_no_belt(yaw_deg: float, rise_mm: f
     assert abs(edges.offset_mm) < 4 * edges.sigma_mm
 
 
+def test_lumps_that_stand_over_an_edge_do_not_move_it() -> None:
+    plate = {"floor_mm": -60.0, "camera_mm": (0.0, 0.0, 1300.0), "camera": CORE}
+    belt = learn_belt([measure_depth(Scene(trough(600), **plate))], CORE)
+    lumps = tuple(Block((-x, 430.0 + y), (80.0, 90.0, 150.0)) for x, y in ((215, -110), (228, 0), (240, 110)))
+    shifted = Scene(np.add(trough(600), [60.0, 0.0]), lumps, **plate)
+    edges = find_belt_edges(measure_depth(shifted, seed=5), CORE, belt)
+    assert abs(edges.offset_mm - 60) < 3 * edges.sigma_mm < 5
+
+
 def test_rail_level_with_a_flat_belt_across_a_gap_is_no_belt() -> None:
     scene = Scene(trough(600), beside(340, 420, -60, 0), floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
     belt = learn_belt([measure_depth(scene)], CORE)

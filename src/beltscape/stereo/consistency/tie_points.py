@@ -6,7 +6,7 @@ rectified pairs over many rows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import cast
@@ -21,7 +21,9 @@ from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet, Image, to_grey
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig, scale_rig
+from beltscape.kernels import load
 from beltscape.stereo.multiview.photometry import compute_texture_ratio, estimate_noise_variance
+from beltscape.stereo.multiview.surface import compute_inverse_depth_scale, pack_projections
 from beltscape.stereo.pairwise.rectification import RectifiedPair, quantise_root, rectify_pair
 
 MAX_POINTS = 300
@@ -155,6 +157,11 @@ _SMOOTH = 0.02
 """Greatest mean deviation of a patch's inverse depth from its plane, as a share of it; a larger one means an edge."""
 _MEASURED = 0.7
 """Least share of a patch with a depth."""
+_HIDDEN_PX = 1.5
+"""Disparity by which a nearer surface hides a pixel from an auxiliary: a belt's edge over a cover plate is 2 px."""
+_HIDDEN = 0.1
+"""Greatest share of a patch that an auxiliary does not see: what it sees there instead shifts the match towards it,
+on one side of an edge in the same direction, as a movement of the camera would."""
 
 
 def match_guided(
@@ -170,11 +177,28 @@ def match_guided(
     templates = _sample_patches(frame_set.images[rig.core], _distort_to_core(rig, centres, planes), _HALF_PX)
     observed: dict[str, Array] = {}
     searched: dict[str, NDArray[np.bool_]] = {}
-    for name in auxiliaries:
+    for name, is_seen in _find_seen_patches(rig, auxiliaries, depth, centres):
         observed[name], searched[name] = _search(
-            frame_set.images[name], rig, name, centres, planes, templates
+            frame_set.images[name], rig, name, centres, planes, templates, is_seen
         )
     return TiePoints(centres, planes[:, 0], observed, searched)
+
+
+def _find_seen_patches(
+    rig: Rig, auxiliaries: Sequence[str], depth: DepthMap, centres: Array
+) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Yield every auxiliary with the mask (N,) of patches that no nearer surface of the depth map hides from it."""
+    if not auxiliaries:
+        return
+    kernels, unit = load(), compute_inverse_depth_scale(rig, auxiliaries)
+    views = pack_projections(rig, tuple(auxiliaries), unit, 1)
+    s = np.asarray(1 / (depth.depth_mm * np.float32(unit)), np.float32)
+    buffers = kernels.inverse_depth_buffers(s, views, [rig.cameras[name].size_px for name in auxiliaries])
+    column, row = centres.astype(np.int64).T
+    for name, view, buffer in zip(auxiliaries, views, buffers, strict=True):
+        hidden = depth.measured & (kernels.visible(s, view, buffer, _HIDDEN_PX) == 0)
+        share = cv2.blur(hidden.astype(np.float32), (2 * _HALF_PX + 1, 2 * _HALF_PX + 1))
+        yield name, np.asarray(share[row, column] <= _HIDDEN, np.bool_)
 
 
 def _fit_planes(depth_mm: NDArray[np.float32], centres: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
@@ -199,12 +223,21 @@ def _fit_planes(depth_mm: NDArray[np.float32], centres: NDArray[np.int64]) -> tu
 
 
 def _search(
-    image: Image, rig: Rig, name: str, centres: Array, planes: Array, templates: NDArray[np.float32]
+    image: Image,
+    rig: Rig,
+    name: str,
+    centres: Array,
+    planes: Array,
+    templates: NDArray[np.float32],
+    is_seen: NDArray[np.bool_],
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the positions of the templates in an auxiliary image (N, 2), and which were searched in it."""
+    """Return the positions of the templates in an auxiliary image (N, 2), and which were searched in it.
+
+    Those are the patches that it sees, by the mask (N,), and whose prediction lies in the image.
+    """
     predicted, slope = _project_to_auxiliary(rig, name, centres, planes)
     limit = np.array(image.shape[1::-1]) - _HALF_PX
-    inside = np.all((predicted >= _HALF_PX) & (predicted < limit), axis=1)
+    inside = np.all((predicted >= _HALF_PX) & (predicted < limit), axis=1) & is_seen
     observed = np.full(predicted.shape, np.nan)
     for radius in _SEARCH_RADII_PX:
         missing = np.flatnonzero(inside & np.isnan(observed[:, 0]))

@@ -1,14 +1,14 @@
 """Frame sets on their way from the cameras: the queue before the worker, and adaptive exposure.
 
-The bounded queue drops the oldest when full. The levels of the frames and the belt's speed determine new exposure
-times.
+The bounded queue, when full, gives up the frame set without which the belt stays seen most evenly. The levels of the
+frames and the belt's speed determine new exposure times.
 """
 
 from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -21,9 +21,11 @@ from beltscape.sources.genicam.settings import CamerasSettings
 
 
 class FrameQueue:
-    """Holds a few frame sets; when it is full, a new one displaces the oldest, which is counted.
+    """Holds a few frame sets; when it is full, a new one displaces one that waits, which is counted.
 
-    The belt of a dropped frame is not lost to the ledger: the next frame's strip extends back over it.
+    It is the one whose neighbours lie closest together on the belt, the frame set taken last included: of a belt at
+    rest or creeping those go first that show nothing new, and beyond what the computer can measure the views stay
+    evenly spaced. The belt of a dropped frame is not lost to the ledger: the next frame's strip extends back over it.
     """
 
     def __init__(self, capacity: int, *, blocking: bool = False) -> None:
@@ -32,6 +34,7 @@ class FrameQueue:
         """Frame sets dropped so far."""
         self._capacity, self._blocking = capacity, blocking
         self._waiting: deque[FrameSet] = deque()
+        self._last: FrameSet | None = None
         self._changed = threading.Condition()
         self._closed = self._woken = False
 
@@ -50,10 +53,10 @@ class FrameQueue:
                 self._changed.wait()
             if self._closed:
                 return
-            while len(self._waiting) >= self._capacity:
-                self._waiting.popleft()
-                self.dropped += 1
             self._waiting.append(frames)
+            while len(self._waiting) > self._capacity:
+                del self._waiting[find_least_needed(self._last, self._waiting)]
+                self.dropped += 1
             self._changed.notify_all()
 
     def get(self, seconds: float) -> FrameSet | None:
@@ -63,7 +66,7 @@ class FrameQueue:
                 self._changed.wait(seconds)
             if not self._waiting:
                 return None
-            frames = self._waiting.popleft()
+            frames = self._last = self._waiting.popleft()
             self._changed.notify_all()
             return frames
 
@@ -92,6 +95,19 @@ class FrameQueue:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+
+
+def find_least_needed(last: FrameSet | None, waiting: Sequence[FrameSet]) -> int:
+    """Return which of the waiting frame sets, but for the newest, may go: its neighbours lie closest together.
+
+    ``last`` is the frame set before them. Distances are those of the belt's positions where all are known, else of
+    their order. Of equal ones the oldest goes.
+    """
+    known = [waiting[0] if last is None else last, *waiting]
+    positions_mm = [each.position_mm for each in known if each.position_mm is not None]
+    places = positions_mm if len(positions_mm) == len(known) else range(len(known))
+    gaps = [abs(after - before) for before, after in zip(places[:-2], places[2:], strict=True)]
+    return gaps.index(min(gaps)) if gaps else 0
 
 
 LogChange = Callable[[str, Mapping[str, object]], None]

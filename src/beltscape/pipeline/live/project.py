@@ -104,7 +104,8 @@ class QueueSettings(_Table):
     """The queue between cameras and measurement: the table [queue]."""
 
     frames: Annotated[int, Field(ge=1, le=64)] = 2
-    """Capacity in frame sets; when it is full, the oldest is dropped and counted."""
+    """Capacity in frame sets; when it is full, one is dropped and counted: the one without which the belt stays seen
+    most evenly."""
 
 
 class WatchSettings(_Table):

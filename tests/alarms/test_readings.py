@@ -11,6 +11,7 @@ import pytest
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.settings import AlarmSettings
+from beltscape.core.events import NO_CAPACITY
 from beltscape.health.camera_poses import count_unchecked, make_unchecked_finding
 from tests.alarms.plant import BAD, GOOD, NAN, SECOND, Plant, camera
 
@@ -133,7 +134,7 @@ def test_camera_without_health_keeps_its_state():
 def test_readings_are_unknown_by_default():
     for one in fields(Readings):
         value = getattr(Readings(), one.name)
-        assert value is None or value in ({}, (), False) or np.isnan(value)
+        assert value in (None, NO_CAPACITY, {}, (), False) or np.isnan(value)
 
 
 def test_an_alarm_shows_the_worst_value_past_the_limit_not_the_present_one():

@@ -10,6 +10,7 @@ import pytest
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.settings import AlarmSettings
 from beltscape.core.alarms import Suppression
+from beltscape.core.events import Capacity
 from tests.alarms.plant import BAD, GOOD, NAN, SETTINGS, Plant, camera
 
 STOPPED = replace(GOOD, speed_mm_s=0.0)
@@ -169,3 +170,13 @@ def test_dropped_frames_hide_what_they_explain_and_name_it():
     cause = get(plant, "frames_dropped")
     assert set(cause.consequences) == {"no_measurement:load", "encoder_silent", "low_coverage"}
     assert cause.priority == "high"
+    assert cause.detail == "90.0 /min, limit 6.00 /min: lower the frame rate or choose a faster preset"
+
+
+def test_dropped_frames_say_what_the_computer_measures():
+    plant = Plant()
+    plant.run(replace(GOOD, dropped_per_minute=90.0, capacity=Capacity(1.234, 411.0)), 60)
+    assert get(plant, "frames_dropped").detail == (
+        "90 frame sets a minute are left out: this computer measures 1.2 a second, which is enough for a belt of up "
+        "to 0.41 m/s; choose a faster preset, smaller images or more cores"
+    )

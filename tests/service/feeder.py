@@ -13,7 +13,7 @@ import numpy as np
 
 from beltscape.core.alarms import Alarm
 from beltscape.core.errors import MeasureError
-from beltscape.core.events import BeltStretch, CameraHealth, FrameEvent, Maintenance, ZeroProposal
+from beltscape.core.events import BeltStretch, CameraHealth, Capacity, FrameEvent, Maintenance, ZeroProposal
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.interfaces import Observer
@@ -21,6 +21,7 @@ from beltscape.core.ledger import BeltRecord, CrossSection, FlowRecord, Standing
 from tests.service.alarm_controls import SimulatedAlarmControls
 
 CAMERAS = ("cam1", "cam2", "cam3", "cam4", "cam5")
+CAPACITY = Capacity(6.0, 4200.0)
 _CELL_MM = 5.0
 _X_MM = np.arange(-500, 500.1, _CELL_MM).astype(np.float32)
 
@@ -129,7 +130,9 @@ class SimulatedPlant:
         frames = FrameSet(f"{self.done:06d}", images, self.done * 200_000_000, self.belt_mm)
         seconds = 0.16 + 0.03 * np.sin(self.done)
         speed = 0.0 if self.stopped else self.speed_mm_s
-        event = FrameEvent(frames, self.done, self.done // 400, 0, float(seconds), 0.964, speed)
+        event = FrameEvent(
+            frames, self.done, self.done // 400, 0, float(seconds), 0.964, speed, capacity=CAPACITY
+        )
         for observer in self.observers:
             observer.on_frame(event)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beltscape.core.events import CameraHealth
+from beltscape.core.events import NO_CAPACITY, CameraHealth, Capacity
 from beltscape.core.findings import Finding
 
 _NAN = float("nan")
@@ -41,6 +41,8 @@ class Readings:
     cameras: Mapping[str, CameraHealth] = field(default_factory=dict[str, CameraHealth])
     dropped_per_minute: float = _NAN
     """Frame sets that were not measured."""
+    capacity: Capacity = NO_CAPACITY
+    """What the computer can measure."""
     history_trouble: str | None = None
     """Why the history cannot be written, and the fix, in one line; empty: it can."""
     history_repair: str | None = None

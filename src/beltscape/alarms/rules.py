@@ -39,6 +39,7 @@ from beltscape.core.alarm_catalogue import (
     USERS_UNREADABLE,
 )
 from beltscape.core.events import CameraHealth
+from beltscape.core.translatable_message import make_message
 
 Conditions = Mapping[str, AlarmCondition]
 """By subject: a camera or a quantity; "" for the alarms that have only one subject."""
@@ -152,12 +153,17 @@ def _camera_skew(now: Readings, settings: AlarmSettings) -> Conditions:
 
 
 def _frames_dropped(now: Readings, settings: AlarmSettings) -> Conditions:
-    own, rate = settings.frames_dropped, now.dropped_per_minute
-    return {
-        "": AlarmCondition(
-            compare_upper(rate, 0, own.per_minute, own.hysteresis), rate, own.per_minute, "/min"
+    own, rate, held = settings.frames_dropped, now.dropped_per_minute, now.capacity
+    state = compare_upper(rate, 0, own.per_minute, own.hysteresis)
+    text = ""
+    if state == "on" and math.isfinite(held.sets_per_s):
+        text = make_message(
+            "frames_dropped",
+            dropped=round(rate),
+            rate=float(f"{held.sets_per_s:.2g}"),
+            speed=float(f"{held.speed_mm_s * 1e-3:.2g}"),
         )
-    }
+    return {"": AlarmCondition(state, rate, own.per_minute, "/min", text)}
 
 
 def _encoder_silent(now: Readings, settings: AlarmSettings) -> Conditions:

@@ -49,6 +49,20 @@ class BeltStretch:
     """(n, Nx) where a frame measured it."""
 
 
+@dataclass(frozen=True, slots=True)
+class Capacity:
+    """What the computer can measure; NaN: not known yet."""
+
+    sets_per_s: float
+    """Frame sets in a second."""
+    speed_mm_s: float
+    """Speed of the belt up to which every millimetre is in two of them."""
+
+
+NO_CAPACITY = Capacity(math.nan, math.nan)
+"""The capacity before enough frame sets were measured."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FrameEvent:
     """A frame set that has been processed, with the state of the queue."""
@@ -70,6 +84,8 @@ class FrameEvent:
     """Sieve size of the largest lump at the last search; 0: there was none; NaN: none was made."""
     full_area_mm2: float = math.nan
     """Cross-section of the fully loaded belt; NaN: not known."""
+    capacity: Capacity = NO_CAPACITY
+    """What the computer can measure with the present settings."""
 
 
 @dataclass(frozen=True, slots=True)

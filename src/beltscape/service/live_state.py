@@ -116,6 +116,7 @@ class LiveState:
                 event.speed_mm_s,
                 event.largest_lump_mm,
                 event.full_area_mm2,
+                event.capacity,
             )
             self.durations.add(event.seconds)
             for name, image in islice(event.frames.images.items(), _CAMERAS):

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.alarms import Alarm
-from beltscape.core.events import CameraHealth, Maintenance
+from beltscape.core.events import NO_CAPACITY, CameraHealth, Capacity, Maintenance
 from beltscape.core.findings import Finding
 from beltscape.core.frames import Image
 from beltscape.core.ledger import BeltRecord, FlowRecord, Standing, Totals
@@ -213,6 +213,8 @@ class FrameStatistics:
     """Sieve size of the largest lump at the last search; NaN: none was made."""
     full_area_mm2: float = nan
     """Cross-section of the fully loaded belt; NaN: not known."""
+    capacity: Capacity = NO_CAPACITY
+    """What the computer can measure."""
 
 
 @dataclass(frozen=True, slots=True)

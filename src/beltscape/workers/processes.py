@@ -7,6 +7,7 @@ its task runs again.
 from __future__ import annotations
 
 import itertools
+import math
 import os
 import pickle
 import subprocess
@@ -16,6 +17,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from statistics import median
 from typing import Any
 
 from beltscape.core.system_calls import CORES, make_shared_file
@@ -28,6 +30,11 @@ _THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"
 """Variables of the environment from which libraries of linear algebra take their number of threads."""
 _EXIT_S = 10.0
 """Longest wait for the end of a process whose pipe has ended already."""
+
+_RECENT = 64
+"""Tasks that ended last, by which the time of one is told."""
+_LEAST_S = 1e-6
+"""Shortest time of a task that is told: clocks have a step."""
 
 OnDeath = Callable[[str], object]
 """Receives a line on a worker that died and was replaced."""
@@ -132,6 +139,7 @@ class ProcessPool:
         self._idle: deque[WorkerProcess] = deque()
         self._alive: set[WorkerProcess] = set()
         self._numbers = itertools.count()
+        self._seconds: deque[float] = deque(maxlen=_RECENT)
         for _ in range(workers):  # they begin side by side
             self._idle.append(self._begin())
         self._threads = ThreadPoolExecutor(workers, "workers")
@@ -161,6 +169,11 @@ class ProcessPool:
         with self._lock:
             return sorted(worker.process_id for worker in self._alive)
 
+    def count_tasks_per_s(self) -> float:
+        """Return how many tasks the workers together run in a second, by those that ended last; inf before any."""
+        seconds = list(self._seconds)
+        return self.workers / median(seconds) if seconds else math.inf
+
     def _begin(self) -> WorkerProcess:
         worker = self._begin_worker()
         with self._lock:
@@ -175,7 +188,9 @@ class ProcessPool:
         try:
             for _ in range(_DEATHS):
                 try:
-                    return worker.run(number, task)
+                    end = worker.run(number, task)
+                    self._seconds.append(max(end.seconds, _LEAST_S))
+                    return end
                 except (OSError, EOFError):
                     with self._lock:
                         self._alive.discard(worker)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import sqlite3
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from beltscape.core.errors import OutputError
@@ -41,6 +43,13 @@ def test_records_reach_disk_and_observer_alike(tmp_path: Path) -> None:
     assert historian.totals.volume_mm3 == pytest.approx(sum(r.volume_mm3 for r in kept), rel=1e-12)
     assert watcher.stretches > 3
     assert watcher.maintenance == []
+    (measured,) = (event for event in historian.events(0, 1 << 62) if event.kind == "capacity")
+    assert measured.text.startswith("this computer measures ")
+    capacity = watcher.frames[-1].capacity
+    view_mm = np.ptp(engine._components.measurement.context.empty_belt.window_mm)
+    assert capacity.sets_per_s > 0.1
+    assert capacity.speed_mm_s == pytest.approx(capacity.sets_per_s * view_mm / 2)
+    assert all(math.isnan(one.capacity.sets_per_s) for one in watcher.frames[:4])
     historian.close()
 
 
@@ -61,6 +70,8 @@ def test_slow_worker_drops_frames_and_keeps_the_ledger_complete(tmp_path: Path) 
     assert parts.queue.dropped > 5
     assert len(kept) + parts.queue.dropped == 40
     assert watcher.frames[-1].dropped == parts.queue.dropped
+    # what waits in the queue grows older by the time of the set before it: 60 ms more than a set takes
+    assert max(one.seconds for one in watcher.frames) > 2 * 0.06
     assert kept[-1].belt_mm[1] - kept[0].belt_mm[0] == pytest.approx(2340 + kept[0].length_mm, abs=1.0)
     assert historian.totals.missing_mm == 0
     historian.close()

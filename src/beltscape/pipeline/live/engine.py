@@ -5,10 +5,11 @@ The operator's actions on it are alarms, the kept recording, maintenance, learne
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import deque
 from dataclasses import replace
-from time import monotonic, monotonic_ns, time_ns
+from time import monotonic, monotonic_ns, thread_time, time_ns
 
 from beltscape.alarms.readings import Readings
 from beltscape.core.alarm_catalogue import MAINTENANCE
@@ -20,6 +21,8 @@ from beltscape.core.system_calls import release_memory
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.alarm_control import AlarmControl
 from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts
+from beltscape.pipeline.live.gauges import CapacityMeter
+from beltscape.pipeline.live.intake import Arrival
 from beltscape.pipeline.live.measurement_run import Outcome
 from beltscape.pipeline.live.reporting import RepairNotice
 from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame
@@ -128,6 +131,8 @@ class Engine(OperatorControls):
     def __init__(self, components: EngineComponents) -> None:
         super().__init__(components)
         self._repair = RepairNotice(components.historian, components.reporter)
+        workers = components.workers
+        self._capacity = CapacityMeter(None if workers is None else workers.count_matched_per_s)
         self._next: MeasuringParts | None = None
         """The parts that take the place of the present ones between two records."""
         self._stopping = threading.Event()
@@ -210,14 +215,15 @@ class Engine(OperatorControls):
 
     def _work(self) -> None:
         """Measure the queue's frame sets in their order, while workers match those after them."""
-        components, submitted = self._components, deque[tuple[FrameSet, PendingFrame | None]]()
+        components, submitted = self._components, deque[tuple[Arrival, PendingFrame | None]]()
         most = 1 if components.workers is None else components.workers.ahead
         while True:
-            while len(submitted) < most and (frames := components.queue.get(0)) is not None:
-                submitted.append((frames, self._submit(frames)))
+            while len(submitted) < most and (arrival := components.queue.get(0)) is not None:
+                submitted.append((arrival, self._submit(arrival.frames)))
             # where no more are submitted there is nothing to do but to wait for the oldest one
             if submitted and (len(submitted) == most or _is_done(submitted[0][1])):
-                self._measure(*submitted.popleft())
+                arrival, pending = submitted.popleft()
+                self._measure(arrival.frames, pending, arrived_s=arrival.at_s)
                 if not submitted and not len(components.queue):
                     self._flush()
             elif not submitted and components.queue.closed:
@@ -255,8 +261,10 @@ class Engine(OperatorControls):
             self._components.reporter.warn(f"frame {frames.frame}: {type(error).__name__}: {error}")
             return None
 
-    def _measure(self, frames: FrameSet, pending: PendingFrame | None = None) -> None:
-        components, began = self._components, monotonic()
+    def _measure(
+        self, frames: FrameSet, pending: PendingFrame | None = None, *, arrived_s: float | None = None
+    ) -> None:
+        components, began_s, began_cpu_s = self._components, monotonic(), thread_time()
         self._last_position_mm = frames.position_mm
         try:
             outcome = self._push(frames, components.maintenance.current, pending)
@@ -268,6 +276,8 @@ class Engine(OperatorControls):
         self._components.zero.add(outcome.depth, outcome.findings)
         self._done += 1
         gauges, depth = components.gauges, outcome.depth
+        if depth is not None:
+            self._tell_capacity(monotonic() - began_s, thread_time() - began_cpu_s)
         gauges.update_frame(depth, outcome.speed_mm_s)
         components.observer.on_frame(
             FrameEvent(
@@ -275,13 +285,31 @@ class Engine(OperatorControls):
                 self._done,
                 components.queue.dropped,
                 len(components.queue),
-                monotonic() - began,
+                monotonic() - (began_s if arrived_s is None else arrived_s),
                 0.0 if depth is None else depth.coverage,
                 outcome.speed_mm_s,
                 gauges.last_lump_mm,
                 gauges.full_area_mm2,
+                gauges.capacity,
             )
         )
+
+    def _tell_capacity(self, elapsed_s: float, own_s: float) -> None:
+        """Take over how long a frame set took; the first time that the capacity is known it is an event."""
+        self._capacity.add(elapsed_s, own_s)
+        gauges, before = self._components.gauges, self._components.gauges.capacity
+        low_mm, high_mm = self._components.measurement.context.empty_belt.window_mm
+        gauges.capacity = self._capacity.compute(abs(high_mm - low_mm))
+        if math.isnan(before.sets_per_s) and not math.isnan(gauges.capacity.sets_per_s):
+            sets_per_s, speed_mm_s = gauges.capacity.sets_per_s, gauges.capacity.speed_mm_s
+            self._events.add(
+                "capacity",
+                "measured",
+                f"this computer measures {sets_per_s:.3g} frame sets a second: every millimetre is seen twice up to "
+                f"{speed_mm_s * 1e-3:.3g} m/s",
+                time_ns(),
+                parameters={"rate": float(f"{sets_per_s:.3g}"), "speed": float(f"{speed_mm_s * 1e-3:.3g}")},
+            )
 
     def _push(self, frames: FrameSet, present: Maintenance | None, pending: PendingFrame | None) -> Outcome:
         """Measure a frame set; during maintenance it only gives the belt's position."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from statistics import median
@@ -13,6 +13,7 @@ from time import monotonic
 
 from beltscape.alarms.readings import Readings
 from beltscape.core.depth import DepthMap
+from beltscape.core.events import NO_CAPACITY, Capacity
 from beltscape.core.findings import Finding
 from beltscape.core.ledger import BeltRecord
 
@@ -44,6 +45,40 @@ class FramePace:
         return max(stale_s, _PACE_INTERVALS * median(intervals_s)) if intervals_s else stale_s
 
 
+VIEWS = 2
+"""Views of every millimetre that a speed must leave to be held: one may be lost, and two show more than one."""
+_LEAST_SETS = 5
+"""Frame sets after which the capacity is told; the first ones also begin matchers and learn references."""
+_MOST_SETS = 64
+"""Frame sets of which the median is taken: heaps and bare belt take different times."""
+
+
+class CapacityMeter:
+    """Measures how long frame sets take, which the belt's speed and the frame rate do not change.
+
+    With worker processes two things limit what the computer can measure: what the workers match together, and what
+    this process does with every frame set by itself. Without them it is the time from one frame set to the next.
+    """
+
+    def __init__(self, count_matched_per_s: Callable[[], float] | None) -> None:
+        """``count_matched_per_s`` returns what the workers match in a second; None: there are none."""
+        self._count_matched_per_s = count_matched_per_s
+        self._seconds: deque[float] = deque(maxlen=_MOST_SETS)
+
+    def add(self, elapsed_s: float, own_s: float) -> None:
+        """Add a measured frame set: the time that passed, and the part in which this process was busy with it."""
+        self._seconds.append(elapsed_s if self._count_matched_per_s is None else own_s)
+
+    def compute(self, window_mm: float) -> Capacity:
+        """Return the capacity for a view of ``window_mm`` along the belt; NaN until enough was measured."""
+        if len(self._seconds) < _LEAST_SETS:
+            return NO_CAPACITY
+        sets_per_s = 1 / max(median(self._seconds), 1e-6)
+        if self._count_matched_per_s is not None:
+            sets_per_s = min(sets_per_s, self._count_matched_per_s())
+        return Capacity(sets_per_s, sets_per_s * window_mm / VIEWS)
+
+
 @dataclass(slots=True)
 class Gauges:
     """The latest value of each quantity; every field is written by one thread and read by another."""
@@ -51,6 +86,8 @@ class Gauges:
     full_area_mm2: float
     stale_s: float = 3.0
     """A value older than this is unknown; frames in longer intervals lengthen it."""
+    capacity: Capacity = NO_CAPACITY
+    """What the computer can measure with the present settings."""
     pace: FramePace = field(default_factory=FramePace)
     """Interval of the frames."""
     entry: BeltRecord | None = None
@@ -150,6 +187,7 @@ class Gauges:
             belt_offset_mm=offset[0],
             belt_offset_sigma_mm=offset[1],
             dropped_per_minute=self.count_dropped(dropped),
+            capacity=self.capacity,
             findings=list(found.values()),
         )
 

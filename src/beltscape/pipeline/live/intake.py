@@ -9,6 +9,8 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from time import monotonic
 from typing import Protocol
 
 import numpy as np
@@ -18,6 +20,15 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.interfaces import Observer
 from beltscape.sources.genicam.adaptive_exposure import ExposureChange, ExposureController, measure_level
 from beltscape.sources.genicam.settings import CamerasSettings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arrival:
+    """A frame set with the time of its arrival."""
+
+    frames: FrameSet
+    at_s: float
+    """Monotonic clock when it was put into the queue."""
 
 
 class FrameQueue:
@@ -33,7 +44,7 @@ class FrameQueue:
         self.dropped = 0
         """Frame sets dropped so far."""
         self._capacity, self._blocking = capacity, blocking
-        self._waiting: deque[FrameSet] = deque()
+        self._waiting: deque[Arrival] = deque()
         self._last: FrameSet | None = None
         self._changed = threading.Condition()
         self._closed = self._woken = False
@@ -53,22 +64,23 @@ class FrameQueue:
                 self._changed.wait()
             if self._closed:
                 return
-            self._waiting.append(frames)
+            self._waiting.append(Arrival(frames, monotonic()))
             while len(self._waiting) > self._capacity:
-                del self._waiting[find_least_needed(self._last, self._waiting)]
+                del self._waiting[find_least_needed(self._last, [each.frames for each in self._waiting])]
                 self.dropped += 1
             self._changed.notify_all()
 
-    def get(self, seconds: float) -> FrameSet | None:
+    def get(self, seconds: float) -> Arrival | None:
         """Remove and return the oldest; None if none arrives in time, or the queue is closed and empty."""
         with self._changed:
             if not self._waiting and not self._closed:
                 self._changed.wait(seconds)
             if not self._waiting:
                 return None
-            frames = self._last = self._waiting.popleft()
+            oldest = self._waiting.popleft()
+            self._last = oldest.frames
             self._changed.notify_all()
-            return frames
+            return oldest
 
     def wait(self, seconds: float) -> bool:
         """Wait for a frame set or for `wake`; return whether either came in time."""

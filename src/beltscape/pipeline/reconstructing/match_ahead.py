@@ -304,6 +304,10 @@ class LiveWorkers:
         """Return the number of frame sets to submit at most: one for each process, and one that waits."""
         return self.pool.workers + 1
 
+    def count_matched_per_s(self) -> float:
+        """Return how many frame sets the processes match in a second; inf before the first one."""
+        return self.pool.count_tasks_per_s()
+
     def make_submit(self, matcher: MonitoredMatcher, factory: MatcherFactory, reporter: Reporter) -> Submit:
         """Return what begins to match a frame set for a matcher, which completes it; ``factory`` makes its like."""
         workers = MatchWorkers(self.pool, factory, lambda _: {}, reporter, sends_images=True)

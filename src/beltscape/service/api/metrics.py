@@ -133,6 +133,16 @@ def _list_frames(live_state: LiveState, snapshot: Snapshot) -> list[Metric]:
             "Frame sets left out since the start, newer ones being there.",
             frames.dropped,
         ),
+        _make_gauge(
+            "capacity_frame_sets_per_second",
+            "Frame sets that the computer can measure in a second.",
+            frames.capacity.sets_per_s,
+        ),
+        _make_gauge(
+            "capacity_belt_speed_metres_per_second",
+            "Speed of the belt up to which two frame sets show every millimetre.",
+            frames.capacity.speed_mm_s * 1e-3,
+        ),
         _make_gauge("frame_sets_waiting", "Frame sets in the queue.", frames.waiting),
         _make_gauge(
             "frame_coverage_ratio", "Share of the last frame that was measured, 0..1.", frames.coverage

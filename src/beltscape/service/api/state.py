@@ -41,6 +41,8 @@ class FramesOut(ResponseModel):
     seconds: Annotated[Number, Field(description="Time that the last one took")]
     coverage: Annotated[Number, Field(description="Share of the last one that was measured, 0..1")]
     speed_m_s: Annotated[Number, Field(description="Of the belt")]
+    capacity_per_s: Annotated[Number, Field(description="Sets that the computer can measure in a second")]
+    capacity_m_s: Annotated[Number, Field(description="Speed up to which two sets show every millimetre")]
     age_s: Annotated[Number, Field(description="Since the last one; null: there was none yet")]
 
 
@@ -147,6 +149,8 @@ class StateOut(ResponseModel):
                 seconds=frames.seconds,
                 coverage=frames.coverage,
                 speed_m_s=frames.speed_mm_s * 1e-3,
+                capacity_per_s=frames.capacity.sets_per_s,
+                capacity_m_s=frames.capacity.speed_mm_s * 1e-3,
                 age_s=snapshot.frame_age_s,
             ),
             flow=FlowOut(

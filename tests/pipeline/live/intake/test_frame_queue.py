@@ -16,7 +16,7 @@ def test_queue_keeps_the_newest_frames_in_order() -> None:
         queue.put(one)
     assert queue.dropped == 3
     taken = [queue.get(0), queue.get(0)]
-    assert [one.frame for one in taken if one is not None] == ["180.0", "240.0"]
+    assert [one.frames.frame for one in taken if one is not None] == ["180.0", "240.0"]
     assert queue.get(0.01) is None
     queue.close()
     assert queue.closed
@@ -25,7 +25,7 @@ def test_queue_keeps_the_newest_frames_in_order() -> None:
 def name_taken(queue: FrameQueue) -> list[str]:
     taken: list[str] = []
     while (one := queue.get(0)) is not None:
-        taken.append(one.frame)
+        taken.append(one.frames.frame)
     return taken
 
 
@@ -50,7 +50,7 @@ def test_views_stay_evenly_spaced_at_three_times_the_capacity(direction: int) ->
         if number % 3 == 0:
             one = queue.get(0)
             assert one is not None
-            taken.append(float(one.frame))
+            taken.append(float(one.frames.frame))
     steps = np.abs(np.diff(taken[2:]))
     assert queue.dropped >= 38
     assert steps.max() <= 1.5 * steps.mean()

@@ -33,6 +33,7 @@ function render() {
   set_text($("flow-area"), live ? format_unit(format_number(flow.area_m2, 4), "m2") : "–");
   set_text($("flow-coverage"), live ? format_percent(flow.coverage) : "–");
   set_text($("flow-took"), live ? format_unit(format_number(frames.seconds, 2), "s") : "–");
+  set_text($("flow-capacity"), live ? format_unit(format_significant(frames.capacity_m_s), "m_s") : "–");
   set_text($("flow-dropped"), live ? format_number(frames.dropped) : "–");
   show_totals(state.totals);
 }

@@ -41,7 +41,7 @@ class Sizes:
     """Sets of sub-samples of the rendering."""
 
 
-LONG = Sizes("long", 25, 0.25, 3)
+LONG = Sizes("long", 20, 0.25, 1)
 SHORT = Sizes("short", 20, 0.125, 1)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -22,6 +23,14 @@ def test_every_line_is_ok_or_says_the_fix(capsys, tmp_path):
     assert {"beltscape", "kernels", "threads", "socket buffers", "disk", "clock", "browser", "GPU"} <= {
         one["name"] for one in checks
     }
+    matching = next(one["found"] for one in checks if one["name"] == "matching")
+    answer = re.fullmatch(
+        r"(\S+) s of a core for a frame set of 5 cameras, 612×512 px, fast: (\d+) cores match (\S+) a second",
+        matching,
+    )
+    assert answer
+    seconds, cores, rate = answer.groups()
+    assert float(rate) == pytest.approx(int(cores) / float(seconds), rel=0.1)
     assert all((one["state"] == "warning") == bool(one["fix"]) for one in checks)
     assert main(["doctor", "--data", str(tmp_path)]) == 0
     assert len(capsys.readouterr().out.splitlines()) == len(checks) + sum(bool(one["fix"]) for one in checks)

@@ -1,7 +1,7 @@
 """The checks of ``beltscape doctor``: what is installed, and whether the machine suits the job.
 
-Software: versions, kernels, extras, camera library, browser. Machine: network cards, socket buffers, disk, clock,
-graphics processor.
+Software: versions, kernels, extras, camera library, browser. Machine: speed of matching, network cards, socket
+buffers, disk, clock, graphics processor.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from time import perf_counter
+from time import perf_counter, process_time
 
 from beltscape import __version__
 from beltscape.core.errors import EXTRAS, BeltscapeError
@@ -146,11 +146,41 @@ _LEAST_FREE_GB = 10.0
 
 def check_machine(folder: Path) -> Iterator[InstallationCheck]:
     """Yield the checks of the machine; the disk is that of ``folder``."""
+    yield check_speed()
     yield from check_network_cards(Path("/sys/class/net"))
     yield check_socket_buffers(Path("/proc/sys/net/core/rmem_max"))
     yield check_disk(folder)
     yield check_clock()
     yield check_graphics()
+
+
+_DEMO_RANGE_MM = 570.0, 750.0
+"""Depth range of the demo capture's belt and load (`data/demo`)."""
+
+
+def check_speed() -> InstallationCheck:
+    """Return how many frame sets the cores match in a second, by the demo's: 612 × 512 px, five cameras."""
+    from beltscape.core.progress import Silent
+    from beltscape.files.rig_json import read_rig
+    from beltscape.pipeline.reconstructing.reconstruction import open_capture
+    from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
+    from beltscape.stereo.settings import MultiviewSettings
+
+    demo = Path(__file__).parents[1] / "data" / "demo"
+    rig = read_rig(demo / "truth" / "rig.json")
+    frames = next(iter(open_capture(demo / "belt_loaded", rig, Silent())))
+    settings = MultiviewSettings.preset("fast").model_copy(update={"threads": 1})
+    matcher = MultiviewReconstructor(rig, _DEMO_RANGE_MM, settings)
+    matcher.reconstruct(frames, Silent())  # begins what every later frame set uses
+    began_s = process_time()
+    matcher.reconstruct(frames, Silent())
+    seconds, cores = process_time() - began_s, count_usable_cores()
+    width_px, height_px = rig.core_camera.size_px
+    found = (
+        f"{seconds:.2g} s of a core for a frame set of {len(rig.cameras)} cameras, {width_px}×{height_px} px, fast: "
+        f"{cores} cores match {cores / seconds:.2g} a second"
+    )
+    return InstallationCheck("matching", found)
 
 
 def check_network_cards(folder: Path) -> Iterator[InstallationCheck]:

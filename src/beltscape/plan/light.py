@@ -145,6 +145,23 @@ class Motion:
     """Data rate of all cameras at ``fps``, 10⁶ bytes a second."""
     max_speed_m_s: float
     """Speed at which the camera's maximum frame rate still gives the requested number of frames."""
+    cores: float
+    """Processor cores that measure ``fps`` with the preset fast, from images reduced to `CORE_WIDTH_PX`."""
+
+
+CORE_WIDTH_PX = 612
+"""Width of the images for which the cores are stated; narrower cameras' images stay as they are."""
+_SET_S = 1.0
+"""Seconds of a core for a frame set of five cameras, 612 × 512 px, fast, everything included: AVX2, 2.5 GHz
+(benchmarks/realtime.py). `beltscape doctor` measures the matching of the machine at hand."""
+_SET_PIXELS = 5 * 612 * 512
+"""Pixels of that frame set: the time grows with them."""
+
+
+def count_cores(fps: float, cameras: int, size_px: tuple[int, int]) -> float:
+    """Return how many processor cores measure ``fps`` frame sets a second, preset fast."""
+    scale = min(1.0, CORE_WIDTH_PX / size_px[0])
+    return fps * _SET_S * cameras * size_px[0] * size_px[1] * scale**2 / _SET_PIXELS
 
 
 def blur_mm(speed_m_s: float, exposure_us: float) -> float:
@@ -180,4 +197,5 @@ def compute_motion(settings: PlanSettings, nearest_pixel_mm: float, frame_length
         fps=fps,
         data_mb_s=cameras * width * height * settings.camera.bytes_per_pixel * fps / 1e6,
         max_speed_m_s=settings.camera.max_fps * frame_length_mm / settings.frames_per_point / 1000,
+        cores=count_cores(fps, cameras, settings.camera.size_px),
     )

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from beltscape.plan.light import CORE_WIDTH_PX
 from beltscape.plan.plan import Plan
 from beltscape.report.drawing.charts import Chart
 from beltscape.report.drawing.legend import DARK_IS_CERTAIN, UNCERTAINTY, Scale
@@ -87,6 +88,10 @@ def make_motion_table(plan: Plan) -> Table:
         [f"with {plan.settings.frames_per_point} frames per point", f"{motion.fps:.2f} per second"],
         ["fastest belt with that many", f"{motion.max_speed_m_s:.1f} m/s at {camera.max_fps:g} per second"],
         ["data of all cameras", f"{motion.data_mb_s:.0f} MB/s"],
+        [
+            f"processor cores for it, preset fast, images {min(CORE_WIDTH_PX, camera.size_px[0])} px wide",
+            f"about {motion.cores:.0f}",
+        ],
     ]
     return Table(["", ""], rows)
 

@@ -108,6 +108,6 @@ def summary(result: Mapping[str, Any]) -> str:
         f"{sigma['in_this_light_mm']:.3f} mm in this light",
         f"exposure  {move['exposure_us']:.0f} µs: {move['blur_px']:.2f} px of blur, SNR {light['snr']:.1f}",
         f"frames    {move['gap_free_fps']:.1f} per second without gaps, {move['fps']:.1f} with fusion, "
-        f"{move['data_mb_s']:.0f} MB/s",
+        f"{move['data_mb_s']:.0f} MB/s; about {move['cores']:.0f} processor cores with the preset fast",
     ]
     return "\n".join(lines) + (f"\nreport    {result['report']}" if result["report"] else "")

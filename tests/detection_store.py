@@ -67,10 +67,14 @@ class DetectionStore:
         parts = ("contradiction", board, sorted(printed.items()))
         return self.obtain(parts, views, lambda: describe(views, board, **printed))
 
-    def describe_shown_board(self, images: Iterable[np.ndarray], board: Board) -> str | None:
+    def describe_shown_board(
+        self, read_images: Callable[[], Iterable[np.ndarray]], board: Board
+    ) -> str | None:
         """Return the board that images show, computed once."""
-        views = list(images)
-        return self.obtain(("shown", board), views, lambda: REAL["describe_shown_board"](views, board))
+        views = list(read_images())
+        return self.obtain(
+            ("shown", board), views, lambda: REAL["describe_shown_board"](lambda: views, board)
+        )
 
 
 REAL = {name: getattr(detect_capture, name) for name in _KEPT}

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import cv2
 import numpy as np
@@ -154,10 +155,16 @@ def _measure_edge(markers: Markers, board: CharucoBoard, layout: Layout) -> floa
     return float(np.median(edges))
 
 
-def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> str | None:
-    """Describe the board that images (H, W) uint8 show, as far as it can be determined; None without any board."""
-    images = list(images)
-    markers, family, is_inverted = _find_family(images)
+_CHESSBOARD_IMAGES = 96
+"""Images that are searched for a chessboard of unknown size, which takes a second each."""
+
+
+def describe_shown_board(read_images: Callable[[], Iterable[NDArray[np.uint8]]], board: Board) -> str | None:
+    """Describe the board that images (H, W) uint8 show, as far as it can be determined; None without any board.
+
+    ``read_images`` reads them one by one, for there may be more than memory holds.
+    """
+    markers, family, is_inverted = _find_family(read_images())
     if _count_markers(markers) >= _FEWEST:
         low, top = (int(limit(limit(ids) for ids, _ in markers)) for limit in (min, max))
         shifted = [(ids - low, centers) for ids, centers in markers]
@@ -168,13 +175,13 @@ def describe_shown_board(images: Iterable[NDArray[np.uint8]], board: Board) -> s
         squares = f" on a board of {columns} columns" if columns else ""
         note = ", inverted" if is_inverted else ""
         return f"markers {_name_dictionary(family, top, board)} with ids {numbers}{squares}{note}"
-    grid = _find_chessboard_grid(images)
+    grid = _find_chessboard_grid(list(islice(read_images(), _CHESSBOARD_IMAGES)))
     if grid and not (isinstance(board, Chessboard) and grid in (board.corners, board.corners[::-1])):
         return f"a chessboard of {grid[0]}×{grid[1]} inner corners"
     return None
 
 
-def _find_family(images: list[NDArray[np.uint8]]) -> tuple[Markers, str, bool]:
+def _find_family(images: Iterable[NDArray[np.uint8]]) -> tuple[Markers, str, bool]:
     """Return the markers of the dictionary that most of them belong to, its name, and whether they are inverted.
 
     An image is searched for those of all dictionaries only until one is clearly ahead, first among their first

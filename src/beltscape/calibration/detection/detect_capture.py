@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
@@ -37,6 +39,10 @@ _COMPARED = 6
 SURE_CORNERS, SURE_RATIO = 60, 3
 """Corners found under one print variant, and their ratio to those under any other, from which it is certain: a wrong
 variant finds a few corners by chance, never a third."""
+
+_ENOUGH_IMAGES = 24
+"""Images after which a variant that is ahead by `SURE_RATIO` is taken whatever its number of corners: small boards
+have few of them."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -134,26 +140,27 @@ def _collect_detections(
     return BoardDetections(sizes, views, images, read_camera_types(capture.folder))
 
 
-def _sample_images(capture: Capture, count: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield up to ``count`` readable images, spread over cameras and frames."""
-    frames = capture.frames
-    order = [frames[int(i)] for i in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]
-    read_count = 0
-    for frame in order:
-        for files in capture.files.values():
-            if frame in files and read_count < count:
-                try:
-                    image = convert_to_8_bit(read_image(files[frame]))
-                except InputError:
-                    continue
-                read_count += 1
-                yield image
+def _read_spread(capture: Capture) -> Iterator[NDArray[np.uint8]]:
+    """Yield every readable image of a capture: any first part of them is spread over all frames and all cameras."""
+    frames, cameras = order_spread(capture.frames), list(capture.files)
+    for turn in range(len(cameras)):
+        for k, frame in enumerate(frames):
+            path = capture.files[cameras[(k + turn) % len(cameras)]].get(frame)
+            if path is not None:
+                with suppress(InputError):
+                    yield convert_to_8_bit(read_image(path))
+
+
+def order_spread(items: Sequence[Item]) -> list[Item]:
+    """Return the items in van der Corput's order: the first, the middle one, the quarters, the eighths and so on."""
+    bits = max(len(items) - 1, 1).bit_length()
+    return [items[i] for i in (int(f"{n:0{bits}b}"[::-1], 2) for n in range(1 << bits)) if i < len(items)]
 
 
 def _find_variant(capture: Capture, board: Board) -> PrintVariant:
     """Return the print variant; keys that board.toml leaves open are determined from the images."""
     options = list_variants(board)
-    return options[0] if len(options) == 1 else _select_variant(options, board, _sample_images(capture, 24))
+    return options[0] if len(options) == 1 else _select_variant(options, board, _read_spread(capture))
 
 
 def list_variants(board: Board) -> list[PrintVariant]:
@@ -187,14 +194,17 @@ def _list_options(flags: list[bool | None]) -> tuple[bool, ...]:
 def _select_variant(
     options: list[PrintVariant], board: Board, images: Iterable[NDArray[np.uint8]]
 ) -> PrintVariant:
-    """Return the variant with the most corners, the first of equal ones; stop as soon as one is clearly ahead."""
+    """Return the variant with the most corners, the first of equal ones.
+
+    Every variant is looked for until one is clearly ahead; in every image, where none shows any corners before.
+    """
     counts = [0] * len(options)
-    for image in images:
+    for read, image in enumerate(images, start=1):
         for i, option in enumerate(options):
             corners = make_two_sided_detector(board, option)(image)
             counts[i] += len(corners) if corners else 0
         best, second = sorted(counts, reverse=True)[:2]
-        if best >= SURE_CORNERS and best > SURE_RATIO * second:
+        if best > SURE_RATIO * second and (best >= SURE_CORNERS or read >= _ENOUGH_IMAGES):
             break
     return options[int(np.argmax(counts))]
 
@@ -211,7 +221,7 @@ def _check_description(
     """
     if not isinstance(board, CharucoBoard):
         return
-    sample = _sample_images(capture, _COMPARED)
+    sample = _read_shown(capture, detections)
     keys = describe_contradiction(sample, board, legacy=variant.legacy, inverted=variant.inverted)
     if keys is None:
         return
@@ -225,14 +235,26 @@ def _check_description(
     reporter.warn(message)
 
 
+def _read_shown(capture: Capture, detections: BoardDetections) -> Iterator[NDArray[np.uint8]]:
+    """Yield some readable images that show the board, as it was detected; of all images where none does."""
+    shown = [
+        capture.files[camera][frame]
+        for frame in order_spread(capture.frames)
+        for camera, views in detections.views.items()
+        if frame in views
+    ]
+    for path in shown[:_COMPARED]:
+        yield convert_to_8_bit(read_image(path))
+    if not shown:
+        yield from islice(_read_spread(capture), _COMPARED)
+
+
 def _describe_failure(capture: Capture, board: Board, variant: PrintVariant) -> str:
     message = f"{capture.folder}: no image shows the board ({board.describe()})"
     if isinstance(board, CharucoBoard):
         others = [PrintVariant(legacy, inverted) for inverted in (False, True) for legacy in (False, True)]
-        best = _select_variant(others, board, _sample_images(capture, 12))
-        if best != variant and any(
-            make_detector(board, best)(image) for image in _sample_images(capture, 12)
-        ):
+        best = _select_variant(others, board, _read_spread(capture))
+        if best != variant and any(make_detector(board, best)(image) for image in _read_spread(capture)):
             return f"{message}, {variant.describe()}; the images fit {best.describe()}: correct board.toml"
-    shown = describe_shown_board(_sample_images(capture, 12), board)
+    shown = describe_shown_board(lambda: _read_spread(capture), board)
     return f"{message}; " + (f"they show {shown}: correct board.toml" if shown else NO_BOARD)

@@ -16,8 +16,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.health.images.surface_samples import (
     Displacement,
-    FrameTextures,
     SurfaceGrid,
+    SurfaceSamples,
     correlate_at_rest,
     measure_displacement,
 )
@@ -67,7 +67,7 @@ class _Stored:
     """A frame that waits for the next one."""
 
     number: int
-    frame: FrameTextures
+    frame: SurfaceSamples
     cameras: tuple[str, ...]
     position_mm: float
     time_ns: int
@@ -87,6 +87,13 @@ class SynchronisationMonitor:
         self._history: dict[str, deque[CameraDelay]] = defaultdict(lambda: deque(maxlen=_SPEEDS))
         self._pool = CheckPool()
         self._faults: tuple[Finding, ...] = ()
+
+    def expects(self, ahead: int) -> bool:
+        """Return whether the frame after ``ahead`` others will probably be compared: two that are due will be."""
+        number, soonest = self._number + 1 + ahead, self._number + 1
+        if self._before is not None:
+            return number == soonest
+        return 0 <= number - max(self._due, soonest) <= 1
 
     def check(
         self,
@@ -134,11 +141,8 @@ class SynchronisationMonitor:
         return make_unmeasured_finding(finding.subject, self._settings)
 
     def _store(self, frames: FrameSet, depth: DepthMap, position_mm: float, time_ns: int) -> _Stored:
-        view = self._grid.view(frames, depth)
-        textures, surface = view.filter_textures(self._rig.cameras), view.surface
-        own = self._grid.sample_all(textures, surface.points_mm)
-        stored = FrameTextures(textures, surface, own)
-        return _Stored(self._number, stored, tuple(textures), position_mm, time_ns)
+        stored = self._grid.view(frames, depth).sample_surface(self._rig.cameras)
+        return _Stored(self._number, stored, tuple(stored.textures), position_mm, time_ns)
 
     def _compare(
         self, before: _Stored, now: _Stored, along: NDArray[np.float64], distance_mm: float
@@ -232,7 +236,7 @@ class SynchronisationMonitor:
         holds = fault is not None and abs(finding.value) > _CLEARED * abs(fault.value)
         return fault if fault is not None and holds and not finding.is_fault else finding
 
-    def _is_old(self, name: str, before: FrameTextures, now: FrameTextures) -> bool:
+    def _is_old(self, name: str, before: SurfaceSamples, now: SurfaceSamples) -> bool:
         """Return whether a camera's image is that of the frame before."""
         core = self._rig.core
         own = correlate_at_rest(now.own[core], now.own[name], now.surface.is_smooth)

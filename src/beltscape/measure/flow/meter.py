@@ -34,6 +34,12 @@ _PATIENCE_BACK = 24
 """The same while the encoder runs back, until it shows whether the belt rolls back; memory bounds it. Chosen."""
 
 
+def filter_heights(depth: DepthMap, reference: EmptyBeltReference) -> HighPassHeights:
+    """Return the high-pass heights of a depth map, by which the material is registered."""
+    height, cell_mm = reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * reference.cell_mm
+    return compute_high_pass(height, cell_mm, reference.belt.noise_mm)
+
+
 class BeltFlowMeter:
     """Measures the flow of a moving belt.
 
@@ -136,6 +142,7 @@ class BeltFlowMeter:
         frame: str = "",
         whole: bool = True,
         findings: Sequence[Finding] = (),
+        heights: HighPassHeights | None = None,
     ) -> list[FlowRecord]:
         """Add the next frame and return the records that it completes.
 
@@ -144,6 +151,7 @@ class BeltFlowMeter:
         not ``whole``, because a camera gave no image, makes its strip a degraded one. ``findings`` are those of the
         checks of this frame: a fault with the effect "degraded" degrades all strips that the frame measures, one
         with the effect "missing" excludes the frame; both apply back to the last frame that the check passed.
+        ``heights`` is the result of `filter_heights` for the depth map, where it is known.
         """
         clock = float(self._count) if time_ns is None else time_ns * 1e-9
         name = frame or f"{self._count:03d}"
@@ -151,13 +159,14 @@ class BeltFlowMeter:
             depth = None
         if depth is not None:
             require_depth_of(self.reference.camera, depth, f"frame {name}")
+            heights = heights or filter_heights(depth, self.reference)
         pushed = PushedFrame(
             name,
             depth,
             time_ns,
             clock,
             position_mm,
-            self._filter(depth),
+            None if depth is None else heights,
             whole,
             self._count,
             list(findings),
@@ -171,13 +180,6 @@ class BeltFlowMeter:
         out = [record for one in self._waiting for record in self._process(one)]
         self._waiting = []
         return out
-
-    def _filter(self, depth: DepthMap | None) -> HighPassHeights | None:
-        """Return the high-pass heights of a depth map."""
-        if depth is None:
-            return None
-        height, cell_mm = self.reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * self.reference.cell_mm
-        return compute_high_pass(height, cell_mm, self.reference.belt.noise_mm)
 
     def finish(self) -> list[FlowRecord]:
         """Return the remaining records after the last frame."""

@@ -30,6 +30,7 @@ from beltscape.health.camera_poses import (
     repeat_faults,
 )
 from beltscape.health.redundancy import make_redundancy_finding
+from beltscape.pipeline.reconstructing.frame_measurements import CameraRequest, MeasuredDepth
 from beltscape.stereo.consistency.check import (
     POOLED_FRAMES,
     ResidualAccumulator,
@@ -69,26 +70,49 @@ class CameraCheck:
         """The frame set before the last one."""
         self._instant: OtherInstant | None = None
         """A camera of another instant, until a frame shows that it no longer is."""
+        self._known: tuple[CameraRequest | None, MeasuredDepth] | None = None
+        """The last frame's depth, with what was measured for a request."""
 
     def note_frame(self, frame_set: FrameSet) -> None:
         """Note the next frame set of the sequence, whether it will be checked or not."""
         self._previous, self._frame_set = self._frame_set, frame_set
 
+    def _get_tolerance(self) -> Tolerance:
+        if self._tolerance is None:
+            self._tolerance = compute_tolerance(self._rig, self._depth_mm)
+        return self._tolerance
+
+    def make_request(self, auxiliaries: tuple[str, ...]) -> CameraRequest:
+        """Return what a check of a frame needs beside it, if no other check comes before."""
+        return CameraRequest(auxiliaries, self._get_tolerance(), self._confirmed)
+
+    def keep(self, request: CameraRequest | None, matched: MeasuredDepth) -> None:
+        """Let `check` use what was measured with a depth, as far as it holds."""
+        self._known = request, matched
+
+    def _find_known(self, depth: DepthMap | None, auxiliaries: tuple[str, ...]) -> RigConsistency | None:
+        """Return the consistency of a frame if it was measured with the same depth, auxiliaries and state."""
+        request, matched = self._known or (None, None)
+        self._known = None
+        if request is None or matched is None or matched.measurements is None or matched.depth is not depth:
+            return None
+        holds = request.auxiliaries == auxiliaries and request.confirmed is self._confirmed
+        return matched.measurements.consistency if holds else None
+
     def check(
         self, frame_set: FrameSet, depth: DepthMap | None, auxiliaries: tuple[str, ...]
     ) -> RigConsistency:
         """Return the consistency of one frame, together with those before it that left open which camera moved."""
-        if self._tolerance is None:
-            self._tolerance = compute_tolerance(self._rig, self._depth_mm)
-        consistency = check_consistency(
-            frame_set, self._rig, depth, auxiliaries, self._tolerance, self._confirmed
+        tolerance = self._get_tolerance()
+        consistency = self._find_known(depth, auxiliaries) or check_consistency(
+            frame_set, self._rig, depth, auxiliaries, tolerance, self._confirmed
         )
         if consistency.is_confirmed:
             self._confirmed = consistency
         if not (consistency.suspects and consistency.guided):
             self._undecided.clear()
             return consistency
-        return self._decide(frame_set.frame, consistency, auxiliaries, self._tolerance)
+        return self._decide(frame_set.frame, consistency, auxiliaries, tolerance)
 
     def _decide(
         self, frame: str, consistency: RigConsistency, auxiliaries: tuple[str, ...], tolerance: Tolerance
@@ -190,6 +214,11 @@ class CheckSchedule:
         if self._frames_since >= self._every or self._is_late(frame_set):
             return True
         return self._frames_since >= _LEAST_FRAMES and self._is_unusual(depth)
+
+    def expects(self, frame_set: FrameSet, ahead: int) -> bool:
+        """Return whether the frame after ``ahead`` others will probably be due; of several only the first."""
+        frames = self._frames_since + ahead + 1
+        return frames == self._every or (not ahead and (frames > self._every or self._is_late(frame_set)))
 
     def note_check(
         self, frame_set: FrameSet, depth: DepthMap | None, *, has_passed: bool, is_undecided: bool = False

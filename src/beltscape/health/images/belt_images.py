@@ -89,7 +89,7 @@ class BeltImageMonitor:
         """
         if not self._settings.images:
             return None
-        surface, belt = self._synchronisation.expects(ahead), self._projector.expects(frames)
+        surface, belt = self._synchronisation.expects(frames, ahead), self._projector.expects(frames)
         if not (surface or belt):
             return None
         return SampleRequest(surface, belt, self._projector.learned, self._reference)

@@ -37,6 +37,9 @@ from beltscape.health.settings import HealthSettings
 
 _EVERY = 8
 """Number of frames per check; a check takes about a tenth of a second. A suspicious one is repeated at once."""
+_PERIOD_NS = 900_000_000
+"""Least time between two checks: six of them, which show a delay of 1 ms, then take less than 10 s at any frame rate.
+A little less than 8 frames at 8 Hz, the rate of the bench of faults."""
 _NEAREST, _FARTHEST = 0.05, 0.35
 """Travel between the two frames over the distance of the belt: nearer, the projected pattern overlaps; farther, the
 cameras see other sides of the stones."""
@@ -82,18 +85,26 @@ class SynchronisationMonitor:
         self._grid = grid or SurfaceGrid(rig)
         self._number = 0
         self._due = 0
+        self._compared_ns: int | None = None
+        """Time of the last comparison."""
         self._before: _Stored | None = None
         self._recent: dict[str, deque[CameraDelay]] = defaultdict(lambda: deque(maxlen=_MEMORY))
         self._history: dict[str, deque[CameraDelay]] = defaultdict(lambda: deque(maxlen=_SPEEDS))
         self._pool = CheckPool()
         self._faults: tuple[Finding, ...] = ()
 
-    def expects(self, ahead: int) -> bool:
-        """Return whether the frame after ``ahead`` others will probably be compared: two that are due will be."""
+    def expects(self, frames: FrameSet, ahead: int) -> bool:
+        """Return whether a frame after ``ahead`` others will probably be compared: two that are due will be."""
+        if frames.time_ns is None or self._is_soon(frames.time_ns):
+            return False
         number, soonest = self._number + 1 + ahead, self._number + 1
         if self._before is not None:
             return number == soonest
         return 0 <= number - max(self._due, soonest) <= 1
+
+    def _is_soon(self, time_ns: int) -> bool:
+        """Return whether a frame follows the last comparison too soon for another one."""
+        return self._compared_ns is not None and abs(time_ns - self._compared_ns) < _PERIOD_NS
 
     def check(
         self,
@@ -114,7 +125,7 @@ class SynchronisationMonitor:
             return self._faults
         before = self._before
         if before is None:
-            if self._number >= self._due:
+            if self._number >= self._due and not self._is_soon(frames.time_ns):
                 self._before = self._store(frames, depth, position_mm, frames.time_ns)
             return self._faults
         travel, distance = position_mm - before.position_mm, float(np.nanmedian(depth.depth_mm[::8, ::8]))
@@ -128,7 +139,7 @@ class SynchronisationMonitor:
         if has_fault(others, CAMERA_POSE, "", self._rig.core) or has_fault(others, CAMERA_POSE_UNCHECKED, ""):
             findings = [self._acquit(finding) for finding in findings]
         self._faults = tuple(finding for finding in findings if finding.is_fault)
-        self._due = self._number + _EVERY
+        self._due, self._compared_ns = self._number + _EVERY, frames.time_ns
         is_suspect = any(one and one[-1].exceeds(self._settings.skew_ms) for one in self._recent.values())
         self._before = now if is_suspect and not self._faults else None
         return tuple(findings)

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
@@ -186,7 +186,7 @@ class EmptyBeltReference:
         Along the image's border only the foot of tall objects is in the image, which is not the top surface.
         """
         side = 2 * round(_AROUND_MM / load.grid.cell_mm) + 1
-        about = ndimage.maximum_filter(np.nan_to_num(load.height_mm), side, mode="nearest")
+        about = cv2.dilate(np.nan_to_num(load.height_mm), np.ones((side, side), np.uint8))
         return is_in_image(self.belt, self.camera, load.grid, _TALLER * np.maximum(about, 0.0))
 
     def depths_mm(self) -> Range:

@@ -7,8 +7,10 @@ sequence, is measured by the process that needs it, by the same functions and wi
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +26,7 @@ from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.meter import filter_heights
 from beltscape.measure.flow.registration import HighPassHeights
-from beltscape.stereo.consistency.check import check_consistency
+from beltscape.stereo.consistency.check import ResidualAccumulator, check_consistency
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tolerance import Tolerance
 
@@ -37,6 +39,21 @@ class CameraRequest:
     tolerance: Tolerance
     confirmed: RigConsistency | None
     """The last frame in which the wide search confirmed the rig."""
+    accumulator: bytes
+    """The `ResidualAccumulator` of the frames before, pickled: the sequence goes on with its own meanwhile."""
+    checks: int
+    """Number of frames that were added to it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredCameras:
+    """The result of a check of the cameras."""
+
+    consistency: RigConsistency
+    accumulator: ResidualAccumulator | None = None
+    """With this frame; None: a frame that is not sound by itself is not added."""
+    together: RigConsistency | None = None
+    """The contradiction that the frames show together, if they do."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +80,7 @@ class FrameMeasurements:
     bare_belt: BareBeltHeights | None
     samples: BeltImageSamples | None
     light: Mapping[str, LightMap] | None
-    consistency: RigConsistency | None
+    cameras: MeasuredCameras | None
 
 
 class FrameMeasurer:
@@ -82,17 +99,22 @@ class FrameMeasurer:
             measure_bare_belt(depth, reference, limits) if limits.enabled else None,
             self._sample_images(frame_set, depth, request),
             self._sample_light(depth, request.window_light),
-            None
-            if request.cameras is None
-            else check_consistency(
-                frame_set,
-                self._rig,
-                depth,
-                request.cameras.auxiliaries,
-                request.cameras.tolerance,
-                request.cameras.confirmed,
-            ),
+            self._check_cameras(frame_set, depth, request.cameras),
         )
+
+    def _check_cameras(
+        self, frame_set: FrameSet, depth: DepthMap, request: CameraRequest | None
+    ) -> MeasuredCameras | None:
+        if request is None:
+            return None
+        consistency = check_consistency(
+            frame_set, self._rig, depth, request.auxiliaries, request.tolerance, request.confirmed
+        )
+        if not (consistency.is_sound and consistency.guided):
+            return MeasuredCameras(consistency)
+        accumulator = cast("ResidualAccumulator", pickle.loads(request.accumulator))
+        accumulator.add(consistency.tie_points)
+        return MeasuredCameras(consistency, accumulator, accumulator.assess())
 
     def _sample_images(
         self, frame_set: FrameSet, depth: DepthMap, request: MeasurementRequest

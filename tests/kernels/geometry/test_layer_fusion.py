@@ -16,10 +16,15 @@ from tests.strategies import seeds
 
 everything = pytest.mark.parametrize("name", ["reference", *levels()])
 lengths = st.sampled_from(WIDTHS[:-2])
-LIMITS = {"rank": 0.65, "outlier": 4.0, "tolerance": 0.35}
+Planes = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def make_layers(seed: int, shape: tuple[int, int, int], holes: float) -> tuple[np.ndarray, ...]:
+def fuse_layers(name: str, planes: Planes, *, tolerance: float = 0.35, threads: int = 0) -> FusedLayers:
+    """Fuse by the limits of the flow's measurement."""
+    return load(name).fuse_layers(planes, rank=0.65, outlier=4.0, tolerance=tolerance, threads=threads)
+
+
+def make_layers(seed: int, shape: tuple[int, int, int], holes: float) -> Planes:
     """Layers of one surface with noise, holes, and values of another surface; float32."""
     rng = np.random.default_rng(seed)
     surface = np.cumsum(rng.normal(size=shape[1:]), axis=1)
@@ -27,22 +32,22 @@ def make_layers(seed: int, shape: tuple[int, int, int], holes: float) -> tuple[n
     height = surface + sigma * rng.normal(size=shape) + 20 * (rng.random(shape) < 0.1)
     height[rng.random(shape) < holes] = np.nan
     lost = np.isnan(height)
-    planes = height, np.where(lost, np.nan, sigma), np.where(lost, np.nan, 0.3 * sigma)
-    return tuple(plane.astype(np.float32) for plane in planes)
+    sigma[lost] = np.nan
+    return height.astype(np.float32), sigma.astype(np.float32), (0.3 * sigma).astype(np.float32)
 
 
 def fuse(name: str, values: list[float], sigma: float = 0.1) -> FusedLayers:
     """Fuse layers of one cell."""
     height = np.array(values, np.float32)[:, None, None]
-    return load(name).fuse_layers((height, np.full_like(height, sigma), np.full_like(height, 0.0)), **LIMITS)
+    return fuse_layers(name, (height, np.full_like(height, sigma), np.full_like(height, 0.0)))
 
 
 @pytest.mark.parametrize("level", levels())
 @given(seeds, st.integers(1, 7), lengths, lengths, st.sampled_from([0.0, 0.3, 0.9, 1.0]))
 def test_native_is_the_reference(level, seed, layers, height, width, holes):
     planes = make_layers(seed, (layers, height, width), holes)
-    found = load(level).fuse_layers(planes, threads=2, **LIMITS)
-    expected = load("reference").fuse_layers(planes, **LIMITS)
+    found = fuse_layers(level, planes, threads=2)
+    expected = fuse_layers("reference", planes)
     for name in ("height", "sigma", "noise"):
         one, other = getattr(found, name), getattr(expected, name)
         assert one.dtype == other.dtype == np.float32
@@ -74,15 +79,14 @@ def test_a_steep_surface_may_be_displaced(name):
     steps = np.arange(6, dtype=np.float32) * 10
     height = np.stack([np.tile(steps, (3, 1)), np.tile(steps + 3, (3, 1))])
     sigma = np.full_like(height, 0.1)
-    assert not load(name).fuse_layers((height, sigma, sigma), **LIMITS).sums[:, 4].any()
-    limits = LIMITS | {"tolerance": 0.0}
-    assert load(name).fuse_layers((height, sigma, sigma), **limits).sums[:, 4].tolist() == [6, 6, 6]
+    assert not fuse_layers(name, (height, sigma, sigma)).sums[:, 4].any()
+    assert fuse_layers(name, (height, sigma, sigma), tolerance=0.0).sums[:, 4].tolist() == [6, 6, 6]
 
 
 @pytest.mark.parametrize("level", levels())
 def test_any_number_of_threads_gives_the_same_bytes(level):
     planes = make_layers(1, (5, 90, 700), 0.4)
-    runs = [load(level).fuse_layers(planes, threads=threads, **LIMITS) for threads in (1, 2, 5)]
+    runs = [fuse_layers(level, planes, threads=threads) for threads in (1, 2, 5)]
     for run in runs[1:]:
         assert [part.tobytes() for part in run] == [part.tobytes() for part in runs[0]]
 
@@ -91,4 +95,4 @@ def test_any_number_of_threads_gives_the_same_bytes(level):
 def test_planes_of_different_shapes_are_refused(name):
     height = np.zeros((2, 3, 4), np.float32)
     with pytest.raises(KernelError, match="sigma"):
-        load(name).fuse_layers((height, height[:1], height), **LIMITS)
+        fuse_layers(name, (height, height[:1], height))

@@ -82,12 +82,12 @@ def test_workers_measure_what_needs_nothing_of_the_sequence(
     plant: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     here: list[str] = []
-    for module, name in ((meter, "filter_heights"), (belt_monitor, "measure_bare_belt")):
+    for module, name in ((meter, "prepare_depth"), (belt_monitor, "measure_bare_belt")):
         measure = getattr(module, name)
         monkeypatch.setattr(module, name, lambda *given, m=measure, n=name: here.append(n) or m(*given))
     _, watched, _ = replay(plant, 0)
     frames = len(watched.frames)
-    assert [here.count(name) for name in ("filter_heights", "measure_bare_belt")] == [frames, frames]
+    assert [here.count(name) for name in ("prepare_depth", "measure_bare_belt")] == [frames, frames]
     here.clear()
     replay(plant, 2)
     assert here == []

@@ -216,7 +216,7 @@ def fuse_layers(given: LayersInput) -> Sequence[NDArray[Any]]:
     cells, single, claimed, outliers = (part.sum(axis=(0, 2), dtype=np.float64) for part in parts)
     fused = np.where(several, shares, 0).sum(axis=1, dtype=np.float64)
     sums = np.stack([cells, single, claimed, fused, outliers], axis=1)
-    return mean, own, shared, known.any(axis=0).astype(np.uint8), sums
+    return mean, own, shared, np.asarray(known.any(axis=0), np.uint8), sums
 
 
 def _weighted_quantile(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from beltscape.measure.flow.rows import LayerBuffer, PieceCallback, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.flow.strip_cutter import FaultAttribution, StripCutter
 from beltscape.measure.flow.strips import FlowTotals, Strips, StripSums
+from beltscape.measure.surface import ReliablePixels
 
 _COARSE_CELLS = 2
 """Cells of the registration of the material are coarser by this factor."""
@@ -34,10 +35,21 @@ _PATIENCE_BACK = 24
 """The same while the encoder runs back, until it shows whether the belt rolls back; memory bounds it. Chosen."""
 
 
-def filter_heights(depth: DepthMap, reference: EmptyBeltReference) -> HighPassHeights:
-    """Return the high-pass heights of a depth map, by which the material is registered."""
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedDepth:
+    """What the meter takes from a depth map alone."""
+
+    high_pass: HighPassHeights
+    """By which the material is registered."""
+    reliable: ReliablePixels
+    """By which it is measured."""
+
+
+def prepare_depth(depth: DepthMap, reference: EmptyBeltReference) -> PreparedDepth:
+    """Return what the meter needs of a depth map wherever the belt is; another process may have computed it."""
     height, cell_mm = reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * reference.cell_mm
-    return compute_high_pass(height, cell_mm, reference.belt.noise_mm)
+    high_pass = compute_high_pass(height, cell_mm, reference.belt.noise_mm)
+    return PreparedDepth(high_pass, reference.find_reliable_pixels(depth))
 
 
 class BeltFlowMeter:
@@ -142,7 +154,7 @@ class BeltFlowMeter:
         frame: str = "",
         whole: bool = True,
         findings: Sequence[Finding] = (),
-        heights: HighPassHeights | None = None,
+        prepared: PreparedDepth | None = None,
     ) -> list[FlowRecord]:
         """Add the next frame and return the records that it completes.
 
@@ -151,25 +163,26 @@ class BeltFlowMeter:
         not ``whole``, because a camera gave no image, makes its strip a degraded one. ``findings`` are those of the
         checks of this frame: a fault with the effect "degraded" degrades all strips that the frame measures, one
         with the effect "missing" excludes the frame; both apply back to the last frame that the check passed.
-        ``heights`` is the result of `filter_heights` for the depth map, where it is known.
+        ``prepared`` is the result of `prepare_depth` for the depth map, where it is known.
         """
         clock = float(self._count) if time_ns is None else time_ns * 1e-9
         name = frame or f"{self._count:03d}"
         if worst_effect(findings) == "missing":
-            depth = None
+            depth = prepared = None
         if depth is not None:
             require_depth_of(self.reference.camera, depth, f"frame {name}")
-            heights = heights or filter_heights(depth, self.reference)
+            prepared = prepared or prepare_depth(depth, self.reference)
         pushed = PushedFrame(
             name,
             depth,
             time_ns,
             clock,
             position_mm,
-            None if depth is None else heights,
+            None if prepared is None else prepared.high_pass,
             whole,
             self._count,
             list(findings),
+            None if prepared is None else prepared.reliable,
         )
         self._faults.add_findings(self._count, findings, self._waiting)
         self._count += 1
@@ -227,7 +240,8 @@ class BeltFlowMeter:
             self._tracker.update_key(frame, location)
         if frame.depth is not None and frame.is_measured:
             blur = place.sigma_mm if place.source == "speed" else 0.0
-            layer = self.reference.layer(frame.depth, place.position_mm, self._tracker.direction, blur)
+            direction, reliable = self._tracker.direction, frame.reliable
+            layer = self.reference.layer(frame.depth, place.position_mm, direction, blur, reliable)
             self._buffer.add(replace(layer, frame=frame.number), place.position_mm)
             self._tracker.update_key(frame, location)
             self._leave_out_foreign_objects(frame, location)

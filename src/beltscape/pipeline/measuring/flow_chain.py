@@ -227,7 +227,7 @@ class FlowChain:
             frame=one.frames.frame,
             whole=one.whole,
             findings=(*one.findings, *heights),
-            heights=None if known is None else known.heights,
+            prepared=None if known is None else known.prepared,
         )
         last = self.meter.motion.last
         # an empty belt shows no direction: positions on it are then off by less than the view

@@ -24,8 +24,7 @@ from beltscape.health.images.belt_images import BeltImageSampler, BeltImageSampl
 from beltscape.health.images.obstruction import LightMap, compute_block_rays, sample_light
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference
-from beltscape.measure.flow.meter import filter_heights
-from beltscape.measure.flow.registration import HighPassHeights
+from beltscape.measure.flow.meter import PreparedDepth, prepare_depth
 from beltscape.stereo.consistency.check import ResidualAccumulator, check_consistency
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
 from beltscape.stereo.consistency.tolerance import Tolerance
@@ -76,7 +75,7 @@ class MeasurementRequest:
 class FrameMeasurements:
     """What was measured in a frame; None: not asked for."""
 
-    heights: HighPassHeights
+    prepared: PreparedDepth
     bare_belt: BareBeltHeights | None
     samples: BeltImageSamples | None
     light: Mapping[str, LightMap] | None
@@ -95,7 +94,7 @@ class FrameMeasurer:
         """Return what is requested of a frame with its depth."""
         reference, limits = request.reference, request.limits
         return FrameMeasurements(
-            filter_heights(depth, reference),
+            prepare_depth(depth, reference),
             measure_bare_belt(depth, reference, limits) if limits.enabled else None,
             self._sample_images(frame_set, depth, request),
             self._sample_light(depth, request.window_light),

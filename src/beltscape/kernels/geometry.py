@@ -282,7 +282,7 @@ class FusedLayers(NamedTuple):
     """σ of the mean for independent errors."""
     noise: NDArray[np.float32]
     """The same for the layers' ``noise``."""
-    known: NDArray[np.uint8]
+    measured: NDArray[np.uint8]
     """Whether any layer measured the cell."""
     sums: NDArray[np.float64]
     """(n, 5) over the cells of a row in which two values or more agree: number of these values; their squared

@@ -52,7 +52,7 @@ def test_native_is_the_reference(level, seed, layers, height, width, holes):
         one, other = getattr(found, name), getattr(expected, name)
         assert one.dtype == other.dtype == np.float32
         np.testing.assert_allclose(one, other, rtol=1e-6)
-    assert np.array_equal(found.known, expected.known)
+    assert np.array_equal(found.measured, expected.measured)
     assert np.array_equal(found.sums[:, [0, 4]], expected.sums[:, [0, 4]])
     np.testing.assert_allclose(found.sums, expected.sums, rtol=1e-5, atol=1e-6)
 
@@ -70,7 +70,7 @@ def test_what_differs_from_the_middle_is_left_out(name):
 def test_nothing_measured_stays_nothing(name):
     found = fuse(name, [np.nan, np.nan])
     assert np.isnan([found.height, found.sigma, found.noise]).all()
-    assert not found.known.any()
+    assert not found.measured.any()
     assert not found.sums.any()
 
 

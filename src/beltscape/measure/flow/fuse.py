@@ -101,7 +101,7 @@ def _fuse_stack(
     fused = load().fuse_layers(
         (height, sigma, noise), rank=_RANK, outlier=_OUTLIER, tolerance=_TOLERANCE_CELLS
     )
-    share = close_pinholes(fused.known.view(np.bool_)).mean(axis=1)
+    share = close_pinholes(fused.measured.view(np.bool_)).mean(axis=1)
     layer = Layer(first, fused.height, fused.sigma, fused.noise, share, ray_slope)
     cells, single, claimed, kept, outliers = (float(part) for part in fused.sums.sum(axis=0))
     typical = single / cells if cells else 0.0

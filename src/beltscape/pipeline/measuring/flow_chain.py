@@ -124,7 +124,7 @@ class _MatchedFrame:
     whole: bool
     findings: tuple[Finding, ...]
     """Findings about the frame, before it is measured."""
-    known: tuple[MeasurementRequest, FrameMeasurements] | None = None
+    measurements: tuple[MeasurementRequest, FrameMeasurements] | None = None
     """What was requested of the frame, and measured, when it was matched; None: nothing."""
 
 
@@ -207,9 +207,9 @@ class FlowChain:
 
     def _get_known(self, one: _MatchedFrame) -> FrameMeasurements | None:
         """Return what was measured of a frame against the present empty belt."""
-        if one.known is None or one.known[0].reference is not self.meter.reference:
+        if one.measurements is None or one.measurements[0].reference is not self.meter.reference:
             return None
-        return one.known[1]
+        return one.measurements[1]
 
     def flush(self) -> list[FlowRecord]:
         """Measure the pending frame without waiting for the next one."""
@@ -249,8 +249,8 @@ class FlowChain:
         if self._images is None:
             return ()
         bare_belt = None
-        if one.known is not None and one.depth is not None:
-            request, measured = one.known
+        if one.measurements is not None and one.depth is not None:
+            request, measured = one.measurements
             if request.samples is not None and measured.samples is not None:
                 bare_belt = self._images.adopt(one.frames, one.depth, request.samples, measured.samples)
         return self._images.check_projector(one.frames, one.depth, one.findings, bare_belt)

@@ -31,9 +31,9 @@ from beltscape.pipeline.reconstructing.camera_checks import (
 from beltscape.pipeline.reconstructing.frame_measurements import (
     CameraRequest,
     FrameMeasurements,
-    MeasuredDepth,
     MeasurementRequest,
 )
+from beltscape.pipeline.reconstructing.pending_match import FrameMatcher, MatchPool, PendingMatch
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE
 from beltscape.stereo.consistency.diagnosis import CameraFault, describe_undecided, diagnose_low_coverage
@@ -82,10 +82,10 @@ class PendingFrame:
         It holds for the very depth that `complete` returned: another one has an error added, or other cameras.
         """
         match = self.match
-        if match is None or match.request is None or match.matched is None:
+        if match is None or match.request is None or match.measured is None:
             return None
-        measurements = match.matched.measurements
-        if measurements is None or match.matched.depth is not depth:
+        measurements = match.measured.measurements
+        if measurements is None or match.measured.depth is not depth:
             return None
         return match.request, measurements
 
@@ -171,64 +171,6 @@ class MonitoredMatcher:
             if one.is_fault and (one.check, one.subject) not in self._reported:
                 self._reported.add((one.check, one.subject))
                 reporter.warn(f"frame {frame_set.frame}: {one.text}")
-
-
-class FrameMatcher(Protocol):
-    """Reconstructs frames; a frame's depth depends on its images only."""
-
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
-        """Return the depth of a frame; ReconstructionError if its images do not suffice."""
-        ...
-
-
-class PendingDepth(Protocol):
-    """The depth of a frame that is being matched elsewhere."""
-
-    def result(self) -> MeasuredDepth | None:
-        """Wait for the depth and return it; None if it could not be matched there. Errors as `FrameMatcher`."""
-        ...
-
-    def done(self) -> bool:
-        """Return whether `result` need not wait."""
-        ...
-
-
-class MatchPool(Protocol):
-    """Threads or workers that match frames."""
-
-    def submit(
-        self,
-        frame_set: FrameSet,
-        auxiliaries: tuple[str, ...],
-        make_matcher: Callable[[], FrameMatcher],
-        request: MeasurementRequest | None = None,
-    ) -> PendingDepth:
-        """Begin to match a frame with the matcher of these auxiliaries; a pool may measure what is requested.
-
-        Raises
-        ------
-        ReconstructionError
-            When there can be no such matcher.
-        """
-        ...
-
-
-@dataclass(slots=True, eq=False)
-class PendingMatch:
-    """A frame that is being matched on another thread or worker."""
-
-    auxiliaries: tuple[str, ...]
-    """The auxiliaries used for the depth."""
-    depth: PendingDepth
-    request: MeasurementRequest | None = None
-    """What was requested beside the depth."""
-    matched: MeasuredDepth | None = None
-    """What `wait` returned."""
-
-    def wait(self) -> MeasuredDepth | None:
-        """Wait for the depth and return it; None if it could not be matched there. Errors as `FrameMatcher`."""
-        self.matched = self.depth.result()
-        return self.matched
 
 
 GROSS_PX = 2.0

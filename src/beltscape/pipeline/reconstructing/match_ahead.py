@@ -26,17 +26,15 @@ from beltscape.core.system_calls import count_usable_cores
 from beltscape.files.images import read_image
 from beltscape.pipeline.reconstructing.checked_matcher import (
     CheckedMatcher,
-    FrameMatcher,
-    MatchPool,
     MonitoredMatcher,
     PendingFrame,
-    PendingMatch,
 )
 from beltscape.pipeline.reconstructing.frame_measurements import (
     FrameMeasurer,
     MeasuredDepth,
     MeasurementRequest,
 )
+from beltscape.pipeline.reconstructing.pending_match import FrameMatcher, MatchPool, PendingMatch
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor
 from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings

@@ -2,6 +2,7 @@
 #include "bind.hpp"
 
 #include "geometry/arc_tangent.hpp"
+#include "geometry/fuse_layers.hpp"
 #include "geometry/height_rasterisation.hpp"
 #include "geometry/ray_march.hpp"
 #include "geometry/triangulate.hpp"
@@ -14,4 +15,5 @@ void beltscape::bind_geometry(nb::module_& m) {
     bind(m, "visible", &visible);
     bind(m, "first_hits", &first_hits);
     bind(m, "rasterise_heights", &rasterise_heights);
+    bind(m, "fuse_layers", &fuse_layers);
 }

@@ -1,6 +1,7 @@
 // The kernels of this folder by name; bind.hpp reads their records.
 #include "bind.hpp"
 
+#include "images/bend_medians.hpp"
 #include "images/gathering.hpp"
 #include "images/plane_slopes.hpp"
 #include "images/prefilter.hpp"
@@ -16,4 +17,5 @@ void beltscape::bind_images(nb::module_& m) {
     bind(m, "window_means", &window_means);
     bind(m, "window_minima", &window_minima);
     bind(m, "plane_slopes", &plane_slopes);
+    bind(m, "bend_medians", &bend_medians);
 }

@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 import pytest
 
-from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.rig import scale_rig
 from beltscape.core.progress import Silent
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.reconstructing import match_ahead, reconstruction
+from beltscape.pipeline.reconstructing.frame_measurements import MeasuredDepth
 from beltscape.pipeline.reconstructing.match_ahead import MatcherFactory, MatchTask
 from beltscape.stereo.settings import MultiviewSettings
 from beltscape.workers.call import Completed
@@ -127,10 +127,10 @@ def test_images_are_sent_to_workers_that_do_not_see_them(capture, tmp_path, else
     with match_ahead.open_workers(FACTORY, CLUSTER, lambda _: files, reporter) as workers:
         pending = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
         assert pending.task.files.keys() == files.keys()
-        first = require(pending.result())
+        first = require(pending.result()).depth
         later = workers.submit(frame, ("cam1", "cam2", "cam3"), lambda: pytest.fail("made here"))
         assert not later.task.files
-        assert first.depth_mm.tobytes() == require(later.result()).depth_mm.tobytes()
+        assert first.depth_mm.tobytes() == require(later.result()).depth.depth_mm.tobytes()
     here = FACTORY(("cam1", "cam2", "cam3")).reconstruct(frame, reporter)
     assert first.depth_mm.tobytes() == here.depth_mm.tobytes()
     assert not reporter.warnings
@@ -155,7 +155,7 @@ class DeadPool:
         """Return the tasks, all of which have ended."""
         return [*pending]
 
-    def result(self) -> Completed[DepthMap | None]:
+    def result(self) -> Completed[MeasuredDepth | None]:
         """Return the workers' death."""
         assert self.done()
         return Completed(0, None, "its worker died 11 times (WorkerCrashedError)", "", 0.0, 0.0)

@@ -14,6 +14,7 @@ from functools import cache
 from beltscape.core.errors import KernelError
 from beltscape.kernels.geometry import (
     HeightRasterisationKernels,
+    LayerFusionKernels,
     RayMarchKernels,
     TriangulationKernels,
     VisibilityKernels,
@@ -40,6 +41,7 @@ class Kernels(
     CandidateKernels,
     GatheringKernels,
     HeightRasterisationKernels,
+    LayerFusionKernels,
     RayMarchKernels,
     WindowStatisticsKernels,
 ):

@@ -254,6 +254,84 @@ class HeightRasterisationKernels(KernelFamily):
         return RasterisedHeights(*self._run("rasterise_heights", given, out, 1))
 
 
+LEAST_LAYER_SIGMA, LEAST_FREEDOM = 1e-4, 1e-6
+"""Least σ of a layer's cell, and least share of a deviation from the mean that the mean leaves: both only keep
+divisions finite."""
+
+
+class LayersInput(NamedTuple):
+    """Checked input of `fuse_layers`."""
+
+    height: NDArray[np.float32]
+    """(k, n, m)"""
+    sigma: NDArray[np.float32]
+    """(k, n, m)"""
+    noise: NDArray[np.float32]
+    """(k, n, m)"""
+    rank: float
+    outlier: float
+    tolerance: float
+
+
+class FusedLayers(NamedTuple):
+    """Cells (n, m) fused from k layers."""
+
+    height: NDArray[np.float32]
+    """Mean of the values that agree, weighted by 1/σ²; NaN where there is none."""
+    sigma: NDArray[np.float32]
+    """σ of the mean for independent errors."""
+    noise: NDArray[np.float32]
+    """The same for the layers' ``noise``."""
+    measured: NDArray[np.uint8]
+    """Whether any layer measured the cell."""
+    sums: NDArray[np.float64]
+    """(n, 5) over the cells of a row in which two values or more agree: number of these values; their squared
+    deviations from the mean over the share that the mean leaves of them; their σ²; their number times the sum of
+    squared weights over the squared sum; and, over all cells, the number of values that do not agree."""
+
+
+class LayerFusionKernels(KernelFamily):
+    """Kernel of the fusion of layers that show one surface."""
+
+    def fuse_layers(
+        self,
+        planes: tuple[NDArray[np.floating], NDArray[np.floating], NDArray[np.floating]],
+        *,
+        rank: float,
+        outlier: float,
+        tolerance: float,
+        threads: int = 0,
+    ) -> FusedLayers:
+        """Return the surface that layers of heights have in common.
+
+        Each cell's values are ranked; the first at which the weights 1/σ² reach the share ``rank`` of their sum is
+        the middle. Values agree that differ from it by no more than ``outlier`` σ and ``tolerance`` times the
+        surface's rise per cell, which is that of the middles (0 where it is not known).
+
+        Parameters
+        ----------
+        planes
+            (k, n, m) heights, NaN where not measured, with their σ and the part of it that neighbours share.
+        rank, outlier, tolerance
+            See above.
+        threads
+            How many threads; 0 takes all cores. The result does not depend on it.
+        """
+        height = float32("height", planes[0], ("k", "n", "m"))
+        sigma, noise = (
+            float32(name, plane, height.shape)
+            for name, plane in zip(("sigma", "noise"), planes[1:], strict=True)
+        )
+        given = LayersInput(height, sigma, noise, float(rank), float(outlier), float(tolerance))
+        shape = height.shape[1:]
+        out = (
+            *(np.empty(shape, np.float32) for _ in range(3)),
+            np.empty(shape, np.uint8),
+            np.empty((shape[0], 5)),
+        )
+        return FusedLayers(*self._run("fuse_layers", given, out, threads))
+
+
 class FirstHits(NamedTuple):
     """End points of D lines from each of H cells."""
 

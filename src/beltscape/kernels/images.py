@@ -207,6 +207,25 @@ class FieldInput(NamedTuple):
     """(Ny, Nx)"""
 
 
+class BendsInput(NamedTuple):
+    """Checked input of `bend_medians`."""
+
+    field: NDArray[np.float64]
+    """(Ny, Nx)"""
+    halves: NDArray[np.int64]
+    """(K,)"""
+    above: float
+
+
+class BendMedians(NamedTuple):
+    """Bends of a field at K distances."""
+
+    count: NDArray[np.int64]
+    """(K,) number of bends."""
+    median: NDArray[np.float64]
+    """(K,) their median; NaN without any."""
+
+
 class WindowStatisticsKernels(KernelFamily):
     """Kernels of windows with odd ``sides`` about ``cells`` of a ``field`` (Ny, Nx), in which NaN is not measured.
 
@@ -249,6 +268,20 @@ class WindowStatisticsKernels(KernelFamily):
         given = FieldInput(_checked_field(field))
         (slopes,) = self._run("plane_slopes", given, (np.empty((2, *given.field.shape)),), threads)
         return slopes
+
+    def bend_medians(
+        self, field: NDArray[np.float64], halves: Sequence[int], above: float, *, threads: int = 0
+    ) -> BendMedians:
+        """Return the medians of the bends at the distances ``halves``, along both axes together.
+
+        A cell's bend is the distance of its value from the mean of the two cells ``half`` cells before and after it,
+        all three measured, and its own value greater than ``above``.
+        """
+        given = BendsInput(_checked_field(field), np.array(halves, np.int64), float(above))
+        if (given.halves < 1).any():
+            raise KernelError(f"halves must be at least 1, not {given.halves.tolist()}")
+        out = np.empty(len(halves), np.int64), np.empty(len(halves))
+        return BendMedians(*self._run("bend_medians", given, out, threads))
 
 
 def _checked_windows(field: NDArray[np.floating], cells: CellIndices, sides: tuple[int, ...]) -> WindowsInput:

@@ -175,6 +175,15 @@ def reliable_mask(depth: DepthMap, pixel_mm: float, step_mm: float, window_px: f
     return reliable & (around >= 0.5 * np.median(around[reliable]))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ReliablePixels:
+    """The pixels of a depth map by which is measured."""
+
+    use: NDArray[np.bool_]
+    """(H, W)"""
+    sampling: Sampling
+
+
 def _continuous_mask(depth_mm: NDArray[np.float32], step_mm: float) -> NDArray[np.bool_]:
     """Return the pixels (H, W) continuous with two of four neighbours, or with all where fewer are measured."""
     padded = np.pad(depth_mm, 1, constant_values=np.nan)

@@ -124,6 +124,7 @@ def test_a_moved_or_vibrating_camera_is_not_called_late(turns: tuple[int, ...]) 
 
 def test_a_delay_holds_until_a_check_disproves_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("beltscape.health.images.synchronisation_monitor._EVERY", 1)
+    monkeypatch.setattr("beltscape.health.images.synchronisation_monitor._PERIOD_NS", 0)
     monitor = SynchronisationMonitor(RIG, HealthSettings())
     named: list[bool] = []
     for number in range(8):
@@ -132,6 +133,13 @@ def test_a_delay_holds_until_a_check_disproves_it(monkeypatch: pytest.MonkeyPatc
         named.append(bool(find_faults(monitor.check(drawn, depth, STEP_MM * number, ALONG))))
 
     assert named == [False, False, True, True, True, True, True, False]
+
+
+def test_at_a_high_frame_rate_a_second_passes_between_two_checks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("beltscape.health.images.synchronisation_monitor._EVERY", 1)
+    slow, fast = (run(6, speed_mm_s=frames_per_s * STEP_MM) for frames_per_s in (1.0, 30.0))
+    assert [bool(findings) for findings in slow] == [False, True, False, True, False, True]
+    assert [bool(findings) for findings in fast] == [False, True, False, False, False, False]
 
 
 def delays(speeds_mm_s, delay_ms: float, shift_mm: float) -> list[CameraDelay]:

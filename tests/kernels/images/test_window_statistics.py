@@ -37,6 +37,28 @@ def test_windows_are_the_references(level, seed, height, width, holes, count, of
 
 
 @every_level
+@given(seeds, lengths, lengths, shares, st.sampled_from([-np.inf, 0.0, 30.0]))
+def test_bends_are_the_references(level, seed, height, width, holes, above):
+    field = height_field(seed, height, width, holes)
+    given = field, (1, 2, 4, 64), above
+    assert_identical(load(level).bend_medians(*given, threads=2), load("reference").bend_medians(*given))
+
+
+@everything
+def test_a_ramp_has_no_bends_and_a_parabola_its_second_difference(name):
+    along = np.arange(40.0)
+    ramp, parabola = np.add.outer(3 * along, 2 * along), np.tile(along**2, (5, 1))
+    ramp[3, 4] = np.nan
+    assert load(name).bend_medians(ramp, [1, 8], -1.0).median == pytest.approx([0, 0], abs=1e-12)
+    found = load(name).bend_medians(parabola, [4, 30], -1.0)
+    assert found.count.tolist() == [5 * 32, 0]
+    assert found.median[0] == pytest.approx(16)
+    assert np.isnan(found.median[1])
+    with pytest.raises(KernelError, match="halves must be at least 1"):
+        load(name).bend_medians(parabola, [0], 0.0)
+
+
+@every_level
 def test_a_tall_field_is_cut_into_the_references_bands(level):
     field = height_field(3, 700, 9, 0.3)
     given_cells = cells_in(3, field.shape, 90)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from beltscape.health.belt import monitor as belt_monitor
+from beltscape.measure.flow import meter
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.reconstructing.match_ahead import count_workers
 from beltscape.service.project import open_project
@@ -74,6 +76,21 @@ def test_two_workers_give_the_ledger_and_findings_of_none_even_if_one_is_killed(
         ]
         assert len(events) == (kill_at > 0)
     assert "ended by signal 9; another one takes it" in events[0]
+
+
+def test_workers_measure_what_needs_nothing_of_the_sequence(
+    plant: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here: list[str] = []
+    for module, name in ((meter, "prepare_depth"), (belt_monitor, "measure_bare_belt")):
+        measure = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *given, m=measure, n=name: here.append(n) or m(*given))
+    _, watched, _ = replay(plant, 0)
+    frames = len(watched.frames)
+    assert [here.count(name) for name in ("prepare_depth", "measure_bare_belt")] == [frames, frames]
+    here.clear()
+    replay(plant, 2)
+    assert here == []
 
 
 def test_as_many_workers_as_cores_and_none_for_one(monkeypatch: pytest.MonkeyPatch) -> None:

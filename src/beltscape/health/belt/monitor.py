@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 from beltscape.core.alarm_catalogue import (
     CARRY_BACK,
@@ -20,7 +21,7 @@ from beltscape.health.belt.passes import BeltEvent, BeltPasses
 from beltscape.health.belt.residue import BesideLoad, CellRows, arrange_rows, measure_residue
 from beltscape.health.belt.splices import find_splice
 from beltscape.health.belt.zero_finding import ZeroHistory, make_zero_findings, update_zero_history
-from beltscape.health.belt.zero_shift import estimate_zero_shift, make_unmeasured_shift
+from beltscape.health.belt.zero_shift import ZeroShift, estimate_zero_shift, make_unmeasured_shift
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.belt.reference import EmptyBeltReference
 
@@ -101,11 +102,32 @@ def make_event_findings(events: Iterable[BeltEvent], side_mm: float) -> tuple[Fi
     return tuple(out)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class BareBeltHeights:
+    """The bare belt in one depth map, against the learned one."""
+
+    shift: ZeroShift
+    rows: CellRows | None
+    """Its cells in rows; None: no bare belt is visible."""
+    residue: tuple[float, float]
+    """Cross-section of what is stuck to it, and its σ, mm²; NaN where it is not measured."""
+
+
+def measure_bare_belt(depth: DepthMap, reference: EmptyBeltReference, limits: BeltLimits) -> BareBeltHeights:
+    """Return the bare belt in a depth map; it depends on the depth map only."""
+    cells = compute_belt_cells(depth, reference)
+    shift = estimate_zero_shift(cells, reference.belt, reference.cell_mm, limits.search_mm)
+    if not shift.is_measured:
+        return BareBeltHeights(shift, None, (_NAN, _NAN))
+    rows = arrange_rows(cells, shift)
+    return BareBeltHeights(shift, rows, measure_residue(rows, shift))
+
+
 class BeltMonitor:
     """Compares the bare belt of each frame with the learned one, and follows what is stuck to it."""
 
     def __init__(self, reference: EmptyBeltReference, limits: BeltLimits | None = None) -> None:
-        self._reference, self._limits = reference, limits or BeltLimits()
+        self._reference, self.limits = reference, limits or BeltLimits()
         self._history = ZeroHistory()
         self._rows: CellRows | None = None
         self._residue = (_NAN, _NAN)
@@ -119,23 +141,22 @@ class BeltMonitor:
         """Return the average shift of the zero, the correction that setting it would make."""
         return self._history
 
-    def check(self, depth: DepthMap | None) -> tuple[Finding, ...]:
-        """Return the findings of the next frame, before it is measured; None for a frame without a depth map."""
-        if not self._limits.enabled:
+    def check(self, depth: DepthMap | None, measured: BareBeltHeights | None = None) -> tuple[Finding, ...]:
+        """Return the findings of the next frame, before it is measured; None for a frame without a depth map.
+
+        ``measured`` is the result of `measure_bare_belt` for it, where it is known.
+        """
+        if not self.limits.enabled:
             return ()
         shift, before = make_unmeasured_shift(0), self._history
         self._rows, self._residue = None, (_NAN, _NAN)
         if depth is not None:
-            cells = compute_belt_cells(depth, self._reference)
-            shift = estimate_zero_shift(
-                cells, self._reference.belt, self._reference.cell_mm, self._limits.search_mm
-            )
+            bare = measured or measure_bare_belt(depth, self._reference, self.limits)
+            shift, self._rows, self._residue = bare.shift, bare.rows, bare.residue
             if shift.is_measured:
-                self._rows = arrange_rows(cells, shift)
-                self._residue = measure_residue(self._rows, shift)
                 self._zero_sigma_mm = shift.sigma_mm
-        self._history = update_zero_history(before, shift, 0.5 * self._limits.zero_mm)
-        zero = make_zero_findings(shift, self._history, before, self._reference.cell_mm, self._limits)
+        self._history = update_zero_history(before, shift, 0.5 * self.limits.zero_mm)
+        zero = make_zero_findings(shift, self._history, before, self._reference.cell_mm, self.limits)
         return (*zero, *self._beside)
 
     def follow(self, position_mm: float | None, direction: int) -> tuple[Finding, ...]:
@@ -145,10 +166,10 @@ class BeltMonitor:
         """
         if self._rows is None or position_mm is None:
             return ()
-        length_m = self._limits.belt_length_m
+        length_m = self.limits.belt_length_m
         if self._passes is None:
             length_mm = None if length_m is None else 1000 * length_m
-            self._passes = BeltPasses(self._rows.side_mm, length_mm, 1000 * self._limits.empty_m)
+            self._passes = BeltPasses(self._rows.side_mm, length_mm, 1000 * self.limits.empty_m)
         events = self._passes.add(self._rows, position_mm, direction, find_splice(self._rows))
         return (
             *self._find_carry_back(self._rows, self._passes),
@@ -158,10 +179,10 @@ class BeltMonitor:
     def _find_carry_back(self, rows: CellRows, passes: BeltPasses) -> tuple[Finding, ...]:
         """Return the finding of an empty stretch and the totals; keep that of a load's strips."""
         width_mm = rows.over_mm.shape[1] * rows.side_mm
-        beside = make_beside_finding(passes.beside_load, self._zero_sigma_mm, width_mm, self._limits)
+        beside = make_beside_finding(passes.beside_load, self._zero_sigma_mm, width_mm, self.limits)
         self._beside = () if beside is None or passes.is_empty else (beside,)
         if self._beside:
             passes.count_strips()
         residue = self._residue if passes.is_empty else (_NAN, _NAN)
-        findings = make_carry_back_findings(residue, passes, self._limits)
+        findings = make_carry_back_findings(residue, passes, self.limits)
         return findings[1:] if self._beside else findings

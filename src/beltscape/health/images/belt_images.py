@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,53 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.findings import Finding
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
-from beltscape.health.images.projector_position import LearnedPattern, ProjectorMonitor
-from beltscape.health.images.surface_samples import SurfaceGrid
+from beltscape.health.images.projector_position import (
+    BareBelt,
+    BareBeltSampler,
+    LearnedPattern,
+    ProjectorMonitor,
+)
+from beltscape.health.images.surface_samples import SurfaceGrid, SurfaceSamples
 from beltscape.health.images.synchronisation_monitor import SynchronisationMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.belt.reference import EmptyBeltReference
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampleRequest:
+    """What the checks will probably need of a frame."""
+
+    surface: bool
+    """Whether the synchronisation is checked."""
+    belt: bool
+    """Whether the projector is."""
+    pattern: LearnedPattern | None
+    """The learned pattern of the projector; None: it is being learned."""
+    reference: EmptyBeltReference
+    """The learned empty belt."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BeltImageSamples:
+    """What was sampled of one frame; None: nothing."""
+
+    surface: SurfaceSamples | None
+    belt: BareBelt | None
+
+
+class BeltImageSampler:
+    """Samples frames of one rig for the checks; the samples depend on a frame's images and its depth only."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._grid = SurfaceGrid(rig)
+
+    def sample(self, frames: FrameSet, depth: DepthMap, request: SampleRequest) -> BeltImageSamples:
+        """Return what is requested of a frame."""
+        view, belt = self._grid.view(frames, depth), None
+        if request.belt:
+            belt = BareBeltSampler(self._rig, request.reference, self._grid).sample(view, request.pattern)
+        return BeltImageSamples(view.sample_surface(self._rig.cameras) if request.surface else None, belt)
 
 
 class BeltImageMonitor:
@@ -30,22 +73,52 @@ class BeltImageMonitor:
         keep_pattern: Callable[[LearnedPattern], None] | None = None,
     ) -> None:
         """``pattern`` is that of the projector by an earlier run; ``keep_pattern`` receives a learned one."""
-        self._settings = settings
-        grid = SurfaceGrid(rig)
-        self._projector = ProjectorMonitor(rig, reference, settings, pattern, keep_pattern, grid)
-        self._synchronisation = SynchronisationMonitor(rig, settings, grid)
+        self._rig, self._reference, self._settings = rig, reference, settings
+        self._grid = SurfaceGrid(rig)
+        self._projector = ProjectorMonitor(rig, reference, settings, pattern, keep_pattern, self._grid)
+        self._synchronisation = SynchronisationMonitor(rig, settings, self._grid)
 
     def learn_anew(self) -> None:
         """Forget the projector's pattern, before the next frame is checked; any thread may call it."""
         self._projector.learn_anew()
 
+    def expect(self, frames: FrameSet, ahead: int) -> SampleRequest | None:
+        """Return what the checks will probably need of a frame set, before which ``ahead`` others are checked.
+
+        It may be sampled meanwhile by a `BeltImageSampler`. It is asked of the frame sets in their order.
+        """
+        if not self._settings.images:
+            return None
+        surface, belt = self._synchronisation.expects(frames, ahead), self._projector.expects(frames)
+        if not (surface or belt):
+            return None
+        return SampleRequest(surface, belt, self._projector.learned, self._reference)
+
+    def adopt(
+        self, frames: FrameSet, depth: DepthMap, request: SampleRequest, samples: BeltImageSamples
+    ) -> BareBelt | None:
+        """Use what was sampled of a frame for a request, as far as it holds; return what holds for the projector."""
+        if samples.surface is not None:
+            self._grid.keep(frames, depth, samples.surface)
+        belt = samples.belt
+        names = tuple(name for name in self._rig.cameras if name in frames.images)
+        holds = belt is not None and request.pattern is self._projector.learned and belt.cameras == names
+        return belt if holds else None
+
     def check_projector(
-        self, frames: FrameSet, depth: DepthMap | None, findings: Sequence[Finding]
+        self,
+        frames: FrameSet,
+        depth: DepthMap | None,
+        findings: Sequence[Finding],
+        sampled: BareBelt | None = None,
     ) -> tuple[Finding, ...]:
-        """Return the finding about the projector's position; ``findings`` are those about its images and cameras."""
+        """Return the finding about the projector's position; ``findings`` are those about its images and cameras.
+
+        ``sampled`` is what `adopt` returned for this frame.
+        """
         if not self._settings.images:
             return ()
-        return self._projector.check(frames, depth, findings)
+        return self._projector.check(frames, depth, findings, sampled)
 
     def check_synchronisation(
         self,

@@ -145,22 +145,27 @@ class ImageMonitor:
         light = _select_window_light(statistics, findings)
         return replace(check, window_light=light, is_moving=is_moving)
 
-    def check_depth(self, check: ImageCheck, depth: DepthMap) -> tuple[Finding, ...]:
+    def check_depth(
+        self, check: ImageCheck, depth: DepthMap, light: Mapping[str, LightMap] | None = None
+    ) -> tuple[Finding, ...]:
         """Return the findings that need the depth of a frame whose images were checked.
 
         The frames come in their order, but the images of later ones may have been checked already. Dirt is searched
-        in frames of a moving belt; while it stands the last findings hold.
+        in frames of a moving belt; while it stands the last findings hold. ``light`` is the result of `sample_light`
+        for this check and depth, where it is known.
         """
         if check.window_light is None:
             return ()
         self._moving_frames += check.is_moving
         if check.is_moving:
-            self._dirt = tuple(map(self._weight_camera, self._check_dirt(check.window_light, depth)))
+            if light is None:
+                self._rays = compute_block_rays(self._rig) if self._rays is None else self._rays
+                light = sample_light(check.window_light, self._rig, self._rays, depth)
+            self._dirt = tuple(map(self._weight_camera, self._check_dirt(light)))
         return self._dirt
 
-    def _check_dirt(self, levels: Mapping[str, Float32Array], depth: DepthMap) -> list[Finding]:
-        self._rays = compute_block_rays(self._rig) if self._rays is None else self._rays
-        for name, light in sample_light(levels, self._rig, self._rays, depth).items():
+    def _check_dirt(self, lights: Mapping[str, LightMap]) -> list[Finding]:
+        for name, light in lights.items():
             self._light_maps[name] = accumulate_light(self._light_maps.get(name), light)
             self._recent_maps[name] = accumulate_light(self._recent_maps.get(name), light, SHORT_MEMORY)
         if self._moving_frames < _LIGHT_FRAMES:
@@ -177,7 +182,7 @@ class ImageMonitor:
                 name, light, self._recent_maps[name], self._light_references.get(name), self._settings
             )
             for name, light in self._light_maps.items()
-            if name in levels
+            if name in lights
         ]
 
     def _check(

@@ -20,6 +20,7 @@ from beltscape.core.translatable_message import make_message
 from beltscape.health.images.surface_samples import (
     SampledSurface,
     SurfaceGrid,
+    SurfaceView,
     Texture,
     correlate_at_rest,
     find_peak,
@@ -163,12 +164,59 @@ def exceeds(shift: PatternShift, settings: HealthSettings) -> bool:
     return shift.shift_mm > max(settings.projector_mm, 3 * shift.sigma_mm) + shift.allowance_mm
 
 
+_BARE_MM = 4.0
+"""Largest height over the learned belt of a bare one: the pattern is displaced by up to 0.4 of it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BareBelt:
+    """The bare belt in one frame, and what the cameras show on it."""
+
+    is_bare: NDArray[np.bool_]
+    """(H, W) where the belt is bare at its learned height."""
+    height_mm: float
+    """Mean height there over the learned belt; NaN: nowhere bare."""
+    cameras: tuple[str, ...]
+    textures: Mapping[str, Texture]
+    """Camera → texture (H, W) at the points of the learned empty belt; none where ``shift`` is measured."""
+    shift: PatternShift | None
+    """Displacement against the learned pattern; None without one."""
+
+
+class BareBeltSampler:
+    """Samples the bare belt in the frames of one rig."""
+
+    def __init__(self, rig: Rig, reference: EmptyBeltReference, grid: SurfaceGrid) -> None:
+        self._rig, self._reference, self._grid = rig, reference, grid
+        self.points_mm = _intersect_belt(grid, reference)
+        """(H, W, 3) points of the learned empty belt on the rays of the grid, in the core's frame."""
+
+    def sample(self, view: SurfaceView, learned: LearnedPattern | None) -> BareBelt:
+        """Return the bare belt in a frame, with the displacement of the ``learned`` pattern if there is one."""
+        is_bare, height = self._find_bare_belt(view.surface)
+        textures = view.filter_textures(self._rig.cameras)
+        now = self._grid.sample_all(textures, self.points_mm)
+        if learned is None:
+            return BareBelt(is_bare, height, tuple(now), now, None)
+        cell = float(np.nanmedian(self.points_mm[..., 2])) / self._grid.cells_per_unit
+        shift = measure_pattern_shift(learned, now, is_bare, height, cell, self._rig.core)
+        return BareBelt(is_bare, height, tuple(now), {}, shift)
+
+    def _find_bare_belt(self, surface: SampledSurface) -> tuple[NDArray[np.bool_], float]:
+        """Return where the belt is bare (H, W), and its mean height over the learned one there."""
+        belt = self._reference.belt
+        points = belt.belt_from_core.apply(surface.points_mm)
+        x, y = np.nan_to_num(points[..., 0]), np.nan_to_num(points[..., 1])
+        height = points[..., 2] - belt.height_at_mm(x, y)
+        low, high = belt.across_mm
+        is_bare = surface.is_smooth & (np.abs(height) < _BARE_MM) & (x > low) & (x < high)
+        return is_bare, float(height[is_bare].mean()) if is_bare.any() else float("nan")
+
+
 _PERIOD_NS = 500_000_000
 """Time between two checks; the second one confirms, so that a moved projector is named within a second."""
 _EVERY = 4
 """Frames between two checks, for frames without times."""
-_BARE_MM = 4.0
-"""Largest height over the learned belt of a bare one: the pattern is displaced by up to 0.4 of it."""
 _LEAST_SAMPLES = 3
 """Number of frames in which a cell must have been bare."""
 
@@ -189,16 +237,16 @@ class ProjectorMonitor:
 
         ``grid`` is one that other checks of the same frames use, too.
         """
-        self._rig, self._reference, self._settings = rig, reference, settings
+        self._rig, self._settings = rig, settings
         self._grid = grid or SurfaceGrid(rig)
-        self._belt_points = _intersect_belt(self._grid, reference)
+        self._sampler = BareBeltSampler(rig, reference, self._grid)
         self._sums: dict[str, NDArray[np.float64]] = {}
         self._counts: dict[str, NDArray[np.float64]] = {}
         self._heights: list[float] = []
         self._keep = keep
-        self._learned = learned if _fits(learned, self._belt_points, rig) else None
+        self._learned = learned if _fits(learned, self._sampler.points_mm, rig) else None
         self._has_passed, self._is_suspect = self._learned is not None, False
-        self._number, self._last_ns = 0, 0
+        self._number, self._last_ns, self._expected_ns = 0, 0, 0
         self._fault: tuple[Finding, ...] = ()
         self._must_forget = False
 
@@ -211,11 +259,31 @@ class ProjectorMonitor:
         self._sums, self._counts, self._heights, self._learned = {}, {}, [], None
         self._has_passed, self._is_suspect, self._fault = False, False, ()
 
+    @property
+    def learned(self) -> LearnedPattern | None:
+        """Return the pattern that frames are compared with; None: it is being learned."""
+        return self._learned
+
+    def expects(self, frames: FrameSet) -> bool:
+        """Return whether a frame set that is checked later will probably be compared; it is asked in their order."""
+        if self._settings.projector == "no" or frames.time_ns is None:
+            return False
+        is_soon = abs(frames.time_ns - self._expected_ns) < _PERIOD_NS
+        if is_soon and self._learned is not None and not self._is_suspect:
+            return False
+        self._expected_ns = frames.time_ns
+        return True
+
     def check(
-        self, frames: FrameSet, depth: DepthMap | None, findings: Sequence[Finding]
+        self,
+        frames: FrameSet,
+        depth: DepthMap | None,
+        findings: Sequence[Finding],
+        sampled: BareBelt | None = None,
     ) -> tuple[Finding, ...]:
         """Return the finding "projector_moved" of a checked frame; between two checks the fault, if there is one.
 
+        ``sampled`` is the result of `BareBeltSampler.sample` with the present learned pattern, where it is known.
         ``findings`` are those about the frame's images and cameras: a frame with a fault is not learned, and a core
         camera that moved, or of which that is not known yet, sees a projector at rest displaced.
         """
@@ -228,17 +296,14 @@ class ProjectorMonitor:
             findings, CAMERA_POSE_UNCHECKED, ""
         ):
             return self._fault
-        view = self._grid.view(frames, depth)
-        is_bare, height = self._find_bare_belt(view.surface)
-        textures = view.filter_textures(self._rig.cameras)
-        now = self._grid.sample_all(textures, self._belt_points)
-        if self._learned is None:
+        if sampled is None:
+            self._expected_ns = self._last_ns
+            sampled = self._sampler.sample(self._grid.view(frames, depth), self._learned)
+        if sampled.shift is None:
             if self._settings.learning and not any(one.is_fault for one in findings):
-                self._learn(now, is_bare, height)
+                self._learn(sampled.textures, sampled.is_bare, sampled.height_mm)
             return ()
-        cell = float(np.nanmedian(self._belt_points[..., 2])) / self._grid.cells_per_unit
-        shift = measure_pattern_shift(self._learned, now, is_bare, height, cell, self._rig.core)
-        return self._assess(shift)
+        return self._assess(sampled.shift)
 
     def _assess(self, shift: PatternShift) -> tuple[Finding, ...]:
         """Return the finding about a displacement; it must be confirmed, and the pattern recognised before."""
@@ -267,17 +332,7 @@ class ProjectorMonitor:
         self._last_ns = frames.time_ns
         return True
 
-    def _find_bare_belt(self, surface: SampledSurface) -> tuple[NDArray[np.bool_], float]:
-        """Return where the belt is bare (H, W), and its mean height over the learned one there."""
-        belt = self._reference.belt
-        points = belt.belt_from_core.apply(surface.points_mm)
-        x, y = np.nan_to_num(points[..., 0]), np.nan_to_num(points[..., 1])
-        height = points[..., 2] - belt.height_at_mm(x, y)
-        low, high = belt.across_mm
-        is_bare = surface.is_smooth & (np.abs(height) < _BARE_MM) & (x > low) & (x < high)
-        return is_bare, float(height[is_bare].mean()) if is_bare.any() else float("nan")
-
-    def _learn(self, now: dict[str, Texture], is_bare: NDArray[np.bool_], height_mm: float) -> None:
+    def _learn(self, now: Mapping[str, Texture], is_bare: NDArray[np.bool_], height_mm: float) -> None:
         for name, texture in now.items():
             known = is_bare & np.isfinite(texture)
             sums = self._sums.setdefault(name, np.zeros(is_bare.shape))

@@ -42,6 +42,17 @@ class SampledSurface:
     """(H, W) whether a point is measured and away from steps of the depth."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceSamples:
+    """What `SurfaceView` makes of one frame; another process may have made it."""
+
+    surface: SampledSurface
+    textures: Mapping[str, Texture]
+    """The filtered image of each camera."""
+    own: Mapping[str, Texture]
+    """The textures at the points of the surface."""
+
+
 class SurfaceGrid:
     """The grid of the core's view, and the cameras' textures on it."""
 
@@ -62,6 +73,10 @@ class SurfaceGrid:
         if self._last is None or self._last.frames is not frames or self._last.depth is not depth:
             self._last = SurfaceView(self, frames, depth)
         return self._last
+
+    def keep(self, frames: FrameSet, depth: DepthMap, samples: SurfaceSamples) -> None:
+        """Let `view` return for this frame what was made of it elsewhere."""
+        self._last = SurfaceView(self, frames, depth, samples)
 
     @property
     def cells_per_unit(self) -> float:
@@ -119,14 +134,18 @@ class SurfaceGrid:
 class SurfaceView:
     """The surface of one frame and its cameras' textures, each made when it is first used."""
 
-    def __init__(self, grid: SurfaceGrid, frames: FrameSet, depth: DepthMap) -> None:
-        self._grid, self.frames, self.depth = grid, frames, depth
-        self._textures: dict[str, Texture] = {}
+    def __init__(
+        self, grid: SurfaceGrid, frames: FrameSet, depth: DepthMap, samples: SurfaceSamples | None = None
+    ) -> None:
+        """``samples`` are those of this frame that are known already."""
+        self._grid, self.frames, self.depth, self._samples = grid, frames, depth, samples
+        self._textures: dict[str, Texture] = {} if samples is None else dict(samples.textures)
+        self._own: dict[str, Texture] = {} if samples is None else dict(samples.own)
 
     @cached_property
     def surface(self) -> SampledSurface:
         """Return the surface on the grid."""
-        return self._grid.locate_surface(self.depth)
+        return self._grid.locate_surface(self.depth) if self._samples is None else self._samples.surface
 
     def filter_textures(self, cameras: Iterable[str]) -> dict[str, Texture]:
         """Return the filtered images of those of the cameras that are in the frame."""
@@ -135,6 +154,13 @@ class SurfaceView:
             if name not in self._textures:
                 self._textures[name] = self._grid.filter_texture(self.frames.images[name])
         return {name: self._textures[name] for name in names}
+
+    def sample_surface(self, cameras: Iterable[str]) -> SurfaceSamples:
+        """Return the surface, the filtered images of those cameras, and their textures on the surface."""
+        textures = self.filter_textures(cameras)
+        rest = {name: texture for name, texture in textures.items() if name not in self._own}
+        self._own |= self._grid.sample_all(rest, self.surface.points_mm)
+        return SurfaceSamples(self.surface, textures, {name: self._own[name] for name in textures})
 
 
 def _fill_small_holes(depth_mm: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -154,16 +180,6 @@ _LEAST_COMPARED = 0.05
 """Least share of the grid that must be compared."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FrameTextures:
-    """The textures of all cameras at one instant, and the surface."""
-
-    textures: Mapping[str, Texture]
-    surface: SampledSurface
-    own: Mapping[str, Texture]
-    """The textures at the points of the surface."""
-
-
 @dataclass(frozen=True, slots=True)
 class Displacement:
     """Displacement of an auxiliary's texture against the core's, positive along the travel."""
@@ -180,8 +196,8 @@ class Displacement:
 
 def measure_displacement(
     grid: SurfaceGrid,
-    before: FrameTextures,
-    now: FrameTextures,
+    before: SurfaceSamples,
+    now: SurfaceSamples,
     travel_mm: NDArray[np.float64],
     core: str,
     auxiliaries: tuple[str, ...],

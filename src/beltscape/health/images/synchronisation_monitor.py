@@ -16,8 +16,8 @@ from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.health.images.surface_samples import (
     Displacement,
-    FrameTextures,
     SurfaceGrid,
+    SurfaceSamples,
     correlate_at_rest,
     measure_displacement,
 )
@@ -37,6 +37,9 @@ from beltscape.health.settings import HealthSettings
 
 _EVERY = 8
 """Number of frames per check; a check takes about a tenth of a second. A suspicious one is repeated at once."""
+_PERIOD_NS = 900_000_000
+"""Least time between two checks: six of them, which show a delay of 1 ms, then take less than 10 s at any frame rate.
+A little less than 8 frames at 8 Hz, the rate of the bench of faults."""
 _NEAREST, _FARTHEST = 0.05, 0.35
 """Travel between the two frames over the distance of the belt: nearer, the projected pattern overlaps; farther, the
 cameras see other sides of the stones."""
@@ -67,7 +70,7 @@ class _Stored:
     """A frame that waits for the next one."""
 
     number: int
-    frame: FrameTextures
+    frame: SurfaceSamples
     cameras: tuple[str, ...]
     position_mm: float
     time_ns: int
@@ -82,11 +85,26 @@ class SynchronisationMonitor:
         self._grid = grid or SurfaceGrid(rig)
         self._number = 0
         self._due = 0
+        self._compared_ns: int | None = None
+        """Time of the last comparison."""
         self._before: _Stored | None = None
         self._recent: dict[str, deque[CameraDelay]] = defaultdict(lambda: deque(maxlen=_MEMORY))
         self._history: dict[str, deque[CameraDelay]] = defaultdict(lambda: deque(maxlen=_SPEEDS))
         self._pool = CheckPool()
         self._faults: tuple[Finding, ...] = ()
+
+    def expects(self, frames: FrameSet, ahead: int) -> bool:
+        """Return whether a frame after ``ahead`` others will probably be compared: two that are due will be."""
+        if frames.time_ns is None or self._is_soon(frames.time_ns):
+            return False
+        number, soonest = self._number + 1 + ahead, self._number + 1
+        if self._before is not None:
+            return number == soonest
+        return 0 <= number - max(self._due, soonest) <= 1
+
+    def _is_soon(self, time_ns: int) -> bool:
+        """Return whether a frame follows the last comparison too soon for another one."""
+        return self._compared_ns is not None and abs(time_ns - self._compared_ns) < _PERIOD_NS
 
     def check(
         self,
@@ -107,7 +125,7 @@ class SynchronisationMonitor:
             return self._faults
         before = self._before
         if before is None:
-            if self._number >= self._due:
+            if self._number >= self._due and not self._is_soon(frames.time_ns):
                 self._before = self._store(frames, depth, position_mm, frames.time_ns)
             return self._faults
         travel, distance = position_mm - before.position_mm, float(np.nanmedian(depth.depth_mm[::8, ::8]))
@@ -121,7 +139,7 @@ class SynchronisationMonitor:
         if has_fault(others, CAMERA_POSE, "", self._rig.core) or has_fault(others, CAMERA_POSE_UNCHECKED, ""):
             findings = [self._acquit(finding) for finding in findings]
         self._faults = tuple(finding for finding in findings if finding.is_fault)
-        self._due = self._number + _EVERY
+        self._due, self._compared_ns = self._number + _EVERY, frames.time_ns
         is_suspect = any(one and one[-1].exceeds(self._settings.skew_ms) for one in self._recent.values())
         self._before = now if is_suspect and not self._faults else None
         return tuple(findings)
@@ -134,11 +152,8 @@ class SynchronisationMonitor:
         return make_unmeasured_finding(finding.subject, self._settings)
 
     def _store(self, frames: FrameSet, depth: DepthMap, position_mm: float, time_ns: int) -> _Stored:
-        view = self._grid.view(frames, depth)
-        textures, surface = view.filter_textures(self._rig.cameras), view.surface
-        own = self._grid.sample_all(textures, surface.points_mm)
-        stored = FrameTextures(textures, surface, own)
-        return _Stored(self._number, stored, tuple(textures), position_mm, time_ns)
+        stored = self._grid.view(frames, depth).sample_surface(self._rig.cameras)
+        return _Stored(self._number, stored, tuple(stored.textures), position_mm, time_ns)
 
     def _compare(
         self, before: _Stored, now: _Stored, along: NDArray[np.float64], distance_mm: float
@@ -232,7 +247,7 @@ class SynchronisationMonitor:
         holds = fault is not None and abs(finding.value) > _CLEARED * abs(fault.value)
         return fault if fault is not None and holds and not finding.is_fault else finding
 
-    def _is_old(self, name: str, before: FrameTextures, now: FrameTextures) -> bool:
+    def _is_old(self, name: str, before: SurfaceSamples, now: SurfaceSamples) -> bool:
         """Return whether a camera's image is that of the frame before."""
         core = self._rig.core
         own = correlate_at_rest(now.own[core], now.own[name], now.surface.is_smooth)

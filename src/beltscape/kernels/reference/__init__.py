@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from beltscape.kernels.reference.geometry import (
     first_hits,
+    fuse_layers,
     inverse_depth_buffers,
     rasterise_heights,
     triangulate,
     visible,
 )
 from beltscape.kernels.reference.images import (
+    bend_medians,
     gather,
     plane_slopes,
     quadratics,
@@ -35,8 +37,8 @@ from beltscape.kernels.reference.sweep import aggregate, sweep, sweep_and_aggreg
 _KERNELS: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     kernel.__name__: kernel
     for kernel in (
-        aggregate, candidate_surfaces, evaluate_network, first_hits, gather, local_fit, normal_equations,
-        pass_messages, photo_consistency, plane_slopes, propagate, quadratics, spline_coefficients,
+        aggregate, bend_medians, candidate_surfaces, evaluate_network, first_hits, fuse_layers, gather, local_fit,
+        normal_equations, pass_messages, photo_consistency, plane_slopes, propagate, quadratics, spline_coefficients,
         sweep_and_aggregate, triangulate, visible, warp, window_means, window_minima,
     )
 }  # fmt: skip

@@ -7,14 +7,17 @@ triangles; ray march step by step.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.kernels.geometry import (
     EDGE,
+    LEAST_FREEDOM,
+    LEAST_LAYER_SIGMA,
     BuffersInput,
+    LayersInput,
     RasterisationInput,
     RayMarchInput,
     TriangulationInput,
@@ -189,3 +192,47 @@ def first_hits(given: RayMarchInput) -> tuple[NDArray[np.int64], NDArray[np.floa
         cell[hit], steps[hit] = flat[hit], step
         going &= ~hit
     return cell, steps
+
+
+def fuse_layers(given: LayersInput) -> Sequence[NDArray[Any]]:
+    """Return the planes, flags and sums of `FusedLayers`."""
+    height, sigma, noise = given.height, given.sigma, given.noise
+    known = np.isfinite(height)
+    weight = np.where(known, 1 / np.maximum(sigma, np.float32(LEAST_LAYER_SIGMA)) ** 2, 0)
+    middle = _weighted_quantile(height, weight, given.rank)
+    agrees = known & (np.abs(height - middle) <= given.outlier * sigma + given.tolerance * _slope(middle))
+    kept = np.where(agrees, weight, 0)
+    total = kept.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = (np.where(agrees, height, 0) * kept).sum(axis=0) / total
+        own, shared = (
+            np.sqrt((kept**2 * np.where(agrees, part, 0) ** 2).sum(axis=0)) / total for part in (sigma, noise)
+        )
+        several = agrees.sum(axis=0) >= 2
+        chosen = agrees & several
+        left = (height - mean) ** 2 / np.maximum(1 - kept / total, np.float32(LEAST_FREEDOM))
+        shares = (kept**2).sum(axis=0) / total**2 * agrees.sum(axis=0)
+    parts = (chosen, np.where(chosen, left, 0), np.where(chosen, sigma**2, 0), known & ~agrees)
+    cells, single, claimed, outliers = (part.sum(axis=(0, 2), dtype=np.float64) for part in parts)
+    fused = np.where(several, shares, 0).sum(axis=1, dtype=np.float64)
+    sums = np.stack([cells, single, claimed, fused, outliers], axis=1)
+    return mean, own, shared, np.asarray(known.any(axis=0), np.uint8), sums
+
+
+def _weighted_quantile(
+    height: NDArray[np.float32], weight: NDArray[np.float32], rank: float
+) -> NDArray[np.float32]:
+    """Return the weighted quantile (n, m), always one of the values."""
+    order = np.argsort(height, axis=0)  # NaN goes last, with no weight
+    ranked = np.take_along_axis(height, order, axis=0)
+    reached = np.cumsum(np.take_along_axis(weight, order, axis=0), axis=0)
+    pick = np.argmax(reached >= rank * reached[-1], axis=0)
+    return np.take_along_axis(ranked, pick[None], axis=0)[0]
+
+
+def _slope(middle: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the rise of the surface per cell (n, m); 0 where it is unknown."""
+    if min(middle.shape) < 2:
+        return np.zeros_like(middle)
+    slope = np.hypot(*np.gradient(middle))
+    return np.where(np.isfinite(slope), slope, 0)

@@ -25,6 +25,7 @@ from beltscape.kernels.images import (
     RIDGE,
     SLOPE_SIDE,
     TERMS,
+    BendsInput,
     FieldInput,
     GatherInput,
     SplineInput,
@@ -271,6 +272,24 @@ def window_minima(given: WindowsInput) -> tuple[NDArray[np.float64]]:
     known = np.where(np.isfinite(field), field, np.inf)
     low = np.stack([ndimage.minimum_filter(known, side, mode="nearest")[cells] for side in sides])
     return (np.where(np.isfinite(low), low, np.nan),)
+
+
+def bend_medians(given: BendsInput) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the number of bends (K,) and their median (K,)."""
+    bends = [_collect_bends(given.field, int(half), given.above) for half in given.halves]
+    medians = [float(np.median(values)) if len(values) else np.nan for values in bends]
+    return np.array([len(values) for values in bends], np.int64), np.array(medians, np.float64)
+
+
+def _collect_bends(field: NDArray[np.float64], half: int, above: float) -> NDArray[np.float64]:
+    collected = [np.empty(0)]
+    for values in (field, field.T):
+        if len(values) > 2 * half:
+            here = values[half:-half]
+            with np.errstate(invalid="ignore"):
+                bend = np.abs(here - 0.5 * (values[2 * half :] + values[: -2 * half]))
+            collected.append(bend[np.isfinite(bend) & (here > above)])
+    return np.concatenate(collected)
 
 
 def plane_slopes(given: FieldInput) -> tuple[NDArray[np.float64]]:

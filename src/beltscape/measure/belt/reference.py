@@ -7,16 +7,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
-from beltscape.measure.surface import Grid
-from beltscape.measure.volume.load import Load, compute_load
+from beltscape.measure.surface import Grid, ReliablePixels
+from beltscape.measure.volume.load import Load, compute_load, find_reliable_pixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,17 +129,30 @@ class EmptyBeltReference:
             / min(float(learned.focal_px.mean()), float(self.camera.focal_px.mean()))
         )
 
-    def layer(self, depth: DepthMap, position_mm: float, direction: int, blur_mm: float = 0.0) -> Layer:
+    def find_reliable_pixels(self, depth: DepthMap) -> ReliablePixels:
+        """Return the pixels of a depth map by which `layer` measures: reliable ones of sufficient confidence."""
+        return find_reliable_pixels(_confident(depth), self.camera, self.belt)
+
+    def layer(
+        self,
+        depth: DepthMap,
+        position_mm: float,
+        direction: int,
+        blur_mm: float = 0.0,
+        reliable: ReliablePixels | None = None,
+    ) -> Layer:
         """Return a frame's load in belt coordinates, s = position - direction · y (direction: +1 or -1).
 
         ``blur_mm`` is one standard deviation of the position; a less certain position reduces the weight in fusion.
+        ``reliable`` is the result of `find_reliable_pixels`, where it is known.
         """
         cell = self.cell_mm
         low, high = sorted(position_mm - direction * y for y in self.seen_mm)
         first, last = int(np.ceil(low / cell)), int(np.floor(high / cell))
         start = min(direction * (position_mm - row * cell) for row in (first, last))
         grid = Grid((self.grid.origin_mm[0], start), cell, (last - first + 1, self.grid.shape[1]))
-        load = compute_load(_confident(depth), self.camera, self.belt, grid)
+        reliable = reliable or self.find_reliable_pixels(depth)
+        load = compute_load(depth, self.camera, self.belt, grid, reliable)
         worse = 1 + blur_mm / cell
         whole = self._top_in_view(load)
         planes = (load.height_mm, worse * load.sigma_mm, worse * load.noise_mm)
@@ -186,7 +199,7 @@ class EmptyBeltReference:
         Along the image's border only the foot of tall objects is in the image, which is not the top surface.
         """
         side = 2 * round(_AROUND_MM / load.grid.cell_mm) + 1
-        about = ndimage.maximum_filter(np.nan_to_num(load.height_mm), side, mode="nearest")
+        about = cv2.dilate(np.nan_to_num(load.height_mm), np.ones((side, side), np.uint8))
         return is_in_image(self.belt, self.camera, load.grid, _TALLER * np.maximum(about, 0.0))
 
     def depths_mm(self) -> Range:

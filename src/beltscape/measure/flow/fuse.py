@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.kernels import load
 from beltscape.measure.belt.reference import Layer
 from beltscape.measure.surface import close_pinholes
 
@@ -98,66 +98,11 @@ def _fuse_stack(
     ray_slope: NDArray[np.float64],
 ) -> tuple[Layer, Scatter]:
     """Fuse stacks (k, n, Nx) of k layers."""
-    known = np.isfinite(height)
-    weight = np.where(known, 1 / np.maximum(sigma, 1e-4) ** 2, 0.0).astype(np.float32)
-    middle = _weighted_median(height, weight)
-    cell_tolerance = _TOLERANCE_CELLS * _compute_slope(middle)
-    with np.errstate(invalid="ignore"):
-        agrees = known & (np.abs(height - middle) <= _OUTLIER * sigma + cell_tolerance)
-    kept = np.where(agrees, weight, 0.0)
-    total = kept.sum(axis=0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = (np.where(agrees, height, 0.0) * kept).sum(axis=0) / total
-        # weights are 1/σ²: the variance of the weighted mean of independent values is Σ w² v / (Σ w)²
-        own = np.sqrt((kept**2 * np.where(agrees, sigma, 0) ** 2).sum(axis=0)) / total
-        shared = np.sqrt((kept**2 * np.where(agrees, noise, 0) ** 2).sum(axis=0)) / total
-    height_mm, sigma_mm, noise_mm = (part.astype(np.float32) for part in (mean, own, shared))
-    measured = close_pinholes(cast("NDArray[np.bool_]", known.any(axis=0)))
-    layer = Layer(first, height_mm, sigma_mm, noise_mm, measured.mean(axis=1), ray_slope)
-    return layer, _compute_scatter(height, sigma, kept, agrees, known, mean, total)
-
-
-def _weighted_median(height: NDArray[np.float32], weight: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the weighted quantile (n, Nx) at `_RANK`, always one of the values."""
-    order = np.argsort(height, axis=0)  # NaN goes last, with no weight
-    ranked = np.take_along_axis(height, order, axis=0)
-    reached = np.cumsum(np.take_along_axis(weight, order, axis=0), axis=0)
-    pick = np.argmax(reached >= _RANK * reached[-1], axis=0)
-    return np.take_along_axis(ranked, pick[None], axis=0)[0]
-
-
-def _compute_slope(middle: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the rise of the surface per cell (n, Nx), mm; 0 where it is unknown."""
-    if min(middle.shape) < 2:
-        return np.zeros_like(middle)
-    down, right = np.gradient(middle)
-    return np.nan_to_num(np.hypot(down, right)).astype(np.float32)
-
-
-def _compute_scatter(
-    height: NDArray[np.float32],
-    sigma: NDArray[np.float32],
-    kept: NDArray[np.floating],
-    agrees: NDArray[np.bool_],
-    known: NDArray[np.bool_],
-    mean: NDArray[np.floating],
-    total: NDArray[np.floating],
-) -> Scatter:
-    several = agrees.sum(axis=0) >= 2
-    chosen = agrees & several
-    if not chosen.any():
-        return Scatter(outliers=int((known & ~agrees).sum()))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        left = np.where(chosen, (height - mean) ** 2, 0.0)
-        # a value contributes to the mean with its share of the weight
-        freedom = np.where(chosen, np.maximum(1 - kept / total, 1e-6), 1.0)
-        single = np.where(chosen, left / freedom, 0.0)
-        keeps = np.where(several, (kept**2).sum(axis=0) / total**2, 0.0)
-    typical = float(single.sum() / chosen.sum())
-    return Scatter(
-        cells=int(chosen.sum()),
-        single_mm2=float(single.sum()),
-        claimed_mm2=float(np.where(chosen, sigma**2, 0.0).sum()),
-        fused_mm2=float((keeps * agrees.sum(axis=0)).sum() * typical),
-        outliers=int((known & ~agrees).sum()),
+    fused = load().fuse_layers(
+        (height, sigma, noise), rank=_RANK, outlier=_OUTLIER, tolerance=_TOLERANCE_CELLS
     )
+    share = close_pinholes(fused.measured.view(np.bool_)).mean(axis=1)
+    layer = Layer(first, fused.height, fused.sigma, fused.noise, share, ray_slope)
+    cells, single, claimed, kept, outliers = (float(part) for part in fused.sums.sum(axis=0))
+    typical = single / cells if cells else 0.0
+    return layer, Scatter(int(cells), single, claimed, kept * typical, int(outliers))

@@ -21,6 +21,7 @@ from beltscape.core.findings import Finding, worst_effect
 from beltscape.measure.flow.belt_motion import LEAST_RATIO, MAX_DISAGREEMENT, BeltPosition
 from beltscape.measure.flow.encoder_check import Contradiction
 from beltscape.measure.flow.registration import HighPassHeights, Shift
+from beltscape.measure.surface import ReliablePixels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +44,8 @@ class PushedFrame:
     """Number of the frame since the start."""
     findings: list[Finding] = field(default_factory=list)
     """The findings that concern it; those of later frames are added while it waits."""
+    reliable: ReliablePixels | None = None
+    """The pixels by which is measured; None: not known yet."""
 
     @property
     def is_measured(self) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from beltscape.measure.flow.rows import LayerBuffer, PieceCallback, RowFiller
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.flow.strip_cutter import FaultAttribution, StripCutter
 from beltscape.measure.flow.strips import FlowTotals, Strips, StripSums
+from beltscape.measure.surface import ReliablePixels
 
 _COARSE_CELLS = 2
 """Cells of the registration of the material are coarser by this factor."""
@@ -32,6 +33,23 @@ _PATIENCE = 8
 """Number of frames held back until the first motion is detected."""
 _PATIENCE_BACK = 24
 """The same while the encoder runs back, until it shows whether the belt rolls back; memory bounds it. Chosen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedDepth:
+    """What the meter takes from a depth map alone."""
+
+    high_pass: HighPassHeights
+    """By which the material is registered."""
+    reliable: ReliablePixels
+    """By which it is measured."""
+
+
+def prepare_depth(depth: DepthMap, reference: EmptyBeltReference) -> PreparedDepth:
+    """Return what the meter needs of a depth map wherever the belt is; another process may have computed it."""
+    height, cell_mm = reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * reference.cell_mm
+    high_pass = compute_high_pass(height, cell_mm, reference.belt.noise_mm)
+    return PreparedDepth(high_pass, reference.find_reliable_pixels(depth))
 
 
 class BeltFlowMeter:
@@ -136,6 +154,7 @@ class BeltFlowMeter:
         frame: str = "",
         whole: bool = True,
         findings: Sequence[Finding] = (),
+        prepared: PreparedDepth | None = None,
     ) -> list[FlowRecord]:
         """Add the next frame and return the records that it completes.
 
@@ -144,23 +163,26 @@ class BeltFlowMeter:
         not ``whole``, because a camera gave no image, makes its strip a degraded one. ``findings`` are those of the
         checks of this frame: a fault with the effect "degraded" degrades all strips that the frame measures, one
         with the effect "missing" excludes the frame; both apply back to the last frame that the check passed.
+        ``prepared`` is the result of `prepare_depth` for the depth map, where it is known.
         """
         clock = float(self._count) if time_ns is None else time_ns * 1e-9
         name = frame or f"{self._count:03d}"
         if worst_effect(findings) == "missing":
-            depth = None
+            depth = prepared = None
         if depth is not None:
             require_depth_of(self.reference.camera, depth, f"frame {name}")
+            prepared = prepared or prepare_depth(depth, self.reference)
         pushed = PushedFrame(
             name,
             depth,
             time_ns,
             clock,
             position_mm,
-            self._filter(depth),
+            None if prepared is None else prepared.high_pass,
             whole,
             self._count,
             list(findings),
+            None if prepared is None else prepared.reliable,
         )
         self._faults.add_findings(self._count, findings, self._waiting)
         self._count += 1
@@ -171,13 +193,6 @@ class BeltFlowMeter:
         out = [record for one in self._waiting for record in self._process(one)]
         self._waiting = []
         return out
-
-    def _filter(self, depth: DepthMap | None) -> HighPassHeights | None:
-        """Return the high-pass heights of a depth map."""
-        if depth is None:
-            return None
-        height, cell_mm = self.reference.coarse(depth, _COARSE_CELLS), _COARSE_CELLS * self.reference.cell_mm
-        return compute_high_pass(height, cell_mm, self.reference.belt.noise_mm)
 
     def finish(self) -> list[FlowRecord]:
         """Return the remaining records after the last frame."""
@@ -225,7 +240,8 @@ class BeltFlowMeter:
             self._tracker.update_key(frame, location)
         if frame.depth is not None and frame.is_measured:
             blur = place.sigma_mm if place.source == "speed" else 0.0
-            layer = self.reference.layer(frame.depth, place.position_mm, self._tracker.direction, blur)
+            direction, reliable = self._tracker.direction, frame.reliable
+            layer = self.reference.layer(frame.depth, place.position_mm, direction, blur, reliable)
             self._buffer.add(replace(layer, frame=frame.number), place.position_mm)
             self._tracker.update_key(frame, location)
             self._leave_out_foreign_objects(frame, location)

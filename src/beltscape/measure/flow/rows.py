@@ -6,7 +6,7 @@ resolution.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -73,6 +73,31 @@ class BeltPiece:
 PieceCallback = Callable[[BeltPiece], None]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _FusedPart:
+    """Successive rows of fused belt."""
+
+    planes: NDArray[np.float32]
+    """(3, n, Nx) height, σ and noise, mm."""
+    by_row: NDArray[np.float64]
+    """(3, n) number of frames, single share, ray slope."""
+
+    def __len__(self) -> int:
+        return self.planes.shape[1]
+
+    def cut(self, first: int, end: int | None = None) -> _FusedPart:
+        """Return some of the rows."""
+        return _FusedPart(self.planes[:, first:end], self.by_row[:, first:end])
+
+
+def _join(parts: Sequence[_FusedPart]) -> _FusedPart:
+    """Return the rows of all parts."""
+    return _FusedPart(
+        np.concatenate([part.planes for part in parts], axis=1),
+        np.concatenate([part.by_row for part in parts], axis=1),
+    )
+
+
 class RowFiller:
     """Fills the holes of fused rows block by block, the same blocks of belt whatever the frame rate.
 
@@ -86,8 +111,8 @@ class RowFiller:
         self._ground, self._watch = ground, watch
         self._block = max(1, round(settings.block_mm / ground.cell_mm))
         self._margin = max(1, round(settings.margin_mm / ground.cell_mm))
-        self._rows: list[NDArray[np.float64]] = []
-        """Stacks (6, n, Nx) of the open segment: height, σ, noise; and by row: frames, single share, ray slope."""
+        self._rows: list[_FusedPart] = []
+        """The rows of the open segment."""
         self._first = 0
         self._done = 0
         self._after_gap = False
@@ -100,18 +125,16 @@ class RowFiller:
     @property
     def _end(self) -> int:
         """Return the number of the row after the segment's last."""
-        return self._first + sum(part.shape[1] for part in self._rows)
+        return self._first + sum(map(len, self._rows))
 
     def add(self, fused: FusedRows) -> list[Rows]:
         """Add further rows and return the finished ones."""
         layer = fused.layer
         out = self.mark_unseen(layer.first)
-        columns = layer.height_mm.shape[1]
-        by_row = [
-            np.repeat(values[:, None], columns, axis=1)
-            for values in (fused.frames, fused.single_share, layer.ray_slope)
-        ]
-        stack = np.stack([layer.height_mm, layer.sigma_mm, layer.noise_mm, *by_row]).astype(np.float64)
+        added = _FusedPart(
+            np.stack([layer.height_mm, layer.sigma_mm, layer.noise_mm]),
+            np.stack([fused.frames, fused.single_share, layer.ray_slope]).astype(np.float64),
+        )
         seen = layer.share >= _MIN_SHARE
         for start, stop in _find_runs(seen):
             if not seen[start]:
@@ -129,7 +152,7 @@ class RowFiller:
             else:
                 first = start
                 self._append_blank_rows(layer.first + first)
-            self._rows.append(stack[:, first:stop])
+            self._rows.append(added.cut(first, stop))
             out += self._fill_ready_blocks(closed=False)
         return out
 
@@ -138,19 +161,18 @@ class RowFiller:
         if not self._rows or row - self._end <= self._margin:
             return []
         self._after_gap = True
-        whole = np.concatenate(self._rows, axis=1)
-        complete_rows = np.flatnonzero(np.isfinite(whole[0]).mean(axis=1) >= _MIN_RIM_SHARE)
+        whole = _join(self._rows)
+        complete_rows = np.flatnonzero(np.isfinite(whole.planes[0]).mean(axis=1) >= _MIN_RIM_SHARE)
         end = max(int(complete_rows[-1]) + 1 if len(complete_rows) else 0, self._done - self._first)
-        self._rows = [whole[:, :end]]
+        self._rows = [whole.cut(0, end)]
         return self.close()
 
     def _append_blank_rows(self, row: int) -> None:
         """Append rows that were not in view, up to one that was."""
         if self._rows and row > self._end:
-            shape = (6, row - self._end, self._rows[-1].shape[2])
-            blank = np.full(shape, np.nan)
-            blank[3:] = 0.0
-            self._rows.append(blank)
+            columns, count = self._rows[-1].planes.shape[2], row - self._end
+            blank = np.full((3, count, columns), np.nan, np.float32)
+            self._rows.append(_FusedPart(blank, np.zeros((3, count))))
 
     def close(self) -> list[Rows]:
         """End the segment and return its remaining rows."""
@@ -174,23 +196,26 @@ class RowFiller:
 
     def _fill_block(self, stop: int, ahead: int) -> Rows:
         """Fill the rows up to ``stop``, using those up to ``ahead``."""
-        whole = np.concatenate(self._rows, axis=1)
+        whole = _join(self._rows)
         behind = max(self._first, self._done - self._margin)
-        height, sigma, noise, frames, single, ray_slope = whole[:, behind - self._first : ahead - self._first]
+        near = whole.cut(behind - self._first, ahead - self._first)
+        height, sigma, noise = near.planes.astype(np.float64)
+        frames, single, ray_slope = near.by_row
         measured = close_pinholes(np.isfinite(height))
-        slopes = np.stack([np.broadcast_to(self._ground.ray_slope_across(), height.shape), ray_slope])
+        slopes = np.empty((2, *height.shape))
+        slopes[0], slopes[1] = self._ground.ray_slope_across(), ray_slope[:, None]
         narrow = measured & ~np.isfinite(height)
         own = slice(self._done - behind, stop - behind)
         requested = slice(max(own.start - 1, 0), own.stop)  # steps are looked for from the row before
         filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, slopes, rows=requested)
-        filled = _lower_holes(filled, frames)
-        rows = self._sum_rows(filled, noise, measured, single[:, 0], own)
+        filled = _lower_holes(filled, frames[:, None])
+        rows = self._sum_rows(filled, noise, measured, single, own)
         if self._watch is not None:
             parts = (filled.value_mm[own].astype(np.float32), filled.sigma_mm[own].astype(np.float32))
             self._watch(BeltPiece(self._done, *parts, measured[own]))
         self._done = stop
         keep = max(self._first, stop - self._margin)
-        self._rows, self._first = [whole[:, keep - self._first :]], keep
+        self._rows, self._first = [whole.cut(keep - self._first)], keep
         return rows
 
     def _sum_rows(
@@ -227,7 +252,7 @@ class RowFiller:
 
 
 def _lower_holes(filled: Filled, frames: NDArray[np.float64]) -> Filled:
-    """Lower the holes, the more frames (Ny, Nx) had them in view, but not from above the belt to below it."""
+    """Lower the holes, the more frames (Ny, 1) had them in view, but not from above the belt to below it."""
     low = filled.value_mm - _LOWER_SIGMA * (1 - 1 / np.maximum(frames, 1)) * filled.sigma_mm
     value = np.where(filled.hole, np.fmax(low, np.fmin(filled.value_mm, 0.0)), filled.value_mm)
     return Filled(value, filled.sigma_mm, filled.hole)

@@ -19,6 +19,8 @@ from beltscape.kernels.geometry import FirstHits
 
 _LOADED_MM = 5.0
 """Cells no higher than this are bare belt."""
+_LEAST_BENDS = 200
+"""Number of bends from which on their median is taken. Chosen."""
 _DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
 """Directions (rows, columns) along x, along y and both diagonals."""
 _TURNS_DEG = (14, 31, 59, 76, 104, 121, 149, 166)
@@ -78,19 +80,13 @@ class LowestLine:
 def estimate_structure_function(value_mm: NDArray[np.float64], cell_mm: float) -> StructureFunction:
     """Estimate the structure function of a field (Ny, Nx) of loads, where there is load, at doubling distances."""
     apart, rms = [0.0], [0.0]
-    loaded = np.where(value_mm > _LOADED_MM, value_mm, np.nan)
-    half = 1
-    while 2 * half < max(value_mm.shape):
-        off: list[NDArray[np.float64]] = []
-        down = np.s_[half:-half, 2 * half :, : -2 * half]
-        for here, after, before in (down, [(slice(None), part) for part in down]):
-            bend = np.abs(loaded[here] - 0.5 * (value_mm[after] + value_mm[before]))
-            off.append(bend[np.isfinite(bend)])
-        if len(values := np.concatenate(off)) < 200:
+    halves = [1 << k for k in range(max(value_mm.shape).bit_length()) if 2 << k < max(value_mm.shape)]
+    bends = load().bend_medians(value_mm, halves, _LOADED_MM)
+    for half, count, median in zip(halves, bends.count, bends.median, strict=True):
+        if count < _LEAST_BENDS:
             break
         apart.append(2 * half * cell_mm)
-        rms.append(max(rms[-1], MAD_TO_SIGMA * float(np.median(values, overwrite_input=True))))
-        half *= 2
+        rms.append(max(rms[-1], MAD_TO_SIGMA * float(median)))
     return StructureFunction(np.array(apart), np.array(rms))
 
 

@@ -21,6 +21,7 @@ from beltscape.core.quantities import BOX_SIDE
 from beltscape.measure.holes.fill import Filled
 from beltscape.measure.surface import (
     Grid,
+    ReliablePixels,
     average_blocks,
     close_pinholes,
     compute_height_map,
@@ -47,15 +48,24 @@ class Load:
     """(2, Ny, Nx) slope of the core's rays from the vertical, in x and y, positive away from the core."""
 
 
-def compute_load(loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid) -> Load:
-    """Return the load over the empty belt on a grid, from reliable pixels only.
-
-    Where the depth map of the empty belt stated less noise than it had, σ is raised by the same factor.
-    """
-    pose = belt.belt_from_core
+def find_reliable_pixels(loaded: DepthMap, camera: Camera, belt: Belt) -> ReliablePixels:
+    """Return the pixels of a depth map by which a load is measured."""
     sampling = compute_sampling(loaded, camera)
     use = reliable_mask(loaded, sampling.pixel_mm, sampling.step_mm, belt.correlation_px)
-    top = compute_height_map(loaded, camera, pose, grid, use, sampling)
+    return ReliablePixels(use, sampling)
+
+
+def compute_load(
+    loaded: DepthMap, camera: Camera, belt: Belt, grid: Grid, reliable: ReliablePixels | None = None
+) -> Load:
+    """Return the load over the empty belt on a grid, from reliable pixels only.
+
+    Where the depth map of the empty belt stated less noise than it had, σ is raised by the same factor. ``reliable``
+    are the pixels to use; None: those of `find_reliable_pixels`.
+    """
+    pose = belt.belt_from_core
+    reliable = reliable or find_reliable_pixels(loaded, camera, belt)
+    top = compute_height_map(loaded, camera, pose, grid, reliable.use, reliable.sampling)
     bottom = belt.surface_mm(grid.x_mm, grid.y_mm)
     height = top.heights.height_mm - bottom
     noise_factor = max(1.0, belt.noise_mm / max(belt.claimed_sigma_mm, 1e-9))

@@ -219,7 +219,7 @@ class Engine(OperatorControls):
         most = 1 if components.workers is None else components.workers.ahead
         while True:
             while len(submitted) < most and (arrival := components.queue.get(0)) is not None:
-                submitted.append((arrival, self._submit(arrival.frames)))
+                submitted.append((arrival, self._submit(arrival.frames, len(submitted))))
             # where no more are submitted there is nothing to do but to wait for the oldest one
             if submitted and (len(submitted) == most or _is_done(submitted[0][1])):
                 arrival, pending = submitted.popleft()
@@ -251,12 +251,12 @@ class Engine(OperatorControls):
             return None
         return step
 
-    def _submit(self, frames: FrameSet) -> PendingFrame | None:
-        """Begin to match a frame set on a worker; None: it is matched in its turn."""
+    def _submit(self, frames: FrameSet, ahead: int) -> PendingFrame | None:
+        """Begin to match a frame set on a worker, after ``ahead`` others; None: it is matched in its turn."""
         if self._components.maintenance.current is not None:
             return None
         try:
-            return self._components.measurement.submit(frames)
+            return self._components.measurement.submit(frames, ahead)
         except Exception as error:
             self._components.reporter.warn(f"frame {frames.frame}: {type(error).__name__}: {error}")
             return None

@@ -32,6 +32,7 @@ from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.ledger import Ledger, LedgerState
 from beltscape.pipeline.measuring.flow_chain import FlowChain
 from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
+from beltscape.pipeline.reconstructing.frame_measurements import MeasurementRequest
 from beltscape.pipeline.reconstructing.match_ahead import Submit
 
 _SECTION_CELL_MM = 5.0
@@ -170,10 +171,19 @@ class MeasurementRun:
         self.context = self.context.with_empty_belt(empty_belt)
         self._needs_new_meter = True
 
-    def submit(self, frames: FrameSet) -> PendingFrame | None:
-        """Begin to match a frame set that is pushed later; None where it is matched when it is pushed."""
+    def submit(self, frames: FrameSet, ahead: int) -> PendingFrame | None:
+        """Begin to match a frame set that is pushed later; None where it is matched when it is pushed.
+
+        ``ahead`` others are submitted and are pushed before.
+        """
         submit = self.context.submit
-        return None if submit is None or not frames.images else submit(self._resize(frames))
+        if submit is None or not frames.images:
+            return None
+        resized, empty_belt = self._resize(frames), self.context.empty_belt
+        if self._chain is None:
+            limits = self.context.belt_limits or BeltLimits()
+            return submit(resized, MeasurementRequest(empty_belt, limits, None, ahead))
+        return submit(resized, self._chain.expect(resized, ahead, empty_belt))
 
     def push(
         self,

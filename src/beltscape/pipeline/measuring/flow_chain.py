@@ -29,6 +29,7 @@ from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 from beltscape.measure.flow.meter import BeltFlowMeter
 from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.pipeline.reconstructing.checked_matcher import PendingFrame, SequenceMatcher
+from beltscape.pipeline.reconstructing.frame_measurements import FrameMeasurements, MeasurementRequest
 
 _OTHER_RAD = 1.5e-3
 """Another rig: 1 px at 600 px of focal length; calibrations of one rig differ by a tenth of it."""
@@ -123,6 +124,8 @@ class _MatchedFrame:
     whole: bool
     findings: tuple[Finding, ...]
     """Findings about the frame, before it is measured."""
+    measurements: tuple[MeasurementRequest, FrameMeasurements] | None = None
+    """What was requested of the frame, and measured, when it was matched; None: nothing."""
 
 
 class FlowChain:
@@ -188,16 +191,35 @@ class FlowChain:
             depth,
             whole and not (self._matcher.is_inconsistent and depth is not None),
             (*findings, *cameras),
+            None if pending is None else pending.find_measurements(depth),
         )
         return ChainResult(depth, records, (*findings, *cameras, *self.pop_findings()))
+
+    def expect(self, frames: FrameSet, ahead: int, reference: EmptyBeltReference) -> MeasurementRequest:
+        """Return what will probably be needed of a frame set, before which ``ahead`` others are still to be pushed.
+
+        ``reference`` is the empty belt that it will be measured against.
+        """
+        samples = None
+        if self._images is not None:
+            samples = self._images.expect(frames, ahead + (self._waiting is not None))
+        return MeasurementRequest(reference, self._belt.limits, samples, ahead)
+
+    def _get_known(self, one: _MatchedFrame) -> FrameMeasurements | None:
+        """Return what was measured of a frame against the present empty belt."""
+        if one.measurements is None or one.measurements[0].reference is not self.meter.reference:
+            return None
+        return one.measurements[1]
 
     def flush(self) -> list[FlowRecord]:
         """Measure the pending frame without waiting for the next one."""
         one, self._waiting = self._waiting, None
         if one is None:
             return []
+        known = self._get_known(one)
         self._image_findings = (*self._check_projector(one), *self._delays)
-        heights = (*self._belt.check(one.depth), *self._image_findings)
+        bare_belt = self._belt.check(one.depth, None if known is None else known.bare_belt)
+        heights = (*bare_belt, *self._image_findings)
         records = self.meter.push(
             one.depth,
             one.frames.time_ns,
@@ -205,6 +227,7 @@ class FlowChain:
             frame=one.frames.frame,
             whole=one.whole,
             findings=(*one.findings, *heights),
+            prepared=None if known is None else known.prepared,
         )
         last = self.meter.motion.last
         # an empty belt shows no direction: positions on it are then off by less than the view
@@ -223,9 +246,14 @@ class FlowChain:
                 reporter.warn(one.text)
 
     def _check_projector(self, one: _MatchedFrame) -> tuple[Finding, ...]:
-        return (
-            () if self._images is None else self._images.check_projector(one.frames, one.depth, one.findings)
-        )
+        if self._images is None:
+            return ()
+        bare_belt = None
+        if one.measurements is not None and one.depth is not None:
+            request, measured = one.measurements
+            if request.samples is not None and measured.samples is not None:
+                bare_belt = self._images.adopt(one.frames, one.depth, request.samples, measured.samples)
+        return self._images.check_projector(one.frames, one.depth, one.findings, bare_belt)
 
     def _check_delays(self, one: _MatchedFrame) -> tuple[Finding, ...]:
         """Return the findings about the cameras' instants, which the next frame's records receive."""

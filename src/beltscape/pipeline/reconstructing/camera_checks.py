@@ -8,6 +8,7 @@ it was found is a proposal for a person to accept, never used by itself.
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -30,6 +31,11 @@ from beltscape.health.camera_poses import (
     repeat_faults,
 )
 from beltscape.health.redundancy import make_redundancy_finding
+from beltscape.pipeline.reconstructing.frame_measurements import (
+    CameraRequest,
+    MeasuredCameras,
+    MeasuredDepth,
+)
 from beltscape.stereo.consistency.check import (
     POOLED_FRAMES,
     ResidualAccumulator,
@@ -58,6 +64,8 @@ class CameraCheck:
         self._depth_mm = 2 / (1 / near_far_mm[0] + 1 / near_far_mm[1])
         self._tolerance: Tolerance | None = None
         self._accumulator: ResidualAccumulator | None = None
+        self._checks = 0
+        """Number of frames that were added to it."""
         self._undecided: dict[str, TiePoints] = {}
         """By frame: the tie points of the last frames that do not show which camera moved."""
         self._causes: dict[tuple[str, ...], FaultCauses] = {}
@@ -69,26 +77,60 @@ class CameraCheck:
         """The frame set before the last one."""
         self._instant: OtherInstant | None = None
         """A camera of another instant, until a frame shows that it no longer is."""
+        self._kept: tuple[CameraRequest | None, MeasuredDepth] | None = None
+        """The last frame's depth, with what was measured for a request."""
+        self._known: tuple[CameraRequest, MeasuredCameras] | None = None
+        """What of it was used by the last check."""
 
     def note_frame(self, frame_set: FrameSet) -> None:
         """Note the next frame set of the sequence, whether it will be checked or not."""
         self._previous, self._frame_set = self._frame_set, frame_set
 
+    def _get_tolerance(self) -> Tolerance:
+        if self._tolerance is None:
+            self._tolerance = compute_tolerance(self._rig, self._depth_mm)
+        return self._tolerance
+
+    def make_request(self, auxiliaries: tuple[str, ...]) -> CameraRequest:
+        """Return what a check of a frame needs beside it, if no other check comes before."""
+        accumulator = pickle.dumps(self._get_accumulator())
+        return CameraRequest(auxiliaries, self._get_tolerance(), self._confirmed, accumulator, self._checks)
+
+    def keep(self, request: CameraRequest | None, matched: MeasuredDepth) -> None:
+        """Let `check` use what was measured with a depth, as far as it holds."""
+        self._kept = request, matched
+
+    def _find_known(self, depth: DepthMap | None, auxiliaries: tuple[str, ...]) -> RigConsistency | None:
+        """Return the consistency of a frame if it was measured with the same depth, auxiliaries and state."""
+        request, matched = self._kept or (None, None)
+        self._kept = self._known = None
+        if request is None or matched is None or matched.measurements is None or matched.depth is not depth:
+            return None
+        cameras = matched.measurements.cameras
+        if cameras is None or request.auxiliaries != auxiliaries or request.confirmed is not self._confirmed:
+            return None
+        self._known = request, cameras
+        return cameras.consistency
+
+    def _get_accumulator(self) -> ResidualAccumulator:
+        if self._accumulator is None:
+            self._accumulator = ResidualAccumulator(self._rig, self._depth_mm)
+        return self._accumulator
+
     def check(
         self, frame_set: FrameSet, depth: DepthMap | None, auxiliaries: tuple[str, ...]
     ) -> RigConsistency:
         """Return the consistency of one frame, together with those before it that left open which camera moved."""
-        if self._tolerance is None:
-            self._tolerance = compute_tolerance(self._rig, self._depth_mm)
-        consistency = check_consistency(
-            frame_set, self._rig, depth, auxiliaries, self._tolerance, self._confirmed
+        tolerance = self._get_tolerance()
+        consistency = self._find_known(depth, auxiliaries) or check_consistency(
+            frame_set, self._rig, depth, auxiliaries, tolerance, self._confirmed
         )
         if consistency.is_confirmed:
             self._confirmed = consistency
         if not (consistency.suspects and consistency.guided):
             self._undecided.clear()
             return consistency
-        return self._decide(frame_set.frame, consistency, auxiliaries, self._tolerance)
+        return self._decide(frame_set.frame, consistency, auxiliaries, tolerance)
 
     def _decide(
         self, frame: str, consistency: RigConsistency, auxiliaries: tuple[str, ...], tolerance: Tolerance
@@ -107,10 +149,16 @@ class CameraCheck:
         """Return the contradiction that a sound frame shows together with those before it, or its own state."""
         if not consistency.guided:
             return consistency
-        if self._accumulator is None:
-            self._accumulator = ResidualAccumulator(self._rig, self._depth_mm)
-        self._accumulator.add(consistency.tie_points)
-        return self._accumulator.assess() or consistency
+        request, cameras = self._known or (None, None)
+        is_known = cameras is not None and cameras.consistency is consistency
+        if is_known and request is not None and cameras is not None and request.checks == self._checks:
+            self._accumulator, together = cameras.accumulator, cameras.together
+        else:
+            accumulator = self._get_accumulator()
+            accumulator.add(consistency.tie_points)
+            together = accumulator.assess()
+        self._checks += 1
+        return together or consistency
 
     def is_suspect(self, consistency: RigConsistency) -> bool:
         """Return whether a sound frame by itself leaves open that cameras have moved since the first frames."""
@@ -190,6 +238,11 @@ class CheckSchedule:
         if self._frames_since >= self._every or self._is_late(frame_set):
             return True
         return self._frames_since >= _LEAST_FRAMES and self._is_unusual(depth)
+
+    def expects(self, frame_set: FrameSet, ahead: int) -> bool:
+        """Return whether the frame after ``ahead`` others will probably be due; of several only the first."""
+        frames = self._frames_since + ahead + 1
+        return frames == self._every or (not ahead and (frames > self._every or self._is_late(frame_set)))
 
     def note_check(
         self, frame_set: FrameSet, depth: DepthMap | None, *, has_passed: bool, is_undecided: bool = False

@@ -7,7 +7,7 @@ Threads or workers may match frames beside the process that checks them.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
@@ -28,6 +28,12 @@ from beltscape.pipeline.reconstructing.camera_checks import (
     add_systematic_error,
     compute_depth_error_per_px,
 )
+from beltscape.pipeline.reconstructing.frame_measurements import (
+    CameraRequest,
+    FrameMeasurements,
+    MeasurementRequest,
+)
+from beltscape.pipeline.reconstructing.pending_match import FrameMatcher, MatchPool, PendingMatch
 from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE
 from beltscape.stereo.consistency.diagnosis import CameraFault, describe_undecided, diagnose_low_coverage
@@ -68,6 +74,21 @@ class PendingFrame:
         """Return whether `complete` need not wait for the match."""
         return self.match is None or self.match.depth.done()
 
+    def find_measurements(
+        self, depth: DepthMap | None
+    ) -> tuple[MeasurementRequest, FrameMeasurements] | None:
+        """Return what was measured of the frame with this depth, and the request; None: nothing.
+
+        It holds for the very depth that `complete` returned: another one has an error added, or other cameras.
+        """
+        match = self.match
+        if match is None or match.request is None or match.measured is None:
+            return None
+        measurements = match.measured.measurements
+        if measurements is None or match.measured.depth is not depth:
+            return None
+        return match.request, measurements
+
     def complete(self, reporter: Reporter) -> DepthMap:
         """Return the depth; see `MonitoredMatcher.reconstruct`. Frames are completed in their order."""
         return self.matcher.complete(self, reporter)
@@ -103,18 +124,22 @@ class MonitoredMatcher:
         check = self._monitor.check_images(frame_set)
         return self._measure(frame_set, check, self._matcher.reconstruct, reporter)
 
-    def submit(self, frame_set: FrameSet, pool: MatchPool) -> PendingFrame:
-        """Check the images of a frame and begin to match it in a pool."""
+    def submit(
+        self, frame_set: FrameSet, pool: MatchPool, request: MeasurementRequest | None = None
+    ) -> PendingFrame:
+        """Check the images of a frame and begin to match it in a pool, and to measure in it what is requested."""
         assert isinstance(self._matcher, CheckedMatcher)
         check = self._monitor.check_images(frame_set)
-        match = self._matcher.submit(check.frames, pool) if check.frames.images else None
+        if request is not None and check.is_moving:
+            request = replace(request, window_light=check.window_light)
+        match = self._matcher.submit(check.frames, pool, request) if check.frames.images else None
         return PendingFrame(self, frame_set, check, match)
 
     def complete(self, pending: PendingFrame, reporter: Reporter) -> DepthMap:
         """Return the depth of a frame that was submitted; errors as `reconstruct`."""
         assert isinstance(self._matcher, CheckedMatcher)
         match = partial(self._matcher.reconstruct, pending=pending.match)
-        return self._measure(pending.frame_set, pending.check, match, reporter)
+        return self._measure(pending.frame_set, pending.check, match, reporter, pending)
 
     def _measure(
         self,
@@ -122,6 +147,7 @@ class MonitoredMatcher:
         check: ImageCheck,
         match: Callable[[FrameSet, Reporter], DepthMap],
         reporter: Reporter,
+        pending: PendingFrame | None = None,
     ) -> DepthMap:
         self._findings, self._is_whole = check.findings, check.is_whole
         self._report(frame_set, check.findings, reporter)
@@ -133,7 +159,8 @@ class MonitoredMatcher:
             depth = match(check.frames if check.frames.images else frame_set, reporter)
         finally:
             self._findings = (*check.findings, *self._matcher.findings)
-        dirt = self._monitor.check_depth(check, depth)
+        found = None if pending is None else pending.find_measurements(depth)
+        dirt = self._monitor.check_depth(check, depth, None if found is None else found[1].light)
         self._report(frame_set, dirt, reporter)
         self._findings = (*self._findings, *dirt)
         return depth
@@ -144,51 +171,6 @@ class MonitoredMatcher:
             if one.is_fault and (one.check, one.subject) not in self._reported:
                 self._reported.add((one.check, one.subject))
                 reporter.warn(f"frame {frame_set.frame}: {one.text}")
-
-
-class FrameMatcher(Protocol):
-    """Reconstructs frames; a frame's depth depends on its images only."""
-
-    def reconstruct(self, frame_set: FrameSet, reporter: Reporter) -> DepthMap:
-        """Return the depth of a frame; ReconstructionError if its images do not suffice."""
-        ...
-
-
-class PendingDepth(Protocol):
-    """The depth of a frame that is being matched elsewhere."""
-
-    def result(self) -> DepthMap | None:
-        """Wait for the depth and return it; None if it could not be matched there. Errors as `FrameMatcher`."""
-        ...
-
-    def done(self) -> bool:
-        """Return whether `result` need not wait."""
-        ...
-
-
-class MatchPool(Protocol):
-    """Threads or workers that match frames."""
-
-    def submit(
-        self, frame_set: FrameSet, auxiliaries: tuple[str, ...], make_matcher: Callable[[], FrameMatcher]
-    ) -> PendingDepth:
-        """Begin to match a frame with the matcher of these auxiliaries.
-
-        Raises
-        ------
-        ReconstructionError
-            When there can be no such matcher.
-        """
-        ...
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PendingMatch:
-    """A frame that is being matched on another thread or worker."""
-
-    auxiliaries: tuple[str, ...]
-    """The auxiliaries used for the depth."""
-    depth: PendingDepth
 
 
 GROSS_PX = 2.0
@@ -263,7 +245,9 @@ class CheckedMatcher:
             self._reported = state
         return checked.depth
 
-    def submit(self, frame_set: FrameSet, pool: MatchPool) -> PendingMatch | None:
+    def submit(
+        self, frame_set: FrameSet, pool: MatchPool, request: MeasurementRequest | None = None
+    ) -> PendingMatch | None:
         """Begin to match a frame in ``pool`` with the auxiliaries used at present; None if that cannot be begun.
 
         `measure` uses the result unless cameras were excluded since; its results are the same without it.
@@ -271,9 +255,18 @@ class CheckedMatcher:
         try:
             names = self._select_auxiliaries(frame_set)
             key = self._select_matcher(names, frame_set)
-            return PendingMatch(names, pool.submit(frame_set, key, lambda: self._get_matcher(key)))
+            if request is not None:
+                request = replace(request, cameras=self._request_check(frame_set, request.ahead))
+            depth = pool.submit(frame_set, key, lambda: self._get_matcher(key), request)
+            return PendingMatch(names, depth, request)
         except ReconstructionError:  # `measure` raises it when it is this frame's turn
             return None
+
+    def _request_check(self, frame_set: FrameSet, ahead: int) -> CameraRequest | None:
+        """Return the request of a check of the cameras where one will probably be due."""
+        if not self._schedule.expects(frame_set, ahead):
+            return None
+        return self._cameras.make_request(list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries))
 
     def measure(
         self, frame_set: FrameSet, reporter: Reporter, *, pending: PendingMatch | None = None
@@ -291,11 +284,10 @@ class CheckedMatcher:
         self._cameras.note_frame(frame_set)
         names = self._select_auxiliaries(frame_set)
         try:
-            depth = None
+            matched = None
             if pending is not None and pending.auxiliaries == names:
-                depth = pending.depth.result()
-            if depth is None:
-                depth = self._match(names, frame_set, reporter)
+                matched = pending.wait()
+            depth = self._match(names, frame_set, reporter) if matched is None else matched.depth
         except ReconstructionError:
             self._explain_failure(frame_set)
             raise
@@ -303,6 +295,8 @@ class CheckedMatcher:
             self._findings.set_unchecked(names)
             return CheckedDepth(self._add_systematic(depth), None, names, ())
         before = names
+        if pending is not None and pending.request is not None and matched is not None:
+            self._cameras.keep(pending.request.cameras, matched)
         names, depth, consistency = self._check_cameras(names, frame_set, depth, reporter)
         return self._assess(frame_set, depth, consistency, names, before)
 

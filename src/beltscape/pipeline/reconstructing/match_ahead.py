@@ -18,7 +18,6 @@ from uuid import uuid4
 
 import numpy as np
 
-from beltscape.core.depth import DepthMap
 from beltscape.core.errors import InputError
 from beltscape.core.frames import FrameSet, Image
 from beltscape.core.geometry.rig import Rig
@@ -27,12 +26,15 @@ from beltscape.core.system_calls import count_usable_cores
 from beltscape.files.images import read_image
 from beltscape.pipeline.reconstructing.checked_matcher import (
     CheckedMatcher,
-    FrameMatcher,
-    MatchPool,
     MonitoredMatcher,
     PendingFrame,
-    PendingMatch,
 )
+from beltscape.pipeline.reconstructing.frame_measurements import (
+    FrameMeasurer,
+    MeasuredDepth,
+    MeasurementRequest,
+)
+from beltscape.pipeline.reconstructing.pending_match import FrameMatcher, MatchPool, PendingMatch
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.pairwise.reconstructor import PairwiseReconstructor
 from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings
@@ -63,11 +65,16 @@ class MatchThreads:
         self._pool = pool
 
     def submit(
-        self, frame_set: FrameSet, auxiliaries: tuple[str, ...], make_matcher: Callable[[], FrameMatcher]
-    ) -> Future[DepthMap]:
-        """Begin to match a frame; see `MatchPool`."""
-        del auxiliaries
-        return self._pool.submit(make_matcher().reconstruct, frame_set, Silent())
+        self,
+        frame_set: FrameSet,
+        auxiliaries: tuple[str, ...],
+        make_matcher: Callable[[], FrameMatcher],
+        request: MeasurementRequest | None = None,
+    ) -> Future[MeasuredDepth]:
+        """Begin to match a frame; see `MatchPool`. Nothing else is measured."""
+        del auxiliaries, request
+        matcher = make_matcher()
+        return self._pool.submit(lambda: MeasuredDepth(matcher.reconstruct(frame_set, Silent())))
 
 
 @contextmanager
@@ -145,13 +152,17 @@ class MatchTask:
     """The frame; without images where the worker is to read them."""
     files: Mapping[str, tuple[Path, int]]
     """Camera → file and the checksum of its decoded image."""
+    request: MeasurementRequest | None = None
+    """What to measure beside the depth; None: nothing."""
 
 
 _matchers: dict[tuple[str, tuple[str, ...]], FrameMatcher] = {}
 """The matchers of this worker by reconstruction and auxiliaries."""
+_measurers: dict[str, FrameMeasurer] = {}
+"""What this worker measures with, by reconstruction: one at most."""
 
 
-def match_frame(shared: None, task: MatchTask) -> DepthMap | None:
+def match_frame(shared: None, task: MatchTask) -> MeasuredDepth | None:
     """Return the depth of a frame; None if this worker does not see the driver's images in the files."""
     del shared
     frame_set = task.frame_set
@@ -160,7 +171,11 @@ def match_frame(shared: None, task: MatchTask) -> DepthMap | None:
         if images is None:
             return None
         frame_set = replace(frame_set, images=images)
-    return _get_matcher(task.parameters, task.auxiliaries).reconstruct(frame_set, Silent())
+    depth = _get_matcher(task.parameters, task.auxiliaries).reconstruct(frame_set, Silent())
+    if task.request is None:
+        return MeasuredDepth(depth)
+    measurer = _get_measurer(task.parameters)
+    return MeasuredDepth(depth, measurer.measure(frame_set, depth, task.request))
 
 
 def _read_images(files: Mapping[str, tuple[Path, int]]) -> dict[str, Image] | None:
@@ -184,6 +199,13 @@ def _get_matcher(parameters: MatchParameters, auxiliaries: tuple[str, ...]) -> F
     return _matchers[key]
 
 
+def _get_measurer(parameters: MatchParameters) -> FrameMeasurer:
+    if parameters.token not in _measurers:
+        _measurers.clear()
+        _measurers[parameters.token] = FrameMeasurer(parameters.make_matcher.rig)
+    return _measurers[parameters.token]
+
+
 def compute_checksum(image: Image) -> int:
     """Return the CRC-32 of an image's pixels and shape."""
     return zlib.crc32(
@@ -198,13 +220,13 @@ class _PendingFrame:
     workers: MatchWorkers
     task: MatchTask
     images: Mapping[str, Image]
-    pending: PendingTask[DepthMap | None]
+    pending: PendingTask[MeasuredDepth | None]
 
     def done(self) -> bool:
         """Return whether the match has ended."""
         return self.pending.done()
 
-    def result(self) -> DepthMap | None:
+    def result(self) -> MeasuredDepth | None:
         """Return the depth; None if no worker could match the frame, of which this process then finds the reason."""
         end = self.pending.result()
         if end.value is None and not end.failure:
@@ -219,7 +241,7 @@ class MatchWorkers:
 
     def __init__(
         self,
-        pool: TaskPool[MatchTask, DepthMap | None],
+        pool: TaskPool[MatchTask, MeasuredDepth | None],
         make_matcher: MatcherFactory,
         files: Callable[[str], Mapping[str, Path]],
         reporter: Reporter,
@@ -237,12 +259,16 @@ class MatchWorkers:
         return max(2, min(_AHEAD_OF_WORKER * self._pool.workers, _MOST_BYTES // frame_bytes))
 
     def submit(
-        self, frame_set: FrameSet, auxiliaries: tuple[str, ...], make_matcher: Callable[[], FrameMatcher]
+        self,
+        frame_set: FrameSet,
+        auxiliaries: tuple[str, ...],
+        make_matcher: Callable[[], FrameMatcher],
+        request: MeasurementRequest | None = None,
     ) -> _PendingFrame:
         """Begin to match a frame; see `MatchPool`."""
         del make_matcher
         files = {} if self._sends_images else self._describe_files(frame_set)
-        task = MatchTask(self._parameters, auxiliaries, replace(frame_set, images={}), files)
+        task = MatchTask(self._parameters, auxiliaries, replace(frame_set, images={}), files, request)
         images = frame_set.images
         pending = self._pool.submit(task, frame_set.frame) if files else self.send_images(task, images)
         return _PendingFrame(self, task, images, pending)
@@ -257,7 +283,7 @@ class MatchWorkers:
             for name, image in frame_set.images.items()
         }
 
-    def send_images(self, task: MatchTask, images: Mapping[str, Image]) -> PendingTask[DepthMap | None]:
+    def send_images(self, task: MatchTask, images: Mapping[str, Image]) -> PendingTask[MeasuredDepth | None]:
         """Hand out a frame with its images, as all frames after it."""
         self._sends_images = True
         frame_set = replace(task.frame_set, images=images)
@@ -281,8 +307,8 @@ def open_workers(
         yield MatchWorkers(pool, make_matcher, files, reporter, sends_images=options.address is None)
 
 
-Submit = Callable[[FrameSet], PendingFrame]
-"""Checks the images of a frame set and begins to match it."""
+Submit = Callable[[FrameSet, MeasurementRequest], PendingFrame]
+"""Checks the images of a frame set, begins to match it and to measure in it what is requested."""
 
 
 def count_workers(setting: int | Literal["auto"]) -> int:
@@ -311,7 +337,7 @@ class LiveWorkers:
     def make_submit(self, matcher: MonitoredMatcher, factory: MatcherFactory, reporter: Reporter) -> Submit:
         """Return what begins to match a frame set for a matcher, which completes it; ``factory`` makes its like."""
         workers = MatchWorkers(self.pool, factory, lambda _: {}, reporter, sends_images=True)
-        return lambda frame_set: matcher.submit(frame_set, workers)
+        return lambda frame_set, request: matcher.submit(frame_set, workers, request)
 
     def close(self) -> None:
         """End the processes."""

@@ -21,7 +21,7 @@ from beltscape.files.rig_limits import find_oddities
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
 from beltscape.pipeline.reconstructing.camera_checks import make_rig_writer
-from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher, MatchPool
+from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.pipeline.reconstructing.cloud_export import export_clouds
 from beltscape.pipeline.reconstructing.frame_writer import Frame, FrameWriter
 from beltscape.pipeline.reconstructing.match_ahead import (
@@ -31,6 +31,7 @@ from beltscape.pipeline.reconstructing.match_ahead import (
     open_threads,
     open_workers,
 )
+from beltscape.pipeline.reconstructing.pending_match import MatchPool
 from beltscape.pipeline.reconstructing.search_range import check_depth_range, find_capture_depth_range
 from beltscape.sources.folder import FolderSource, scale_rig_to_capture
 from beltscape.stereo.pairwise.reconstructor import find_horizontal_auxiliary

@@ -1,0 +1,140 @@
+"""What is measured in a frame beside its depth, wherever the frame is matched, and used when it is the frame's turn.
+
+All of it depends on the images, the depth, the rig and the empty belt only, and on nothing of the sequence but what
+the request holds. A request is a guess of what will be needed: what was not measured, or for another state of the
+sequence, is measured by the process that needs it, by the same functions and with the same result.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from beltscape.core.arrays import Float32Array
+from beltscape.core.depth import DepthMap
+from beltscape.core.frames import FrameSet
+from beltscape.core.geometry.rig import Rig
+from beltscape.health.belt.monitor import BareBeltHeights, measure_bare_belt
+from beltscape.health.images.belt_images import BeltImageSampler, BeltImageSamples, SampleRequest
+from beltscape.health.images.obstruction import LightMap, compute_block_rays, sample_light
+from beltscape.health.settings import BeltLimits
+from beltscape.measure.belt.reference import EmptyBeltReference
+from beltscape.measure.flow.meter import PreparedDepth, prepare_depth
+from beltscape.stereo.consistency.check import ResidualAccumulator, check_consistency
+from beltscape.stereo.consistency.rig_consistency import RigConsistency
+from beltscape.stereo.consistency.tolerance import Tolerance
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraRequest:
+    """The arguments of a check of the cameras beside the frame's own."""
+
+    auxiliaries: tuple[str, ...]
+    tolerance: Tolerance
+    confirmed: RigConsistency | None
+    """The last frame in which the wide search confirmed the rig."""
+    accumulator: bytes
+    """The `ResidualAccumulator` of the frames before, pickled: the sequence goes on with its own meanwhile."""
+    checks: int
+    """Number of frames that were added to it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredCameras:
+    """The result of a check of the cameras."""
+
+    consistency: RigConsistency
+    accumulator: ResidualAccumulator | None = None
+    """With this frame; None: a frame that is not sound by itself is not added."""
+    together: RigConsistency | None = None
+    """The contradiction that the frames show together, if they do."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasurementRequest:
+    """What to measure in a frame."""
+
+    reference: EmptyBeltReference
+    limits: BeltLimits
+    samples: SampleRequest | None
+    """What to sample of the images; None: nothing."""
+    ahead: int
+    """Number of frames that were submitted before and are not measured yet."""
+    window_light: Mapping[str, Float32Array] | None = None
+    """Levels that show dirt on the windows; None: it is not searched."""
+    cameras: CameraRequest | None = None
+    """The check of the cameras; None: they are not checked."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameMeasurements:
+    """What was measured in a frame; None: not asked for."""
+
+    prepared: PreparedDepth
+    bare_belt: BareBeltHeights | None
+    samples: BeltImageSamples | None
+    light: Mapping[str, LightMap] | None
+    cameras: MeasuredCameras | None
+
+
+class FrameMeasurer:
+    """Measures in frames of one rig."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        self._sampler: BeltImageSampler | None = None
+        self._rays: NDArray[np.float64] | None = None
+
+    def measure(self, frame_set: FrameSet, depth: DepthMap, request: MeasurementRequest) -> FrameMeasurements:
+        """Return what is requested of a frame with its depth."""
+        reference, limits = request.reference, request.limits
+        return FrameMeasurements(
+            prepare_depth(depth, reference),
+            measure_bare_belt(depth, reference, limits) if limits.enabled else None,
+            self._sample_images(frame_set, depth, request),
+            self._sample_light(depth, request.window_light),
+            self._check_cameras(frame_set, depth, request.cameras),
+        )
+
+    def _check_cameras(
+        self, frame_set: FrameSet, depth: DepthMap, request: CameraRequest | None
+    ) -> MeasuredCameras | None:
+        if request is None:
+            return None
+        consistency = check_consistency(
+            frame_set, self._rig, depth, request.auxiliaries, request.tolerance, request.confirmed
+        )
+        if not (consistency.is_sound and consistency.guided):
+            return MeasuredCameras(consistency)
+        accumulator = cast("ResidualAccumulator", pickle.loads(request.accumulator))
+        accumulator.add(consistency.tie_points)
+        return MeasuredCameras(consistency, accumulator, accumulator.assess())
+
+    def _sample_images(
+        self, frame_set: FrameSet, depth: DepthMap, request: MeasurementRequest
+    ) -> BeltImageSamples | None:
+        if request.samples is None:
+            return None
+        self._sampler = self._sampler or BeltImageSampler(self._rig)
+        return self._sampler.sample(frame_set, depth, request.samples)
+
+    def _sample_light(
+        self, depth: DepthMap, levels: Mapping[str, Float32Array] | None
+    ) -> dict[str, LightMap] | None:
+        if levels is None:
+            return None
+        self._rays = compute_block_rays(self._rig) if self._rays is None else self._rays
+        return sample_light(levels, self._rig, self._rays, depth)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredDepth:
+    """The depth of a frame, and what was measured with it; None: nothing."""
+
+    depth: DepthMap
+    measurements: FrameMeasurements | None = None

@@ -11,7 +11,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PYTHONDONTWRITEBYTECODE :=
 # uv installs in a sixth of pip's time; where it cannot, such as from an index that only pip's settings name, pip does.
 # What is imported is compiled then; compiling every module of every package takes longer than installing them.
-install_lock = { [ -x $(BIN)/uv ] && $(BIN)/uv pip install --quiet --python $(BIN)/python --require-hashes -r $(1); } || \
+install_lock = { [ -x $(BIN)/uv ] && $(BIN)/uv pip install --quiet --no-config --python $(BIN)/python --require-hashes -r $(1); } || \
   $(BIN)/python -m pip install --quiet --no-compile --require-hashes -r $(1)
 
 help: ## this list

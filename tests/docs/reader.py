@@ -161,10 +161,11 @@ class Reader:
         path = self.folder / words[1]
         text = path.read_text()
         if 'kind = "belt_moving"' in text:
-            path.write_text(text.replace("scale = 0.5", "scale = 1"))  # of the small demo's rig
-            return [*words, "--frames", "3"]  # of eight
+            few = re.sub(r"rocks = \d+", "rocks = 30", text)
+            path.write_text(few.replace("scale = 0.5", "scale = 1"))  # of the small demo's rig
+            return [*words, "--frames", "2"]  # of eight
         path.write_text(re.sub(r"rocks = \d+", "rocks = 10", text))
-        return words
+        return [*words, "--size", "quarter"]
 
     def _on_small_material(self, words: list[str]) -> list[str]:
         """The same command, on scenes that render in seconds and with the page's project of a recorded capture."""

@@ -11,7 +11,9 @@ import pytest
 
 from beltscape.cli.main import main
 from beltscape.core.progress import Silent
+from beltscape.files.belt_json import write_belt
 from beltscape.files.rig_json import read_rig
+from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 from beltscape.pipeline.simulation import simulate
 from tests.once import make_once
@@ -24,7 +26,7 @@ STEP_MM = 50.0
 _RIG = {"size_px": (200, 165), "pitch_um": 3.45 * 12.24}
 _HEAP = {"rocks": 6, "fines": {"along_mm": (-400.0, 400.0), "cell_mm": 12.0}}
 _PROJECT = """rig = "rig.json"
-empty = "empty/000"
+empty = "belt.json"
 [capture]
 folder = "moving"
 [encoder]
@@ -105,6 +107,7 @@ def _make_plant(folder: Path) -> None:
     reconstruct_capture(
         folder / "empty_images", read_rig(folder / "rig.json"), folder / "empty", Silent(), preset="fast"
     )
+    write_belt(folder / "belt.json", *read_empty_belt(folder / "empty" / "000", Silent()))
     shutil.rmtree(folder / "moving" / "truth")
     (folder / "project.toml").write_text(_PROJECT)
     header, *rows = (folder / "moving" / "encoder.csv").read_text().splitlines()

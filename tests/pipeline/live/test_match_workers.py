@@ -15,6 +15,7 @@ from beltscape.service.project import open_project
 from tests.pipeline.live.feed import Watcher
 from tests.reprocessing.conftest import recorded_plant  # noqa: F401
 from tests.reprocessing.ledgers import read_records
+from tests.thorough import THOROUGH
 from tests.workers.processes import find_workers
 
 
@@ -63,7 +64,7 @@ class Killing(Watcher):
 
 def test_two_workers_give_the_ledger_and_findings_of_none_even_if_one_is_killed(plant: Path) -> None:
     records, alone, _ = replay(plant, 0)
-    for kill_at in (-1, 5):
+    for kill_at in (-1, 5) if THOROUGH else (5,):
         others, watched, events = replay(plant, 2, kill_at=kill_at)
         assert others == records
         # a frame that nothing follows is measured early, so the findings come in other groups

@@ -164,7 +164,8 @@ class Reader:
             few = re.sub(r"rocks = \d+", "rocks = 30", text)
             path.write_text(few.replace("scale = 0.5", "scale = 1"))  # of the small demo's rig
             return [*words, "--frames", "2"]  # of eight
-        path.write_text(re.sub(r"rocks = \d+", "rocks = 10", text))
+        few = re.sub(r"rocks = \d+", "rocks = 10", text)
+        path.write_text(f"{few}\n[heap.fines]\nalong_mm = [-100, 100]\n")
         return [*words, "--size", "quarter"]
 
     def _on_small_material(self, words: list[str]) -> list[str]:

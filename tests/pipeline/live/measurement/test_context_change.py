@@ -21,7 +21,7 @@ from beltscape.pipeline.live.zero import ZeroControl
 from tests.pipeline.live.feed import Feed, engine_of, everything, track
 from tests.synthetic.belt_feed import CAMERA, HEAP, RIG, FakeMatcher, frames, make_context, run
 
-STEP_MM = 100.0
+STEP_MM = 60.0
 CHANGES = (5, 20, 21, 40, 52)
 """Frame sets before which the context changes: before, on and behind the heap."""
 TRACK = [float(place) for place in np.arange(0, 3300, STEP_MM)]

@@ -21,7 +21,7 @@ from beltscape.pipeline.measuring.flow_chain import FlowChain
 from tests.synthetic.belt_feed import CAMERAS, HEAP, FakeMatcher, frames, make_context, run
 from tests.thorough import examples
 
-STEP_MM = 100.0
+STEP_MM = 60.0
 
 
 def measured(state: LedgerState, sets: Sequence, *, killed: bool = False) -> list[BeltRecord]:
@@ -109,7 +109,7 @@ def test_graceful_stop_loses_nothing() -> None:
     first = measured(LedgerState(1, 0, None), [frames(p, p) for p in positions(0, 1500)])
     state = reopened(first, 2)
     # the belt stood still meanwhile
-    second = measured(state, [frames(p, p) for p in positions(1400, 3300)])
+    second = measured(state, [frames(p, p) for p in positions(1440, 3300)])
     check([*first, *second])
     assert "nothing measured while it passed" not in {e.reason for e in second}
     total = sum(e.volume_mm3 for e in [*first, *second])
@@ -123,7 +123,7 @@ def test_belt_that_passed_while_nothing_ran_is_missing() -> None:
     gap = second[0]
     assert (gap.standing, gap.strip, gap.reason) == ("missing", None, "nothing measured while it passed")
     window = first[0].length_mm
-    assert gap.length_mm == pytest.approx(2400 - 800 - window, abs=1.0)
+    assert gap.length_mm == pytest.approx(2400 - 840 - window, abs=1.0)
 
 
 @pytest.mark.thorough
@@ -148,7 +148,7 @@ def test_encoder_reset_continues_in_the_ledger() -> None:
     assert {e.offset_mm for e in entries} != {0.0}
     # the material shows that the belt went on: nothing is counted twice, nothing is lost
     assert entries[-1].belt_mm[1] - entries[0].belt_mm[0] == pytest.approx(
-        2900 + entries[0].length_mm, rel=0.002
+        2940 + entries[0].length_mm, rel=0.002
     )
     assert "missing" not in {e.standing for e in entries}
     assert entries[-1].offset_mm == pytest.approx(91_500, abs=5)
@@ -168,7 +168,7 @@ def test_motion_of_the_material_is_used_without_an_encoder() -> None:
     check([*first, *second])
     lengths = [sum(e.length_mm for e in part) for part in (first, second)]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.02)
-    assert lengths[0] == pytest.approx(800 + first[0].length_mm, rel=0.02)
+    assert lengths[0] == pytest.approx(840 + first[0].length_mm, rel=0.02)
 
 
 def test_failure_leaves_a_gap_and_measuring_continues() -> None:
@@ -177,7 +177,7 @@ def test_failure_leaves_a_gap_and_measuring_continues() -> None:
     with pytest.raises(ValueError, match="could not convert"):
         measurement.push(replace(frames(1200, 1200), frame="a frame that the matcher cannot read"))
     measurement.reset()
-    entries += [entry for p in positions(1300, 2100) for entry in measurement.push(frames(p, p)).entries]
+    entries += [entry for p in positions(1260, 2100) for entry in measurement.push(frames(p, p)).entries]
     entries += measurement.finish().entries
     check(entries)
     (gap,) = (e for e in entries if e.standing == "missing")

@@ -40,6 +40,7 @@ shown sight stage steady sure surfaced top_view turns unseen until watch ways
 DEFINITIONS = frozenset(ORDINARY.split())
 """Names that no module, class, field or function has; as local names they may be ordinary words."""
 NAMES = re.compile(r"[^\W\d]\w*")
+"""A word that may be a name."""
 DEFINED = re.compile(
     rf"\b(?:def|class)\s+_*(?:{'|'.join(ORDINARY.split())})_*\b|^\s+_*(?:{'|'.join(ORDINARY.split())})_*\s*:",
     re.M,
@@ -91,7 +92,7 @@ def defined_names(tree: ast.AST) -> Iterator[str]:
 
 
 def may_have_private_terms(text: str) -> bool:
-    """Return whether a private term is a word of a Python file or may be defined in it, at a tenth of parsing's time."""
+    """Return whether a private term is a word of a Python file or may be defined in it; parsing takes longer."""
     return DEFINED.search(text) is not None or any(map(is_private_term, set(NAMES.findall(text))))
 
 

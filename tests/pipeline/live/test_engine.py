@@ -106,18 +106,16 @@ def test_failed_frame_is_missing_and_measuring_restarts(tmp_path: Path) -> None:
                 raise RuntimeError("a bug")
             return super().reconstruct(frame_set, reporter)
 
-    engine, _, historian, parts = engine_of(tmp_path, Feed(track(600, 1500)), matcher=Stumbling())
+    engine, _, historian, parts = engine_of(tmp_path, Feed(track(0, 1500)), matcher=Stumbling())
     engine.start()
     assert engine.wait(300)
     engine.stop()
     kept = everything(historian)
     check(kept)
-    assert [r.strip.frame for r in kept if r.strip is not None][-9:] == [
-        f"{60.0 * k}" for k in range(16, 25)
-    ]
+    assert [r.strip.frame for r in kept if r.strip is not None][-9:] == [f"{60.0 * k}" for k in range(16, 25)]
     (gap,) = (r for r in kept if r.standing == "missing")
     assert 0 < gap.length_mm < 300 + STEP_MM
-    assert kept[-1].belt_mm[1] - kept[0].belt_mm[0] == pytest.approx(840 + kept[0].length_mm, abs=1.0)
+    assert kept[-1].belt_mm[1] - kept[0].belt_mm[0] == pytest.approx(1440 + kept[0].length_mm, abs=1.0)
     assert sum("a bug" in line for line in parts.reporter.warnings) == 1  # type: ignore[attr-defined]
     historian.close()
 

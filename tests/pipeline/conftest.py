@@ -91,7 +91,7 @@ def demo_run(tmp_path_factory):
     from beltscape.cli.main import main
 
     def make(folder: Path) -> None:
-        write_demo(folder / "capture", scenes=(*SCENES, "calibration"), factor=0.76)
+        write_demo(folder / "capture", scenes=(*SCENES, "calibration"), factor=1.0)
         with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(io.StringIO()) as printed:
             patch.setattr("beltscape.evaluate.demo.DATA", folder / "capture")
             patch.setattr("beltscape.evaluate.demo.METHODS", ("multiview",))

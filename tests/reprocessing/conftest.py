@@ -16,6 +16,7 @@ from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.measuring.belt import read_empty_belt
 from beltscape.pipeline.reconstructing.reconstruction import reconstruct_capture
 from beltscape.pipeline.simulation import simulate
+from tests.charts import leave_out_narrow_charts
 from tests.once import make_once
 from tests.simulate.tiny import tiny
 from tests.synthetic.demo import parse_json
@@ -47,7 +48,8 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
     """Run the program; return its exit code, its standard output and the lines of its standard error."""
 
     def run(*arguments: object) -> tuple[int, str, list[str]]:
-        code = main([str(argument) for argument in arguments])
+        with leave_out_narrow_charts():
+            code = main([str(argument) for argument in arguments])
         printed = capsys.readouterr()
         return code, printed.out, printed.err.splitlines()
 

@@ -161,9 +161,8 @@ class Reader:
         path = self.folder / words[1]
         text = path.read_text()
         if 'kind = "belt_moving"' in text:
-            few = re.sub(r"rocks = \d+", "rocks = 30", text)
-            path.write_text(few.replace("scale = 0.5", "scale = 1"))  # of the small demo's rig
-            return [*words, "--frames", "2"]  # of eight
+            path.write_text(text.replace("scale = 0.5", "scale = 1"))  # of the small demo's rig
+            return [*words, "--frames", "3"]  # of eight
         few = re.sub(r"rocks = \d+", "rocks = 10", text)
         path.write_text(f"{few}\n[heap.fines]\nalong_mm = [-100, 100]\n")
         return [*words, "--size", "quarter"]

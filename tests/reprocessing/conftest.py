@@ -48,8 +48,7 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
     """Run the program; return its exit code, its standard output and the lines of its standard error."""
 
     def run(*arguments: object) -> tuple[int, str, list[str]]:
-        with leave_out_narrow_charts():
-            code = main([str(argument) for argument in arguments])
+        code = main([str(argument) for argument in arguments])
         printed = capsys.readouterr()
         return code, printed.out, printed.err.splitlines()
 
@@ -63,10 +62,11 @@ def reprocess(run: Run, recorded_plant: Path, tmp_path: Path) -> Callable[..., d
     def reprocess(
         source: object = "recordings", *options: object, store: str = "store", project: Path | None = None
     ) -> dict[str, Any]:
-        code, out, err = run(
-            "reprocess", recorded_plant / str(source), "--project", project or recorded_plant / "project.toml",
-            "--out", tmp_path / store, *options, "--json",
-        )  # fmt: skip
+        with leave_out_narrow_charts():
+            code, out, err = run(
+                "reprocess", recorded_plant / str(source), "--project", project or recorded_plant / "project.toml",
+                "--out", tmp_path / store, *options, "--json",
+            )  # fmt: skip
         assert code == 0, err
         return parse_json(out)
 

@@ -39,6 +39,13 @@ shown sight stage steady sure surfaced top_view turns unseen until watch ways
 """
 DEFINITIONS = frozenset(ORDINARY.split())
 """Names that no module, class, field or function has; as local names they may be ordinary words."""
+NAMES = re.compile(r"[^\W\d]\w*")
+"""A word that may be a name."""
+DEFINED = re.compile(
+    rf"\b(?:def|class)\s+_*(?:{'|'.join(ORDINARY.split())})_*\b|^\s+_*(?:{'|'.join(ORDINARY.split())})_*\s*:",
+    re.M,
+)
+"""A definition that may have one of these names."""
 CONTRACT = {("src/beltscape/pipeline/live/project.py", "watch")}
 """Keys of project.toml."""
 
@@ -84,10 +91,17 @@ def defined_names(tree: ast.AST) -> Iterator[str]:
                     yield part.target.id
 
 
+def may_have_private_terms(text: str) -> bool:
+    """Return whether a private term is a word of a Python file or may be defined in it; parsing takes longer."""
+    return DEFINED.search(text) is not None or any(map(is_private_term, set(NAMES.findall(text))))
+
+
 def find_private_terms(module: str, text: str) -> set[str]:
     """Return the private terms among the names of a Python module and in it."""
-    tree = ast.parse(text)
     own = module.removeprefix("test_")
+    if not may_have_private_terms(f"def {own}\n{text}"):
+        return set()
+    tree = ast.parse(text)
     defined = {name for name in (own, *defined_names(tree)) if name.strip("_") in DEFINITIONS}
     return defined | {name for name in (own, *python_names(tree)) if is_private_term(name)}
 

@@ -28,7 +28,7 @@ def list_rows(rows: Iterable[tuple[object, ...]], main: Container[object]) -> li
 
 def count_examples(most: int) -> int:
     """Return how many of at most this number of examples are tried."""
-    return most if THOROUGH else max(3, most // 4)
+    return most if THOROUGH else max(3, most // 6)
 
 
 def examples(most: int) -> settings:

@@ -10,6 +10,8 @@ import pytest
 
 import beltscape as bs
 from beltscape.files.ply import read_cloud
+from beltscape.measure.lumps.lumps import Lumps
+from beltscape.measure.volume.volume import Volume
 from tests.synthetic.demo import DEMO
 
 
@@ -46,8 +48,17 @@ def test_a_moved_camera_is_in_the_warnings(scenes, rig):
     assert any("cam2" in line for line in matcher.warnings)
 
 
-def test_volume_of_the_load(scenes, belt, rig):
-    volume = bs.measure_volume(scenes["belt_loaded"].depth, belt, rig, along_mm=(-200, 200))
+@pytest.fixture(scope="module")
+def volume(scenes, belt, rig) -> Volume:
+    return bs.measure_volume(scenes["belt_loaded"].depth, belt, rig, along_mm=(-200, 200))
+
+
+@pytest.fixture(scope="module")
+def lumps(scenes, belt, rig) -> Lumps:
+    return bs.measure_lumps(scenes["belt_loaded"].depth, rig, belt=belt, oversize_mm=60)
+
+
+def test_volume_of_the_load(volume):
     assert volume.volume_mm3 == pytest.approx(
         read_true_volume_mm3(-200, 200), rel=0.03
     )  # preset fast, 612 px
@@ -56,9 +67,8 @@ def test_volume_of_the_load(scenes, belt, rig):
     assert abs(volume.along_mm[0] + 200) < 1e-9
 
 
-def test_lumps_features_and_cloud(scenes, belt, rig, tmp_path):
+def test_lumps_features_and_cloud(scenes, lumps, rig, tmp_path):
     loaded, module = scenes["belt_loaded"], scenes["module"]
-    lumps = bs.measure_lumps(loaded.depth, rig, belt=belt, oversize_mm=60)
     assert len(lumps.lumps) > 100
     assert lumps.oversize is not None
     features = bs.measure_features(
@@ -89,15 +99,9 @@ def test_capture_without_a_rig(rig):
 
 
 @pytest.mark.parametrize("name", ["rig", "belt", "depth", "volume", "lumps"])
-def test_results_have_a_line_and_a_picture(name, scenes, belt, rig):
+def test_results_have_a_line_and_a_picture(name, scenes, belt, rig, volume, lumps):
     depth = scenes["belt_loaded"].depth
-    result = {
-        "rig": lambda: rig,
-        "belt": lambda: belt,
-        "depth": lambda: depth,
-        "volume": lambda: bs.measure_volume(depth, belt, rig),
-        "lumps": lambda: bs.measure_lumps(depth, rig, belt=belt),
-    }[name]()
+    result = {"rig": rig, "belt": belt, "depth": depth, "volume": volume, "lumps": lumps}[name]
     assert "\n" not in repr(result)
     assert repr(result).startswith(type(result).__name__ + "(")
     assert len(repr(result)) < 120

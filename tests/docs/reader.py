@@ -163,8 +163,9 @@ class Reader:
         if 'kind = "belt_moving"' in text:
             path.write_text(text.replace("scale = 0.5", "scale = 1"))  # of the small demo's rig
             return [*words, "--frames", "3"]  # of eight
-        path.write_text(re.sub(r"rocks = \d+", "rocks = 10", text))
-        return words
+        few = re.sub(r"rocks = \d+", "rocks = 10", text)
+        path.write_text(f"{few}\n[heap.fines]\nalong_mm = [-100, 100]\n")
+        return [*words, "--size", "quarter"]
 
     def _on_small_material(self, words: list[str]) -> list[str]:
         """The same command, on scenes that render in seconds and with the page's project of a recorded capture."""

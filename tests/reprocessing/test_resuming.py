@@ -66,7 +66,7 @@ def test_a_second_run_does_nothing_and_a_density_measures_nothing(
 
 
 def _write_project(plant: Path, folder: Path, old: str, new: str) -> Path:
-    for name in ("rig.json", "empty"):
+    for name in ("rig.json", "belt.json", "empty"):
         (folder / name).symlink_to(plant / name)
     path = folder / "project.toml"
     path.write_text((plant / "project.toml").read_text().replace(old, new))
@@ -86,9 +86,10 @@ def test_other_settings_of_measuring_need_a_store_of_their_own(
 
 
 def test_a_run_goes_on_on_a_processor_that_fits_the_empty_belt_with_other_last_bits(
-    reprocess, monkeypatch
+    reprocess, recorded_plant, tmp_path, monkeypatch
 ) -> None:
-    reprocess()
+    project = _write_project(recorded_plant, tmp_path, "belt.json", "empty/000")
+    reprocess(project=project)
     fit = measuring.read_empty_belt
 
     def fit_elsewhere(path: Path, reporter: Reporter, given: GivenBelt) -> tuple[Belt, Camera]:
@@ -96,14 +97,15 @@ def test_a_run_goes_on_on_a_processor_that_fits_the_empty_belt_with_other_last_b
         return replace(belt, noise_mm=float(np.nextafter(belt.noise_mm, np.inf))), camera
 
     monkeypatch.setattr(measuring, "read_empty_belt", fit_elsewhere)
-    again = reprocess()
+    again = reprocess(project=project)
     assert (again["changed"], again["measured_now"]) == (False, 0)
 
 
 @pytest.mark.thorough
 def test_another_empty_belt_needs_a_store_of_its_own(reprocess, run, recorded_plant, tmp_path) -> None:
-    reprocess("moving")
-    other = _write_project(recorded_plant, tmp_path, 'empty = "empty/000"', 'empty = "empty"')
+    (tmp_path / "first").mkdir()
+    reprocess("moving", project=_write_project(recorded_plant, tmp_path / "first", "belt.json", "empty/000"))
+    other = _write_project(recorded_plant, tmp_path, "belt.json", "empty")
     (tmp_path / "empty").unlink()
     shutil.copytree(recorded_plant / "empty" / "000", tmp_path / "empty")
     depth = tmp_path / "empty" / "depth.tiff"

@@ -90,7 +90,7 @@ def test_a_killed_run_goes_on_where_it_was(reprocess, recorded_plant, joined_sto
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
     )  # fmt: skip
-    end = time.monotonic() + 60
+    end = time.monotonic() + 180
     while _count_pieces(store) < 1:
         assert time.monotonic() < end
         assert process.poll() is None

@@ -31,13 +31,13 @@ from tests.synthetic.belt_feed import FakeMatcher
 
 
 def test_records_reach_disk_and_observer_alike(tmp_path: Path) -> None:
-    engine, watcher, historian, _ = engine_of(tmp_path, Feed(track(0, 1800)))
+    engine, watcher, historian, _ = engine_of(tmp_path, Feed(track(0, 1200)))
     engine.start()
     assert engine.wait(300)
     assert engine.stop() == 0
     kept = everything(historian)
     check(kept)
-    assert len(kept) == 30
+    assert len(kept) == 20
     assert [r.number for r in watcher.records] == [r.number for r in kept]
     assert watcher.totals == historian.totals
     assert historian.totals.volume_mm3 == pytest.approx(sum(r.volume_mm3 for r in kept), rel=1e-12)
@@ -78,7 +78,7 @@ def test_slow_worker_drops_frames_and_keeps_the_ledger_complete(tmp_path: Path) 
 
 
 def test_a_deleted_history_is_written_again_and_reported(tmp_path: Path) -> None:
-    engine, watcher, historian, parts = engine_of(tmp_path, Feed(track(0, 3000), pause_s=0.08))
+    engine, watcher, historian, parts = engine_of(tmp_path, Feed(track(0, 2400), pause_s=0.08))
     engine.start()
     time.sleep(1.5)
     for name in ("history.db", "history.db-wal", "history.db-shm"):
@@ -93,9 +93,9 @@ def test_a_deleted_history_is_written_again_and_reported(tmp_path: Path) -> None
     names = {(event.kind, event.name) for event in historian.events(0, 1 << 62)}
     assert names >= {("note", "history"), ("alarm", "history_repaired")}
     check(everything(historian))
-    assert len(everything(historian)) == 50
+    assert len(everything(historian)) == 40
     historian.close()
-    assert len(everything_of(tmp_path)) == 50
+    assert len(everything_of(tmp_path)) == 40
 
 
 def test_source_failure_is_reported_and_the_source_restarted(tmp_path: Path) -> None:
@@ -117,18 +117,16 @@ def test_failed_frame_is_missing_and_measuring_restarts(tmp_path: Path) -> None:
                 raise RuntimeError("a bug")
             return super().reconstruct(frame_set, reporter)
 
-    engine, _, historian, parts = engine_of(tmp_path, Feed(track(0, 1800)), matcher=Stumbling())
+    engine, _, historian, parts = engine_of(tmp_path, Feed(track(0, 1500)), matcher=Stumbling())
     engine.start()
     assert engine.wait(300)
     engine.stop()
     kept = everything(historian)
     check(kept)
-    assert [r.strip.frame for r in kept if r.strip is not None][-14:] == [
-        f"{60.0 * k}" for k in range(16, 30)
-    ]
+    assert [r.strip.frame for r in kept if r.strip is not None][-9:] == [f"{60.0 * k}" for k in range(16, 25)]
     (gap,) = (r for r in kept if r.standing == "missing")
     assert 0 < gap.length_mm < 300 + STEP_MM
-    assert kept[-1].belt_mm[1] - kept[0].belt_mm[0] == pytest.approx(1740 + kept[0].length_mm, abs=1.0)
+    assert kept[-1].belt_mm[1] - kept[0].belt_mm[0] == pytest.approx(1440 + kept[0].length_mm, abs=1.0)
     assert sum("a bug" in line for line in parts.reporter.warnings) == 1  # type: ignore[attr-defined]
     historian.close()
 

@@ -24,6 +24,7 @@ from beltscape.pipeline.simulation import simulate
 from beltscape.workers.options import WorkerOptions
 from tests.once import make_once
 from tests.simulate.tiny import tiny
+from tests.synthetic.boards import row_of_cameras
 from tests.thorough import list_cases
 from tests.workers.backwards import run_backwards
 
@@ -66,6 +67,19 @@ def test_scenarios_are_the_same_on_every_draw_and_hold_every_kind(load) -> None:
 
 
 @pytest.mark.thorough
+def test_every_frame_of_two_cameras_has_an_auxiliary(load, monkeypatch) -> None:
+    augmentation, rig = load("samples.augmentation"), row_of_cameras(["a", "b"])
+    shape = rig.core_camera.size_px[::-1]
+    plane = np.full(shape, 700.0)
+    images = {name: np.full(shape, 90, np.uint8) for name in rig.cameras}
+    two = augmentation.Capture(rig, images, plane, plane.astype(np.uint8), np.ones(shape, int), plane > 0)
+    monkeypatch.setattr(augmentation, "read_simulated", lambda _: two)
+    for turn in range(augmentation.EVERY):
+        for frame in augmentation.training_frames(Path(), turn):
+            assert frame.names == ("b",)
+            assert set(frame.frame.images) == {"a", "b"}
+
+
 @pytest.mark.parametrize("name", list_cases(["initial_confidence", "confidence"], ["confidence"]))
 def test_samples_of_pixels_have_the_features_of_the_network(load, capture, monkeypatch, name: str) -> None:
     pixels = load("samples.pixels")

@@ -104,7 +104,7 @@ def training_frames(folder: Path, turn: int) -> Iterator[TrainingFrame]:
     auxiliaries = capture.rig.auxiliaries
     augmentations = (
         (auxiliaries[:3], unchanged),
-        (auxiliaries[1::2], unchanged),
+        (auxiliaries[1::2] or auxiliaries, unchanged),
         (auxiliaries[:1], unchanged),
         (auxiliaries[:2], noisy),
         (auxiliaries, noisy),

@@ -12,6 +12,7 @@ import sys
 import threading
 import time
 import zipfile
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,8 @@ def test_a_killed_run_goes_on_where_it_was(reprocess, recorded_plant, joined_sto
 
 def _count_pieces(store: Path) -> int:
     try:
-        with sqlite3.connect(f"file:{store / 'manifest.sqlite'}?mode=ro", uri=True) as connection:
+        # closed at once: an open connection would lock the manifest for the run that goes on
+        with closing(sqlite3.connect(f"file:{store / 'manifest.sqlite'}?mode=ro", uri=True)) as connection:
             return connection.execute("SELECT count(*) FROM pieces").fetchone()[0]
     except sqlite3.OperationalError:
         return 0

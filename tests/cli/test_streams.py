@@ -166,15 +166,20 @@ def test_a_working_folder_that_was_removed_is_one_line(
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize("words", [["doctor", "--json"], ["plan", "--help"]])
+FULL = "> /dev/full"
+HELP, JSON = ["plan", "--help"], ["doctor", "--json"]
+
+
 @pytest.mark.parametrize(
-    ("redirected", "code"),
+    ("words", "redirected", "code"),
     [
-        pytest.param("> /dev/full", 2, marks=needs_full),
-        pytest.param("> /dev/full 2> /dev/full", 2, marks=needs_full),
-        pytest.param("2> /dev/full | cat > /dev/null; exit ${PIPESTATUS[0]}", 0, marks=needs_full),
-        ("| true; exit ${PIPESTATUS[0]}", 0),
-        (">&-", 0),
+        pytest.param(JSON, FULL, 2, marks=needs_full),
+        pytest.param(HELP, FULL, 2, marks=needs_full),
+        pytest.param(HELP, "> /dev/full 2> /dev/full", 2, marks=needs_full),
+        pytest.param(HELP, "2> /dev/full | cat > /dev/null; exit ${PIPESTATUS[0]}", 0, marks=needs_full),
+        (HELP, "| true; exit ${PIPESTATUS[0]}", 0),
+        (JSON, ">&-", 0),
+        (HELP, ">&-", 0),
     ],
 )
 def test_the_program_itself_ends_with_its_code_and_without_a_traceback(

@@ -166,15 +166,14 @@ def test_a_working_folder_that_was_removed_is_one_line(
     monkeypatch.chdir(tmp_path)
 
 
-FULL = "> /dev/full"
 HELP, JSON = ["plan", "--help"], ["doctor", "--json"]
 
 
 @pytest.mark.parametrize(
     ("words", "redirected", "code"),
     [
-        pytest.param(JSON, FULL, 2, marks=needs_full),
-        pytest.param(HELP, FULL, 2, marks=needs_full),
+        pytest.param(JSON, "> /dev/full", 2, marks=needs_full),
+        pytest.param(HELP, "> /dev/full", 2, marks=needs_full),
         pytest.param(HELP, "> /dev/full 2> /dev/full", 2, marks=needs_full),
         pytest.param(HELP, "2> /dev/full | cat > /dev/null; exit ${PIPESTATUS[0]}", 0, marks=needs_full),
         (HELP, "| true; exit ${PIPESTATUS[0]}", 0),

@@ -30,12 +30,13 @@ $(VENV)/.dev: $(VENV)/.run requirements/dev.lock
 	$(call install_lock,requirements/dev.lock)
 	@touch $@
 
-# An installation in place needs no level that its own processor does not run; wheels have all of them.
+# An installation in place needs no level that its own processor does not run; wheels have all of them, so that CMake's
+# cache of the former lies in a folder of its own.
 LEVELS := $(if $(shell grep -m1 avx512bw /proc/cpuinfo 2>/dev/null),,$(if $(filter x86_64,$(shell uname -m)),v2;v3))
 
 $(VENV)/.native: $(VENV)/.run $(NATIVE)
 	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps \
-	  -C 'cmake.define.BELTSCAPE_LEVELS=$(LEVELS)' --editable .
+	  -C 'build-dir=build/in_place/{wheel_tag}' -C 'cmake.define.BELTSCAPE_LEVELS=$(LEVELS)' --editable .
 	@touch $@
 
 install: $(VENV)/.native ## .venv with the beltscape program in .venv/bin

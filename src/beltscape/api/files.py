@@ -15,7 +15,7 @@ from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter, Silent
 from beltscape.files import belt_json, clouds, reconstruction, rig_json
-from beltscape.files.capture import Capture
+from beltscape.files.capture import DEMO_FOLDER, Capture
 from beltscape.files.capture import read_capture as list_capture
 from beltscape.files.images import read_image
 from beltscape.files.paths import AnyPath, as_path
@@ -31,7 +31,7 @@ def demo_folder() -> Path:
     It holds the scenes ``calibration``, ``belt_empty``, ``belt_loaded`` and ``module``, ``board.toml``,
     ``module.toml``, and in ``truth`` the true rig and depths.
     """
-    return Path(__file__).resolve().parents[1] / "data" / "demo"
+    return DEMO_FOLDER
 
 
 def read_rig(path: AnyPath) -> Rig:

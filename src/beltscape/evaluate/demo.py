@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import beltscape
 from beltscape.calibration.result import Calibration
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import Image
@@ -23,6 +22,7 @@ from beltscape.core.progress import Reporter, Silent
 from beltscape.evaluate.depth_scores import DepthScore, RigScore, score_depth, score_rig_against_truth
 from beltscape.evaluate.paper.pictures import ERROR_MM, SCENE_NAMES
 from beltscape.evaluate.truth import WITHIN_MM
+from beltscape.files.capture import DEMO_FOLDER
 from beltscape.files.images import read_image
 from beltscape.files.json_text import read_json
 from beltscape.files.ply import read_cloud
@@ -47,7 +47,7 @@ from beltscape.report.page import InteractiveScene, Pictures, Section, Table, Ti
 from beltscape.stereo.pointcloud import undistort_image
 from beltscape.target.board import read_board
 
-DATA = Path(beltscape.__file__).parent / "data" / "demo"
+DATA = DEMO_FOLDER
 """The shipped capture, with its truth."""
 SCENES = ("belt_empty", "belt_loaded", "module")
 METHODS = ("multiview", "pairwise", "binocular")

@@ -13,6 +13,8 @@ from beltscape.files.images import EXTENSIONS, KINDS
 from beltscape.files.output_folder import require_finished
 from beltscape.files.paths import AnyPath, as_path, summarise_names
 
+DEMO_FOLDER = Path(__file__).resolve().parents[1] / "data" / "demo"
+"""The captures that ship with Beltscape: a small rig's, with their truth."""
 _LAYOUT = "a capture is <capture>/<camera>/<frame>.png"
 TRUTH = "truth"
 """Folder of a simulated capture beside those of its cameras, which holds no images of them."""

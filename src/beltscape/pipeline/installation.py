@@ -161,14 +161,14 @@ _DEMO_RANGE_MM = 570.0, 750.0
 def check_speed() -> InstallationCheck:
     """Return how many frame sets the cores match in a second, by the demo's: 612 × 512 px, five cameras."""
     from beltscape.core.progress import Silent
+    from beltscape.files.capture import DEMO_FOLDER
     from beltscape.files.rig_json import read_rig
     from beltscape.pipeline.reconstructing.reconstruction import open_capture
     from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
     from beltscape.stereo.settings import MultiviewSettings
 
-    demo = Path(__file__).parents[1] / "data" / "demo"
-    rig = read_rig(demo / "truth" / "rig.json")
-    frames = next(iter(open_capture(demo / "belt_loaded", rig, Silent())))
+    rig = read_rig(DEMO_FOLDER / "truth" / "rig.json")
+    frames = next(iter(open_capture(DEMO_FOLDER / "belt_loaded", rig, Silent())))
     settings = MultiviewSettings.preset("fast").model_copy(update={"threads": 1})
     matcher = MultiviewReconstructor(rig, _DEMO_RANGE_MM, settings)
     began_s = process_time()

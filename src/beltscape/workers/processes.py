@@ -32,9 +32,9 @@ _EXIT_S = 10.0
 """Longest wait for the end of a process whose pipe has ended already."""
 
 _RECENT = 64
-"""Tasks that ended last, by which the time of one is told."""
+"""Tasks that ended last, by which the time of one is estimated."""
 _LEAST_S = 1e-6
-"""Shortest time of a task that is told: clocks have a step."""
+"""Shortest time of a task that is counted: clocks have a step."""
 
 OnDeath = Callable[[str], object]
 """Receives a line on a worker that died and was replaced."""

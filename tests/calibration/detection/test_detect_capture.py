@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from beltscape.calibration.detection import detect_capture
 from beltscape.calibration.detection.detect_capture import detect_board, order_spread
 from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.core.errors import InputError
@@ -49,6 +50,17 @@ def test_a_print_that_is_not_the_stated_one_is_named_however_late_it_shows(tmp_p
     capture = write_recording(tmp_path, stated, Print(legacy=True, inverted=True), cameras=6)
     with pytest.raises(InputError, match=r"inverted = true.*correct board\.toml"):
         detect_board(capture, stated, Silent())
+
+
+def test_variants_that_look_alike_do_not_take_the_whole_recording() -> None:
+    board = CharucoBoard(squares=(6, 5), square_mm=44, marker_mm=31, dictionary="DICT_5X5_50")
+    image = view(camera("a"), facing(board), board)
+    read = []
+    images = (read.append(None) or image for _ in range(100))
+    # an odd number of rows: both layouts are one
+    options = [PrintVariant(), PrintVariant(legacy=True)]
+    assert detect_capture._select_variant(options, board, images) == PrintVariant()
+    assert len(read) <= 24
 
 
 @pytest.mark.parametrize("count", [1, 2, 7, 24, 100])

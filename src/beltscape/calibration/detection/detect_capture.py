@@ -41,8 +41,8 @@ SURE_CORNERS, SURE_RATIO = 60, 3
 variant finds a few corners by chance, never a third."""
 
 _ENOUGH_IMAGES = 24
-"""Images after which a variant that is ahead by `SURE_RATIO` is taken whatever its number of corners: small boards
-have few of them."""
+"""Images after which one of both is enough: small boards have few corners, and boards of an odd number of rows look
+alike in both layouts."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -160,7 +160,9 @@ def order_spread(items: Sequence[Item]) -> list[Item]:
 def _find_variant(capture: Capture, board: Board) -> PrintVariant:
     """Return the print variant; keys that board.toml leaves open are determined from the images."""
     options = list_variants(board)
-    return options[0] if len(options) == 1 else _select_variant(options, board, _read_spread(capture))
+    if len(options) == 1:
+        return options[0]
+    return _select_variant(options, board, _read_spread(capture)) or options[0]
 
 
 def list_variants(board: Board) -> list[PrintVariant]:
@@ -193,8 +195,8 @@ def _list_options(flags: list[bool | None]) -> tuple[bool, ...]:
 
 def _select_variant(
     options: list[PrintVariant], board: Board, images: Iterable[NDArray[np.uint8]]
-) -> PrintVariant:
-    """Return the variant with the most corners, the first of equal ones.
+) -> PrintVariant | None:
+    """Return the variant with the most corners, the first of equal ones; None where no image shows any.
 
     Every variant is looked for until one is clearly ahead; in every image, where none shows any corners before.
     """
@@ -204,9 +206,9 @@ def _select_variant(
             corners = make_two_sided_detector(board, option)(image)
             counts[i] += len(corners) if corners else 0
         best, second = sorted(counts, reverse=True)[:2]
-        if best > SURE_RATIO * second and (best >= SURE_CORNERS or read >= _ENOUGH_IMAGES):
+        if sum((best >= SURE_CORNERS, best > SURE_RATIO * second, read >= _ENOUGH_IMAGES)) >= 2:
             break
-    return options[int(np.argmax(counts))]
+    return options[int(np.argmax(counts))] if any(counts) else None
 
 
 def _check_description(
@@ -254,7 +256,7 @@ def _describe_failure(capture: Capture, board: Board, variant: PrintVariant) -> 
     if isinstance(board, CharucoBoard):
         others = [PrintVariant(legacy, inverted) for inverted in (False, True) for legacy in (False, True)]
         best = _select_variant(others, board, _read_spread(capture))
-        if best != variant and any(make_detector(board, best)(image) for image in _read_spread(capture)):
+        if best is not None and best != variant:
             return f"{message}, {variant.describe()}; the images fit {best.describe()}: correct board.toml"
     shown = describe_shown_board(lambda: _read_spread(capture), board)
     return f"{message}; " + (f"they show {shown}: correct board.toml" if shown else NO_BOARD)

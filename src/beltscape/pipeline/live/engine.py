@@ -301,15 +301,11 @@ class Engine(OperatorControls):
         low_mm, high_mm = self._components.measurement.context.empty_belt.window_mm
         gauges.capacity = self._capacity.compute(abs(high_mm - low_mm))
         if math.isnan(before.sets_per_s) and not math.isnan(gauges.capacity.sets_per_s):
-            sets_per_s, speed_mm_s = gauges.capacity.sets_per_s, gauges.capacity.speed_mm_s
-            self._events.add(
-                "capacity",
-                "measured",
-                f"this computer measures {sets_per_s:.3g} frame sets a second: every millimetre is seen twice up to "
-                f"{speed_mm_s * 1e-3:.3g} m/s",
-                time_ns(),
-                parameters={"rate": float(f"{sets_per_s:.3g}"), "speed": float(f"{speed_mm_s * 1e-3:.3g}")},
-            )
+            rate, speed = f"{gauges.capacity.sets_per_s:.3g}", f"{gauges.capacity.speed_mm_s * 1e-3:.3g}"
+            seen = f"every millimetre is seen twice up to {speed} m/s"
+            text = f"this computer measures {rate} frame sets a second: {seen}"
+            parameters: dict[str, object] = {"rate": float(rate), "speed": float(speed)}
+            self._events.add("capacity", "measured", text, time_ns(), parameters=parameters)
 
     def _push(self, frames: FrameSet, present: Maintenance | None, pending: PendingFrame | None) -> Outcome:
         """Measure a frame set; during maintenance it only gives the belt's position."""

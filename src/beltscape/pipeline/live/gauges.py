@@ -48,7 +48,7 @@ class FramePace:
 VIEWS = 2
 """Views of every millimetre that a speed must leave to be held: one may be lost, and two show more than one."""
 _LEAST_SETS = 5
-"""Frame sets after which the capacity is told; the first ones also begin matchers and learn references."""
+"""Frame sets after which the capacity is stated; the first ones also begin matchers and learn references."""
 _MOST_SETS = 64
 """Frame sets of which the median is taken: heaps and bare belt take different times."""
 

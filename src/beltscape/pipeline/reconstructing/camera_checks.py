@@ -149,10 +149,9 @@ class CameraCheck:
         """Return the contradiction that a sound frame shows together with those before it, or its own state."""
         if not consistency.guided:
             return consistency
-        request, cameras = self._known or (None, None)
-        is_known = cameras is not None and cameras.consistency is consistency
-        if is_known and request is not None and cameras is not None and request.checks == self._checks:
-            self._accumulator, together = cameras.accumulator, cameras.together
+        known = self._known
+        if known and known[1].consistency is consistency and known[0].checks == self._checks:
+            self._accumulator, together = known[1].accumulator, known[1].together
         else:
             accumulator = self._get_accumulator()
             accumulator.add(consistency.tie_points)

@@ -193,7 +193,13 @@ def _write_moving_truth(scene: SimulatedScene, folder: Path) -> None:
     half = scenario.belt.length_mm / 2
     still = World((*scene.belt, *(scene.heap.solids if scene.heap else ())), None)
     load = compute_true_load(still, (-left, right), (-half, half), 1.0)
-    write_arrays(folder / "belt_moving_load.npz", y_mm=load.y_mm, area_mm2=load.area_mm2)
+    write_arrays(
+        folder / "belt_moving_load.npz",
+        x_mm=load.x_mm,
+        y_mm=load.y_mm,
+        height_mm=load.height_mm.astype(np.float32),
+        area_mm2=load.area_mm2,
+    )
     depths: list[NDArray[np.float32]] = []
     labels: list[NDArray[np.uint8]] = []
     for frame in range(scene.frame_count):
@@ -212,7 +218,7 @@ def _write_moving_truth(scene: SimulatedScene, folder: Path) -> None:
     ]
     document = {
         "units": "mm",
-        "heap_mm": "where the middle of the heap's own cross-sections (belt_moving_load.npz) lies in the world",
+        "heap_mm": "where the middle of the heap's own heights (belt_moving_load.npz) lies in the world",
         "speed_mm_s": scenario.motion.speed_mm_s,
         "heap_volume_mm3": load.volume_mm3,
         "frames": frames,

@@ -1,4 +1,4 @@
-"""``beltscape evaluate paper|depth|lumps``, each in a module ``evaluate_WHAT``."""
+"""``beltscape evaluate paper|depth|lumps|belt``, each in a module ``evaluate_WHAT``."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ WHAT = {
     "paper": "the paper's experiments (Tables 2 and 3, Figs. 13-17) and other sensors, against the truth",
     "depth": "a reconstruction against the truth of its scene",
     "lumps": "lumps of a reconstructed frame against the rocks of its simulated heap",
+    "belt": "the fused belt of a flow against the heights of its simulated heap",
 }
 """Name → description of each evaluation."""
 

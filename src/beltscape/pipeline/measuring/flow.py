@@ -1,6 +1,6 @@
 """Measurement of the material flow in a capture of the moving belt, and its files.
 
-The files of `measure flow` are flow.csv, flow.json, belt.tiff and report.html.
+The files of `measure flow` are flow.csv, flow.json, belt.tiff, belt_sigma.tiff, belt_measured.tiff and report.html.
 """
 
 from __future__ import annotations
@@ -152,8 +152,17 @@ def write_flow_result(out: Path, flow: Flow, density: Density, warnings: Sequenc
     document = make_flow_document(flow, density)
     belt, share = flow.picture.height_map()
     write_flow(out / "flow.csv", flow.records)
-    write_float_tiff(out / "belt.tiff", belt.height_mm.astype(np.float32))
-    grid = {"origin_mm": belt.origin_mm, "cell_mm": belt.cell_mm, "rows": "belt coordinate s", "columns": "x"}
+    planes = {"belt": belt.height_mm, "belt_sigma": belt.sigma_mm, "belt_measured": share}
+    for name, plane in planes.items():
+        write_float_tiff(out / f"{name}.tiff", plane.astype(np.float32))
+    pose = flow.meter.reference.belt.belt_from_core
+    grid = {
+        "origin_mm": belt.origin_mm,
+        "cell_mm": belt.cell_mm,
+        "rows": "belt coordinate s",
+        "columns": "x",
+        "belt_from_core": {"rotation": pose.rotation, "translation_mm": pose.translation_mm},
+    }
     write_json(out / "flow.json", {**document, "belt_grid": grid})
     page = FlowReport(flow.records, flow.steps, flow.meter.totals, document, belt, share)
     write_text(out / "report.html", render_flow_page(page, warnings=warnings))

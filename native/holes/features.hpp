@@ -2,6 +2,7 @@
 // written for many cells, in double; then angles and logarithms are taken, in float. For the CPU alone.
 #pragma once
 
+#include <bit>
 #include <string_view>
 
 #include "holes/quadratics.hpp"
@@ -12,6 +13,7 @@ namespace beltscape {
 inline constexpr int kOpens = 4, kLows = 3, kRoughs = 2;  // kernels/holes.py
 inline constexpr int kOpenCells[kOpens] = {5, 11, 25, 51}, kLowCells[kLows] = {11, 25, 51},
                      kRoughCells[kRoughs] = {25, 71};
+inline constexpr int kMeanCells[] = {5, 9, 11, 25, 51, 101};  // of both
 inline constexpr double kMostRatio = 4, kNoLeverage = 99, kBareCells = 3;
 
 // What becomes of each argument: P, nothing; A, the angle of this slope; L, the logarithm of a positive
@@ -50,13 +52,13 @@ public:
         *to = static_cast<float>(number);
         to += stride;
     }
-    void ratio(double over, double under) {
-        const double value = over / under;
-        put(std::isfinite(value) ? std::clamp(value, -kMostRatio, kMostRatio) : 0.0);
+    void ratio(double over, double inverse) {
+        const double value = over * inverse;
+        put(value - value == 0 ? std::clamp(value, -kMostRatio, kMostRatio) : 0.0);
     }
-    void slope(double rise, double run) {
-        const double value = rise / run;
-        put(std::isfinite(value) ? value : 0.0);
+    void slope(double rise, double inverse) {
+        const double value = rise * inverse;
+        put(value - value == 0 ? value : 0.0);
     }
 
 private:
@@ -64,84 +66,86 @@ private:
     std::ptrdiff_t stride;
 };
 
-inline void write_line(const RimProfile& line, double upper_tangent, double lower_tangent, double shortest,
-                       const SmoothSurface& surface, double cell, ArgumentWriter& to) {
+// The inverse units of features.
+struct FeatureUnits {
+    double scale, shortest, cell;
+};
+
+inline void write_line(const RimProfile& line, double upper_tangent, double lower_tangent, double base,
+                       const FeatureUnits& per, ArgumentWriter& to) {
     const bool both = line.both();
-    const double base = surface.base, scale = surface.scale;
-    const double gap = both ? line.gap : 1.0, drop = both ? line.upper - line.lower : 0.0;
+    const double gap = both ? line.gap : 1.0, per_gap = 1 / gap, drop = both ? line.upper - line.lower : 0.0;
     to.put(!both);
-    to.ratio(both ? line.upper - base : 0.0, scale);
-    to.ratio(both ? line.lower - base : 0.0, scale);
-    to.slope(drop, gap);
+    to.ratio(both ? line.upper - base : 0.0, per.scale);
+    to.ratio(both ? line.lower - base : 0.0, per.scale);
+    to.slope(drop, per_gap);
     to.put(line.share);
     to.put(line.upper_slope);
     to.put(line.lower_slope);
-    to.ratio(std::max(line.ray_slope, 0.0) * drop, gap);
+    to.ratio(std::max(line.ray_slope, 0.0) * drop, per_gap);
     to.put(line.ray_slope);
-    to.put(both ? gap / shortest : -2.0);
-    to.put(both ? std::min(line.share, 1 - line.share) * gap / shortest : 1.0);
-    to.ratio(upper_tangent - base, scale);
-    to.ratio(lower_tangent - base, scale);
+    to.put(both ? gap * per.shortest : -2.0);
+    to.put(both ? std::min(line.share, 1 - line.share) * gap * per.shortest : 1.0);
+    to.ratio(upper_tangent - base, per.scale);
+    to.ratio(lower_tangent - base, per.scale);
     to.put(line.upper_rise);
     to.put(line.lower_rise);
-    to.put(both ? gap / cell : -4.0);
+    to.put(both ? gap * per.cell : -4.0);
 }
 
 inline void write_cell(const Rims& rims, const RimSummary& sum, const SmoothSurface& surface, bool pinhole,
-                       double cell, ArgumentWriter& to) {
-    const double base = surface.base, scale = surface.scale, shortest = sum.shortest;
-    to.ratio(sum.floor - base, scale);
-    to.ratio(sum.ceiling - base, scale);
-    to.slope(sum.ceiling - sum.floor, shortest);
-    to.slope(base, scale);
-    to.slope(sum.floor, scale);
-    to.slope(base, shortest);
-    to.slope(sum.floor, shortest);
-    to.slope(surface.structure[0], shortest);
-    to.slope(surface.structure[1], 4 * shortest);
-    to.ratio(surface.structure[0], scale);
-    to.put(std::clamp(shortest / cell, 1.0, 64.0));
+                       const FeatureUnits& per, ArgumentWriter& to) {
+    const double base = surface.base;
+    to.ratio(sum.floor - base, per.scale);
+    to.ratio(sum.ceiling - base, per.scale);
+    to.slope(sum.ceiling - sum.floor, per.shortest);
+    to.slope(base, per.scale);
+    to.slope(sum.floor, per.scale);
+    to.slope(base, per.shortest);
+    to.slope(sum.floor, per.shortest);
+    to.slope(surface.structure[0], per.shortest);
+    to.slope(surface.structure[1], 0.25 * per.shortest);
+    to.ratio(surface.structure[0], per.scale);
+    to.put(std::clamp(sum.shortest * per.cell, 1.0, 64.0));
     to.put(rims.tangent);
     to.put(pinhole);
-    to.slope(sum.floor, kBareCells * cell);
-    to.slope(sum.ceiling, kBareCells * cell);
-    to.slope(scale, shortest);
+    to.slope(sum.floor, per.cell / kBareCells);
+    to.slope(sum.ceiling, per.cell / kBareCells);
+    to.slope(surface.scale, per.shortest);
     to.put(surface.smooth);
-    to.ratio(sum.straight - base, scale);
+    to.ratio(sum.straight - base, per.scale);
 }
 
-inline void write_windows(const CellWindows& windows, const SmoothSurface& surface, double cell,
+inline void write_windows(const CellWindows& windows, double base, const FeatureUnits& per,
                           ArgumentWriter& to) {
-    const double base = surface.base, scale = surface.scale;
     for (const double open : windows.open) to.put(open);
     to.put(windows.depth);
     for (int k = 0; k < kWindows; ++k) {
         const double miss = windows.fits.miss[k], leverage = windows.fits.leverage[k];
-        to.ratio(windows.mean[k] - base, scale);
-        to.ratio(windows.fits.value[k] - base, scale);
-        to.ratio(miss, scale);
-        to.slope(6 * (miss == miss ? miss : 0.0), kWindow[k] * cell);
+        to.ratio(windows.mean[k] - base, per.scale);
+        to.ratio(windows.fits.value[k] - base, per.scale);
+        to.ratio(miss, per.scale);
+        to.slope(miss == miss ? miss : 0.0, 6.0 / kWindow[k] * per.cell);
         to.put(leverage == leverage ? std::clamp(leverage, 0.5, kNoLeverage) : kNoLeverage);
     }
-    for (const double rough : windows.rough) to.put(rough == rough ? rough / cell : 0.0);
+    for (const double rough : windows.rough) to.put(rough == rough ? rough * per.cell : 0.0);
 }
 
-inline void write_depths(const Rims& rims, const RimSummary& sum, const CellWindows& windows,
-                         const SmoothSurface& surface, double cell, ArgumentWriter& to) {
+inline void write_depths(const Rims& rims, double floor, const CellWindows& windows, double base,
+                         const FeatureUnits& per, ArgumentWriter& to) {
     const LowestLine& lowest = rims.lowest;
-    const double base = surface.base, scale = surface.scale, shortest = sum.shortest;
     const bool both = lowest.upper < kEndless;
     const double beneath = rims.lines[1].both() ? rims.lines[1].lower : kNothing;  // of the shortest line
-    to.ratio(both ? lowest.upper - base : 0.0, scale);
-    to.ratio(both ? lowest.lower - base : 0.0, scale);
-    to.put(both ? lowest.gap / shortest : -2.0);
-    to.put(both ? lowest.gap / cell : -4.0);
-    to.put(both ? lowest.nearer : 0.0);
-    to.slope(beneath - lowest.upper, shortest);
+    to.ratio(both ? lowest.upper - base : 0.0, per.scale);
+    to.ratio(both ? lowest.lower - base : 0.0, per.scale);
+    to.put(both ? lowest.gap * per.shortest : -2.0);
+    to.put(both ? lowest.gap * per.cell : -4.0);
+    to.put(both ? lowest.nearer() : 0.0);
+    to.slope(beneath - lowest.upper, per.shortest);
     for (const double low : windows.low) {
-        to.ratio(low - base, scale);
-        to.slope(low - sum.floor, shortest);
-        to.slope(beneath - low, shortest);
+        to.ratio(low - base, per.scale);
+        to.slope(low - floor, per.shortest);
+        to.slope(beneath - low, per.shortest);
     }
 }
 

@@ -2,6 +2,8 @@
 // outside all rims. Rows are taken in bands that do not depend on the rows asked for. For the CPU alone.
 #pragma once
 
+#include <utility>
+
 #include "holes/features.hpp"
 #include "holes/window_means.hpp"
 #include "networks/network.hpp"
@@ -9,6 +11,8 @@
 namespace beltscape {
 
 inline constexpr int kBandRows = 80, kCellsAtOnce = 192;
+// Between the features of a cell; an odd number of cache lines, which do not displace each other.
+inline constexpr int kFeatureStride = kCellsAtOnce + 16;
 
 struct HolesInput {
     HoleFieldInput holes;
@@ -61,13 +65,12 @@ public:
         const Rims found = find_rims(rims, cell.v, cell.u);
         const RimSummary sum = summarise_rims(found, side);
         const SmoothSurface surface = predict_smooth_surface(sum, cell.windows.fits, rims.structure, side);
+        const FeatureUnits per = {1 / surface.scale, 1 / sum.shortest, 1 / side};
         for (int k = 0; k < kLines; ++k)
-            write_line(found.lines[k], sum.upper_tangent[k], sum.lower_tangent[k], sum.shortest, surface,
-                       side, to);
-        const bool pinhole = field.in.pinhole.row(cell.v)[cell.u];
-        write_cell(found, sum, surface, pinhole, side, to);
-        write_windows(cell.windows, surface, side, to);
-        write_depths(found, sum, cell.windows, surface, side, to);
+            write_line(found.lines[k], sum.upper_tangent[k], sum.lower_tangent[k], surface.base, per, to);
+        write_cell(found, sum, surface, field.in.pinhole.row(cell.v)[cell.u], per, to);
+        write_windows(cell.windows, surface.base, per, to);
+        write_depths(found, sum.floor, cell.windows, surface.base, per, to);
         return {surface.base, surface.scale, sum.floor, sum.ceiling};
     }
 
@@ -124,16 +127,13 @@ private:
     void average_windows(std::vector<HoleCell>& cells, int start) const {
         const KnownCells heights = {field.measured, field.value, field.height, field.width};
         const KnownCells roughness = {rough.known, rough.value, field.height, field.width};
-        for (int k = 0; k < kOpens; ++k)
-            average(cells, start, heights, kOpenCells[k],
-                    [&](const RepeatedWindow& window, int u, CellWindows& to) {
-                        to.open[k] = 1 - window.share(u);
-                    });
-        for (int k = 0; k < kWindows; ++k)
-            average(cells, start, heights, kWindow[k],
-                    [&](const RepeatedWindow& window, int u, CellWindows& to) {
-                        to.mean[k] = field.middle + window.mean(u);
-                    });
+        for (const int side : kMeanCells)
+            average(cells, start, heights, side, [&](const RepeatedWindow& window, int u, CellWindows& to) {
+                for (int k = 0; k < kOpens; ++k)
+                    if (kOpenCells[k] == side) to.open[k] = 1 - window.share(u);
+                for (int k = 0; k < kWindows; ++k)
+                    if (kWindow[k] == side) to.mean[k] = field.middle + window.mean(u);
+            });
         for (int k = 0; k < kRoughs; ++k)
             average(
                 cells, start, roughness, kRoughCells[k],
@@ -153,13 +153,13 @@ private:
 // time.
 template <class Take>
 inline void for_cells(const HoleSurvey& survey, const std::vector<HoleCell>& cells, const Take& take) {
-    std::vector<float> features(kHoleFeatures * kCellsAtOnce);
+    std::vector<float> features(kHoleFeatures * kFeatureStride);
     HeightRange ranges[kCellsAtOnce];
     for (std::size_t from = 0; from < cells.size(); from += kCellsAtOnce) {
         const int count = static_cast<int>(std::min<std::size_t>(kCellsAtOnce, cells.size() - from));
         for (int i = 0; i < count; ++i)
-            ranges[i] = survey.write_arguments(cells[from + i], {features.data() + i, kCellsAtOnce});
-        transform_arguments(features.data(), kCellsAtOnce, count);
+            ranges[i] = survey.write_arguments(cells[from + i], {features.data() + i, kFeatureStride});
+        transform_arguments(features.data(), kFeatureStride, count);
         take(from, ranges, features.data(), count);
     }
 }
@@ -181,7 +181,7 @@ inline void hole_inputs(const HoleFieldInput& in, std::size_t threads, Grid<floa
                   [&](std::size_t from, const HeightRange* ranges, const float* own, int count) {
                       const std::size_t to = first[band] + from;
                       for (int k = 0; k < kHoleFeatures; ++k)
-                          std::copy_n(own + k * kCellsAtOnce, count, features.row(k) + to);
+                          std::copy_n(own + k * kFeatureStride, count, features.row(k) + to);
                       for (int i = 0; i < count; ++i)
                           base[to + i] = ranges[i].base, scale[to + i] = ranges[i].scale;
                   });
@@ -190,7 +190,6 @@ inline void hole_inputs(const HoleFieldInput& in, std::size_t threads, Grid<floa
 
 inline constexpr double kMostOffset = 5, kLeastLogVariance = -12, kMostLogVariance = 3;  // kernels/holes.py
 
-// The median of the finite numbers; NaN without any.
 inline double median_of_finite(const Grid<const double>& plane) {
     const std::size_t size = plane.shape[0] * plane.shape[1];
     const auto values = std::make_unique_for_overwrite<double[]>(size + 1);
@@ -207,7 +206,7 @@ inline void extrapolate(const HoleField& field, const std::vector<std::pair<int,
                         Grid<double> value, Grid<double> sigma) {
     const int height = field.height, width = field.width;
     double number = 0, total = 0, squares = 0;
-    Plane<int> nearest(height, width, kNowhere);  // rows of the columns' nearest known cells
+    Plane<int> nearest(height, width);  // rows of the columns' nearest known cells
     const auto is_known = [&](int v, int u) { return value.row(v)[u] - value.row(v)[u] == 0; };
     for (int v = 0; v < height; ++v)
         for (int u = 0; u < width; ++u) {
@@ -266,7 +265,7 @@ inline void fill_holes(const HolesInput& in, std::size_t threads, Grid<double> v
                 float* const out[2] = {outputs[0], outputs[1]};
                 std::vector<const float*> planes;
                 for (std::size_t k = 0; k < in.order.shape[0]; ++k)
-                    planes.push_back(features + in.order[k] * kCellsAtOnce);
+                    planes.push_back(features + in.order[k] * kFeatureStride);
                 evaluate_network_pixels<Floats>(net, planes.data(), 0, count, out);
                 for (int i = 0; i < count; ++i) {
                     const HoleCell& cell = cells[from + i];
@@ -275,8 +274,7 @@ inline void fill_holes(const HolesInput& in, std::size_t threads, Grid<double> v
                     const double variance =
                         std::clamp<double>(outputs[1][i], kLeastLogVariance, kMostLogVariance);
                     // no height lies below both the lowest rim and the belt
-                    const double low = std::fmin(range.floor, 0.0),
-                                 high = std::fmax(range.ceiling, range.base);
+                    const double low = least(range.floor, 0.0), high = greatest(range.ceiling, range.base);
                     const double height = std::min(std::max(range.base + range.scale * offset, low), high);
                     sigma.row(cell.v)[cell.u] = std::hypot(range.scale * std::exp(0.5 * variance), usual);
                     value.row(cell.v)[cell.u] = range.base == range.base ? height : kNothing;

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <vector>
 
 #include "array.hpp"
@@ -29,23 +30,34 @@ struct HoleFieldInput {
     }
 };
 
-// Numbers over a field; a row's number may be negative or too large by `border`.
+// The least or greatest of two numbers; NaN counts only if both are.
+inline double least(double a, double b) { return a < b || b != b ? a : b; }
+inline double greatest(double a, double b) { return a > b || b != b ? a : b; }
+
+inline constexpr int kMargin = 16;  // cells about each plane
+
+// Numbers over a field and its margin. Planes of one field have their cells at the same distance from
+// `row(0)`.
 template <class T>
 class Plane {
 public:
-    Plane() = default;
-    Plane(int rows, int columns, T value, int border = 0)
-        : stride_(columns + 2 * border),
-          border_(border),
-          cells_(static_cast<std::size_t>((rows + 2 * border) * stride_), value) {}
-    T* row(int v) { return cells_.data() + (v + border_) * stride_ + border_; }
-    const T* row(int v) const { return cells_.data() + (v + border_) * stride_ + border_; }
+    Plane(int rows, int columns)
+        : stride_(columns + 2 * kMargin),
+          size_((rows + 2 * kMargin) * stride_),
+          cells_(std::make_unique_for_overwrite<T[]>(static_cast<std::size_t>(size_))),
+          origin_(cells_.get() + kMargin * stride_ + kMargin) {}
+    Plane(int rows, int columns, T value) : Plane(rows, columns) { std::fill_n(cells_.get(), size_, value); }
+    Plane(Plane&&) = default;
+
+    T* row(int v) { return origin_ + v * stride_; }
+    const T* row(int v) const { return origin_ + v * stride_; }
+    const T& operator[](std::ptrdiff_t at) const { return origin_[at]; }
     std::ptrdiff_t stride() const { return stride_; }
 
 private:
-    std::ptrdiff_t stride_ = 0;
-    int border_ = 0;
-    std::vector<T> cells_;
+    std::ptrdiff_t stride_, size_;
+    std::unique_ptr<T[]> cells_;
+    T* origin_;
 };
 
 // The median of the measured cells about a cell, and of itself.
@@ -63,7 +75,6 @@ inline double median_of_nine(const double* field, int height, int width, int v, 
     return 0.5 * (sorted[(count - 1) / 2] + sorted[count / 2]);
 }
 
-inline constexpr int kSlopeHalf = 3;      // kernels/holes.py SLOPE_SIDE
 inline constexpr int kNowhere = 1 << 28;  // farther than any cell
 
 struct HoleField {
@@ -73,10 +84,11 @@ struct HoleField {
           width(input.field.width()),
           first(static_cast<int>(input.first)),
           end(static_cast<int>(input.end)),
-          measured(height, width, 0.0, kSlopeHalf),
-          value(height, width, 0.0),
+          measured(height, width, 0.0),
+          raw(height, width, 0.0),
+          value(height, width),
           filtered(height, width, kNothing),
-          away(height, width, kNowhere) {
+          away(height, width) {
         find_mean();
         for (int v = 0; v < height; ++v) filter_row(v);
         find_vertical_distances();
@@ -90,6 +102,7 @@ struct HoleField {
     int height, width, first, end;
     double middle = 0;       // the field's mean
     Plane<double> measured;  // 1 where a cell was measured, else 0
+    Plane<double> raw;       // heights; 0 where nothing was measured
     Plane<double> value;     // over the mean; 0 where nothing was measured
     Plane<double> filtered;  // heights whose rims are medians of their neighbours
     Plane<int> away;         // rows to the nearest measured cell of the column
@@ -99,18 +112,20 @@ private:
         double sum = 0, count = 0;
         for (int v = 0; v < height; ++v) {
             const double* const from = row(v);
-            double* const to = measured.row(v);
+            double *const to = measured.row(v), *const to_raw = raw.row(v);
             for (int u = 0; u < width; ++u) {
                 const bool known = from[u] - from[u] == 0;
-                to[u] = known;
-                sum += known ? from[u] : 0.0;
-                count += to[u];
+                to[u] = known ? 1.0 : 0.0;
+                to_raw[u] = known ? from[u] : 0.0;
             }
+            for (int u = 0; u < width; ++u) sum += to_raw[u], count += to[u];
         }
         middle = sum / count;
-        for (int v = 0; v < height; ++v)
-            for (int u = 0; u < width; ++u)
-                value.row(v)[u] = measured.row(v)[u] > 0 ? row(v)[u] - middle : 0.0;
+        for (int v = 0; v < height; ++v) {
+            const double *const from = raw.row(v), *const known = measured.row(v);
+            double* const to = value.row(v);
+            for (int u = 0; u < width; ++u) to[u] = (from[u] - middle) * known[u];
+        }
     }
 
     void filter_row(int v) {
@@ -128,14 +143,15 @@ private:
     void find_vertical_distances() {
         for (int v = 0; v < height; ++v) {
             const double* const own = measured.row(v);
-            const int* const before = v > 0 ? away.row(v - 1) : away.row(v);
+            const int* const before = away.row(v > 0 ? v - 1 : v);
             int* const to = away.row(v);
-            for (int u = 0; u < width; ++u) to[u] = own[u] > 0 ? 0 : std::min(before[u] + 1, kNowhere);
+            for (int u = 0; u < width; ++u)
+                to[u] = own[u] > 0 ? 0 : v > 0 ? std::min(before[u] + 1, kNowhere) : kNowhere;
         }
         for (int v = height - 1; v-- > 0;) {
             const int* const after = away.row(v + 1);
             int* const to = away.row(v);
-            for (int u = 0; u < width; ++u) to[u] = std::min(to[u], after[u] + 1);
+            for (int u = 0; u < width; ++u) to[u] = std::min(to[u], std::min(after[u] + 1, kNowhere));
         }
     }
 };

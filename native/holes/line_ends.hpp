@@ -9,26 +9,27 @@
 
 namespace beltscape {
 
-inline constexpr int kMargin = 16;                     // cells about the field, none measured
 inline constexpr std::uint8_t kFar = 2 * kMargin - 1;  // farther cells count as that far
 
-// The distance of each cell from the nearest measured one, the larger of rows and columns.
+// The distance of each cell from the nearest one that is measured or just outside the field, the larger of
+// rows and columns.
 class Clearances {
 public:
     explicit Clearances(const HoleField& field)
-        : columns(field.width),
-          cells(field.height, field.width, kFar, kMargin),
-          spare(columns + 2 * kMargin, kFar) {
+        : columns(field.width), cells(field.height, field.width, kFar), spare(columns + 2 * kMargin, kFar) {
+        std::fill_n(cells.row(-1) - 1, columns + 2, 0);
+        std::fill_n(cells.row(field.height) - 1, columns + 2, 0);
         for (int v = 0; v < field.height; ++v) {
             const double* const measured = field.measured.row(v);
             std::uint8_t* const to = cells.row(v);
             for (int u = 0; u < columns; ++u) to[u] = measured[u] > 0 ? 0 : kFar;
+            to[-1] = to[columns] = 0;
             spread(to, cells.row(v - 1));
         }
         for (int v = field.height; v-- > 0;) spread(cells.row(v), cells.row(v + 1));
     }
 
-    int at(int v, int u) const { return cells.row(v)[u]; }
+    int operator[](std::ptrdiff_t at) const { return cells[at]; }
 
 private:
     static std::uint8_t less(std::uint8_t a, std::uint8_t b) { return a < b ? a : b; }
@@ -53,45 +54,47 @@ private:
     std::vector<std::uint8_t> spare;
 };
 
-// A line's end: the cell, or steps = infinity without any.
+// A line's end: the place of the cell, and the number of steps; infinity where there is none.
 struct LineEnd {
-    int v = 0, u = 0;
+    std::ptrdiff_t at = 0;
     double steps = kEndless;
 
     bool met() const { return steps < kEndless; }
 };
 
-// Follows a line from a cell; `offset(k)` are the rows and columns of k steps, `most` their largest number.
+// Follows a line from the cell at `at`; `offset(k)` is the distance of k steps' end, `most` their largest
+// number.
 template <class Offset>
-inline LineEnd march(const HoleField& field, const Clearances& far, int v, int u, int most,
+inline LineEnd march(const HoleField& field, const Clearances& far, std::ptrdiff_t at, int most,
                      const Offset& offset) {
-    for (int k = std::max(1, far.at(v, u)); k <= most;) {
-        const auto [down, across] = offset(k);
-        const int row = v + down, column = u + across;
-        if (row < 0 || row >= field.height || column < 0 || column >= field.width) break;
-        const int skipped = far.at(row, column);
-        if (skipped == 0) return {row, column, static_cast<double>(k)};
+    for (int k = far[at]; k <= most;) {
+        const std::ptrdiff_t there = at + offset(k);
+        const int skipped = far[there];
+        if (skipped == 0) {
+            if (field.filtered[there] != field.filtered[there]) break;  // outside the field
+            return {there, static_cast<double>(k)};
+        }
         k += skipped;
     }
     return {};
 }
 
-struct Offset {
-    int down, across;
-};
+// The distances of the steps' ends in one of the fixed directions.
+using Way = std::vector<std::ptrdiff_t>;
 
-// The offsets of the steps in one of the fixed directions.
-using Way = std::vector<Offset>;
+inline std::ptrdiff_t step_offset(int k, double down, double across, std::ptrdiff_t stride) {
+    return static_cast<std::ptrdiff_t>(std::rint(k * down)) * stride +
+           static_cast<std::ptrdiff_t>(std::rint(k * across));
+}
 
-inline Way make_way(double down, double across, int most) {
+inline Way make_way(double down, double across, int most, std::ptrdiff_t stride) {
     Way way;
-    for (int k = 0; k <= most; ++k)
-        way.push_back({static_cast<int>(std::rint(k * down)), static_cast<int>(std::rint(k * across))});
+    for (int k = 0; k <= most; ++k) way.push_back(step_offset(k, down, across, stride));
     return way;
 }
 
-inline LineEnd follow(const HoleField& field, const Clearances& far, int v, int u, const Way& way) {
-    return march(field, far, v, u, static_cast<int>(way.size()) - 1, [&](int k) { return way[k]; });
+inline LineEnd follow(const HoleField& field, const Clearances& far, std::ptrdiff_t at, const Way& way) {
+    return march(field, far, at, static_cast<int>(way.size()) - 1, [&](int k) { return way[k]; });
 }
 
 inline constexpr int kDirections = 4, kTurns = 8, kLongest = 95;  // kernels/holes.py
@@ -102,12 +105,14 @@ inline constexpr double kTurnDegrees[kTurns] = {14, 31, 59, 76, 104, 121, 149, 1
 struct Ways {
     explicit Ways(const HoleField& field) {
         const int farthest = std::max(field.height, field.width) - 1;
+        const std::ptrdiff_t stride = field.measured.stride();
         for (const auto& [down, across] : kDirection)
-            for (const int side : {-1, 1}) straight.push_back(make_way(side * down, side * across, farthest));
+            for (const int side : {-1, 1})
+                straight.push_back(make_way(side * down, side * across, farthest, stride));
         for (const double degrees : kTurnDegrees)
             for (const double side : {std::numbers::pi, 0.0}) {
                 const double turn = degrees * (std::numbers::pi / 180) + side;
-                turned.push_back(make_way(std::sin(turn), std::cos(turn), kLongest));
+                turned.push_back(make_way(std::sin(turn), std::cos(turn), kLongest, stride));
             }
     }
 

@@ -3,6 +3,7 @@
 #pragma once
 
 #include "holes/rims.hpp"
+#include "simd.hpp"
 
 namespace beltscape {
 
@@ -20,6 +21,25 @@ inline constexpr int kMostColumns = 768;
 inline constexpr int count_at(int i, int j) { return i < 3 ? kColumnSums * i + j : i == 3 ? 24 + j : 26; }
 inline constexpr int height_at(int i, int j) { return kColumnSums * i + 5 + j; }
 inline constexpr int kSquares = 27;
+
+// Eight numbers in lanes.
+struct Eight {
+    static constexpr int kParts = kColumnSums / kDoubleLanes;
+    Doubles part[kParts];
+
+    static Eight read(const double* from) {
+        Eight eight;
+        for (int i = 0; i < kParts; ++i)
+            __builtin_memcpy(&eight.part[i], from + i * kDoubleLanes, sizeof(Doubles));
+        return eight;
+    }
+    void write(double* to) const {
+        for (int i = 0; i < kParts; ++i) __builtin_memcpy(to + i * kDoubleLanes, &part[i], sizeof(Doubles));
+    }
+    void add(double factor, const Eight& other) {
+        for (int i = 0; i < kParts; ++i) part[i] += factor * other.part[i];
+    }
+};
 
 // Sums over the rows of a window about a row, column by column; y is counted from `origin`.
 class ColumnSums {
@@ -47,16 +67,20 @@ private:
     void add(int v, double sign) {
         if (v < 0 || v >= field.height) return;
         const double y = v - origin;
-        const double of_cell[kColumnSums] = {sign, sign * y, sign * y * y, sign * y * y * y,
-                                             sign * y * y * y * y};
-        const double of_height[kColumnSums] = {0, 0, 0, 0, 0, sign, sign * y, sign * y * y};
-        const double* __restrict known = field.measured.row(v), * __restrict height = field.value.row(v);
-        double* __restrict to = sums.data(), * __restrict to_squares = squares.data();
+        const double counts[kColumnSums] = {sign, sign * y, sign * y * y, sign * y * y * y,
+                                            sign * y * y * y * y};
+        const double heights[kColumnSums] = {0, 0, 0, 0, 0, sign, sign * y, sign * y * y};
+        const Eight of_cell = Eight::read(counts), of_height = Eight::read(heights);
+        const double *const known = field.measured.row(v), *const height = field.value.row(v);
+        double *to = sums.data(), *const to_squares = squares.data();
         const int width = field.width;
-        for (int u = 0; u < width; ++u) {
-            for (int k = 0; k < kColumnSums; ++k) to[k] += known[u] * of_cell[k] + height[u] * of_height[k];
-            to += kColumnSums;
+        for (int u = 0; u < width; ++u, to += kColumnSums) {
+            Eight sum = Eight::read(to);
+            sum.add(known[u], of_cell);
+            sum.add(height[u], of_height);
+            sum.write(to);
         }
+#pragma omp simd
         for (int u = 0; u < width; ++u) to_squares[u] += sign * (height[u] * height[u]);
     }
 
@@ -75,24 +99,23 @@ public:
           sums(static_cast<std::size_t>(last - first + 1) * kRowSums) {}
 
     void fill(const ColumnSums& columns) {
-        double* __restrict next = sums.data();
-        double along[kRowSums] = {};
-        for (int u = from; u < to; ++u) {
-            const double* const own = columns.column(u);
-            const double x = u - middle, xx = x * x;
-            std::copy_n(along, kRowSums, next);
+        double* next = sums.data();
+        Eight even{}, odd{}, square{};
+        double rest[4] = {};
+        const auto store = [&] {
+            even.write(next), odd.write(next + kColumnSums), square.write(next + 2 * kColumnSums);
+            std::copy_n(rest, 4, next + 3 * kColumnSums);
             next += kRowSums;
-            for (int k = 0; k < kColumnSums; ++k) {
-                along[k] += own[k];
-                along[kColumnSums + k] += x * own[k];
-                along[2 * kColumnSums + k] += xx * own[k];
-            }
-            along[24] += xx * x * own[0];
-            along[25] += xx * x * own[1];
-            along[26] += xx * xx * own[0];
-            along[27] += columns.square(u);
+        };
+        for (int u = from; u < to; ++u) {
+            store();
+            const Eight own = Eight::read(columns.column(u));
+            const double x = u - middle, xx = x * x, number = columns.column(u)[0];
+            even.add(1.0, own), odd.add(x, own), square.add(xx, own);
+            rest[0] += xx * x * number, rest[1] += xx * x * columns.column(u)[1];
+            rest[2] += xx * xx * number, rest[3] += columns.square(u);
         }
-        std::copy_n(along, kRowSums, next);
+        store();
     }
 
     // The sums of the columns first ... end - 1.
@@ -116,7 +139,8 @@ using Batch = std::array<double, kBatch>;
 
 template <class Each>
 inline void for_each_in_batch(const Each& each) {
-    for (std::size_t n = 0; n < kBatch; ++n) each(n);
+#pragma omp simd
+    for (int n = 0; n < kBatch; ++n) each(n);
 }
 
 // Sums over windows about several cells, and the place of their fits.
@@ -139,7 +163,7 @@ inline void shift_sums(QuadraticBatch& batch, const At& at) {
                 const double ways = choose[i][a];
                 const Batch &from = batch.sums[at(a, j)], &x = batch.x[i - a];
                 Batch& to = batch.sums[at(i, j)];
-                for_each_in_batch([&](std::size_t n) { to[n] += ways * x[n] * from[n]; });
+                for_each_in_batch([&](int n) { to[n] += ways * x[n] * from[n]; });
             }
     for (int i = 0; i <= degree; ++i)
         for (int j = degree - i; j > 0; --j)
@@ -147,7 +171,7 @@ inline void shift_sums(QuadraticBatch& batch, const At& at) {
                 const double ways = choose[j][b];
                 const Batch &from = batch.sums[at(i, b)], &y = batch.y[j - b];
                 Batch& to = batch.sums[at(i, j)];
-                for_each_in_batch([&](std::size_t n) { to[n] += ways * y[n] * from[n]; });
+                for_each_in_batch([&](int n) { to[n] += ways * y[n] * from[n]; });
             }
 }
 
@@ -155,37 +179,36 @@ inline constexpr int kTerm[kTerms][2] = {{0, 0}, {1, 0}, {0, 1},
                                          {2, 0}, {1, 1}, {0, 2}};  // powers of x and y
 using Column = std::array<Batch, kTerms>;
 
+inline void subtract_product(Batch& from, const Batch& a, const Batch& b) {
+    for_each_in_batch([&](int n) { from[n] -= a[n] * b[n]; });
+}
+inline void multiply(Batch& by, const Batch& a) {
+    for_each_in_batch([&](int n) { by[n] *= a[n]; });
+}
+
 // A symmetric positive definite matrix's lower triangle becomes its Cholesky factor, with inverse diagonal.
 inline void factorise(std::array<Column, kTerms>& a) {
     for (int j = 0; j < kTerms; ++j) {
-        for_each_in_batch([&](std::size_t n) {
-            double pivot = a[j][j][n];
-            for (int k = 0; k < j; ++k) pivot -= a[j][k][n] * a[j][k][n];
-            a[j][j][n] = 1 / std::sqrt(pivot > 1e-30 ? pivot : 1e-30);
-        });
-        for (int i = j + 1; i < kTerms; ++i)
-            for_each_in_batch([&](std::size_t n) {
-                double rest = a[i][j][n];
-                for (int k = 0; k < j; ++k) rest -= a[i][k][n] * a[j][k][n];
-                a[i][j][n] = rest * a[j][j][n];
-            });
+        Batch& pivot = a[j][j];
+        for (int k = 0; k < j; ++k) subtract_product(pivot, a[j][k], a[j][k]);
+        for_each_in_batch([&](int n) { pivot[n] = 1 / std::sqrt(pivot[n] > 1e-30 ? pivot[n] : 1e-30); });
+        for (int i = j + 1; i < kTerms; ++i) {
+            for (int k = 0; k < j; ++k) subtract_product(a[i][j], a[i][k], a[j][k]);
+            multiply(a[i][j], pivot);
+        }
     }
 }
 
 // Solves L Lᵀ x = x for a lower triangle L with inverse diagonal.
 inline void solve(const std::array<Column, kTerms>& lower, Column& x) {
-    for (int j = 0; j < kTerms; ++j)
-        for_each_in_batch([&](std::size_t n) {
-            double rest = x[j][n];
-            for (int i = 0; i < j; ++i) rest -= lower[j][i][n] * x[i][n];
-            x[j][n] = rest * lower[j][j][n];
-        });
-    for (int j = kTerms; j-- > 0;)
-        for_each_in_batch([&](std::size_t n) {
-            double rest = x[j][n];
-            for (int i = j + 1; i < kTerms; ++i) rest -= lower[i][j][n] * x[i][n];
-            x[j][n] = rest * lower[j][j][n];
-        });
+    for (int j = 0; j < kTerms; ++j) {
+        for (int i = 0; i < j; ++i) subtract_product(x[j], lower[j][i], x[i]);
+        multiply(x[j], lower[j][j]);
+    }
+    for (int j = kTerms; j-- > 0;) {
+        for (int i = j + 1; i < kTerms; ++i) subtract_product(x[j], lower[i][j], x[i]);
+        multiply(x[j], lower[j][j]);
+    }
 }
 
 // Writes the fits of window `k` for the batch's cells, and empties it.
@@ -201,30 +224,33 @@ inline void fit_quadratics(QuadraticBatch& batch, int k, double middle) {
     for (int a = 0; a < kTerms; ++a) {
         const double of_right = scale[kTerm[a][0] + kTerm[a][1]];
         const Batch& height = batch.sums[height_at(kTerm[a][0], kTerm[a][1])];
-        for_each_in_batch([&](std::size_t n) { right[a][n] = height[n] * of_right; });
+        for_each_in_batch([&](int n) { right[a][n] = height[n] * of_right; });
         for (int b = 0; b <= a; ++b) {
             const int i = kTerm[a][0] + kTerm[b][0], j = kTerm[a][1] + kTerm[b][1];
             const double of = scale[i + j];
             const Batch& count = batch.sums[count_at(i, j)];
-            for_each_in_batch([&](std::size_t n) { normal[a][b][n] = count[n] * of; });
+            for_each_in_batch([&](int n) { normal[a][b][n] = count[n] * of; });
         }
-        for_each_in_batch([&](std::size_t n) { normal[a][a][n] += kRidge * std::max(number[n], 1.0); });
+        for_each_in_batch([&](int n) { normal[a][a][n] += kRidge * std::max(number[n], 1.0); });
     }
     factorise(normal);
     unit[0].fill(1.0);
     Column solution = right;
     solve(normal, solution);
     solve(normal, unit);
+    Batch rest = batch.sums[kSquares], leverage = unit[0];
+    for (int t = 0; t < kTerms; ++t) subtract_product(rest, solution[t], right[t]);
+    for_each_in_batch([&](int n) {
+        const double most = rest[n] > 0 ? rest[n] : 0.0, cells = number[n] > 1 ? number[n] : 1.0;
+        rest[n] = std::sqrt(most / cells);
+        leverage[n] *= number[n];
+    });
     for (int n = 0; n < batch.count; ++n) {
-        double explained = 0;
-        for (int t = 0; t < kTerms; ++t) explained += solution[t][n] * right[t][n];
-        const double rest = std::max(batch.sums[kSquares][n] - explained, 0.0);
-        const double leverage = unit[0][n] * number[n];
-        const bool sound = number[n] > kFewest - 0.5 && leverage > 0 && leverage < kMostLeverage;
+        const bool sound = number[n] > kFewest - 0.5 && leverage[n] > 0 && leverage[n] < kMostLeverage;
         QuadraticFits& fits = *batch.to[n];
         fits.value[k] = sound ? solution[0][n] + middle : kNothing;
-        fits.miss[k] = sound ? std::sqrt(rest / std::max(number[n], 1.0)) : kNothing;
-        fits.leverage[k] = sound ? leverage : kNothing;
+        fits.miss[k] = sound ? rest[n] : kNothing;
+        fits.leverage[k] = sound ? leverage[n] : kNothing;
     }
     batch.count = 0;
 }

@@ -60,8 +60,8 @@ inline RimProfile order_rims(const RimLine& line) {
     const Rim &upper = swapped ? far : near, &lower = swapped ? near : far;
     const double gap = both ? near.distance + far.distance : kEndless;
     const double sign = swapped ? -1.0 : 1.0;
-    return {std::fmax(near.height, far.height),
-            std::fmin(near.height, far.height),
+    return {greatest(near.height, far.height),
+            least(near.height, far.height),
             gap,
             both ? upper.distance / gap : 0.5,
             upper.slope,
@@ -84,28 +84,27 @@ inline bool comes_before(const RimProfile& a, const RimProfile& b) {
 
 // The line whose higher rim is lowest; upper = infinity where none has two rims.
 struct LowestLine {
-    double upper = kEndless, lower = kNothing, gap = kEndless, nearer = kNothing;
+    double upper = kEndless, lower = kNothing, gap = kEndless, nearer_rim = 0;
 
-    // Takes the line if it comes before the present one. Rounding makes equal lengths equal, in any unit.
+    double nearer() const { return nearer_rim / gap; }
+
+    // Takes the line if it comes before the present one.
     void consider(const Rim& near, const Rim& far, double cell) {
-        if (!near.known() || !far.known()) return;
-        LowestLine line;
-        line.upper = std::max(near.height, far.height), line.lower = std::min(near.height, far.height);
-        line.gap = near.distance + far.distance;
-        line.nearer = std::min(near.distance, far.distance) / line.gap;
-        const double one[] = {line.upper, std::rint(line.gap / cell * 1e6), line.lower,
-                              std::rint(line.nearer * 1e9)};
-        for (int k = 0; k < 4; ++k) {
-            if (one[k] > key[k]) return;
-            if (one[k] == key[k]) continue;
-            std::copy_n(one, 4, line.key);
-            *this = line;
-            return;
-        }
+        const double higher = greatest(near.height, far.height);
+        if (!near.known() || !far.known() || higher > upper) return;
+        const LowestLine line = {higher, least(near.height, far.height), near.distance + far.distance,
+                                 std::min(near.distance, far.distance)};
+        if (higher < upper || line.comes_before(*this, cell)) *this = line;
     }
 
 private:
-    double key[4] = {kEndless, kEndless, kEndless, kEndless};
+    // Compares lines of equal higher rims. Rounding makes equal lengths equal, in any unit.
+    bool comes_before(const LowestLine& other, double cell) const {
+        const double one = std::rint(gap / cell * 1e6), two = std::rint(other.gap / cell * 1e6);
+        if (one != two) return one < two;
+        if (lower != other.lower) return lower < other.lower;
+        return std::rint(nearer() * 1e9) < std::rint(other.nearer() * 1e9);
+    }
 };
 
 struct Rims {
@@ -116,8 +115,9 @@ struct Rims {
 
 inline Rim measure_rim(const RimSurvey& all, const LineEnd& end, double step, double down, double across) {
     if (!end.met()) return {};
-    const double x = all.slopes.x.row(end.v)[end.u], y = all.slopes.y.row(end.v)[end.u];
-    return {all.field.filtered.row(end.v)[end.u], end.steps * step, std::hypot(x, y), x * across + y * down};
+    const double x = all.slopes.x[end.at], y = all.slopes.y[end.at];
+    return {all.field.filtered[end.at], end.steps * step, all.slopes.steepness[end.at],
+            x * across + y * down};
 }
 
 inline Rims find_rims(const RimSurvey& all, int v, int u) {
@@ -126,27 +126,28 @@ inline Rims find_rims(const RimSurvey& all, int v, int u) {
     const std::ptrdiff_t at = static_cast<std::ptrdiff_t>(v) * field.width + u;
     const double tan_x = field.in.ray_slope[at];
     const double tan_y = field.in.ray_slope[at + static_cast<std::ptrdiff_t>(field.height) * field.width];
+    const std::ptrdiff_t place = v * field.measured.stride() + u;
     Rims found;
     found.tangent = std::hypot(tan_x, tan_y);
     for (int k = 0; k < kDirections; ++k) {
         const double down = kDirection[k][0], across = kDirection[k][1], length = std::hypot(down, across);
         const auto side = [&](int s) {
-            const LineEnd end = follow(field, all.far, v, u, all.ways.straight[2 * k + s]);
+            const LineEnd end = follow(field, all.far, place, all.ways.straight[2 * k + s]);
             return measure_rim(all, end, cell * length, down / length, across / length);
         };
         const RimLine line = {side(0), side(1), (tan_x * across + tan_y * down) / length};
         found.lowest.consider(line.near, line.far, cell);
         const RimProfile profile = order_rims(line);
-        int place = k + 1;  // behind those that come before it
-        for (; place > 1 && comes_before(profile, found.lines[place - 1]); --place)
-            found.lines[place] = found.lines[place - 1];
-        found.lines[place] = profile;
+        int number = k + 1;  // behind those that come before it
+        for (; number > 1 && comes_before(profile, found.lines[number - 1]); --number)
+            found.lines[number] = found.lines[number - 1];
+        found.lines[number] = profile;
     }
     for (int k = 0; k < kTurns; ++k) {
         const auto side = [&](int s) -> Rim {
-            const LineEnd end = follow(field, all.far, v, u, all.ways.turned[2 * k + s]);
+            const LineEnd end = follow(field, all.far, place, all.ways.turned[2 * k + s]);
             if (!end.met()) return {};
-            return {field.filtered.row(end.v)[end.u], end.steps * cell};
+            return {field.filtered[end.at], end.steps * cell};
         };
         found.lowest.consider(side(0), side(1), cell);
     }
@@ -156,10 +157,9 @@ inline Rims find_rims(const RimSurvey& all, int v, int u) {
         const double down = tan_y / found.tangent, across = tan_x / found.tangent;
         const auto side = [&](int s) {
             const auto offset = [&](int k) {
-                return Offset{static_cast<int>(std::rint(k * (s * down))),
-                              static_cast<int>(std::rint(k * (s * across)))};
+                return step_offset(k, s * down, s * across, field.measured.stride());
             };
-            const LineEnd end = march(field, all.far, v, u, std::max(field.height, field.width) - 1, offset);
+            const LineEnd end = march(field, all.far, place, std::max(field.height, field.width) - 1, offset);
             return measure_rim(all, end, cell, down, across);
         };
         found.lines[0] = order_rims({side(-1), side(1), found.tangent});
@@ -180,21 +180,21 @@ inline RimSummary summarise_rims(const Rims& rims, double cell) {
     double low = kNothing, high = kNothing;
     for (int k = 0; k < kLines; ++k) {
         const RimProfile& line = rims.lines[k];
-        sum.floor = std::fmin(sum.floor, line.lower), sum.ceiling = std::fmax(sum.ceiling, line.upper);
+        sum.floor = least(sum.floor, line.lower), sum.ceiling = greatest(sum.ceiling, line.upper);
         sum.upper_tangent[k] = sum.lower_tangent[k] = kNothing;
         if (!line.both()) continue;
         shortest = std::min(shortest, line.gap);
         sum.upper_tangent[k] = line.upper + line.upper_rise * line.share * line.gap;
         sum.lower_tangent[k] = line.lower + line.lower_rise * (1 - line.share) * line.gap;
-        low = std::fmin(low, std::fmin(sum.upper_tangent[k], sum.lower_tangent[k]));
-        high = std::fmax(high, std::fmax(sum.upper_tangent[k], sum.lower_tangent[k]));
+        low = least(low, least(sum.upper_tangent[k], sum.lower_tangent[k]));
+        high = greatest(high, greatest(sum.upper_tangent[k], sum.lower_tangent[k]));
         const double across = std::max(line.gap, cell), weight = 1 / (across * across);
         weights += weight;
         heights += weight * (line.upper - (line.upper - line.lower) * line.share);
     }
     sum.shortest = shortest < kEndless ? shortest : cell;
     sum.straight = heights / weights;  // 0 / 0 is NaN
-    sum.low = std::fmin(sum.floor, low), sum.high = std::fmax(sum.ceiling, high);
+    sum.low = least(sum.floor, low), sum.high = greatest(sum.ceiling, high);
     return sum;
 }
 

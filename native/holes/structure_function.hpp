@@ -56,6 +56,7 @@ private:
 // neighbours lie `step` numbers away; returns the number of all.
 inline std::size_t add_bends(const double* row, int from, int end, std::ptrdiff_t step,
                              double* __restrict buffer, double* __restrict bends, std::size_t count) {
+#pragma omp simd
     for (int u = from; u < end; ++u) {
         const double bend = std::abs(row[u] - 0.5 * (row[u + step] + row[u - step]));
         buffer[u] = row[u] > kLoaded ? bend : kNothing;

@@ -77,7 +77,7 @@ private:
 // The larger second difference of both axes, up to two cells' size, of the rows that windows of `reach` need.
 struct Roughness {
     Roughness(const HoleField& field, int reach)
-        : known(field.height, field.width, 0.0), value(field.height, field.width, 0.0) {
+        : known(field.height, field.width), value(field.height, field.width) {
         const int k = kBendCells, width = field.width;
         const double most = 2 * field.cell();
         const int start = std::max(field.first - reach, 0), end = std::min(field.end + reach, field.height);

@@ -161,7 +161,7 @@ def trace_lines(
         height = np.where(met, rim_mm.ravel()[ends.cell], np.nan)
         x, y = (np.where(met, part.ravel()[ends.cell], 0.0) for part in gradient)
         rise = x * direction[1] + y * direction[0]
-        ends_of_line = (height, ends.steps * step_mm, np.hypot(x, y), rise)
+        ends_of_line = (height, ends.steps * step_mm, np.sqrt(x * x + y * y), rise)
         pairs: list[NDArray[np.float64]] = [end for pair in ends_of_line for end in pair]
         return RimLine(*pairs, ray_slope=ray_slope, is_vertical=straight_down)
 

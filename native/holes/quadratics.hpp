@@ -199,14 +199,10 @@ inline void factorise(std::array<Column, kTerms>& a) {
     }
 }
 
-// Solves L Lᵀ x = x for a lower triangle L with inverse diagonal.
+// Solves L x = x for a lower triangle L with inverse diagonal.
 inline void solve(const std::array<Column, kTerms>& lower, Column& x) {
     for (int j = 0; j < kTerms; ++j) {
         for (int i = 0; i < j; ++i) subtract_product(x[j], lower[j][i], x[i]);
-        multiply(x[j], lower[j][j]);
-    }
-    for (int j = kTerms; j-- > 0;) {
-        for (int i = j + 1; i < kTerms; ++i) subtract_product(x[j], lower[i][j], x[i]);
         multiply(x[j], lower[j][j]);
     }
 }
@@ -235,11 +231,18 @@ inline void fit_quadratics(QuadraticBatch& batch, int k, double middle) {
     }
     factorise(normal);
     unit[0].fill(1.0);
-    Column solution = right;
-    solve(normal, solution);
+    solve(normal, right);
     solve(normal, unit);
-    Batch rest = batch.sums[kSquares], leverage = unit[0];
-    for (int t = 0; t < kTerms; ++t) subtract_product(rest, solution[t], right[t]);
+    // (L Lᵀ)⁻¹ of two vectors is the product of both by L⁻¹: value, leverage and explained squares
+    Batch value{}, leverage{}, rest = batch.sums[kSquares];
+    for (int t = 0; t < kTerms; ++t) {
+        const Batch &of_right = right[t], &of_unit = unit[t];
+        for_each_in_batch([&](int n) {
+            value[n] += of_unit[n] * of_right[n];
+            leverage[n] += of_unit[n] * of_unit[n];
+        });
+        subtract_product(rest, of_right, of_right);
+    }
     for_each_in_batch([&](int n) {
         const double most = rest[n] > 0 ? rest[n] : 0.0, cells = number[n] > 1 ? number[n] : 1.0;
         rest[n] = std::sqrt(most / cells);
@@ -248,7 +251,7 @@ inline void fit_quadratics(QuadraticBatch& batch, int k, double middle) {
     for (int n = 0; n < batch.count; ++n) {
         const bool sound = number[n] > kFewest - 0.5 && leverage[n] > 0 && leverage[n] < kMostLeverage;
         QuadraticFits& fits = *batch.to[n];
-        fits.value[k] = sound ? solution[0][n] + middle : kNothing;
+        fits.value[k] = sound ? value[n] + middle : kNothing;
         fits.miss[k] = sound ? rest[n] : kNothing;
         fits.leverage[k] = sound ? leverage[n] : kNothing;
     }

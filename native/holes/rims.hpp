@@ -128,9 +128,10 @@ inline Rims find_rims(const RimSurvey& all, int v, int u) {
     const double tan_y = field.in.ray_slope[at + static_cast<std::ptrdiff_t>(field.height) * field.width];
     const std::ptrdiff_t place = v * field.measured.stride() + u;
     Rims found;
-    found.tangent = std::hypot(tan_x, tan_y);
+    found.tangent = std::sqrt(tan_x * tan_x + tan_y * tan_y);
     for (int k = 0; k < kDirections; ++k) {
-        const double down = kDirection[k][0], across = kDirection[k][1], length = std::hypot(down, across);
+        const double down = kDirection[k][0], across = kDirection[k][1];
+        const double length = down != 0 && across != 0 ? std::numbers::sqrt2 : 1.0;
         const auto side = [&](int s) {
             const LineEnd end = follow(field, all.far, place, all.ways.straight[2 * k + s]);
             return measure_rim(all, end, cell * length, down / length, across / length);
@@ -149,7 +150,8 @@ inline Rims find_rims(const RimSurvey& all, int v, int u) {
             if (!end.met()) return {};
             return {field.filtered[end.at], end.steps * cell};
         };
-        found.lowest.consider(side(0), side(1), cell);
+        const Rim near = side(0);  // a line with a higher rim is not the lowest
+        if (near.height <= found.lowest.upper) found.lowest.consider(near, side(1), cell);
     }
     // vertical rays define no line: the shortest line replaces it
     found.lines[0] = found.lines[1];

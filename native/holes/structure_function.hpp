@@ -32,22 +32,23 @@ private:
         return static_cast<std::size_t>(std::bit_cast<std::uint64_t>(number) >> kShift);
     }
 
+    // The number of a rank, not less than those before.
     double at(std::size_t rank) {
-        std::size_t own = 0;
-        for (; rank >= counts[own]; ++own) rank -= counts[own];
-        if (own != near_bin) {
-            near_bin = own;
+        const std::size_t last = own;
+        for (; rank - before >= counts[own]; ++own) before += counts[own];
+        if (own != last || near.empty()) {
             near.clear();
             near.reserve(counts[own]);
             for (std::size_t i = 0; i < count; ++i)
                 if (bin(values[i]) == own) near.push_back(values[i]);
         }
-        std::nth_element(near.begin(), near.begin() + static_cast<std::ptrdiff_t>(rank), near.end());
-        return near[rank];
+        const auto place = near.begin() + static_cast<std::ptrdiff_t>(rank - before);
+        std::nth_element(near.begin(), place, near.end());
+        return *place;
     }
 
     const double* values;
-    std::size_t count, near_bin = kBins;
+    std::size_t count, own = 0, before = 0;  // numbers in the bins before `own`
     std::vector<std::uint32_t> counts;
     std::vector<double> near;
 };

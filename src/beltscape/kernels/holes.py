@@ -106,6 +106,7 @@ HOLE_FEATURES = (
     *(name.format(side) for side in LOW_CELLS for name in _OF_THE_LOWEST_CELL),
 )
 """Names of the features of a hole cell, in the order in which kernels give them."""
+_NUMBERS = {name: number for number, name in enumerate(HOLE_FEATURES)}
 
 
 class HoleField(NamedTuple):
@@ -218,7 +219,7 @@ class HoleFillingKernels(KernelFamily):
         """
         holes = _check_field(planes[0], pinhole, ray_slope, cell, rows)
         names, limits, layers = network
-        unknown = [name for name in names if name not in HOLE_FEATURES]
+        unknown = [name for name in names if name not in _NUMBERS]
         if unknown:
             raise KernelError(f"the network has a feature {unknown[0]!r} that hole cells have not")
         weights = network_layers(layers, "features", len(names))
@@ -227,7 +228,7 @@ class HoleFillingKernels(KernelFamily):
         given = HolesInput(
             holes,
             _check_plane("sigma", planes[1], holes.field.shape),
-            np.array([HOLE_FEATURES.index(name) for name in names], np.int32),
+            np.array([_NUMBERS[name] for name in names], np.int32),
             float32("limits", limits, (2, len(names))),
             weights,
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -110,7 +112,7 @@ def test_outside_all_rims_the_first_of_the_nearest_cells_is_taken(name: str) -> 
     assert np.isnan(filled[[1, 3, 4]]).all()
 
 
-FITS = {
+FITS: dict[str, Any] = {
     "planes": (np.ones((5, 6)), np.ones((5, 6))), "pinhole": np.zeros((5, 6), bool),
     "ray_slope": np.zeros((2, 5, 6)), "cell": 1.0, "network": (["smooth"], np.zeros((2, 1)), [np.zeros((2, 2))]),
 }  # fmt: skip
@@ -137,7 +139,7 @@ FITS = {
         ),
     ],
 )
-def test_arguments_that_do_not_fit_are_named(name: str, wrong: dict[str, object], message: str) -> None:
+def test_arguments_that_do_not_fit_are_named(name: str, wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(KernelError) as error:
         load(name).fill_holes(**(FITS | wrong))
     assert str(error.value) == message

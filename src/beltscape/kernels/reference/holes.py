@@ -1,4 +1,4 @@
-"""The reference of the kernels of holes: the inputs of the prediction, the prediction, and what lies outside all rims."""
+"""The reference of the kernels of holes: inputs of the prediction, the prediction, and what lies outside all rims."""
 
 from __future__ import annotations
 

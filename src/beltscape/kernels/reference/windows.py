@@ -29,7 +29,7 @@ _BAND_ROWS = 128
 """Rows whose cells share a table of running sums, so that the table and its rounding errors stay small."""
 
 
-def _cut_bands(cells: CellIndices, reach: int, rows: int) -> Iterator[tuple[NDArray[np.intp], slice]]:
+def cut_bands(cells: CellIndices, reach: int, rows: int) -> Iterator[tuple[NDArray[np.intp], slice]]:
     """Yield the indices of cells in one band of a field's ``rows``, and the rows up to ``reach`` about them."""
     if not len(cells[0]):
         return
@@ -40,7 +40,7 @@ def _cut_bands(cells: CellIndices, reach: int, rows: int) -> Iterator[tuple[NDAr
             yield own, slice(max(low - reach, 0), min(high + reach + 1, rows))
 
 
-class _WindowSums:
+class WindowSums:
     """Summed-area tables of F fields. Whole numbers may overflow: sums of windows are exact nevertheless."""
 
     def __init__(self, fields: NDArray[np.int64] | NDArray[np.float64]) -> None:
@@ -80,8 +80,8 @@ def fit_quadratics(
 ) -> NDArray[np.float64]:
     """Return (3, K, H) value, miss and leverage of least-squares quadratics in windows of K sides about H cells.
 
-    The value is that at the cell itself. The miss is the root mean square residual of the window's measured cells, the
-    leverage the variance of the value times the number of cells, over one cell's: 1 for a mean, more beyond. All
+    The value is that at the cell itself. The miss is the root mean square residual of the window's measured cells,
+    the leverage the variance of the value times the number of cells, over one cell's: 1 for a mean, more beyond. All
     are NaN where the window does not determine a quadratic. Nothing lies outside the field, whose mean should be
     near 0, because its squares are summed.
     """
@@ -89,11 +89,11 @@ def fit_quadratics(
     height = np.where(measured, field, 0.0)
     found = np.empty((3, len(sides), len(cells[0])))
     half = np.array(sides)[:, None] / 2
-    for own, near in _cut_bands(cells, max(sides) // 2, len(field)):
+    for own, near in cut_bands(cells, max(sides) // 2, len(field)):
         x, y = (np.arange(int(count)) - count // 2 for count in (field.shape[1], near.stop - near.start))
-        masses = _WindowSums(_weighted(measured[near].astype(np.int64), x, y, _POWERS))
-        heights = _WindowSums(_weighted(height[near], x, y, TERMS))
-        squares = _WindowSums(height[near][None] ** 2)
+        masses = WindowSums(_weighted(measured[near].astype(np.int64), x, y, _POWERS))
+        heights = WindowSums(_weighted(height[near], x, y, TERMS))
+        squares = WindowSums(height[near][None] ** 2)
         at = (cells[0][own] - near.start, cells[1][own])
         mass, right, square = (
             np.stack([table.at(at, side) for side in sides], axis=1) for table in (masses, heights, squares)
@@ -190,11 +190,11 @@ def window_means(
     """
     reach = max(sides) // 2
     shares, means = np.empty((2, len(sides), len(cells[0])))
-    for own, near in _cut_bands(cells, reach, len(field)):
+    for own, near in cut_bands(cells, reach, len(field)):
         padded = np.pad(field[near], reach, mode="edge")
         known = np.isfinite(padded)
-        counts = _WindowSums(known[None].astype(np.int64))
-        totals = _WindowSums(np.where(known, padded, 0.0)[None])
+        counts = WindowSums(known[None].astype(np.int64))
+        totals = WindowSums(np.where(known, padded, 0.0)[None])
         at = (cells[0][own] - near.start + reach, cells[1][own] + reach)
         for k, side in enumerate(sides):
             share, total = counts.at(at, side)[0] / side**2, totals.at(at, side)[0] / side**2

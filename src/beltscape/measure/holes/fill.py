@@ -23,6 +23,10 @@ class Filled:
     hole: NDArray[np.bool_]
     """(Ny, Nx) whether a cell was not measured."""
 
+    def cut(self, rows: slice) -> Filled:
+        """Return these rows alone."""
+        return Filled(self.value_mm[rows], self.sigma_mm[rows], self.hole[rows])
+
 
 def fill_holes(
     value_mm: NDArray[np.float64],

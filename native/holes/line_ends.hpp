@@ -3,6 +3,7 @@
 // Visual Computer 12, 527-545, 1996, doi:10.1007/s003710050084). For the CPU alone.
 #pragma once
 
+#include <array>
 #include <numbers>
 
 #include "holes/hole_field.hpp"
@@ -79,44 +80,70 @@ inline LineEnd march(const HoleField& field, const Clearances& far, std::ptrdiff
     return {};
 }
 
-// The distances of the steps' ends in one of the fixed directions.
-using Way = std::vector<std::ptrdiff_t>;
-
 inline std::ptrdiff_t step_offset(int k, double down, double across, std::ptrdiff_t stride) {
     return static_cast<std::ptrdiff_t>(std::rint(k * down)) * stride +
            static_cast<std::ptrdiff_t>(std::rint(k * across));
 }
 
-inline Way make_way(double down, double across, int most, std::ptrdiff_t stride) {
-    Way way;
-    for (int k = 0; k <= most; ++k) way.push_back(step_offset(k, down, across, stride));
-    return way;
-}
+// Lines in several directions that are the same from all cells.
+template <int count>
+class Ways {
+public:
+    explicit Ways(int longest) : most(longest), length(longest + kFar + 1) {}
 
-inline LineEnd follow(const HoleField& field, const Clearances& far, std::ptrdiff_t at, const Way& way) {
-    return march(field, far, at, static_cast<int>(way.size()) - 1, [&](int k) { return way[k]; });
-}
+    void append(double down, double across, std::ptrdiff_t stride) {
+        for (int k = 0; k < length; ++k)
+            offsets.push_back(static_cast<int>(step_offset(k, down, across, stride)));
+    }
+
+    // Follows all lines from the cell at `at` in step: a line at its end stays there. Each alone would end at
+    // a moment of its own, which the processor cannot foresee.
+    std::array<LineEnd, count> follow(const HoleField& field, const Clearances& far,
+                                      std::ptrdiff_t at) const {
+        std::array<int, count> steps;
+        steps.fill(far[at]);
+        for (int moved = 1; moved != 0;) {
+            moved = 0;
+            for (int i = 0; i < count; ++i) {
+                const int skipped = far[at + offsets[i * length + steps[i]]];
+                const int step = steps[i] <= most ? skipped : 0;
+                steps[i] += step, moved |= step;
+            }
+        }
+        std::array<LineEnd, count> ends;
+        for (int i = 0; i < count; ++i) {
+            const std::ptrdiff_t there = at + offsets[i * length + steps[i]];
+            const bool met = steps[i] <= most && field.filtered[there] == field.filtered[there];
+            if (met) ends[i] = {there, static_cast<double>(steps[i])};
+        }
+        return ends;
+    }
+
+private:
+    int most, length;
+    std::vector<int> offsets;  // of the steps of each line; none goes beyond the cells just outside the field
+};
 
 inline constexpr int kDirections = 4, kTurns = 8, kLongest = 95;  // kernels/holes.py
 inline constexpr int kDirection[kDirections][2] = {{0, 1}, {1, 0}, {1, 1}, {1, -1}};
 inline constexpr double kTurnDegrees[kTurns] = {14, 31, 59, 76, 104, 121, 149, 166};
 
-// The lines that are the same from all cells, to both of their sides.
-struct Ways {
-    explicit Ways(const HoleField& field) {
-        const int farthest = std::max(field.height, field.width) - 1;
+// The fixed lines to both of their sides: near side, far side of the first, of the second ...
+struct FixedLines {
+    explicit FixedLines(const HoleField& field)
+        : straight(std::max(field.height, field.width)), turned(kLongest) {
         const std::ptrdiff_t stride = field.measured.stride();
         for (const auto& [down, across] : kDirection)
-            for (const int side : {-1, 1})
-                straight.push_back(make_way(side * down, side * across, farthest, stride));
+            for (const int side : {-1, 1}) straight.append(side * down, side * across, stride);
         for (const double degrees : kTurnDegrees)
             for (const double side : {std::numbers::pi, 0.0}) {
                 const double turn = degrees * (std::numbers::pi / 180) + side;
-                turned.push_back(make_way(std::sin(turn), std::cos(turn), kLongest, stride));
+                turned.append(std::sin(turn), std::cos(turn), stride);
             }
     }
 
-    std::vector<Way> straight, turned;  // near side, far side of the first, of the second ...
+    Ways<2 * kDirections> straight;
+    Ways<2 * kTurns> turned;
 };
 
 }  // namespace beltscape

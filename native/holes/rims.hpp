@@ -17,12 +17,12 @@ inline constexpr double kReach = 5, kOpen = 4, kSmooth = 0.03, kTiny = 1e-6;
 // What is shared by all cells of a field.
 struct RimSurvey {
     RimSurvey(const HoleField& holes, std::size_t threads)
-        : field(holes), slopes(holes, threads), far(holes), ways(holes), structure(holes.in, threads) {}
+        : field(holes), slopes(holes, threads), far(holes), lines(holes), structure(holes.in, threads) {}
 
     const HoleField& field;
     Slopes slopes;
     Clearances far;
-    Ways ways;
+    FixedLines lines;
     StructureFunction structure;
 };
 
@@ -129,12 +129,12 @@ inline Rims find_rims(const RimSurvey& all, int v, int u) {
     const std::ptrdiff_t place = v * field.measured.stride() + u;
     Rims found;
     found.tangent = std::sqrt(tan_x * tan_x + tan_y * tan_y);
+    const auto straight = all.lines.straight.follow(field, all.far, place);
     for (int k = 0; k < kDirections; ++k) {
         const double down = kDirection[k][0], across = kDirection[k][1];
         const double length = down != 0 && across != 0 ? std::numbers::sqrt2 : 1.0;
         const auto side = [&](int s) {
-            const LineEnd end = follow(field, all.far, place, all.ways.straight[2 * k + s]);
-            return measure_rim(all, end, cell * length, down / length, across / length);
+            return measure_rim(all, straight[2 * k + s], cell * length, down / length, across / length);
         };
         const RimLine line = {side(0), side(1), (tan_x * across + tan_y * down) / length};
         found.lowest.consider(line.near, line.far, cell);
@@ -144,14 +144,14 @@ inline Rims find_rims(const RimSurvey& all, int v, int u) {
             found.lines[number] = found.lines[number - 1];
         found.lines[number] = profile;
     }
+    const auto turned = all.lines.turned.follow(field, all.far, place);
     for (int k = 0; k < kTurns; ++k) {
         const auto side = [&](int s) -> Rim {
-            const LineEnd end = follow(field, all.far, place, all.ways.turned[2 * k + s]);
+            const LineEnd& end = turned[2 * k + s];
             if (!end.met()) return {};
             return {field.filtered[end.at], end.steps * cell};
         };
-        const Rim near = side(0);  // a line with a higher rim is not the lowest
-        if (near.height <= found.lowest.upper) found.lowest.consider(near, side(1), cell);
+        found.lowest.consider(side(0), side(1), cell);
     }
     // vertical rays define no line: the shortest line replaces it
     found.lines[0] = found.lines[1];

@@ -137,7 +137,7 @@ class HolesInput(NamedTuple):
 
 
 class HoleInputs(NamedTuple):
-    """What the heights of H hole cells are predicted from, row by row."""
+    """Inputs of the prediction of the heights of H hole cells, row by row."""
 
     features: NDArray[np.floating]
     """(F, H) `HOLE_FEATURES`: ratios of heights and lengths, angles, logarithms."""

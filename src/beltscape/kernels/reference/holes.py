@@ -35,7 +35,7 @@ Filled = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Prediction:
-    """What the heights of H hole cells are predicted from."""
+    """Inputs of the prediction of the heights of H hole cells."""
 
     profiles: RimProfiles
     """The rims along five lines."""
@@ -78,7 +78,7 @@ def _find_holes(given: HoleField) -> CellIndices:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SharedField:
-    """What all predictions in a field (Ny, Nx) share."""
+    """The parts of all predictions in a field (Ny, Nx) that do not depend on the cell."""
 
     given: HoleField
     filtered: NDArray[np.float64]

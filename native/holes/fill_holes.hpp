@@ -48,7 +48,11 @@ public:
     std::vector<HoleCell> measure_band(int band) const {
         const int start = field.first + band * kBandRows;
         const int end = std::min(start + kBandRows, field.end);
+        std::size_t number = 0;
+        for (int v = start; v < end; ++v)
+            for (int u = 0; u < field.width; ++u) number += field.is_hole(v, u);
         std::vector<HoleCell> cells;
+        cells.reserve(number);
         for (int v = start; v < end; ++v)
             for (int u = 0; u < field.width; ++u)
                 if (field.is_hole(v, u)) cells.push_back({v, u, {}});
@@ -207,17 +211,21 @@ inline void extrapolate(const HoleField& field, const std::vector<std::pair<int,
     const int height = field.height, width = field.width;
     double number = 0, total = 0, squares = 0;
     Plane<int> nearest(height, width);  // rows of the columns' nearest known cells
-    const auto is_known = [&](int v, int u) { return value.row(v)[u] - value.row(v)[u] == 0; };
-    for (int v = 0; v < height; ++v)
+    for (int v = 0; v < height; ++v) {
+        const double* const row = value.row(v);
+        const int* const above = nearest.row(std::max(v - 1, 0));
+        int* const to = nearest.row(v);
         for (int u = 0; u < width; ++u) {
-            const bool known = is_known(v, u);
-            nearest.row(v)[u] = known ? v : v > 0 ? nearest.row(v - 1)[u] : -kNowhere;
-            number += known, total += known ? value.row(v)[u] : 0.0;
+            const bool known = row[u] - row[u] == 0;
+            to[u] = known ? v : v > 0 ? above[u] : -kNowhere;
+            number += known ? 1.0 : 0.0, total += known ? row[u] : 0.0;
         }
-    for (int v = 0; v < height; ++v)
-        for (int u = 0; u < width; ++u)
-            if (is_known(v, u))
-                squares += (value.row(v)[u] - total / number) * (value.row(v)[u] - total / number);
+    }
+    const double mean = total / number;
+    for (std::size_t i = 0; i < static_cast<std::size_t>(height) * width; ++i) {
+        const double off = value[i] - mean;
+        squares += off - off == 0 ? off * off : 0.0;
+    }
     const double spread = std::sqrt(squares / number);
     for (int v = height - 1; v-- > 0;)
         for (int u = 0; u < width; ++u) {

@@ -155,5 +155,6 @@ void bind_least_squares(nb::module_& m);
 void bind_images(nb::module_& m);
 void bind_geometry(nb::module_& m);
 void bind_networks(nb::module_& m);
+void bind_holes(nb::module_& m);
 
 }  // namespace beltscape

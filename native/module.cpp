@@ -31,4 +31,5 @@ NB_MODULE(BELTSCAPE_MODULE, m) {
     beltscape::bind_images(m);
     beltscape::bind_geometry(m);
     beltscape::bind_networks(m);
+    beltscape::bind_holes(m);
 }

@@ -32,8 +32,7 @@ from timing import measure_seconds
 
 PLANES = 64
 _JUMPS = 7, 40
-_ALONE = {"aggregate", "rasterise_heights", "window_minima"}
-_WINDOWS = 9, 25, 51, 101
+_ALONE = {"aggregate", "rasterise_heights"}
 _CROP_PX = 48
 """Edge of the image's centre that the reference kernels process."""
 NOTES = f"""\
@@ -41,10 +40,10 @@ Cells: ms (throughput): Mpx/s of the core; of sweep, aggregate and both at once 
 Frame: the rendered module, four auxiliaries, true depth. Beside: cv2.remap, cubic, of a ready map (warp);
 {PLANES} × 4 of cv2.remap, bilinear, alone, without any comparison (sweep); cv2.StereoSGBM HH with as many
 disparities, its own matching cost included (aggregate); cv2.triangulatePoints of 2 views (triangulate has 5);
-scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate, rasterise_heights and window_minima
-run on one thread only. Lines (24 from each) and windows (of 4 sizes) are about holes of 5 % of the pixels. Candidate
-surfaces and the photo-consistency of all 9 are for a fifth of the pixels, as are gather (24 neighbours and the pixel
-itself, of 2 planes) and pass_messages (a round); evaluate_network: 52 planes, 64 units, 2 outputs.
+scipy.ndimage.spline_filter (spline_coefficients); all with one thread. aggregate and rasterise_heights run on one
+thread only. The holes that are filled are 5 % of the pixels. Candidate surfaces and the photo-consistency of all 9
+are for a fifth of the pixels, as are gather (24 neighbours and the pixel itself, of 2 planes) and pass_messages (a
+round); evaluate_network: 52 planes, 64 units, 2 outputs.
 Reference: NumPy in float64 on {_CROP_PX}² px."""
 
 
@@ -220,19 +219,16 @@ def _selection_calls(case: Case) -> dict[str, Call]:
 def _field_calls(case: Case) -> dict[str, Call]:
     """Return calls of the kernels on depth maps, height maps and points."""
     depth, (projections, pixels) = np.median(case.s) / case.s, random_points(case.s.size)
-    holed, place, turn = _add_holes(depth)
+    holed, holes = _add_holes(depth), load_network("holes")
+    sigma, network = np.full_like(holed, 1e-3), (holes.features, holes.limits, holes.layers)
     return {
         "triangulate": lambda k, n: k.triangulate(projections, pixels, threads=n),
         "rasterise_heights": lambda k, n: k.rasterise_heights(
             depth, np.ones_like(depth), np.isfinite(depth), np.eye(3, 4), 0.05, depth.shape, threads=n
         ),
-        "first_hits": lambda k, n: k.first_hits(
-            np.isfinite(holed), place, np.sin(turn), np.cos(turn), 95, threads=n
+        "fill_holes": lambda k, n: k.fill_holes(
+            (holed, sigma), np.zeros(holed.shape, bool), np.zeros((2, *holed.shape)), 0.01, network, threads=n
         ),
-        "quadratics": lambda k, n: k.quadratics(holed, place, _WINDOWS, threads=n),
-        "window_means": lambda k, n: k.window_means(holed, place, _WINDOWS, threads=n),
-        "window_minima": lambda k, n: k.window_minima(holed, place, _WINDOWS, threads=n),
-        "plane_slopes": lambda k, n: k.plane_slopes(holed, threads=n),
     }  # fmt: skip
 
 
@@ -253,11 +249,10 @@ def _messages(uncertain: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return messages, neighbours, rest
 
 
-def _add_holes(depth: np.ndarray) -> tuple[np.ndarray, tuple[np.ndarray, ...], np.ndarray]:
-    """Return zero-mean depths with holes, the holes' positions, and directions all around."""
+def _add_holes(depth: np.ndarray) -> np.ndarray:
+    """Return zero-mean depths with holes."""
     noise = ndimage.gaussian_filter(np.random.default_rng(2).normal(size=depth.shape), 3)
-    holed = np.where(noise > np.quantile(noise, 0.95), np.nan, depth - depth.mean())
-    return holed, np.nonzero(np.isnan(holed)), np.linspace(0, 2 * np.pi, 24, endpoint=False)[:, None]
+    return np.where(noise > np.quantile(noise, 0.95), np.nan, depth - depth.mean())
 
 
 def _baselines(case: Case) -> dict[str, Callable[[], object]]:

@@ -4,7 +4,6 @@
 #include "geometry/arc_tangent.hpp"
 #include "geometry/fuse_layers.hpp"
 #include "geometry/height_rasterisation.hpp"
-#include "geometry/ray_march.hpp"
 #include "geometry/triangulate.hpp"
 #include "geometry/visibility.hpp"
 
@@ -13,7 +12,6 @@ void beltscape::bind_geometry(nb::module_& m) {
     bind(m, "triangulate", &triangulate);
     bind(m, "inverse_depth_buffers", &inverse_depth_buffers);
     bind(m, "visible", &visible);
-    bind(m, "first_hits", &first_hits);
     bind(m, "rasterise_heights", &rasterise_heights);
     bind(m, "fuse_layers", &fuse_layers);
 }

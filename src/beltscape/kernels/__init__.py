@@ -1,7 +1,7 @@
 """The inner loops: families of kernels with one signature each, and back ends that implement them.
 
 A kernel's signature, documentation, checks and result stand in its family's module: `geometry`, `images`,
-`sweep`, `least_squares`, `selection`, `networks`. It fills a record of checked `arrays`, with packed
+`sweep`, `least_squares`, `selection`, `networks`, `holes`. It fills a record of checked `arrays`, with packed
 projections of `projection`, and calls a back end (`backend`): `native` (C++, in native/) or `reference`
 (NumPy). `load` returns all families with one back end.
 """
@@ -15,11 +15,11 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels.geometry import (
     HeightRasterisationKernels,
     LayerFusionKernels,
-    RayMarchKernels,
     TriangulationKernels,
     VisibilityKernels,
 )
-from beltscape.kernels.images import GatheringKernels, WarpingKernels, WindowStatisticsKernels
+from beltscape.kernels.holes import HoleFillingKernels
+from beltscape.kernels.images import GatheringKernels, WarpingKernels
 from beltscape.kernels.least_squares import LocalFitKernels, NormalEquationsKernels
 from beltscape.kernels.networks import MessagePassingKernels, NetworkKernels
 from beltscape.kernels.selection import CandidateKernels, PropagationKernels
@@ -42,8 +42,7 @@ class Kernels(
     GatheringKernels,
     HeightRasterisationKernels,
     LayerFusionKernels,
-    RayMarchKernels,
-    WindowStatisticsKernels,
+    HoleFillingKernels,
 ):
     """All kernels of one back end; stages receive them as a value.
 

@@ -83,14 +83,3 @@ def demand_within(name: str, number: float, low: float, high: float) -> None:
 
 CellIndices = tuple[NDArray[np.intp], ...]
 """Rows and columns of cells, (H,) each."""
-
-
-def cell_indices(cells: CellIndices, shape: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows and columns of cells within a field as int64, or raise KernelError."""
-    rows, columns = (np.ascontiguousarray(part, dtype=np.int64) for part in cells)
-    if rows.ndim != 1 or rows.shape != columns.shape:
-        raise KernelError(f"cells must have the shapes (H,) and (H,), not {rows.shape} and {columns.shape}")
-    for part, count in ((rows, shape[0]), (columns, shape[1])):
-        if len(part) and (part.min() < 0 or part.max() >= count):
-            raise KernelError(f"cells must lie within the field {shape}")
-    return rows, columns

@@ -24,9 +24,7 @@ from beltscape.core.arrays import Float32Array
 from beltscape.core.errors import InputError
 from beltscape.files.arrays import parse_arrays
 from beltscape.kernels import Kernels, load
-
-LOG_VARIANCE = (-12.0, 3.0)
-"""Limits to which a predicted logarithm of a variance is clipped: σ from 0.0025 to 4.5 of its unit."""
+from beltscape.kernels.holes import LOG_VARIANCE
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from beltscape.measure.holes import fill
-from beltscape.measure.holes.fill import Filled, compute_hole_inputs, fill_holes
+from beltscape.kernels import load
+from beltscape.kernels.reference import holes
+from beltscape.measure.holes.fill import Filled, fill_holes
 from tests.thorough import examples
 
 Turn = Callable[[np.ndarray], np.ndarray]
@@ -136,11 +137,14 @@ def test_a_field_without_anything_is_refused() -> None:
 def test_a_field_without_holes_has_no_inputs() -> None:
     heights = np.random.default_rng(2).uniform(10, 20, (20, 30))
     none, slope = np.zeros(heights.shape, bool), np.zeros((2, *heights.shape))
-    inputs = compute_hole_inputs(heights, none, 4.0, slope, np.nonzero(none))
-    assert {values.shape for values in inputs.features.values()} == {(0,)}
+    assert load().hole_inputs(heights, none, slope, 4.0).features.shape[1] == 0
 
 
-def test_memory_of_filling_is_bounded_and_the_number_of_cells_at_once_changes_nothing(monkeypatch) -> None:
+def test_memory_of_the_reference_is_bounded_and_the_number_of_cells_at_once_changes_nothing(
+    monkeypatch,
+) -> None:
+    monkeypatch.setenv("BELTSCAPE_KERNELS", "reference")
+    load.cache_clear()
     field = rocks(3)
     whole = filled(field)
     most: list[int] = []
@@ -149,10 +153,11 @@ def test_memory_of_filling_is_bounded_and_the_number_of_cells_at_once_changes_no
         most.append(len(cells[0]))
         return trace(lines, cells, *others)
 
-    trace = fill.trace_lines
-    monkeypatch.setattr(fill, "trace_lines", count)
-    monkeypatch.setattr(fill, "_CELLS_AT_ONCE", 50)
+    trace = holes.trace_lines
+    monkeypatch.setattr(holes, "trace_lines", count)
+    monkeypatch.setattr(holes, "_CELLS_AT_ONCE", 50)
     parts = filled(field)
+    load.cache_clear()
     assert max(most) == 50
     np.testing.assert_allclose(parts.value_mm, whole.value_mm, atol=1e-9)
     np.testing.assert_allclose(parts.sigma_mm, whole.sigma_mm, atol=1e-9)

@@ -13,7 +13,8 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.pose import Pose
 from beltscape.evaluate.truth import find_true_belt
 from beltscape.files.json_text import read_json
-from beltscape.measure.holes.fill import compute_hole_inputs
+from beltscape.kernels import load as load_kernels
+from beltscape.kernels.holes import HOLE_FEATURES
 from beltscape.measure.surface import Grid
 from beltscape.measure.volume.load import Load, compute_load
 from beltscape.simulate.scenario import Scenario
@@ -57,15 +58,15 @@ def draw_hole_samples(capture: Path, depth: DepthMap) -> Samples:
 def collect_samples(load: Load, truth_mm: np.ndarray, cell_mm: float) -> Samples:
     """Return samples of hole cells between rims."""
     hole = ~np.isfinite(load.height_mm)
-    inputs = compute_hole_inputs(
-        load.height_mm, load.measured & hole, cell_mm, load.ray_slope, np.nonzero(hole)
+    # the reference computes the features in double
+    inputs = load_kernels("reference").hole_inputs(
+        load.height_mm, load.measured & hole, load.ray_slope, cell_mm
     )
-    usable = np.flatnonzero(inputs.profiles.is_between_rims & np.isfinite(truth_mm[hole]))
+    usable = np.flatnonzero(np.isfinite(inputs.base) & np.isfinite(truth_mm[hole]))
     use = np.random.default_rng(1).permutation(usable)[:CELLS]
-    scale = inputs.surface.scale_mm[use]
-    target = (truth_mm[hole] - inputs.surface.base_mm)[use] / scale
-    table = np.stack([values[use] for values in inputs.features.values()], axis=1).astype(np.float32)
-    return Samples(tuple(inputs.features), table, target, scale)
+    scale = inputs.scale[use]
+    target = (truth_mm[hole] - inputs.base)[use] / scale
+    return Samples(HOLE_FEATURES, inputs.features[:, use].T.astype(np.float32), target, scale)
 
 
 def resample_truth(truth: Mapping[str, np.ndarray], belt_from_world: Pose, grid: Grid) -> np.ndarray:

@@ -1,7 +1,8 @@
 """The reference back end: every kernel in plain NumPy, float64; the native kernels are tested against it.
 
 The modules have the names of the families: `geometry`, `images`, `sweep`, `least_squares`, `selection`,
-`networks`; `view` projects pixels into an auxiliary for them.
+`networks`, `holes`. `view` projects pixels into an auxiliary for them; the reference of the holes has its lines in
+`hole_rims`, its features in `hole_features` and statistics of windows in `windows`.
 """
 
 from __future__ import annotations
@@ -12,22 +13,17 @@ from typing import Any
 from numpy.typing import NDArray
 
 from beltscape.kernels.reference.geometry import (
-    first_hits,
     fuse_layers,
     inverse_depth_buffers,
     rasterise_heights,
     triangulate,
     visible,
 )
+from beltscape.kernels.reference.holes import fill_holes, hole_inputs
 from beltscape.kernels.reference.images import (
-    bend_medians,
     gather,
-    plane_slopes,
-    quadratics,
     spline_coefficients,
     warp,
-    window_means,
-    window_minima,
 )
 from beltscape.kernels.reference.least_squares import local_fit, normal_equations
 from beltscape.kernels.reference.networks import evaluate_network, pass_messages
@@ -37,9 +33,9 @@ from beltscape.kernels.reference.sweep import aggregate, sweep, sweep_and_aggreg
 _KERNELS: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
     kernel.__name__: kernel
     for kernel in (
-        aggregate, bend_medians, candidate_surfaces, evaluate_network, first_hits, fuse_layers, gather, local_fit,
-        normal_equations, pass_messages, photo_consistency, plane_slopes, propagate, quadratics, spline_coefficients,
-        sweep_and_aggregate, triangulate, visible, warp, window_means, window_minima,
+        aggregate, candidate_surfaces, evaluate_network, fill_holes, fuse_layers, gather, hole_inputs, local_fit,
+        normal_equations, pass_messages, photo_consistency, propagate, spline_coefficients, sweep_and_aggregate,
+        triangulate, visible, warp,
     )
 }  # fmt: skip
 

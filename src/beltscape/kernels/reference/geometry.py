@@ -19,7 +19,6 @@ from beltscape.kernels.geometry import (
     BuffersInput,
     LayersInput,
     RasterisationInput,
-    RayMarchInput,
     TriangulationInput,
     VisibleInput,
 )
@@ -173,25 +172,6 @@ def _hits(
             yield node, *(zero + first[inside] * (one - zero) + second[inside] * (two - zero))
             column += 1
         row += 1
-
-
-def first_hits(given: RayMarchInput) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return cell and steps, (D, H) each."""
-    rows, columns = given.measured.shape
-    shape = (len(given.down), len(given.rows))
-    cell, steps = np.full(shape, -1, np.int64), np.full(shape, np.inf)
-    going = np.ones(shape, bool)
-    for step in range(1, given.most + 1):
-        row = given.rows + np.rint(step * given.down).astype(np.int64)
-        column = given.columns + np.rint(step * given.across).astype(np.int64)
-        going &= (row >= 0) & (column >= 0) & (row < rows) & (column < columns)
-        if not going.any():
-            break
-        flat = np.where(going, row * columns + column, 0)
-        hit = going & given.measured.ravel()[flat]
-        cell[hit], steps[hit] = flat[hit], step
-        going &= ~hit
-    return cell, steps
 
 
 def fuse_layers(given: LayersInput) -> Sequence[NDArray[Any]]:

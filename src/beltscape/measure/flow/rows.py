@@ -206,9 +206,11 @@ class RowFiller:
         slopes[0], slopes[1] = self._ground.ray_slope_across(), ray_slope[:, None]
         narrow = measured & ~np.isfinite(height)
         own = slice(self._done - behind, stop - behind)
-        requested = slice(max(own.start - 1, 0), own.stop)  # steps are looked for from the row before
-        filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, slopes, rows=requested)
-        filled = _lower_holes(filled, frames[:, None])
+        needed = slice(max(own.start - 1, 0), own.stop)  # steps are looked for from the row before
+        filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, slopes, rows=needed)
+        filled = _lower_holes(filled.cut(needed), frames[needed, None])
+        noise, measured, single = noise[needed], measured[needed], single[needed]
+        own = slice(own.start - needed.start, own.stop - needed.start)
         rows = self._sum_rows(filled, noise, measured, single, own)
         if self._watch is not None:
             parts = (filled.value_mm[own].astype(np.float32), filled.sigma_mm[own].astype(np.float32))
@@ -226,7 +228,7 @@ class RowFiller:
         single: NDArray[np.float64],
         own: slice,
     ) -> Rows:
-        """Sums over the rows ``own`` of a filled block."""
+        """Sums over the rows ``own`` of a filled block, whose rows begin no more than one before."""
         cell = self._ground.cell_mm
         shared = np.where(measured, np.nan_to_num(noise), 0.0)
         sampling = np.clip(np.where(measured, filled.sigma_mm, 0.0) ** 2 - shared**2, 0, None)

@@ -13,20 +13,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.statistics import MAD_TO_SIGMA
-from beltscape.kernels import load
 from beltscape.kernels.arrays import CellIndices
-from beltscape.kernels.geometry import FirstHits
-
-_LOADED_MM = 5.0
-"""Cells no higher than this are bare belt."""
-_LEAST_BENDS = 200
-"""Number of bends from which on their median is taken. Chosen."""
-_DIRECTIONS = ((0, 1), (1, 0), (1, 1), (1, -1))
-"""Directions (rows, columns) along x, along y and both diagonals."""
-_TURNS_DEG = (14, 31, 59, 76, 104, 121, 149, 166)
-"""Directions between these, 14° to 17° apart; none of them runs along a border between cells."""
-_LONGEST_CELLS = 95
-"""Lines along slots end at this distance on either side."""
+from beltscape.kernels.holes import (
+    DIRECTIONS,
+    LEAST_BENDS,
+    LOADED_MM,
+    LONGEST_CELLS,
+    OPEN,
+    REACH_CELLS,
+    SMOOTH,
+    TINY_MM,
+    TURNS_DEG,
+    WINDOWS,
+)
+from beltscape.kernels.reference.windows import (
+    FirstHits,
+    collect_bends,
+    find_first_hits,
+    fit_plane_slopes,
+    fit_quadratics,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,18 +87,18 @@ def estimate_structure_function(value_mm: NDArray[np.float64], cell_mm: float) -
     """Estimate the structure function of a field (Ny, Nx) of loads, where there is load, at doubling distances."""
     apart, rms = [0.0], [0.0]
     halves = [1 << k for k in range(max(value_mm.shape).bit_length()) if 2 << k < max(value_mm.shape)]
-    bends = load().bend_medians(value_mm, halves, _LOADED_MM)
-    for half, count, median in zip(halves, bends.count, bends.median, strict=True):
-        if count < _LEAST_BENDS:
+    for half in halves:
+        bends = collect_bends(value_mm, half, LOADED_MM)
+        if len(bends) < LEAST_BENDS:
             break
         apart.append(2 * half * cell_mm)
-        rms.append(max(rms[-1], MAD_TO_SIGMA * float(median)))
+        rms.append(max(rms[-1], MAD_TO_SIGMA * float(np.median(bends))))
     return StructureFunction(np.array(apart), np.array(rms))
 
 
 def fit_gradients(value_mm: NDArray[np.float64], cell_mm: float) -> NDArray[np.float64]:
     """Return the slopes (2, Ny, Nx) in x, y of planes fitted around each cell; 0 where too few were measured."""
-    return load().plane_slopes(value_mm) / cell_mm
+    return fit_plane_slopes(value_mm) / cell_mm
 
 
 def find_lowest_line(
@@ -103,9 +109,9 @@ def find_lowest_line(
     In a slot between walls this line runs along the slot, at whose ends the floor may be visible. ``lines`` are those
     of `trace_lines`.
     """
-    directions = np.deg2rad(np.array(_TURNS_DEG))[:, None] + np.array([np.pi, 0.0])  # both sides
+    directions = np.deg2rad(np.array(TURNS_DEG))[:, None] + np.array([np.pi, 0.0])  # both sides
     down, across = np.sin(directions).reshape(-1, 1), np.cos(directions).reshape(-1, 1)
-    met = load().first_hits(np.isfinite(rim_mm), cells, down, across, _LONGEST_CELLS)
+    met = find_first_hits(np.isfinite(rim_mm), cells, down, across, LONGEST_CELLS)
     at = met.cell.reshape(*directions.shape, -1)
     steps = met.steps.reshape(*directions.shape, -1)
     height = np.where(at >= 0, rim_mm.ravel()[at], np.nan)
@@ -155,17 +161,17 @@ def trace_lines(
         height = np.where(met, rim_mm.ravel()[ends.cell], np.nan)
         x, y = (np.where(met, part.ravel()[ends.cell], 0.0) for part in gradient)
         rise = x * direction[1] + y * direction[0]
-        ends_of_line = (height, ends.steps * step_mm, np.hypot(x, y), rise)
+        ends_of_line = (height, ends.steps * step_mm, np.sqrt(x * x + y * y), rise)
         pairs: list[NDArray[np.float64]] = [end for pair in ends_of_line for end in pair]
         return RimLine(*pairs, ray_slope=ray_slope, is_vertical=straight_down)
 
     measured, both = np.isfinite(rim_mm), np.array([-1.0, 1.0])[:, None]
     farthest = max(measured.shape) - 1
-    own = load().first_hits(measured, cells, both * down, both * across, farthest)
+    own = find_first_hits(measured, cells, both * down, both * across, farthest)
     lines = [line(own, cell_mm, (down, across), tangent)]
-    directions = (both[:, 0] * np.array(_DIRECTIONS)[..., None]).transpose(1, 0, 2).reshape(2, -1, 1)
-    met = load().first_hits(measured, cells, directions[0], directions[1], farthest)
-    for k, direction in enumerate(_DIRECTIONS):
+    directions = (both[:, 0] * np.array(DIRECTIONS)[..., None]).transpose(1, 0, 2).reshape(2, -1, 1)
+    met = find_first_hits(measured, cells, directions[0], directions[1], farthest)
+    for k, direction in enumerate(DIRECTIONS):
         length = float(np.hypot(*direction))
         ray_slope = (tan_x * direction[1] + tan_y * direction[0]) / length
         ends = FirstHits(met.cell[2 * k : 2 * k + 2], met.steps[2 * k : 2 * k + 2])
@@ -189,20 +195,8 @@ def fit_quadrics(value_mm: NDArray[np.float64], cells: CellIndices, sides: tuple
     """Fit the measured cells of a field (Ny, Nx) in windows of odd ``sides`` cells around cells (row, column)."""
     # relative to the field's mean, so that squares keep their precision
     middle = float(np.nanmean(value_mm))
-    found = load().quadratics(value_mm - middle, cells, sides)
-    return Quadrics(found.value + middle, found.miss, found.leverage)
-
-
-WINDOWS = (9, 25, 51, 101)
-"""Cells across the windows in which quadratics are fitted."""
-_REACH_CELLS = 5
-"""A window extends this far beyond the shortest gap."""
-_OPEN = 4.0
-"""Heights in a hole may deviate from the smooth surface by this multiple of the deviation of measured cells."""
-_SMOOTH = 0.03
-"""A surface is smooth, gradually, where it deviates from a quadratic by less than this share of half the window."""
-_TINY_MM = 1e-6
-"""Added so that an exactly flat surface does not divide by zero."""
+    value, miss, leverage = fit_quadratics(value_mm - middle, cells, sides)
+    return Quadrics(value + middle, miss, leverage)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -333,7 +327,7 @@ def predict_smooth_surface(
     """
     straight, shortest = profiles.straight_mm(cell_mm), profiles.shortest_mm(cell_mm)
     determined = np.isfinite(quadric_fits.value_mm)
-    too_narrow = np.array(WINDOWS[:-1])[:, None] < 2 * shortest / cell_mm + _REACH_CELLS
+    too_narrow = np.array(WINDOWS[:-1])[:, None] < 2 * shortest / cell_mm + REACH_CELLS
     reaching = np.arange(len(WINDOWS))[:, None] >= too_narrow.sum(axis=0)
     own = np.argmax(determined & reaching, axis=0)
     has = (determined & reaching).any(axis=0)
@@ -348,13 +342,13 @@ def predict_smooth_surface(
     high = np.fmax(ceiling, np.fmax.reduce(tangents, axis=(0, 1)))
     low = np.fmin(floor, np.fmin.reduce(tangents, axis=(0, 1)))
     bend = np.where(has, np.clip(value, low, high) - straight, 0.0)
-    share = np.where(has, bend**2 / (bend**2 + (2 * rms) ** 2 + _TINY_MM**2), 0.0)
+    share = np.where(has, bend**2 / (bend**2 + (2 * rms) ** 2 + TINY_MM**2), 0.0)
     near = np.arange(len(WINDOWS))[:, None] <= own + 1
     rms_values = np.where(determined & reaching & near, quadric_fits.rms_mm, 0.0)
     max_rms = rms_values.max(axis=0)
     half_mm = 0.5 * cell_mm * np.array(WINDOWS)[:, None]
-    rough_share = np.minimum((rms_values / half_mm).max(axis=0) / _SMOOTH, 1.0) ** 2
+    rough_share = np.minimum((rms_values / half_mm).max(axis=0) / SMOOTH, 1.0) ** 2
     roughness = np.stack([structure.roughness_mm(shortest), structure.roughness_mm(4 * shortest)])
     scale = np.sqrt((ceiling - floor) ** 2 + (2 * rms) ** 2 + roughness[0] ** 2)
-    scale: NDArray[np.float64] = np.where(has, np.minimum(scale, _OPEN * max_rms) * rough_share, scale)
-    return SmoothSurface(straight + share * bend, scale + _TINY_MM, share, roughness)
+    scale: NDArray[np.float64] = np.where(has, np.minimum(scale, OPEN * max_rms) * rough_share, scale)
+    return SmoothSurface(straight + share * bend, scale + TINY_MM, share, roughness)

@@ -8,26 +8,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.kernels import load
 from beltscape.kernels.arrays import CellIndices
-from beltscape.measure.holes.rims import WINDOWS, LowestLine, Quadrics, RimProfiles, SmoothSurface
-
-_OPEN_CELLS = (5, 11, 25, 51)
-"""Cells across the windows in which the share of hole cells is computed."""
-_LOW_CELLS = (11, 25, 51)
-"""Cells across the windows in which the lowest measured cell is found."""
-_ROUGH_CELLS = (25, 71)
-"""Cells across the windows in which roughness is averaged."""
-_BEND_CELLS = 2
-"""Roughness is a cell's deviation from the mean of the two cells at this distance on both sides."""
-_MOST = 4.0
-"""Ratios are clipped to this."""
-_MOST_LEVERAGE = 99.0
-"""Leverage where no quadric was fitted, and its largest value."""
-_LINES = ("line of sight", "shortest line", "second line", "third line", "longest line")
-"""Names of the lines of `RimProfiles`, in its order."""
-_BARE_CELLS = 3.0
-"""Unit of heights over the belt: a few of these separate the bare belt from a load."""
+from beltscape.kernels.holes import (
+    BARE_CELLS,
+    BEND_CELLS,
+    LINES,
+    LOW_CELLS,
+    MOST_RATIO,
+    NO_LEVERAGE,
+    OPEN_CELLS,
+    ROUGH_CELLS,
+    WINDOWS,
+)
+from beltscape.kernels.reference.hole_rims import LowestLine, Quadrics, RimProfiles, SmoothSurface
+from beltscape.kernels.reference.windows import window_means, window_minima
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,14 +47,14 @@ def measure_neighbourhood(
     hole = ~np.isfinite(value_mm)
     # relative to the field's mean, so that differences keep their precision
     middle = float(np.nanmean(value_mm))
-    sides = tuple(sorted({*_OPEN_CELLS, *WINDOWS}))
-    share, mean = load().window_means(value_mm - middle, cells, sides)
-    rough = load().window_means(_compute_roughness(value_mm, 2 * cell_mm), cells, _ROUGH_CELLS).mean
+    sides = tuple(sorted({*OPEN_CELLS, *WINDOWS}))
+    share, mean = window_means(value_mm - middle, cells, sides)
+    rough = window_means(_compute_roughness(value_mm, 2 * cell_mm), cells, ROUGH_CELLS)[1]
     deep = cv2.distanceTransform(hole.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return HoleNeighbourhood(
-        1 - share[[sides.index(side) for side in _OPEN_CELLS]],
+        1 - share[[sides.index(side) for side in OPEN_CELLS]],
         middle + mean[[sides.index(side) for side in WINDOWS]],
-        load().window_minima(filtered_mm, cells, _LOW_CELLS),
+        window_minima(filtered_mm, cells, LOW_CELLS),
         np.nan_to_num(rough),
         # squared distances are integers; the last digit of OpenCV's square roots differs between calls
         np.sqrt(np.rint(deep[cells].astype(np.float64) ** 2)),
@@ -69,7 +63,7 @@ def measure_neighbourhood(
 
 def _compute_roughness(value_mm: NDArray[np.float64], most_mm: float) -> NDArray[np.float64]:
     """Return the larger second difference (Ny, Nx) of both axes, up to ``most_mm``; NaN where none is measured."""
-    k = _BEND_CELLS
+    k = BEND_CELLS
     result = np.full(value_mm.shape, np.nan)
     for field, part in ((value_mm, result), (value_mm.T, result.T)):
         if len(field) > 2 * k:
@@ -109,28 +103,28 @@ def compute_features(
         "log gap": np.log(np.clip(shortest / cell_mm, 1, 64)),
         "ray slope": ray_slope,
         "pinhole": pinhole.astype(np.float64),
-        "floor over belt": _angle(floor, _BARE_CELLS * cell_mm),
-        "ceiling over belt": _angle(ceiling, _BARE_CELLS * cell_mm),
+        "floor over belt": _angle(floor, BARE_CELLS * cell_mm),
+        "ceiling over belt": _angle(ceiling, BARE_CELLS * cell_mm),
         "scale over gap": _angle(scale, shortest),
         "smooth": surface.smooth,
         "straight line": _ratio(profiles.straight_mm(cell_mm) - base, scale),
         **{
             f"hole share within {side}": share
-            for side, share in zip(_OPEN_CELLS, neighbourhood.open, strict=True)
+            for side, share in zip(OPEN_CELLS, neighbourhood.open, strict=True)
         },
         "log depth": np.log(neighbourhood.depth_cells),
     }
     for k, side in enumerate(WINDOWS):
         rms = np.nan_to_num(quadric_fits.rms_mm[k])
-        leverage = np.nan_to_num(quadric_fits.leverage[k], nan=_MOST_LEVERAGE)
+        leverage = np.nan_to_num(quadric_fits.leverage[k], nan=NO_LEVERAGE)
         result |= {
             f"mean within {side}": _ratio(neighbourhood.mean_mm[k] - base, scale),
             f"quadric within {side}": _ratio(quadric_fits.value_mm[k] - base, scale),
             f"quadric rms within {side}": _ratio(quadric_fits.rms_mm[k], scale),
             f"quadric rms angle within {side}": _angle(6 * rms, side * cell_mm),
-            f"log leverage within {side}": np.log(np.clip(leverage, 0.5, _MOST_LEVERAGE)),
+            f"log leverage within {side}": np.log(np.clip(leverage, 0.5, NO_LEVERAGE)),
         }
-    for side, rough in zip(_ROUGH_CELLS, neighbourhood.rough_mm, strict=True):
+    for side, rough in zip(ROUGH_CELLS, neighbourhood.rough_mm, strict=True):
         result[f"roughness within {side}"] = rough / cell_mm
     return result | _compute_depth_features(lowest, neighbourhood, profiles, surface, cell_mm)
 
@@ -145,7 +139,7 @@ def _compute_line_features(
     """Return sixteen features of each of the five lines; neutral values where a line has only one rim."""
     result: dict[str, NDArray[np.float64]] = {}
     for k, tangents in enumerate(profiles.tangents_mm().transpose(1, 0, 2)):
-        name = _LINES[k]
+        name = LINES[k]
         line = {part.name: getattr(profiles, part.name)[k] for part in fields(profiles)}
         both = np.isfinite(line["gap_mm"])
         gap = np.where(both, line["gap_mm"], 1.0)
@@ -194,7 +188,7 @@ def _compute_depth_features(
         "lowest line: distance to the nearer rim": np.nan_to_num(lowest.nearer),
         "lowest line: below the shortest": _angle(beneath - lowest.upper_mm, shortest),
     }
-    for side, low in zip(_LOW_CELLS, neighbourhood.low_mm, strict=True):
+    for side, low in zip(LOW_CELLS, neighbourhood.low_mm, strict=True):
         result |= {
             f"lowest within {side}": _ratio(low - base, scale),
             f"lowest within {side} below the floor": _angle(low - profiles.floor_mm, shortest),
@@ -205,7 +199,7 @@ def _compute_depth_features(
 
 def _ratio(over: NDArray[np.float64], under: NDArray[np.float64]) -> NDArray[np.float64]:
     ratio = over / under
-    return np.clip(np.where(np.isfinite(ratio), ratio, 0.0), -_MOST, _MOST)
+    return np.clip(np.where(np.isfinite(ratio), ratio, 0.0), -MOST_RATIO, MOST_RATIO)
 
 
 def _angle(rise: NDArray[np.float64], run: NDArray[np.float64] | float) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.kernels.reference.images import WindowSums, bands
+from beltscape.kernels.reference.windows import WindowSums, cut_bands
 from tests.thorough import examples
 
 
@@ -32,9 +32,9 @@ def test_whole_numbers_that_overflow_in_the_table_are_exact_in_windows() -> None
 def test_bands_hold_every_cell_once_with_the_rows_about_it() -> None:
     random = np.random.default_rng(3)
     place = (random.integers(40, 900, 300), random.integers(0, 10, 300))
-    found = list(bands(place, 50, 920))
+    found = list(cut_bands(place, 50, 920))
     np.testing.assert_array_equal(np.sort(np.concatenate([own for own, _ in found])), np.arange(300))
     for own, near in found:
         assert near.start <= max(place[0][own].min() - 50, 0)
         assert near.stop >= min(place[0][own].max() + 51, 920)
-    assert not list(bands((place[0][:0], place[1][:0]), 50, 920))
+    assert not list(cut_bands((place[0][:0], place[1][:0]), 50, 920))

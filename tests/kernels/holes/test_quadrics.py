@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from beltscape.measure.holes.rims import fit_quadrics
+from beltscape.kernels.reference.hole_rims import fit_quadrics
 from tests.thorough import examples
 
 Y, X = np.mgrid[-40.0:40.0, -300.0:-220.0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.measure.holes.rims import find_lowest_line, fit_gradients, trace_lines
+from beltscape.kernels.reference.hole_rims import find_lowest_line, fit_gradients, trace_lines
 
 X, Y = np.meshgrid(np.arange(-60.0, 60.0), np.arange(-60.0, 60.0))
 LEVEL = np.zeros((2, *X.shape))

@@ -1,0 +1,9 @@
+// The kernels of this folder by name; bind.hpp reads their records.
+#include "bind.hpp"
+
+#include "holes/fill_holes.hpp"
+
+void beltscape::bind_holes(nb::module_& m) {
+    bind(m, "hole_inputs", &hole_inputs);
+    bind(m, "fill_holes", &fill_holes);
+}

@@ -127,7 +127,7 @@ def cross_validate(
 
     frames = tuple(frame for frame in detections.frames if _count_cameras(detections, frame) > 1)
     for folds in list_folds(detections, frames):
-        with suppress(CalibrationError):
+        with suppress(CalibrationError, np.linalg.LinAlgError):  # too few views for a rig
             return _score_folds(folds, detections.restrict(detections.cameras, frames), board, kernels, solve)
     return None
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from beltscape.calibration.assessment.covariance import RigCovariance, group_frames
 from beltscape.calibration.assessment.fit_quality import CameraFit
+from beltscape.calibration.assessment.remedy import PHOTOGRAPH, advise_views
 from beltscape.calibration.assessment.score import Score
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.intrinsics.like_cameras import MAX_FOCAL, MIN_FOCAL, compute_coherence_factor
@@ -23,10 +24,6 @@ MAX_RMS = 0.004
 FEW_POSITIONS, MAX_FEW_CHI2, MAX_FEW_PX = 5, 25.0, 0.3
 """With so few board positions, a camera whose residuals exceed its corners' noise by this variance ratio, and this σ
 in px, is not credible: they do not suffice to average the excess. With more positions it is a finding, not an end."""
-PHOTOGRAPH = (
-    "photograph the board in 10 positions or more, tilted about 30° to every side, near and far and in all parts of "
-    "every image"
-)
 
 
 def require_credible(
@@ -74,7 +71,7 @@ def _require_plausible_lenses(adjustment: BundleAdjustmentResult) -> None:
         if not MIN_FOCAL * max(camera.size_px) < focal < MAX_FOCAL * max(camera.size_px):
             raise CalibrationError(
                 f"camera {name}: the views lead to a focal length of {focal:.4g} px, which no lens of an image "
-                f"{camera.size_px[0]} px wide has; {_describe_views(adjustment)} do not suffice: {PHOTOGRAPH}"
+                f"{camera.size_px[0]} px wide has; {advise_views(adjustment)}"
             )
 
 
@@ -86,8 +83,8 @@ def _require_determined_lenses(adjustment: BundleAdjustmentResult, covariance: R
         sizes = ", ".join(f"{name} {focal[name]:.0f} ± {sigma[name]:.0f} px" for name in loose[:4])
         more = f" and {len(loose) - 4} more" if len(loose) > 4 else ""
         raise CalibrationError(
-            f"the views do not determine the focal length of camera {sizes}{more}: {_describe_views(adjustment)} do "
-            f"not suffice; {PHOTOGRAPH}, or give known intrinsics"
+            f"the views do not determine the focal length of camera {sizes}{more}: "
+            f"{advise_views(adjustment)}, or give known intrinsics"
         )
 
 
@@ -109,18 +106,6 @@ def _require_small_residuals(
     if fits[worst].sigma_px > MAX_FEW_PX and fits[worst].chi2_per_dof > MAX_FEW_CHI2:
         raise CalibrationError(
             f"camera {worst} misses its corners by {fits[worst].sigma_px:.2g} px where they are certain to "
-            f"{fits[worst].corner_noise_px:.2g} px, and {_describe_views(adjustment)} do not show why; {PHOTOGRAPH}"
+            f"{fits[worst].corner_noise_px:.2g} px, which is not noise; "
+            f"{advise_views(adjustment)}"
         )
-
-
-def _describe_views(adjustment: BundleAdjustmentResult) -> str:
-    """Return the number of board positions and the largest tilt of the board against a camera in words."""
-    observed = adjustment.bundle.observations
-    geometry = adjustment.geometry
-    views = np.unique(np.stack([observed.camera, observed.frame])[:, adjustment.used], axis=1)
-    normals = np.einsum(
-        "nij,nj->ni", geometry.cam_rotation[views[0]], geometry.board_rotation[views[1]][:, :, 2]
-    )
-    tilt = float(np.degrees(np.arccos(np.abs(normals[:, 2]).min().clip(0, 1))))
-    positions = len(set(group_frames(adjustment).values()))
-    return f"{positions} position{'s' * (positions != 1)} of the board, tilted by {tilt:.0f}° at most,"

@@ -175,7 +175,7 @@ def _solve_pair(
     except np.linalg.LinAlgError as error:
         raise CalibrationError(
             f"cameras {first.camera.name} and {second.camera.name}: "
-            f"their {len(common)} common views give no pose ({error})"
+            f"their {len(common)} common views give no pose"
         ) from error
     squares = (bundle.compute_errors_px(geometry) ** 2).sum(axis=1)
     frame = bundle.observations.frame

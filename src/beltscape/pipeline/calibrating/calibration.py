@@ -31,8 +31,8 @@ from beltscape.calibration.assessment.diagnosis import Discards, diagnose
 from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
 from beltscape.calibration.assessment.lens_domain import describe_domains, describe_tilts, limit_domains
 from beltscape.calibration.assessment.next_best_view import find_next_best_view
+from beltscape.calibration.assessment.remedy import describe_undetermined
 from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
-from beltscape.calibration.assessment.verdict import PHOTOGRAPH
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
@@ -218,7 +218,7 @@ def _adjust_everything(
         adjustment = adjust_bundle(hierarchy, board)
         covariance = compute_rig_covariance(adjustment)
     except np.linalg.LinAlgError as error:
-        raise CalibrationError(f"the views do not determine the rig ({error}); {PHOTOGRAPH}") from error
+        raise CalibrationError(describe_undetermined(hierarchy)) from error
     reporter.step("adjusting everything together", 1, 1)
     return adjustment, covariance
 

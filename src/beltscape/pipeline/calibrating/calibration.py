@@ -33,8 +33,8 @@ from beltscape.calibration.assessment.lens_domain import describe_domains, descr
 from beltscape.calibration.assessment.next_best_view import find_next_best_view
 from beltscape.calibration.assessment.remedy import describe_undetermined
 from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
-from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
-from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
+from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
+from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
 from beltscape.calibration.network.two_sides import describe_back
 from beltscape.calibration.result import Calibration
@@ -49,6 +49,7 @@ from beltscape.files.rig_limits import find_refusal
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.solving import solve_rig
 from beltscape.pipeline.calibrating.views import detect_rig_board
 from beltscape.target.board import Board, BoardSet, list_triples
 
@@ -156,12 +157,9 @@ def calibrate(
     detections, variant = detect_rig_board(capture, board, reporter, known=known.cameras)
     known.require_sizes(detections.sizes_px)
     detections, board, start = resolve_board_set(detections, board, known, lens_model)
-    hierarchy = solve_hierarchy(
-        detections, board, core, reporter, known=start.cameras, priors=start.priors,
-        lens_models=dict.fromkeys(detections.cameras, lens_model),
-    )  # fmt: skip
+    hierarchy, adjustment = solve_rig(detections, board, core, reporter, start, lens_model)
     require_baselines(hierarchy, folder)
-    adjustment, covariance = _adjust_everything(hierarchy, board, reporter)
+    covariance = _compute_covariance(hierarchy, adjustment)
     rig_errors, halves = _score_rig(hierarchy, adjustment, board, start, reporter)
     training, held_out = summarise_errors(rig_errors), halves.score if halves else None
     foreign = known.find_foreign(hierarchy, detections, board)
@@ -209,18 +207,12 @@ def _describe_sides(board: Board) -> tuple[str, ...]:
     return (describe_back(board),) if isinstance(board, BoardSet) and board.is_two_sided else ()
 
 
-def _adjust_everything(
-    hierarchy: HierarchyResult, board: Board, reporter: Reporter
-) -> tuple[BundleAdjustmentResult, RigCovariance]:
-    """Return the bundle adjustment of all views, and the rig's covariance."""
-    reporter.step("adjusting everything together", 0, 1)
+def _compute_covariance(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> RigCovariance:
+    """Return the rig's covariance; raise CalibrationError if the views do not determine it."""
     try:
-        adjustment = adjust_bundle(hierarchy, board)
-        covariance = compute_rig_covariance(adjustment)
+        return compute_rig_covariance(adjustment)
     except np.linalg.LinAlgError as error:
         raise CalibrationError(describe_undetermined(hierarchy)) from error
-    reporter.step("adjusting everything together", 1, 1)
-    return adjustment, covariance
 
 
 def _assess_coverage(

@@ -1,0 +1,76 @@
+"""Solution of a rig from its views: hierarchy and joint adjustment, repeated where they show another lens."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from beltscape.calibration.assessment.remedy import describe_undetermined
+from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
+from beltscape.calibration.lens_review import MAX_ROUNDS, find_changed, review_lenses
+from beltscape.core.errors import CalibrationError
+from beltscape.core.progress import Reporter, Silent
+from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
+from beltscape.target.board import Board
+
+
+def solve_rig(
+    detections: BoardDetections,
+    board: Board,
+    core: str | None,
+    reporter: Reporter,
+    start: KnownIntrinsics,
+    lens_model: str,
+) -> tuple[HierarchyResult, BundleAdjustmentResult]:
+    """Return the hierarchy and the joint adjustment of the views, with the lens models that fit the measured board.
+
+    Raises
+    ------
+    CalibrationError
+        With one line that names the fault and the fix.
+    """
+    models = dict.fromkeys(detections.cameras, lens_model)
+    hierarchy = _solve(detections, board, core, reporter, start, models)
+    adjustment = _adjust(hierarchy, board, reporter)
+    for _ in range(MAX_ROUNDS):
+        choices = review_lenses(hierarchy, adjustment, board)
+        hierarchy = replace(
+            hierarchy,
+            lens_choices=tuple(choices.get(each.camera, each) for each in hierarchy.lens_choices),
+        )
+        if not find_changed(hierarchy, choices):
+            break
+        own = hierarchy.detections.restrict(hierarchy.rig.cameras, hierarchy.detections.frames)
+        models = {name: choices[name].model if name in choices else models[name] for name in own.cameras}
+        again = _solve(own, board, hierarchy.rig.core, Silent(), start, models)
+        hierarchy = replace(again, lens_choices=hierarchy.lens_choices, restarts=again.restarts)
+        adjustment = _adjust(hierarchy, board, reporter)
+    return hierarchy, adjustment
+
+
+def _solve(
+    detections: BoardDetections,
+    board: Board,
+    core: str | None,
+    reporter: Reporter,
+    start: KnownIntrinsics,
+    models: Mapping[str, str],
+) -> HierarchyResult:
+    return solve_hierarchy(
+        detections, board, core, reporter, known=start.cameras, priors=start.priors, lens_models=models
+    )
+
+
+def _adjust(hierarchy: HierarchyResult, board: Board, reporter: Reporter) -> BundleAdjustmentResult:
+    """Return the bundle adjustment of all views."""
+    reporter.step("adjusting everything together", 0, 1)
+    try:
+        adjustment = adjust_bundle(hierarchy, board)
+    except np.linalg.LinAlgError as error:
+        raise CalibrationError(describe_undetermined(hierarchy)) from error
+    reporter.step("adjusting everything together", 1, 1)
+    return adjustment

@@ -9,9 +9,10 @@ import pytest
 
 from beltscape.calibration.assessment.cross_validation import cross_validate
 from beltscape.calibration.bundle_adjustment import adjust_bundle
+from beltscape.calibration.detection.board_poses import list_lens_folds
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import calibrate_with_model
-from beltscape.calibration.intrinsics.lens_evidence import LensErrors, compare_errors, list_lens_folds
+from beltscape.calibration.intrinsics.lens_evidence import LensErrors, compare_errors
 from beltscape.calibration.lens_review import find_changed, review_lenses
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
 from beltscape.core.progress import Silent

@@ -1,20 +1,30 @@
-"""Second choice of the lens models, with the board's shape that the joint adjustment measured.
+"""Review of single cameras with the board's shape that the joint adjustment measured: lens models and own misfits.
 
-In the first choice every camera sees the board as drawn. A board that is bent by a fifth of a millimetre then leaves
-more than a wrong lens does, and hides it.
+In the hierarchy every camera sees the board as drawn. A board that is bent by a fifth of a millimetre then leaves
+more than a wrong lens or a missing trigger does, and hides it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
-from beltscape.calibration.hierarchy import HierarchyResult
+from beltscape.calibration.detection.corners import BoardDetections, Corners
+from beltscape.calibration.hierarchy import HierarchyResult, find_unsynchronised_pairs
 from beltscape.calibration.intrinsics.lens_choice import LensChoice, calibrate_with_model
+from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera, refit_camera
+from beltscape.calibration.network.association import associate_cameras
+from beltscape.calibration.network.global_optimisation import optimise_network
+from beltscape.calibration.network.pairs import calibrate_pairs
+from beltscape.calibration.solver.lens import list_parameters
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
+from beltscape.core.progress import Silent
 from beltscape.target.board import Board, corner_points_mm
 
 MAX_ROUNDS = 2
@@ -42,6 +52,39 @@ def review_lenses(
                     drawn_mm=drawn_mm, start=hierarchy.monocular[choice.camera],
                 )[1]  # fmt: skip
     return found
+
+
+def refit_own_views(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> HierarchyResult:
+    """Return the hierarchy with each camera refitted to its own views with the board's measured shape.
+
+    Pairs are refitted, too, where one fits worse than its cameras then do alone.
+    """
+    if not np.any(adjustment.shape_mm):
+        return hierarchy
+    board_mm, views = adjustment.geometry.points_mm, hierarchy.detections.views
+    try:
+        with single_thread():
+            own = {name: _refit(each, views[name], board_mm) for name, each in hierarchy.monocular.items()}
+            again = replace(hierarchy, monocular=own)
+            if not find_unsynchronised_pairs(again):
+                return again
+            pairs = calibrate_pairs(hierarchy.detections, own, board_mm, Silent())
+            return replace(again, network=optimise_network(associate_cameras(hierarchy.rig.core, pairs)))
+    except (CalibrationError, np.linalg.LinAlgError):  # the first results stand
+        return hierarchy
+
+
+def _refit(
+    calibration: MonocularCalibration, views: Mapping[str, Corners], board_mm: Array
+) -> MonocularCalibration:
+    """Return the calibration of a camera with other board corners; a lens that is given stays as it is."""
+    camera = calibration.camera
+    if set(calibration.fixed) < set(list_parameters(camera.model)):
+        return refit_camera(calibration, views, board_mm)
+    used = {frame: views[frame] for frame in calibration.cam_from_board}
+    seen = BoardDetections({camera.name: camera.size_px}, {camera.name: used}, {camera.name: len(used)})
+    found = calibrate_camera(camera.name, seen, board_mm, known=camera, min_views=1)
+    return replace(found, rejected={**calibration.rejected, **found.rejected}, prior=calibration.prior)
 
 
 def find_changed(hierarchy: HierarchyResult, choices: dict[str, LensChoice]) -> list[str]:

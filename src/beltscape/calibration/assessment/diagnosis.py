@@ -25,6 +25,7 @@ from beltscape.calibration.assessment.verdict import require_credible
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
+from beltscape.calibration.lens_review import refit_own_views
 from beltscape.calibration.network.association import CameraNetwork, associate_cameras
 from beltscape.calibration.network.global_optimisation import optimise_network
 from beltscape.calibration.network.pairs import calibrate_pairs
@@ -271,7 +272,7 @@ def diagnose(
     if not explained:
         score = validation.score if validation else training
         require_credible(adjustment, covariance, fits, score, training)
-    retest = retest_network(hierarchy, adjustment)
+    retest = retest_network(refit_own_views(hierarchy, adjustment), adjustment)
     findings = list_calibration_findings(retest.hierarchy, fits, validation, training, explained=explained)
     discards = find_discards(hierarchy, adjustment)
     return Diagnosis(

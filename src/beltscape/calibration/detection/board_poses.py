@@ -5,9 +5,11 @@ A comparison of held-out views keeps the frames of a group on one side of every 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.core.arrays import Array
 
 SAME_POSE = 0.02
@@ -15,10 +17,16 @@ SAME_POSE = 0.02
 in the image: 10 px of 500. A board at rest moves by 0.001, poses taken one by one by 0.1 and more."""
 THINNED_CORNERS, MIN_COMMON = 48, 3
 """Corners of a view that are compared at most, and at least."""
+FOLDS = 6
+"""Number of parts of the views, each held out once."""
 
 
 def cluster_frames(detections: BoardDetections, frames: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Return the frames in groups of one pose of the board each, in the order of their first frames."""
+    """Return the frames in groups of one pose of the board each, in the order of their first frames.
+
+    Two frames are of one pose if they are in every camera that sees both, and in one at least; groups that share a
+    frame are one. So a board that drifts slowly is one group, too, as it must be: its neighbours are near-identical.
+    """
     corners = [_stack_corners(detections, name, frames) for name in detections.cameras]
     group = np.arange(len(frames))
     for i in range(1, len(frames)):
@@ -53,3 +61,24 @@ def _compute_displacements(pixels: Array, index: int) -> Array:
     distance = np.linalg.norm(now - before, axis=2) / max(size, 1.0)
     pairs = zip(distance, visible, strict=True)
     return np.array([np.median(row[own]) if own.sum() >= MIN_COMMON else -1.0 for row, own in pairs])
+
+
+def list_lens_folds(detections: BoardDetections, name: str) -> Iterator[tuple[list[str], list[str]]]:
+    """Yield training and test frames of a camera; no pose of the board is in two folds.
+
+    The poses are dealt out by the distance of their farthest corner from the middle, so that views of the image's
+    edge are in every fold: where one fold holds them all, every model is extrapolated.
+    """
+    views, middle = detections.views[name], (np.array(detections.sizes_px[name]) - 1) / 2
+    poses = cluster_frames(detections.restrict([name], views), tuple(views))
+    poses.sort(key=lambda frames: -max(_find_reach_px(views[frame], middle) for frame in frames))
+    count = min(FOLDS, len(poses) // 2)
+    if count < 2:
+        return
+    folds = [[frame for frames in poses[i::count] for frame in frames] for i in range(count)]
+    for fold in folds:
+        yield [frame for frame in views if frame not in fold], [frame for frame in views if frame in fold]
+
+
+def _find_reach_px(view: Corners, middle: Array) -> float:
+    return float(np.linalg.norm(view.pixels - middle, axis=1).max())

@@ -10,14 +10,14 @@ the differences of their squares, 2eΔ + Δ², scatters by 2σ√ΣΔ² about 0 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from beltscape.calibration.detection.board_poses import cluster_frames
+from beltscape.calibration.detection.board_poses import list_lens_folds
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.intrinsics.like_cameras import VIEW_FREEDOM
 from beltscape.calibration.intrinsics.zhang import (
@@ -35,8 +35,6 @@ from beltscape.core.geometry.lens import BROWN
 
 MIN_CHOICE_VIEWS = 8
 """Least number of views for a comparison: two in every one of four folds."""
-FOLDS = 6
-"""Number of parts of the views, each held out once."""
 REFITTING = Damping(tolerance=1e-5, iterations=15)
 """Fits to some of the views start at the fit to all of them."""
 MAX_OUTSIDE = 0.005
@@ -245,24 +243,3 @@ def _refit(views: Views, whole: MonocularCalibration, board_mm: Array) -> Camera
         views, camera, poses, board_mm, prior=prior, fixed=whole.fixed, sigma_px=to_noise_px(whole.rms_px)
     )
     return unpack_intrinsics(camera, minimise(bundle, state, REFITTING).state.intrinsics[0])
-
-
-def list_lens_folds(detections: BoardDetections, name: str) -> Iterator[tuple[list[str], list[str]]]:
-    """Yield training and test frames of a camera; no pose of the board is in two folds.
-
-    The poses are dealt out by the distance of their farthest corner from the middle, so that views of the image's
-    edge are in every fold: where one fold holds them all, every model is extrapolated.
-    """
-    views, middle = detections.views[name], (np.array(detections.sizes_px[name]) - 1) / 2
-    poses = cluster_frames(detections.restrict([name], views), tuple(views))
-    poses.sort(key=lambda frames: -max(_find_reach_px(views[frame], middle) for frame in frames))
-    count = min(FOLDS, len(poses) // 2)
-    if count < 2:
-        return
-    folds = [[frame for frames in poses[i::count] for frame in frames] for i in range(count)]
-    for fold in folds:
-        yield [frame for frame in views if frame not in fold], [frame for frame in views if frame in fold]
-
-
-def _find_reach_px(view: Corners, middle: Array) -> float:
-    return float(np.linalg.norm(view.pixels - middle, axis=1).max())

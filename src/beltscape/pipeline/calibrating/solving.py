@@ -34,8 +34,8 @@ def solve_rig(
         With one line that names the fault and the fix.
     """
     models = dict.fromkeys(detections.cameras, lens_model)
-    hierarchy = _solve(detections, board, core, reporter, start, models)
-    adjustment = _adjust(hierarchy, board, reporter)
+    hierarchy = _solve_views(detections, board, core, reporter, start, models)
+    adjustment = _adjust_views(hierarchy, board, reporter)
     for _ in range(MAX_ROUNDS):
         choices = review_lenses(hierarchy, adjustment, board)
         hierarchy = replace(
@@ -46,13 +46,13 @@ def solve_rig(
             break
         own = hierarchy.detections.restrict(hierarchy.rig.cameras, hierarchy.detections.frames)
         models = {name: choices[name].model if name in choices else models[name] for name in own.cameras}
-        again = _solve(own, board, hierarchy.rig.core, Silent(), start, models)
+        again = _solve_views(own, board, hierarchy.rig.core, Silent(), start, models)
         hierarchy = replace(again, lens_choices=hierarchy.lens_choices, restarts=again.restarts)
-        adjustment = _adjust(hierarchy, board, reporter)
+        adjustment = _adjust_views(hierarchy, board, reporter)
     return hierarchy, adjustment
 
 
-def _solve(
+def _solve_views(
     detections: BoardDetections,
     board: Board,
     core: str | None,
@@ -65,7 +65,7 @@ def _solve(
     )
 
 
-def _adjust(hierarchy: HierarchyResult, board: Board, reporter: Reporter) -> BundleAdjustmentResult:
+def _adjust_views(hierarchy: HierarchyResult, board: Board, reporter: Reporter) -> BundleAdjustmentResult:
     """Return the bundle adjustment of all views."""
     reporter.step("adjusting everything together", 0, 1)
     try:

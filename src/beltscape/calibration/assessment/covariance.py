@@ -51,7 +51,7 @@ MIN_POSITIONS = 3
 """Least number of board positions for a scatter."""
 
 
-def estimate_inflation(adjustment: BundleAdjustmentResult, covariance: Array, jacobian: Array) -> float:
+def estimate_inflation(without: Array, covariance: Array, jacobian: Array) -> float:
     """Return the ratio of the scatter between frames to the formal standard deviations; 1 if not significant.
 
     The formal covariance takes the corners' noise as independent. It is too small if all corners of a frame share
@@ -61,23 +61,30 @@ def estimate_inflation(adjustment: BundleAdjustmentResult, covariance: Array, ja
 
     Parameters
     ----------
+    without
+        (F, R) changes of the free parameters of the cameras without each position (`leave_out_positions`).
     covariance
-        (R, R) formal covariance of the free parameters of the cameras.
+        (R, R) formal covariance of these parameters.
     jacobian
-        (N, R) derivatives of the N quantities of interest by these parameters.
+        (N, R) derivatives of the N quantities of interest by them.
     """
-    without = _leave_out_positions(adjustment, len(covariance)) @ jacobian.T
     frames = len(without)
     if frames < MIN_POSITIONS:
         return 1.0
-    scatter = (frames - 1) / frames * ((without - without.mean(axis=0)) ** 2).sum()
+    scatter = float((compute_scatter(without @ jacobian.T) ** 2).sum())
     ratio = scatter / np.einsum("ni,ij,nj->", jacobian, covariance, jacobian)
     dof = frames - 1
     most = 2 * gammaincinv(dof / 2, CONFIDENCE) / dof  # quantile of χ², over its degrees of freedom
     return float(np.sqrt(ratio)) if ratio > most else 1.0
 
 
-def _leave_out_positions(adjustment: BundleAdjustmentResult, count: int) -> Array:
+def compute_scatter(without: Array) -> Array:
+    """Return the standard deviation (N,) of quantities by their values (F, N) without each position of the board."""
+    frames = len(without)
+    return np.sqrt((frames - 1) / frames * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+
+
+def leave_out_positions(adjustment: BundleAdjustmentResult, count: int) -> Array:
     """Return the change (F, R) of the cameras' free parameters without a position of the board, to first order.
 
     Frames of one position share their errors; they are left out together if there are three positions or more.
@@ -111,6 +118,10 @@ class RigCovariance:
     """(G, G)."""
     inflation: float
     """Factor included in the standard deviations because the views scatter by more than their noise; 1: none."""
+    scatter: Array
+    """(G,) standard deviation of each parameter by leaving out positions of the board; 0 for fixed ones."""
+    positions: int
+    """Number of positions of the board; with fewer than three the scatter is that between frames, and too small."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,8 +153,12 @@ def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
     distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
     jacobian = compute_depth_jacobian(adjustment.rig, make_view_points(adjustment.rig, distance, 13))[:, free]
     jacobian = jacobian[np.isfinite(jacobian).all(axis=1)]
-    inflation = estimate_inflation(adjustment, full[np.ix_(free, free)], jacobian)
-    return RigCovariance(tuple(names), inflation**2 * full, inflation)
+    without = leave_out_positions(adjustment, len(free))
+    inflation = estimate_inflation(without, full[np.ix_(free, free)], jacobian)
+    scatter = np.zeros(len(full))
+    scatter[free] = compute_scatter(without)
+    positions = len(set(group_frames(adjustment).values()))
+    return RigCovariance(tuple(names), inflation**2 * full, inflation, scatter, positions)
 
 
 def compute_formal_covariance(rig: Rig, bundle: Bundle, linear: LinearisedBundle) -> Array:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from beltscape.calibration.assessment.covariance import RigCovariance, group_frames
+from beltscape.calibration.assessment.covariance import MIN_POSITIONS, RigCovariance, group_frames
 from beltscape.calibration.assessment.fit_quality import CameraFit
 from beltscape.calibration.assessment.remedy import PHOTOGRAPH, advise_views
 from beltscape.calibration.assessment.score import Score
@@ -19,6 +19,8 @@ MAX_FOCAL_SIGMA = 0.03
 
 Of 60 simulated sets of 3 to 5 frames, nearly square to the cameras, it refuses all that are off by more than 3 %.
 """
+MAX_STATED_SIGMA = 0.3
+"""Largest σ of a focal length, over it, that is stated: a larger one only says that the views do not measure it."""
 MAX_RMS = 0.004
 """Largest RMS and median, over the image's diagonal, of a credible rig; webcams without a common trigger: 0.0009."""
 FEW_POSITIONS, MAX_FEW_CHI2, MAX_FEW_PX = 5, 25.0, 0.3
@@ -43,18 +45,22 @@ def require_credible(
 
 
 def compute_focal_sigma(adjustment: BundleAdjustmentResult, covariance: RigCovariance) -> dict[str, float]:
-    """Return by camera σ of the focal length, px, with allowance for errors that the corners of a view share.
+    """Return by camera σ of the focal length in the joint adjustment, px.
 
-    It is the greater of two: the σ inflated by the scatter between frames; and the σ that follows if a view gives no
-    more than a homography, whatever the number of its corners.
+    It contains the noise of the corners, and the scatter of this focal length if positions of the board are left out
+    in turn, which shows errors that corners share; few positions enlarge it. With fewer than three positions a view
+    counts as one homography, whatever the number of its corners.
     """
-    sigma = np.sqrt(np.diag(covariance.matrix))
+    sigma = np.sqrt(np.diag(covariance.matrix)) / covariance.inflation
     result: dict[str, float] = {}
     for index, name in enumerate(adjustment.rig.cameras):
         columns = [covariance.parameters.index(f"{name}.{key}") for key in ("fx_px", "fy_px")]
-        inflated = float(sigma[columns].max())
-        coherent = inflated / covariance.inflation * _compute_coherence_factor(adjustment, index)
-        result[name] = max(inflated, coherent)
+        formal, count = float(sigma[columns].max()), covariance.positions
+        if count < MIN_POSITIONS:
+            result[name] = formal * _compute_coherence_factor(adjustment, index)
+        else:
+            scatter = float(covariance.scatter[columns].max())
+            result[name] = float(np.hypot(formal, scatter) * np.sqrt(count / (count - 2)))
     return result
 
 
@@ -80,12 +86,19 @@ def _require_determined_lenses(adjustment: BundleAdjustmentResult, covariance: R
     focal = {name: float(camera.focal_px.mean()) for name, camera in adjustment.rig.cameras.items()}
     loose = [name for name in sigma if not sigma[name] < MAX_FOCAL_SIGMA * focal[name]]
     if loose:
-        sizes = ", ".join(f"{name} {focal[name]:.0f} ± {sigma[name]:.0f} px" for name in loose[:4])
+        sizes = ", ".join(f"{name} {_describe_focal(focal[name], sigma[name])}" for name in loose[:4])
         more = f" and {len(loose) - 4} more" if len(loose) > 4 else ""
         raise CalibrationError(
             f"the views do not determine the focal length of camera {sizes}{more}: "
             f"{advise_views(adjustment)}, or give known intrinsics"
         )
+
+
+def _describe_focal(focal: float, sigma: float) -> str:
+    """Return a focal length with its σ in words."""
+    if not sigma < MAX_STATED_SIGMA * focal:
+        return "not measurable"
+    return f"{focal:.0f} ± {sigma:.0f} px"
 
 
 def _require_small_residuals(

@@ -22,10 +22,13 @@ from beltscape.calibration.assessment.coverage import (
     Coverage,
     MeasuringVolume,
     assess_coverage,
+    describe_gap,
+    has_lost_volume,
     list_coverage_findings,
     make_view_volume,
     require_coverage,
 )
+from beltscape.calibration.assessment.covered_volume import CoveredRig, limit_to_coverage
 from beltscape.calibration.assessment.cross_validation import CrossValidation, cross_validate
 from beltscape.calibration.assessment.diagnosis import Discards, diagnose
 from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
@@ -169,9 +172,10 @@ def calibrate(
     )
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_lenses(board, adjustment, known.cameras, reporter)
-    coverage = _assess_coverage(adjustment, limited, covariance, volume, reporter)
+    coverage, covered = _assess_coverage(adjustment, limited, covariance, volume, reporter)
+    limited = covered.rig if covered else limited
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
-    rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit)
+    rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit, covered)
     with single_thread():
         next_best_view = find_next_best_view(adjustment, covariance)
     return Calibration(
@@ -221,8 +225,11 @@ def _assess_coverage(
     covariance: RigCovariance,
     volume: MeasuringVolume | None,
     reporter: Reporter,
-) -> Coverage:
-    """Return the coverage of the volume; warn of gaps in a given one, raise UncoveredVolumeError for large ones."""
+) -> tuple[Coverage, CoveredRig | None]:
+    """Return the coverage of the volume, and the rig within it where an unknown belt's volume is covered in part.
+
+    Warn of gaps in a given volume, and of the limits; raise UncoveredVolumeError for large gaps in a given one.
+    """
     chosen = volume or make_view_volume(limited, adjustment.geometry)
     coverage = assess_coverage(adjustment, limited, covariance.inflation, chosen)
     if not coverage.is_needed.any():
@@ -230,10 +237,14 @@ def _assess_coverage(
             f"{chosen.name}: core camera {limited.core} of the calibrated rig sees nothing of it; give the file of "
             "this rig, and with a plan, the core camera that looks down on the belt as --core"
         )
+    if not chosen.is_given and has_lost_volume(coverage):
+        covered = limit_to_coverage(adjustment, limited, covariance.inflation, coverage)
+        reporter.warn(f"{describe_gap(coverage, coverage.is_unusable)}; {covered.describe()}")
+        return covered.coverage, covered
     require_coverage(coverage)
     for line in list_coverage_findings(coverage) if coverage.volume.is_given else ():
         reporter.warn(line)
-    return coverage
+    return coverage, None
 
 
 def _warn_of_findings(discards: Discards, fit: FitQuality, reporter: RecordingReporter) -> tuple[str, ...]:
@@ -291,6 +302,7 @@ def _complete_rig(
     held_out: Score | None,
     training: Score,
     fit: FitQuality,
+    covered: CoveredRig | None,
 ) -> Rig:
     """Return the rig with its covariance, and with its quality and the board's shape, which `check` needs."""
     shaped = bool(np.any(adjustment.shape_mm))
@@ -302,6 +314,8 @@ def _complete_rig(
         "board": board.model_dump(),
         "board_corners_mm": adjustment.geometry.points_mm if shaped else None,
     }
+    if covered:
+        quality["covered"] = {"share_of_view": covered.share, "limits_px": dict(covered.limits_px)}
     matrix = {"parameters": covariance.parameters, "matrix": covariance.matrix}
     return replace(rig, quality=quality, covariance=matrix)
 

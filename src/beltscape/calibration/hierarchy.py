@@ -20,6 +20,7 @@ from beltscape.calibration.network.association import (
 )
 from beltscape.calibration.network.board_symmetry import unify_numbering
 from beltscape.calibration.network.global_optimisation import optimise_network
+from beltscape.calibration.network.instants import MissingInstant
 from beltscape.calibration.network.pairs import Pair, calibrate_pairs
 from beltscape.calibration.network.synchronisation import find_frame_misfits
 from beltscape.calibration.solver.lens import LensPrior
@@ -50,6 +51,8 @@ class HierarchyResult:
     """Cameras whose pose relative to the core is given and fixed."""
     lens_choices: tuple[LensChoice, ...] = ()
     """The lens models of the cameras whose intrinsics were not given."""
+    missing_instants: tuple[MissingInstant, ...] = ()
+    """Frames whose views the detections lack, because the cameras were not triggered together in them."""
 
 
 def solve_hierarchy(

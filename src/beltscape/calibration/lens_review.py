@@ -19,7 +19,7 @@ from beltscape.calibration.intrinsics.lens_choice import LensChoice, calibrate_w
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera, refit_camera
 from beltscape.calibration.network.association import associate_cameras
 from beltscape.calibration.network.global_optimisation import optimise_network
-from beltscape.calibration.network.pairs import calibrate_pairs
+from beltscape.calibration.network.pairs import Pair, calibrate_pairs
 from beltscape.calibration.solver.lens import list_parameters
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
 from beltscape.core.arrays import Array
@@ -29,6 +29,11 @@ from beltscape.target.board import Board, corner_points_mm
 
 MAX_ROUNDS = 2
 """Largest number of repeated choices: the shape that a right lens leaves changes a second choice in no set tried."""
+
+
+TOGETHER_FACTOR, TOGETHER_PX = 1.5, 0.05
+"""A camera's noise in the joint adjustment over that of its own views, and the noise itself, px, from which on its
+pairs are looked into; synchronous rigs have 1.0 to 1.1 where the board's shape is adjusted."""
 
 
 def review_lenses(
@@ -85,6 +90,14 @@ def _refit(
     seen = BoardDetections({camera.name: camera.size_px}, {camera.name: used}, {camera.name: len(used)})
     found = calibrate_camera(camera.name, seen, board_mm, known=camera, min_views=1)
     return replace(found, rejected={**calibration.rejected, **found.rejected}, prior=calibration.prior)
+
+
+def select_suspicious_pairs(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> list[Pair]:
+    """Return the pairs whose cameras fit far worse in the joint adjustment than alone, or that rejected frames."""
+    own = np.array([hierarchy.monocular[name].rms_px / np.sqrt(2) for name in adjustment.rig.cameras])
+    is_worse = adjustment.sigma_px > np.maximum(TOGETHER_FACTOR * own, TOGETHER_PX)
+    worse = {name for name, flag in zip(adjustment.rig.cameras, is_worse, strict=True) if flag}
+    return [pair for pair in hierarchy.network.pairs if pair.rejected or {pair.first, pair.second} & worse]
 
 
 def find_changed(hierarchy: HierarchyResult, choices: dict[str, LensChoice]) -> list[str]:

@@ -11,7 +11,14 @@ from beltscape.calibration.assessment.remedy import describe_undetermined
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
-from beltscape.calibration.lens_review import MAX_ROUNDS, find_changed, review_lenses
+from beltscape.calibration.lens_review import (
+    MAX_ROUNDS,
+    find_changed,
+    refit_own_views,
+    review_lenses,
+    select_suspicious_pairs,
+)
+from beltscape.calibration.network.instants import find_missing_instants, leave_out_instants
 from beltscape.core.errors import CalibrationError
 from beltscape.core.progress import Reporter, Silent
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
@@ -49,7 +56,28 @@ def solve_rig(
         again = _solve_views(own, board, hierarchy.rig.core, Silent(), start, models)
         hierarchy = replace(again, lens_choices=hierarchy.lens_choices, restarts=again.restarts)
         adjustment = _adjust_views(hierarchy, board, reporter)
-    return hierarchy, adjustment
+    return _leave_out_missing_instants(hierarchy, adjustment, board, start, reporter)
+
+
+def _leave_out_missing_instants(
+    hierarchy: HierarchyResult,
+    adjustment: BundleAdjustmentResult,
+    board: Board,
+    start: KnownIntrinsics,
+    reporter: Reporter,
+) -> tuple[HierarchyResult, BundleAdjustmentResult]:
+    """Return the solution without the frames that have no common instant; the same one if there are none."""
+    own = refit_own_views(hierarchy, adjustment)
+    missing = find_missing_instants(
+        own.detections, own.monocular, select_suspicious_pairs(own, adjustment), adjustment.geometry.points_mm
+    )
+    if not missing:
+        return hierarchy, adjustment
+    kept = leave_out_instants(hierarchy.detections, missing)
+    models = {name: camera.model for name, camera in hierarchy.rig.cameras.items()}
+    again = _solve_views(kept, board, hierarchy.rig.core, Silent(), start, models)
+    again = replace(again, lens_choices=hierarchy.lens_choices, missing_instants=missing)
+    return again, _adjust_views(again, board, reporter)
 
 
 def _solve_views(

@@ -14,6 +14,7 @@ from beltscape.calibration.assessment.coverage import (
     UncoveredVolumeError,
     assess_coverage,
     describe_gap,
+    describe_tolerance,
     list_coverage_findings,
     make_view_volume,
     require_coverage,
@@ -148,6 +149,15 @@ def test_a_rig_of_which_nothing_remains_is_withheld_and_the_option_named(seen, b
     lost = replace(coverage, cameras=nowhere, is_unusable=np.ones_like(coverage.is_unusable))
     with pytest.raises(UncoveredVolumeError, match=r"of a's image, about .*, or name the belt with --belt"):
         limit_to_coverage(found, limit_domains(found.rig, found), 1.0, lost)
+
+
+@pytest.mark.parametrize(("tolerance_mm", "verdict"), [(10.0, "passes: "), (0.001, "fails: ")])
+def test_sigma_over_a_planned_belt_is_compared_with_its_tolerance(seen, board, tolerance_mm, verdict):
+    found = fit_rig(seen, board)
+    line = require(describe_tolerance(cover(found, replace(belt_ahead(150.0), tolerance_mm=tolerance_mm))))
+    assert line.startswith(verdict)
+    assert f"which assumes {tolerance_mm:g} mm (calibration_sigma_mm)" in line
+    assert describe_tolerance(cover(found, belt_ahead(150.0))) is None
 
 
 def test_an_absurd_sigma_is_not_stated(seen, board):

@@ -93,6 +93,8 @@ class MeasuringVolume:
     """(N, 3) in the core frame."""
     is_given: bool
     """True if the belt is known; False if the whole view of the core stands for it."""
+    tolerance_mm: float | None = None
+    """Largest σ of a depth from calibration that the plan of the belt assumes; None: none is stated."""
 
 
 def make_view_volume(rig: Rig, geometry: Geometry) -> MeasuringVolume:
@@ -259,6 +261,8 @@ MAX_LOST, MAX_LOST_OF_VIEW = 0.02, 0.25
 the middle only."""
 MIN_REMARK, MIN_REMARK_OF_VIEW = 0.005, 0.02
 """Share of uncertain points from which a gap is remarked on."""
+TOLERANCE_SHARE = 0.95
+"""Share of the volume over which the tolerance must be kept; its rim is seen by the fewest cameras."""
 MAX_STATED_PX = 10.0
 """Largest σ of a depth, as the shift in an image that it equals, that is stated in figures: matching finds nothing so
 far off, and a larger σ only says that the lens is not known there."""
@@ -284,6 +288,20 @@ def require_coverage(coverage: Coverage) -> None:
 def has_lost_volume(coverage: Coverage) -> bool:
     """Return whether depth cannot be measured in too large a part of the volume."""
     return coverage.share(coverage.is_unusable) > (MAX_LOST if coverage.volume.is_given else MAX_LOST_OF_VIEW)
+
+
+def describe_tolerance(coverage: Coverage) -> str | None:
+    """Return whether σ of depth over the given volume is within its tolerance, in one line; None without one."""
+    tolerance_mm = coverage.volume.tolerance_mm
+    known = coverage.sigma_mm[coverage.is_needed & np.isfinite(coverage.sigma_mm)]
+    if tolerance_mm is None or not known.size:
+        return None
+    reached_mm = float(np.quantile(known, TOLERANCE_SHARE))
+    verdict = "passes" if reached_mm <= tolerance_mm else "fails"
+    return (
+        f"{verdict}: σ of depth from calibration is {reached_mm:.2g} mm or less over {TOLERANCE_SHARE:.0%} of "
+        f"{coverage.volume.name}, which assumes {tolerance_mm:g} mm (calibration_sigma_mm)"
+    )
 
 
 def list_coverage_findings(coverage: Coverage) -> list[str]:
@@ -312,7 +330,7 @@ def describe_gap(coverage: Coverage, gap: Mask) -> str:
     return (
         f"camera {worst}: the board never came to {hidden.sum() / max(seen, 1):.0%} of the part of its image that "
         f"sees {coverage.volume.name}{also}, where {_describe_cost(coverage, gap)}; photograph the board "
-        f"{_describe_place(own.pixels[hidden], own.camera.size_px)} of {worst}'s image, about {depth_mm:.0f} mm away"
+        f"{describe_place(own.pixels[hidden], own.camera.size_px)} of {worst}'s image, about {depth_mm:.0f} mm away"
     )
 
 
@@ -330,7 +348,7 @@ def _describe_cost(coverage: Coverage, gap: Mask) -> str:
     )
 
 
-def _describe_place(pixels: np.ndarray, size_px: tuple[int, int]) -> str:
+def describe_place(pixels: np.ndarray, size_px: tuple[int, int]) -> str:
     """Return where pixels (n, 2) lie in the image, as in "at the upper left"."""
     across, down = (2 * (pixels / (np.array(size_px) - 1) - 0.5)).mean(axis=0).tolist()
     row = "" if abs(down) < OFF_CENTRE else "upper" if down < 0 else "lower"

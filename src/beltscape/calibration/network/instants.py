@@ -56,7 +56,7 @@ def find_missing_instants(
 ) -> tuple[MissingInstant, ...]:
     """Return the frames without a common instant, of pairs that fit worse than their cameras or reject frames.
 
-    A camera that no other agrees with in a frame is left out of it; where two disagree and no third one decides, both.
+    A camera that no other agrees with in a frame is left out of it; of two without a third one, both are.
     """
     bad: dict[str, dict[tuple[str, str], tuple[float, float]]] = {}
     for pair in pairs:
@@ -65,10 +65,10 @@ def find_missing_instants(
             for frame, sizes in _find_bad_frames(detections, monocular, pair, board_mm).items():
                 bad.setdefault(frame, {})[pair.first, pair.second] = sizes
     order = {frame: number for number, frame in enumerate(detections.frames)}
-    return tuple(_blame(frame, bad[frame], detections) for frame in sorted(bad, key=order.__getitem__))
+    return tuple(_assign_frame(frame, bad[frame], detections) for frame in sorted(bad, key=order.__getitem__))
 
 
-def _blame(
+def _assign_frame(
     frame: str, disagreeing: Mapping[tuple[str, str], tuple[float, float]], detections: BoardDetections
 ) -> MissingInstant:
     """Return the cameras to leave out of a frame, those of most disagreements first, until none is left."""

@@ -78,7 +78,7 @@ def cross_validate(
 
     def solve(views: BoardDetections) -> BundleAdjustmentResult:
         hierarchy = solve_hierarchy(
-            views, board, core, Silent(), known=known, priors=priors, lens_models=lens_models
+            views, board, core, Silent(), known=known, priors=priors, lens_models=lens_models, is_start=True
         )
         return adjust_bundle(hierarchy, board)
 

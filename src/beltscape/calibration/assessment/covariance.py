@@ -163,8 +163,13 @@ def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
 
 def compute_formal_covariance(rig: Rig, bundle: Bundle, linear: LinearisedBundle) -> Array:
     """Return the covariance (G, G) of the cameras' parameters from the corners' noise; 0 for fixed ones."""
+    return place_covariance(rig, bundle, linear.covariance())
+
+
+def place_covariance(rig: Rig, bundle: Bundle, own: Array) -> Array:
+    """Return (G, G) of the cameras' parameters from that of a bundle's free shared parameters; 0 for fixed ones."""
     free = _list_free_parameters(rig, bundle)
-    own = linear.covariance()[: len(free), : len(free)]
+    own = own[: len(free), : len(free)]
     full = np.zeros((count_parameters(rig), count_parameters(rig)))
     full[np.ix_(free, free)] = (own + own.T) / 2
     return full

@@ -29,8 +29,8 @@ CANDIDATES = 12
 MIN_FRAMES = 2
 """Least number of bad frames of a pair for a finding; a single one is left out like any view that does not fit."""
 MAX_BAD = 0.45
-"""Largest share of bad frames: if nearly half of them disagree, no pose is that of most, and a missing trigger is
-reported as such."""
+"""Largest share of bad frames, of a pair and of all: if nearly half of them disagree, no pose is that of most, and a
+missing trigger is reported as such."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +64,8 @@ def find_missing_instants(
         if pair.rms_px > max(MIN_EXCESS * alone, MIN_EXCESS_PX) or len(pair.rejected) >= MIN_FRAMES:
             for frame, sizes in _find_bad_frames(detections, monocular, pair, board_mm).items():
                 bad.setdefault(frame, {})[pair.first, pair.second] = sizes
+    if len(bad) > MAX_BAD * len(detections.frames):
+        return ()
     order = {frame: number for number, frame in enumerate(detections.frames)}
     return tuple(_assign_frame(frame, bad[frame], detections) for frame in sorted(bad, key=order.__getitem__))
 

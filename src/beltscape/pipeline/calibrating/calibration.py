@@ -35,6 +35,7 @@ from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
 from beltscape.calibration.assessment.lens_domain import describe_domains, describe_tilts, limit_domains
 from beltscape.calibration.assessment.next_best_view import find_next_best_view
 from beltscape.calibration.assessment.remedy import describe_undetermined
+from beltscape.calibration.assessment.sandwich import compute_clustered_covariance
 from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
@@ -42,6 +43,7 @@ from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
 from beltscape.calibration.network.two_sides import describe_back
 from beltscape.calibration.result import Calibration
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter
@@ -181,7 +183,8 @@ def calibrate(
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment, rig=rig,
-        covariance=covariance, depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance),
+        covariance=covariance, depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance.matrix),
+        depth_sigma_by_views=_compute_depth_sigmas(rig, adjustment, compute_clustered_covariance(adjustment)),
         next_best_view=next_best_view,
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
@@ -321,10 +324,10 @@ def _complete_rig(
 
 
 def _compute_depth_sigmas(
-    rig: Rig, adjustment: BundleAdjustmentResult, covariance: RigCovariance
+    rig: Rig, adjustment: BundleAdjustmentResult, covariance: Array
 ) -> tuple[DepthSigma, ...]:
     geometry = adjustment.geometry
     depths = (geometry.board_rotation @ geometry.points_mm.T)[:, 2] + geometry.board_translation_mm[:, 2:]
     return tuple(
-        compute_depth_sigma(rig, covariance.matrix, float(d)) for d in np.quantile(depths, [0.05, 0.5, 0.95])
+        compute_depth_sigma(rig, covariance, float(d)) for d in np.quantile(depths, [0.05, 0.5, 0.95])
     )

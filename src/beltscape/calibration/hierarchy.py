@@ -119,11 +119,11 @@ def _calibrate_needed_pairs(
     monocular: Mapping[str, MonocularCalibration],
     board_mm: NDArray[np.float64],
     reporter: Reporter,
-    hub: str | None,
+    core: str | None,
 ) -> tuple[Pair, ...]:
-    """Calibrate all pairs; with a ``hub`` only its own, if they connect all cameras."""
-    if hub in monocular:
-        pairs = calibrate_pairs(detections, monocular, board_mm, reporter, hub)
+    """Calibrate all pairs; with a ``core`` only its own, if they connect all cameras."""
+    if core in monocular:
+        pairs = calibrate_pairs(detections, monocular, board_mm, reporter, core)
         if len(pairs) == len(monocular) - 1:
             return pairs
     return calibrate_pairs(detections, monocular, board_mm, reporter)

@@ -15,6 +15,7 @@ import numpy as np
 from beltscape.calibration.assessment.covariance import (
     DepthSigma,
     RigCovariance,
+    compute_clustered_covariance,
     compute_depth_sigma,
     compute_rig_covariance,
 )
@@ -35,7 +36,6 @@ from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
 from beltscape.calibration.assessment.lens_domain import describe_domains, describe_tilts, limit_domains
 from beltscape.calibration.assessment.next_best_view import find_next_best_view
 from beltscape.calibration.assessment.remedy import describe_undetermined
-from beltscape.calibration.assessment.sandwich import compute_clustered_covariance
 from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult

@@ -7,8 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from beltscape.calibration.assessment.covariance import compute_depth_jacobian, compute_rig_covariance
-from beltscape.calibration.assessment.sandwich import compute_clustered_covariance
+from beltscape.calibration.assessment.covariance import (
+    compute_clustered_covariance,
+    compute_depth_jacobian,
+    compute_rig_covariance,
+)
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
@@ -27,7 +30,7 @@ def make_belt() -> np.ndarray:
     return np.stack([x.ravel(), y.ravel(), np.full(x.size, DEPTH_MM)], axis=1)
 
 
-def adjust(rig: Rig, seen: BoardDetections) -> BundleAdjustmentResult:
+def calibrate_rig(rig: Rig, seen: BoardDetections) -> BundleAdjustmentResult:
     models = dict.fromkeys(rig.cameras, "brown")
     return adjust_bundle(
         solve_hierarchy(seen, BOARD, "c00", Silent(), lens_models=models, is_start=True), BOARD
@@ -54,7 +57,7 @@ def measure_errors(true: Rig, found: Rig) -> np.ndarray:
 def test_clusters_of_views_find_noise_that_is_alike(alike_px, least, most):
     """Against the formal covariance of the corners' noise; the residuals themselves hardly tell the two apart."""
     rig = like_cameras(2, 1)
-    found = adjust(rig, detect_correlated(rig, boards_before(rig, 8, 0.4, 3), 0, alike_px=alike_px))
+    found = calibrate_rig(rig, detect_correlated(rig, boards_before(rig, 8, 0.4, 3), 0, alike_px=alike_px))
     covariance = compute_rig_covariance(found)
     formal = covariance.matrix / covariance.inflation**2
     clustered = compute_clustered_covariance(found)
@@ -78,7 +81,7 @@ def test_sigma_by_clusters_is_the_scatter_of_forty_captures():
     poses = boards_before(rig, 12, 0.4, 3)
     errors, by_views, by_model = [], [], []
     for seed in range(40):
-        found = adjust(rig, detect_correlated(rig, poses, seed, alike_px=0.05, board_mm=0.1))
+        found = calibrate_rig(rig, detect_correlated(rig, poses, seed, alike_px=0.05, board_mm=0.1))
         errors.append(measure_errors(rig, found.rig))
         by_views.append(compute_sigma(found, compute_clustered_covariance(found)))
         by_model.append(compute_sigma(found, compute_rig_covariance(found).matrix))

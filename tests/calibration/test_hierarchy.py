@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import find_unsynchronised_pairs, solve_hierarchy
 from beltscape.core.errors import CalibrationError
@@ -125,3 +126,29 @@ def test_the_number_of_opencv_threads_is_restored(rig, board, poses):
     two = make_detections(rig, board, poses[:5], noise_px=0.1).restrict("ab", [f"{i:02d}" for i in range(5)])
     solve_hierarchy(two, board, None, Silent())
     assert cv2.getNumThreads() == before
+
+
+def test_a_mere_start_leads_to_the_same_rig(rig, board, poses):
+    """Pairs with the core only, and no optimisation of the network: the joint adjustment ends where it did."""
+    seen = make_detections(rig, board, poses, 0.05)
+    whole = solve_hierarchy(seen, board, "b", Silent())
+    start = solve_hierarchy(seen, board, "b", Silent(), is_start=True)
+    assert {frozenset((pair.first, pair.second)) for pair in start.network.pairs} == {
+        frozenset(("b", name)) for name in "acd"
+    }
+    assert (start.network.path_errors, start.network.loop_errors) == ((), ())
+    first, second = (adjust_bundle(each, board).rig for each in (whole, start))
+    for name in rig.cameras:
+        np.testing.assert_allclose(
+            first.cam_from_core[name].center_mm, second.cam_from_core[name].center_mm, atol=1e-3
+        )
+        np.testing.assert_allclose(first.cameras[name].focal_px, second.cameras[name].focal_px, rtol=1e-6)
+
+
+def test_a_mere_start_takes_all_pairs_where_the_core_does_not_see_all_boards(rig, board, poses):
+    seen_by = {"a": range(6), "b": range(12), "c": range(6, 12), "d": range(12)}
+    seen = make_detections(rig, board, poses, 0.05, seen_by=seen_by)
+    start = solve_hierarchy(seen, board, "a", Silent(), is_start=True)
+    assert set(start.rig.cameras) == set(rig.cameras)
+    assert len(start.network.paths["c"]) == 3
+    assert len(start.network.pairs) == 5

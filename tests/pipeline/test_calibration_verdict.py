@@ -58,4 +58,12 @@ def test_a_frame_left_out_is_stated_wherever_results_are_shown(run, tmp_path, ca
     assert all(
         "the board never came to" in note for note in document["notes"]
     )  # seven boards, all in the middle
-    assert "1 of 7 frames" in (tmp_path / "out" / "report.html").read_text()
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "1 of 7 frames" in page
+    for column in ("lens", "brown", "fisheye", "rational", "valid to px", "corners to px", "image to px"):
+        assert f">{column}</th>" in page
+    assert "By clusters of views" in page
+    for each in document["depth_sigma_mm"]:
+        assert 0.2 * each["median"] < each["median_by_views"] < 5 * each["median"]
+    assert "median at " in page
+    assert " of the view" in page

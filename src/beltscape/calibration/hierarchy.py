@@ -15,11 +15,13 @@ from beltscape.calibration.intrinsics.zhang import MIN_VIEWS, MonocularCalibrati
 from beltscape.calibration.network.association import (
     CameraNetwork,
     associate_cameras,
+    chain_cameras,
     find_groups,
     select_core,
 )
 from beltscape.calibration.network.board_symmetry import unify_numbering
 from beltscape.calibration.network.global_optimisation import optimise_network
+from beltscape.calibration.network.instants import MissingInstant
 from beltscape.calibration.network.pairs import Pair, calibrate_pairs
 from beltscape.calibration.network.synchronisation import find_frame_misfits
 from beltscape.calibration.solver.lens import LensPrior
@@ -50,6 +52,8 @@ class HierarchyResult:
     """Cameras whose pose relative to the core is given and fixed."""
     lens_choices: tuple[LensChoice, ...] = ()
     """The lens models of the cameras whose intrinsics were not given."""
+    missing_instants: tuple[MissingInstant, ...] = ()
+    """Frames whose views the detections lack, because the cameras were not triggered together in them."""
 
 
 def solve_hierarchy(
@@ -61,13 +65,15 @@ def solve_hierarchy(
     known: Mapping[str, Camera] | None = None,
     priors: Mapping[str, LensPrior] | None = None,
     lens_models: Mapping[str, str] | None = None,
+    is_start: bool = False,
 ) -> HierarchyResult:
     """Calibrate a rig from the board's corners.
 
     ``lens_models`` are the models of cameras by name; those of the others are chosen from their views.
     The intrinsics of ``known`` cameras (by name) are fixed; those with ``priors`` among them until the bundle is
     adjusted. A camera with too few views, without views shared with
-    the rest, or with frames of other instants, is reported and left out.
+    the rest, or with frames of other instants, is reported and left out. ``is_start`` computes the cameras' poses
+    along the best paths only: the network's optimisation and tests are not for a mere start of a joint adjustment.
 
     Raises
     ------
@@ -89,13 +95,13 @@ def solve_hierarchy(
                 raise CalibrationError(misfit.describe())
             _warn_or_raise(CalibrationError(misfit.describe()), misfit.camera, core, reporter)
             del monocular[misfit.camera]
-        pairs = calibrate_pairs(detections, monocular, board_mm, reporter)
+        pairs = _calibrate_needed_pairs(detections, monocular, board_mm, reporter, core if is_start else None)
     connected = _select_connected(monocular, pairs, core, reporter)
     kept = {name: monocular[name] for name in connected}
     pairs = tuple(pair for pair in pairs if pair.first in kept)
     core = core or select_core(detections.restrict(kept, detections.frames), pairs)
     with single_thread():
-        network = optimise_network(associate_cameras(core, pairs))
+        network = chain_cameras(core, pairs) if is_start else optimise_network(associate_cameras(core, pairs))
     order = [core, *(name for name in kept if name != core)]
     rig = Rig(
         core=core,
@@ -106,6 +112,21 @@ def solve_hierarchy(
         rig, detections.restrict(order, detections.frames), kept, network, restarts,
         lens_choices=tuple(choices[name] for name in order if name in choices),
     )  # fmt: skip
+
+
+def _calibrate_needed_pairs(
+    detections: BoardDetections,
+    monocular: Mapping[str, MonocularCalibration],
+    board_mm: NDArray[np.float64],
+    reporter: Reporter,
+    core: str | None,
+) -> tuple[Pair, ...]:
+    """Calibrate all pairs; with a ``core`` only its own, if they connect all cameras."""
+    if core in monocular:
+        pairs = calibrate_pairs(detections, monocular, board_mm, reporter, core)
+        if len(pairs) == len(monocular) - 1:
+            return pairs
+    return calibrate_pairs(detections, monocular, board_mm, reporter)
 
 
 def _calibrate_cameras(

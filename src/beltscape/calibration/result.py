@@ -34,6 +34,8 @@ class Calibration:
     covariance: RigCovariance
     depth_sigma: tuple[DepthSigma, ...]
     """σ of depth from the calibration at the nearest, middle and farthest boards."""
+    depth_sigma_by_views: tuple[DepthSigma, ...]
+    """The same by clusters of views, which does not take the corners of a view as independent."""
     next_best_view: NextBestView | None
     """The most useful further view."""
     rig_errors: RigErrors

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.calibration.assessment.covariance import DepthSigma, RigCovariance, list_parameter_columns
+from beltscape.calibration.assessment.coverage import describe_place, describe_tolerance
 from beltscape.calibration.assessment.fit_quality import FitQuality
 from beltscape.calibration.assessment.next_best_view import NextBestView
 from beltscape.calibration.assessment.score import RigErrors, Score
@@ -16,6 +17,7 @@ from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.network.association import Misclosure
 from beltscape.calibration.result import Calibration
 from beltscape.core.frames import Image
+from beltscape.files.rig_limits import find_corner_radius_px
 from beltscape.report.calibration_plots import (
     coverage_chart,
     depth_sigma_chart,
@@ -67,7 +69,9 @@ def calibration_page(calibration: Calibration, rejected_images: Sequence[tuple[s
     sections = [
         _quality_section(calibration),
         _rig_section(calibration),
-        _depth_section(calibration.depth_sigma, calibration.covariance.inflation),
+        _depth_section(
+            calibration.depth_sigma, calibration.depth_sigma_by_views, calibration.covariance.inflation
+        ),
         _next_section(adjustment, board, calibration.next_best_view),
         *_view_sections(adjustment, calibration.rig_errors),
         make_need_section(calibration.coverage),
@@ -79,11 +83,13 @@ def calibration_page(calibration: Calibration, rejected_images: Sequence[tuple[s
 
 
 def _quality_section(calibration: Calibration) -> Section:
+    tolerance = describe_tolerance(calibration.coverage)
     return Section(
         "Quality",
         f"Board: {calibration.board.describe()}; {_describe_shape(calibration.adjustment)}.",
         [
             _make_tiles(calibration.score, calibration.depth_sigma[1]),
+            *([Lines([tolerance])] if tolerance else []),
             _make_score_table(calibration.held_out, calibration.training),
             _make_fit_table(calibration.fit),
         ],
@@ -98,6 +104,7 @@ def _rig_section(calibration: Calibration) -> Section:
         [
             InteractiveScene(scene, "Core camera in orange, auxiliaries in blue."),
             _make_camera_table(calibration.hierarchy, calibration.adjustment, calibration.covariance),
+            _make_lens_table(calibration),
         ],
     )
 
@@ -117,7 +124,14 @@ def _describe_verdict(calibration: Calibration) -> str:
     )
 
 
-def _depth_section(depth_sigma: Sequence[DepthSigma], inflation: float) -> Section:
+def _depth_section(
+    depth_sigma: Sequence[DepthSigma], by_views: Sequence[DepthSigma], inflation: float
+) -> Section:
+    medians = ", ".join(f"{np.nanmedian(each.sigma_mm):.3f} mm" for each in by_views)
+    alike = (
+        f" By clusters of views, which takes no corners of a view as independent, the medians are {medians}: "
+        "far larger ones mean that errors within the views are alike (blur, light, the lens model)."
+    )
     caption = "Over the core camera's view; empty where fewer than two cameras see the point."
     raised = (
         f" The views scatter {inflation:.1f} times more than the noise of the corners explains (a board that bends, "
@@ -126,8 +140,9 @@ def _depth_section(depth_sigma: Sequence[DepthSigma], inflation: float) -> Secti
     return Section(
         "Standard deviation of depth",
         "One standard deviation of a triangulated depth from calibration alone, where the nearest, the middle and "
-        "the farthest boards were. Matching adds to it. Heights over the belt are affected less, since most of the "
-        "error is common to belt and load." + (raised if inflation > 1 else ""),
+        "the farthest boards were. It is largest where few cameras see a point, all from one direction, or "
+        "where the board never was. Matching adds to it. Heights over the belt are affected less, since most of the "
+        "error is common to belt and load." + (raised if inflation > 1 else "") + alike,
         [depth_sigma_chart(depth_sigma, caption)],
     )
 
@@ -199,11 +214,19 @@ def _make_tiles(score: Score, depth: DepthSigma) -> Tiles:
                 "depth σ from calibration",
                 f"{np.nanmedian(depth.sigma_mm):.3f}",
                 "mm",
-                f"at {depth.depth_mm:.0f} mm; worst {np.nanmax(depth.sigma_mm):.3f} mm",
+                f"median at {depth.depth_mm:.0f} mm; worst {_describe_worst(depth)}",
             ),
             Tile("evidence", f"{score.corners}", "corners", f"{score.views} views in {score.frames} frames"),
         ]
     )
+
+
+def _describe_worst(depth: DepthSigma) -> str:
+    """Return the largest σ and where it is."""
+    row, column = np.unravel_index(np.nanargmax(depth.sigma_mm), depth.sigma_mm.shape)
+    rows, columns = depth.sigma_mm.shape
+    place = describe_place(np.array([[float(column), float(row)]]), (columns, rows))
+    return f"{depth.sigma_mm[row, column]:.3f} mm {place} of the view"
 
 
 def _make_score_table(held_out: Score | None, training: Score) -> Table:
@@ -221,11 +244,17 @@ def _make_score_table(held_out: Score | None, training: Score) -> Table:
 
 def _make_fit_table(fit: FitQuality) -> Table:
     rows = [
-        [name, f"{own.sigma_px:.4f}", f"{own.corner_noise_px:.4f}", f"{own.chi2_per_dof:.1f}"]
+        [
+            name,
+            f"{own.rms_px:.4f}",
+            f"{own.sigma_px:.4f}",
+            f"{own.corner_noise_px:.4f}",
+            f"{own.chi2_per_dof:.1f}",
+        ]
         for name, own in fit.cameras.items()
     ]
     return Table(
-        ["camera", "σ of residuals px", "noise of corners px", "χ² / dof"],
+        ["camera", "RMS px", "σ of residuals px", "noise of corners px", "χ² / dof"],
         rows,
         "Residuals compared with the noise of the corners, which is estimated from neighbouring corners: about 1 if "
         "noise explains them, far more if the model, a camera's pose or the board is wrong.",
@@ -255,27 +284,51 @@ def _make_camera_table(
         rows.append(
             [
                 name + (" (core)" if name == hierarchy.rig.core else ""),
-                c.model, f"{len(camera.cam_from_board)}", f"{noise:.3f}",
+                f"{len(camera.cam_from_board)}", f"{noise:.3f}",
                 f"{c.focal_px[0]:.2f} ± {s[0]:.2f}", f"{c.focal_px[1]:.2f} ± {s[1]:.2f}",
                 f"{c.center_px[0]:.2f} ± {s[2]:.2f}", f"{c.center_px[1]:.2f} ± {s[3]:.2f}",
                 f"{np.linalg.norm(adjustment.rig.cam_from_core[name].center_mm):.2f}",
-                " → ".join(hierarchy.network.paths[name]), ", ".join(camera.fixed) or "none",
+                " → ".join(hierarchy.network.paths[name]),
             ]
         )  # fmt: skip
-    names = [
-        "camera",
-        "lens model",
-        "views",
-        "noise px",
-        "fx px",
-        "fy px",
-        "cx px",
-        "cy px",
-        "from core mm",
-        "path",
-        "fixed",
-    ]
+    names = ["camera", "views", "noise px", "fx px", "fy px", "cx px", "cy px", "from core mm", "path"]
     return Table(names, rows, "After the joint adjustment, with one standard deviation each.")
+
+
+CANDIDATES = ("brown", "fisheye", "tilted", "rational")
+"""Lens models that are compared, in the order of the table of lenses."""
+
+
+def _make_lens_table(calibration: Calibration) -> Table:
+    """Return each camera's lens: the models compared, and how far it is known and corners reach."""
+    choices = {choice.camera: choice for choice in calibration.hierarchy.lens_choices}
+    used, observed = calibration.adjustment.used, calibration.adjustment.bundle.observations
+    rows: list[list[str]] = []
+    for index, (name, camera) in enumerate(calibration.rig.cameras.items()):
+        corners = observed.pixels[used & (observed.camera == index)]
+        reach_px = np.linalg.norm(corners - camera.center_px, axis=1).max(initial=0.0)
+        held_out = choices[name].held_out_px if name in choices else {}
+        limit_px = camera.valid_radius_px
+        rows.append(
+            [
+                name, camera.model, *(_format_error(held_out.get(model)) for model in CANDIDATES),
+                "whole image" if limit_px is None else f"{limit_px:.0f}", f"{reach_px:.0f}",
+                f"{find_corner_radius_px(camera):.0f}",
+                ", ".join(calibration.hierarchy.monocular[name].fixed) or "none",
+            ]
+        )  # fmt: skip
+    names = ["camera", "lens", *CANDIDATES, "valid to px", "corners to px", "image to px", "fixed"]
+    return Table(
+        names, rows,
+        "Lenses: RMS in px on held-out views of the models that were compared, none where brown is the default; "
+        "distances from the principal point up to which the lens is used, corners were seen, and the image reaches.",
+    )  # fmt: skip
+
+
+def _format_error(rms_px: float | None) -> str:
+    if rms_px is None:
+        return "–"
+    return f"{rms_px:.3f}" if np.isfinite(rms_px) else "does not fit"
 
 
 def _make_pair_table(hierarchy: HierarchyResult) -> Item:

@@ -13,10 +13,13 @@ from beltscape.calibration.assessment.coverage import (
     MeasuringVolume,
     UncoveredVolumeError,
     assess_coverage,
+    describe_gap,
+    describe_tolerance,
     list_coverage_findings,
     make_view_volume,
     require_coverage,
 )
+from beltscape.calibration.assessment.covered_volume import limit_to_coverage
 from beltscape.calibration.assessment.lens_domain import limit_domains
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
@@ -25,6 +28,7 @@ from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.report.calibration_plots import coverage_picture
+from tests.optional import require
 from tests.synthetic.boards import board_poses, row_of_cameras
 from tests.synthetic.detections import make_detections
 from tests.thorough import list_cases
@@ -101,6 +105,66 @@ def test_boards_in_the_middle_of_the_images_are_refused(seen, board):
     assert "photograph the board at all edges and corners" in line
     assert "\n" not in line
     assert coverage_picture(error.value.coverage).startswith(b"\x89PNG")
+
+
+def test_a_rig_without_a_belt_is_limited_to_what_the_boards_covered(seen, board):
+    """Within its limits the true depths are found; beyond them no camera is used."""
+    true, found = make_rig(), fit_rig(confine(seen, dict.fromkeys(NAMES, 0.36)), board)
+    limited = limit_domains(found.rig, found)
+    covered = limit_to_coverage(found, limited, 1.0, cover(found))
+    assert "a" in covered.limits_px
+    assert len(covered.limits_px) >= 2
+    assert 0.1 < covered.share < 0.6
+    require_coverage(covered.coverage)
+    for name in covered.limits_px:
+        camera = covered.rig.cameras[name]
+        radius = require(camera.valid_radius_px)
+        corners = covered.coverage.cameras[name].corners_px
+        reach = np.linalg.norm(corners - camera.center_px, axis=1).max()
+        assert 0.5 * reach < radius < 0.35 * np.hypot(*camera.size_px)
+        assert np.isnan(camera.undistort(camera.center_px + np.array([[radius + 3, 0.0]]))).all()
+    error_mm = measure_depth_error(true, covered.rig, covered.coverage.volume.points_mm)
+    assert np.isfinite(error_mm).sum() > 50
+    assert np.nanquantile(error_mm, 0.9) < 1.5
+    assert "limited to the" in covered.describe()
+    assert "--belt" in covered.describe()
+
+
+def test_a_camera_with_a_gap_is_limited_and_the_others_are_not(seen, board):
+    found = fit_rig(confine(seen, {"c": 0.3}), board)
+    coverage = cover(found)
+    covered = limit_to_coverage(found, limit_domains(found.rig, found), 1.0, coverage)
+    assert set(covered.limits_px) == {"c"}
+    assert covered.share > 0.9
+    assert covered.coverage.share(covered.coverage.is_unusable) < 0.02
+
+
+def test_a_rig_of_which_nothing_remains_is_withheld_and_the_option_named(seen, board):
+    """As if the boards had been in a corner of every image: no circle around the middle is covered."""
+    found = fit_rig(confine(seen, dict.fromkeys(NAMES, 0.36)), board)
+    coverage = cover(found)
+    nowhere = {
+        name: replace(own, is_reached=np.zeros_like(own.is_reached)) for name, own in coverage.cameras.items()
+    }
+    lost = replace(coverage, cameras=nowhere, is_unusable=np.ones_like(coverage.is_unusable))
+    with pytest.raises(UncoveredVolumeError, match=r"of a's image, about .*, or name the belt with --belt"):
+        limit_to_coverage(found, limit_domains(found.rig, found), 1.0, lost)
+
+
+@pytest.mark.parametrize(("tolerance_mm", "verdict"), [(10.0, "passes: "), (0.001, "fails: ")])
+def test_sigma_over_a_planned_belt_is_compared_with_its_tolerance(seen, board, tolerance_mm, verdict):
+    found = fit_rig(seen, board)
+    line = require(describe_tolerance(cover(found, replace(belt_ahead(150.0), tolerance_mm=tolerance_mm))))
+    assert line.startswith(verdict)
+    assert f"which assumes {tolerance_mm:g} mm (calibration_sigma_mm)" in line
+    assert describe_tolerance(cover(found, belt_ahead(150.0))) is None
+
+
+def test_an_absurd_sigma_is_not_stated(seen, board):
+    coverage = cover(fit_rig(confine(seen, dict.fromkeys(NAMES, 0.36)), board))
+    for sigma_px, line in ((300.0, "depth not measurable"), (2.0, "uncertain by up to")):
+        stated = replace(coverage, sigma_px=np.where(coverage.is_unusable, sigma_px, 0.01))
+        assert line in describe_gap(stated, coverage.is_unusable)
 
 
 def test_a_belt_that_lies_where_the_boards_were_is_accepted(seen, board):

@@ -10,12 +10,19 @@ import pytest
 from beltscape.calibration.assessment.cross_validation import cross_validate
 from beltscape.calibration.assessment.findings import list_calibration_findings
 from beltscape.calibration.assessment.fit_quality import (
+    CameraFit,
     FitQuality,
     assess_fit,
     compute_camera_fits,
     estimate_corner_noise_px,
 )
-from beltscape.calibration.assessment.score import ViewResiduals, compute_rig_errors, summarise_errors
+from beltscape.calibration.assessment.score import (
+    RigErrors,
+    Score,
+    ViewResiduals,
+    compute_rig_errors,
+    summarise_errors,
+)
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
@@ -135,3 +142,32 @@ def test_corner_noise_excludes_errors_that_neighbours_share(sigma_px):
 def test_corner_noise_is_nan_with_too_few_neighbours():
     one = ViewResiduals(np.arange(8), np.zeros((8, 2)), np.ones((8, 2)))
     assert np.isnan(estimate_corner_noise_px([one], list_triples(Chessboard(corners=(9, 6), square_mm=1))))
+
+
+def test_a_part_of_the_corners_that_fits_far_worse_is_a_finding():
+    """A lens that is wrong at the edge: 0.13 px RMS, though the median corner is at the noise of 0.013 px."""
+    rng = np.random.default_rng(1)
+    errors = rng.normal(0, 0.013, (400, 2))
+    errors[:30] += [0.45, 0.0]
+    views = {"a": {"00": ViewResiduals(np.arange(400), rng.uniform(0, 400, (400, 2)), errors)}}
+    rig_errors = RigErrors(views, 1, np.empty(0), np.empty(0, np.int64), np.empty(0))
+    triples = np.stack([np.arange(30, 398), np.arange(31, 399), np.arange(32, 400)], axis=1)
+    score = Score(1, 1, 400, 0.13, 0.06, 0.0, 0.0, 0.0)
+    fit = assess_fit(score, rig_errors, triples)
+    assert not fit.cameras["a"].is_pattern()
+    (line,) = fit.findings
+    assert line.startswith("a part of the corners fits far worse than their noise (camera a 0.12")
+    assert "px RMS against 0.013 px" in line
+
+
+@pytest.mark.parametrize(
+    ("fit", "has_far"),
+    [
+        (CameraFit(0.02, 0.013, 0.127), True),
+        (CameraFit(0.02, 0.013, 0.09), False),
+        (CameraFit(0.02, 0.04, 0.127), False),
+        (CameraFit(0.2, 0.013, 0.3), False),  # a pattern, which is reported as such
+    ],
+)
+def test_far_residuals_need_a_ratio_and_a_size(fit, has_far):
+    assert fit.has_far_residuals is has_far

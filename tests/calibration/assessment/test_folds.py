@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from beltscape.calibration.assessment.cross_validation import cluster_frames, cross_validate, list_folds
+from beltscape.calibration.assessment.cross_validation import cross_validate, list_folds
 from beltscape.calibration.assessment.score import triangulate_corners
+from beltscape.calibration.detection.board_poses import cluster_frames
 from beltscape.core.geometry.pose import Pose
 from beltscape.kernels import load
 from beltscape.target.board import corner_points_mm

@@ -21,7 +21,7 @@ from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.target.board import list_triples
 from tests.synthetic.camera_arrays import BOARD, boards_before, detect, like_cameras
-from tests.thorough import list_cases
+from tests.thorough import list_cases, list_rows
 
 
 def diagnose_views(seen: BoardDetections, known: dict[str, Camera] | None = None) -> Diagnosis:
@@ -62,6 +62,36 @@ def test_a_few_tilted_boards_determine_a_rig(seed):
     sigma = compute_focal_sigma(adjusted, compute_rig_covariance(adjusted))
     for name, camera in adjusted.rig.cameras.items():
         assert abs(camera.focal_px - rig.cameras[name].focal_px).max() < 4 * sigma[name]
+
+
+@pytest.mark.parametrize(("cameras", "positions"), list_rows([(6, 3), (20, 3), (20, 4), (20, 5)], {(6, 3)}))
+def test_sigma_of_the_focal_length_is_a_few_times_its_error(cameras, positions):
+    """Like cameras that see a large board at once: a view is worth more than a homography of its own."""
+    rig = like_cameras(cameras, positions)
+    seen = detect(rig, boards_before(rig, positions, 0.3, 1), 0.05, positions, bend_mm=0.3)
+    adjusted = adjust_bundle(solve_hierarchy(seen, BOARD, None, Silent()), BOARD)
+    sigma = compute_focal_sigma(adjusted, compute_rig_covariance(adjusted))
+    errors = [adjusted.rig.cameras[name].focal_px[0] - each.focal_px[0] for name, each in rig.cameras.items()]
+    typical = np.sqrt(np.mean(np.square(errors)))
+    assert typical < 0.001 * 1058
+    assert typical < np.sqrt(np.mean(np.square(list(sigma.values())))) < 4.5 * typical
+
+
+@pytest.mark.thorough
+def test_three_boards_square_to_twenty_cameras_determine_no_rig():
+    rig = like_cameras(20, 2, convergence=0.0)
+    seen = detect(rig, boards_before(rig, 3, 0.02, 2), 0.05, 2, bend_mm=0.5)
+    with pytest.raises(CalibrationError, match="do not determine the focal length"):
+        diagnose_views(seen)
+
+
+def test_an_absurd_focal_length_is_not_stated(sound):
+    adjusted, covariance, score = sound
+    vague = replace(covariance, scatter=1000 * np.ones_like(covariance.scatter))
+    with pytest.raises(
+        CalibrationError, match="focal length of camera c00 not measurable, c01 not measurable: "
+    ):
+        require_credible(adjusted, vague, {}, score, score)
 
 
 def test_views_of_a_single_board_pose_are_refused():

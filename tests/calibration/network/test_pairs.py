@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from beltscape.calibration.intrinsics.zhang import PARAMETERS, MonocularCalibration, calibrate_camera
+from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera
 from beltscape.calibration.network.pairs import Pair, calibrate_pair, calibrate_pairs
 from beltscape.calibration.network.pose_chains import log
+from beltscape.calibration.solver.lens import list_parameters
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.progress import Silent
 from beltscape.target.board import corner_points_mm
@@ -86,7 +87,7 @@ def make_known_camera(rig, name, poses) -> MonocularCalibration:
     """A camera whose intrinsics are given, not estimated."""
     views = {f"{i:02d}": rig.cam_from_core[name] @ pose for i, pose in enumerate(poses)}
     return MonocularCalibration(
-        rig.cameras[name], dict.fromkeys(PARAMETERS, 0.0), 0.1, views, dict.fromkeys(views, 0.1)
+        rig.cameras[name], dict.fromkeys(list_parameters("brown"), 0.0), 0.1, views, dict.fromkeys(views, 0.1)
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
-from beltscape.calibration.solver.bundle import Bundle
+from beltscape.calibration.solver.bundle import Bundle, ViewDesign
 from beltscape.calibration.solver.lens import (
     differentiate_by_pose,
     list_parameters,
@@ -51,7 +51,7 @@ MIN_POSITIONS = 3
 """Least number of board positions for a scatter."""
 
 
-def estimate_inflation(adjustment: BundleAdjustmentResult, covariance: Array, jacobian: Array) -> float:
+def estimate_inflation(without: Array, covariance: Array, jacobian: Array) -> float:
     """Return the ratio of the scatter between frames to the formal standard deviations; 1 if not significant.
 
     The formal covariance takes the corners' noise as independent. It is too small if all corners of a frame share
@@ -61,23 +61,30 @@ def estimate_inflation(adjustment: BundleAdjustmentResult, covariance: Array, ja
 
     Parameters
     ----------
+    without
+        (F, R) changes of the free parameters of the cameras without each position (`leave_out_positions`).
     covariance
-        (R, R) formal covariance of the free parameters of the cameras.
+        (R, R) formal covariance of these parameters.
     jacobian
-        (N, R) derivatives of the N quantities of interest by these parameters.
+        (N, R) derivatives of the N quantities of interest by them.
     """
-    without = _leave_out_positions(adjustment, len(covariance)) @ jacobian.T
     frames = len(without)
     if frames < MIN_POSITIONS:
         return 1.0
-    scatter = (frames - 1) / frames * ((without - without.mean(axis=0)) ** 2).sum()
+    scatter = float((compute_scatter(without @ jacobian.T) ** 2).sum())
     ratio = scatter / np.einsum("ni,ij,nj->", jacobian, covariance, jacobian)
     dof = frames - 1
     most = 2 * gammaincinv(dof / 2, CONFIDENCE) / dof  # quantile of χ², over its degrees of freedom
     return float(np.sqrt(ratio)) if ratio > most else 1.0
 
 
-def _leave_out_positions(adjustment: BundleAdjustmentResult, count: int) -> Array:
+def compute_scatter(without: Array) -> Array:
+    """Return the standard deviation (N,) of quantities by their values (F, N) without each position of the board."""
+    frames = len(without)
+    return np.sqrt((frames - 1) / frames * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+
+
+def leave_out_positions(adjustment: BundleAdjustmentResult, count: int) -> Array:
     """Return the change (F, R) of the cameras' free parameters without a position of the board, to first order.
 
     Frames of one position share their errors; they are left out together if there are three positions or more.
@@ -111,6 +118,10 @@ class RigCovariance:
     """(G, G)."""
     inflation: float
     """Factor included in the standard deviations because the views scatter by more than their noise; 1: none."""
+    scatter: Array
+    """(G,) standard deviation of each parameter by leaving out positions of the board; 0 for fixed ones."""
+    positions: int
+    """Number of positions of the board; with fewer than three the scatter is that between frames, and too small."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,17 +153,60 @@ def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
     distance = float(np.median(adjustment.geometry.board_translation_mm[:, 2]))
     jacobian = compute_depth_jacobian(adjustment.rig, make_view_points(adjustment.rig, distance, 13))[:, free]
     jacobian = jacobian[np.isfinite(jacobian).all(axis=1)]
-    inflation = estimate_inflation(adjustment, full[np.ix_(free, free)], jacobian)
-    return RigCovariance(tuple(names), inflation**2 * full, inflation)
+    without = leave_out_positions(adjustment, len(free))
+    inflation = estimate_inflation(without, full[np.ix_(free, free)], jacobian)
+    scatter = np.zeros(len(full))
+    scatter[free] = compute_scatter(without)
+    positions = len(set(group_frames(adjustment).values()))
+    return RigCovariance(tuple(names), inflation**2 * full, inflation, scatter, positions)
 
 
 def compute_formal_covariance(rig: Rig, bundle: Bundle, linear: LinearisedBundle) -> Array:
     """Return the covariance (G, G) of the cameras' parameters from the corners' noise; 0 for fixed ones."""
+    return place_covariance(rig, bundle, linear.covariance())
+
+
+def place_covariance(rig: Rig, bundle: Bundle, own: Array) -> Array:
+    """Return (G, G) of the cameras' parameters from that of a bundle's free shared parameters; 0 for fixed ones."""
     free = _list_free_parameters(rig, bundle)
-    own = linear.covariance()[: len(free), : len(free)]
+    own = own[: len(free), : len(free)]
     full = np.zeros((count_parameters(rig), count_parameters(rig)))
     full[np.ix_(free, free)] = (own + own.T) / 2
     return full
+
+
+MIN_REMAINING = 1e-3
+"""Least share of a view's own variance that counts as left by the adjustment: combinations of its corners that
+determine its board's pose alone have no residual, and their correction would be endless."""
+
+
+def compute_clustered_covariance(adjustment: BundleAdjustmentResult) -> Array:
+    """Return the covariance (G, G) of the rig's parameters by clusters of views; 0 for fixed ones.
+
+    Errors of the corners of one image are alike: blur, light, a detector's bias, a lens just outside its model. Then
+    the residuals fall, for poses and lenses follow the errors, while the rig scatters more. A covariance by clusters
+    (a sandwich; Bell & McCaffrey, Survey Methodology 28(2), 2002) takes each view's errors as they are: between the
+    inverse normal matrices stands the sum over the views of the squared influence of their own residuals, corrected
+    by (I − H)^−½ for what the view itself took from them. It assumes that different views are independent.
+    """
+    bundle, total = adjustment.bundle, np.zeros((len(adjustment.bundle.free), len(adjustment.bundle.free)))
+    with single_thread():
+        linear = bundle.linearise(adjustment.geometry)
+        inverse, (boards, responses) = linear.covariance(), linear.invert_boards()
+        for view in bundle.list_view_designs(adjustment.geometry):
+            change = _compute_influence(view, inverse, boards[view.frame], responses[view.frame])
+            total += np.outer(change, change)
+    return place_covariance(adjustment.rig, bundle, total)
+
+
+def _compute_influence(view: ViewDesign, inverse: Array, board: Array, response: Array) -> Array:
+    """Return the change (G,) of the shared parameters by the errors of a view, as far as its residuals show them."""
+    eliminated = view.by_shared - view.by_board @ response
+    gain = eliminated @ inverse
+    hat = gain @ eliminated.T + view.by_board @ board @ view.by_board.T
+    values, vectors = np.linalg.eigh(np.eye(len(hat)) - hat)
+    roots = np.sqrt(np.maximum(values, MIN_REMAINING))
+    return np.asarray(gain.T @ (vectors @ ((vectors.T @ view.residuals) / roots)), np.float64)
 
 
 def compute_depth_sigma(rig: Rig, covariance: Array, depth_mm: float, *, columns: int = 31) -> DepthSigma:

@@ -93,6 +93,8 @@ class MeasuringVolume:
     """(N, 3) in the core frame."""
     is_given: bool
     """True if the belt is known; False if the whole view of the core stands for it."""
+    tolerance_mm: float | None = None
+    """Largest σ of a depth from calibration that the plan of the belt assumes; None: none is stated."""
 
 
 def make_view_volume(rig: Rig, geometry: Geometry) -> MeasuringVolume:
@@ -163,14 +165,21 @@ class Coverage:
 
 
 def assess_coverage(
-    adjustment: BundleAdjustmentResult, limited: Rig, inflation: float, volume: MeasuringVolume
+    adjustment: BundleAdjustmentResult,
+    limited: Rig,
+    inflation: float,
+    volume: MeasuringVolume,
+    general: tuple[Rig, Array] | None = None,
 ) -> Coverage:
-    """Return the coverage of a volume; ``limited`` is the adjusted rig with its lenses' domains."""
-    general, covariance = compute_general_covariance(adjustment)
+    """Return the coverage of a volume; ``limited`` is the adjusted rig with its lenses' domains.
+
+    ``general`` is the result of `compute_general_covariance`, where it is known.
+    """
+    general_rig, covariance = general or compute_general_covariance(adjustment)
     points = volume.points_mm
     cameras = {name: _view(adjustment, limited, name, points) for name in limited.cameras}
     core = cameras[limited.core]
-    sigma_mm, unit_mm = _compute_sigma(_limit(general, limited), covariance, points)
+    sigma_mm, unit_mm = _compute_sigma(_limit(general_rig, limited), covariance, points)
     sigma_mm = inflation * sigma_mm
     sigma_px = sigma_mm / unit_mm
     sees = np.stack([np.isfinite(each.pixels[:, 0]) & ~each.is_beyond for each in cameras.values()])
@@ -252,6 +261,11 @@ MAX_LOST, MAX_LOST_OF_VIEW = 0.02, 0.25
 the middle only."""
 MIN_REMARK, MIN_REMARK_OF_VIEW = 0.005, 0.02
 """Share of uncertain points from which a gap is remarked on."""
+TOLERANCE_SHARE = 0.95
+"""Share of the volume over which the tolerance must be kept; its rim is seen by the fewest cameras."""
+MAX_STATED_PX = 10.0
+"""Largest σ of a depth, as the shift in an image that it equals, that is stated in figures: matching finds nothing so
+far off, and a larger σ only says that the lens is not known there."""
 OFF_CENTRE = 0.25
 """Mean offset of a gap from the image's middle, in half images, from which it lies on one side."""
 
@@ -267,19 +281,40 @@ class UncoveredVolumeError(CalibrationError):
 
 def require_coverage(coverage: Coverage) -> None:
     """Raise UncoveredVolumeError if depth cannot be measured in a part of the volume for lack of board views."""
-    if coverage.share(coverage.is_unusable) > (MAX_LOST if coverage.volume.is_given else MAX_LOST_OF_VIEW):
-        raise UncoveredVolumeError(_describe(coverage, coverage.is_unusable), coverage)
+    if has_lost_volume(coverage):
+        raise UncoveredVolumeError(describe_gap(coverage, coverage.is_unusable), coverage)
+
+
+def has_lost_volume(coverage: Coverage) -> bool:
+    """Return whether depth cannot be measured in too large a part of the volume."""
+    return coverage.share(coverage.is_unusable) > (MAX_LOST if coverage.volume.is_given else MAX_LOST_OF_VIEW)
+
+
+def describe_tolerance(coverage: Coverage) -> str | None:
+    """Return whether σ of depth over the given volume is within its tolerance, in one line; None without one."""
+    tolerance_mm = coverage.volume.tolerance_mm
+    known = coverage.sigma_mm[coverage.is_needed & np.isfinite(coverage.sigma_mm)]
+    if tolerance_mm is None or not known.size:
+        return None
+    reached_mm = float(np.quantile(known, TOLERANCE_SHARE))
+    verdict = "passes" if reached_mm <= tolerance_mm else "fails"
+    return (
+        f"{verdict}: σ of depth from calibration is {reached_mm:.2g} mm or less over {TOLERANCE_SHARE:.0%} of "
+        f"{coverage.volume.name}, which assumes {tolerance_mm:g} mm (calibration_sigma_mm)"
+    )
 
 
 def list_coverage_findings(coverage: Coverage) -> list[str]:
     """Return a line about a gap in the coverage; empty without one."""
     least = MIN_REMARK if coverage.volume.is_given else MIN_REMARK_OF_VIEW
     return (
-        [_describe(coverage, coverage.is_uncertain)] if coverage.share(coverage.is_uncertain) > least else []
+        [describe_gap(coverage, coverage.is_uncertain)]
+        if coverage.share(coverage.is_uncertain) > least
+        else []
     )
 
 
-def _describe(coverage: Coverage, gap: Mask) -> str:
+def describe_gap(coverage: Coverage, gap: Mask) -> str:
     """Return the gap in one line: the cameras, its size and place, what it costs, and what to photograph."""
     counts = {
         name: int((gap & np.isfinite(each.pixels[:, 0]) & (each.is_beyond | ~each.is_reached)).sum())
@@ -295,7 +330,7 @@ def _describe(coverage: Coverage, gap: Mask) -> str:
     return (
         f"camera {worst}: the board never came to {hidden.sum() / max(seen, 1):.0%} of the part of its image that "
         f"sees {coverage.volume.name}{also}, where {_describe_cost(coverage, gap)}; photograph the board "
-        f"{_describe_place(own.pixels[hidden], own.camera.size_px)} of {worst}'s image, about {depth_mm:.0f} mm away"
+        f"{describe_place(own.pixels[hidden], own.camera.size_px)} of {worst}'s image, about {depth_mm:.0f} mm away"
     )
 
 
@@ -305,13 +340,15 @@ def _describe_cost(coverage: Coverage, gap: Mask) -> str:
     if 2 * known.sum() < gap.sum():
         return "its lens is not known and nothing is measured"
     at = int(np.argmax(sigma))
+    if sigma[at] > MAX_STATED_PX:
+        return "the lens is extrapolated and depth not measurable"
     return (
         f"the lens is extrapolated and a depth uncertain by up to {coverage.sigma_mm[at]:.2g} mm "
         f"({coverage.sigma_px[at]:.2g} px)"
     )
 
 
-def _describe_place(pixels: np.ndarray, size_px: tuple[int, int]) -> str:
+def describe_place(pixels: np.ndarray, size_px: tuple[int, int]) -> str:
     """Return where pixels (n, 2) lie in the image, as in "at the upper left"."""
     across, down = (2 * (pixels / (np.array(size_px) - 1) - 0.5)).mean(axis=0).tolist()
     row = "" if abs(down) < OFF_CENTRE else "upper" if down < 0 else "lower"

@@ -18,22 +18,17 @@ from beltscape.calibration.assessment.covariance import (
 )
 from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
+from beltscape.calibration.detection.board_poses import cluster_frames
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.zhang import MIN_VIEWS
 from beltscape.calibration.solver.lens import LensPrior
-from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Silent
 from beltscape.kernels import Kernels
 from beltscape.target.board import Board
 
-SAME_POSE = 0.02
-"""Two frames show the same pose of the board if no camera's corners moved by more than this share of the board's size
-in the image: 10 px of 500. A board at rest moves by 0.001, poses taken one by one by 0.1 and more."""
-THINNED_CORNERS, MIN_COMMON = 48, 3
-"""Corners of a view that are compared at most, and at least."""
 MAX_FOLDS = 5
 """More folds need more time and change the score little."""
 
@@ -51,44 +46,6 @@ def list_folds(detections: BoardDetections, frames: tuple[str, ...]) -> Iterator
     for count in counts:
         members = [{frame for cluster in clusters[i::count] for frame in cluster} for i in range(count)]
         yield tuple(tuple(frame for frame in frames if frame in fold) for fold in members)
-
-
-def cluster_frames(detections: BoardDetections, frames: tuple[str, ...]) -> list[tuple[str, ...]]:
-    """Return the frames in groups of one pose of the board each, in the order of their first frames."""
-    corners = [_stack_corners(detections, name, frames) for name in detections.cameras]
-    group = np.arange(len(frames))
-    for i in range(1, len(frames)):
-        moved = np.max(
-            [_compute_displacements(pixels, i) for pixels in corners], axis=0
-        )  # −1: not comparable
-        same = np.flatnonzero((moved >= 0) & (moved < SAME_POSE))
-        joined = np.unique(group[np.append(same, i)])
-        group[np.isin(group, joined)] = joined[0]
-    return [
-        tuple(frame for frame, own in zip(frames, group, strict=True) if own == each)
-        for each in np.unique(group)
-    ]
-
-
-def _stack_corners(detections: BoardDetections, name: str, frames: tuple[str, ...]) -> Array:
-    """Return a camera's corners (F, n, 2), px, evenly thinned; NaN where it does not see them."""
-    views = detections.views[name]
-    count = 1 + max((int(corners.ids.max()) for corners in views.values()), default=0)
-    pixels = np.full((len(frames), count, 2), np.nan)
-    for k, frame in enumerate(frames):
-        if frame in views:
-            pixels[k, views[frame].ids] = views[frame].pixels
-    return pixels[:, :: max(count // THINNED_CORNERS, 1)]
-
-
-def _compute_displacements(pixels: Array, index: int) -> Array:
-    """Return the median displacement (index,) from earlier frames, over the board's size; −1: no common corners."""
-    now, before = pixels[index], pixels[:index]
-    visible = np.isfinite(now[:, 0]) & np.isfinite(before[:, :, 0])
-    size = float(np.linalg.norm(np.ptp(now[np.isfinite(now[:, 0])], axis=0))) if visible.any() else 1.0
-    distance = np.linalg.norm(now - before, axis=2) / max(size, 1.0)
-    pairs = zip(distance, visible, strict=True)
-    return np.array([np.median(row[own]) if own.sum() >= MIN_COMMON else -1.0 for row, own in pairs])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,13 +78,13 @@ def cross_validate(
 
     def solve(views: BoardDetections) -> BundleAdjustmentResult:
         hierarchy = solve_hierarchy(
-            views, board, core, Silent(), known=known, priors=priors, lens_models=lens_models
+            views, board, core, Silent(), known=known, priors=priors, lens_models=lens_models, is_start=True
         )
         return adjust_bundle(hierarchy, board)
 
     frames = tuple(frame for frame in detections.frames if _count_cameras(detections, frame) > 1)
     for folds in list_folds(detections, frames):
-        with suppress(CalibrationError):
+        with suppress(CalibrationError, np.linalg.LinAlgError):  # too few views for a rig
             return _score_folds(folds, detections.restrict(detections.cameras, frames), board, kernels, solve)
     return None
 

@@ -25,6 +25,7 @@ from beltscape.calibration.assessment.verdict import require_credible
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
+from beltscape.calibration.lens_review import refit_own_views
 from beltscape.calibration.network.association import CameraNetwork, associate_cameras
 from beltscape.calibration.network.global_optimisation import optimise_network
 from beltscape.calibration.network.pairs import calibrate_pairs
@@ -179,13 +180,21 @@ def find_discards(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult
     views = tuple(view for view in detected if not used.get(view))
     used_frames = {frame for (_, frame), count in used.items() if count}
     frames = dict.fromkeys(frame for _, frame in detected if frame not in used_frames)
+    missing = hierarchy.missing_instants
+    gone = tuple((name, each.frame) for each in missing for name in each.cameras)
+    asynchronous = {
+        each.frame: f"frame {each.frame} has no common instant"
+        for each in missing
+        if each.frame not in used_frames
+    }
+    reasons = {frame: _describe_frame(frame, hierarchy, adjustment) for frame in frames}
     return Discards(
-        corners=sum(detected.values()) - sum(used.values()),
-        all_corners=sum(detected.values()),
-        views=views,
-        all_views=len(detected),
-        frames={frame: _describe_frame(frame, hierarchy, adjustment) for frame in frames},
-        all_frames=len({frame for _, frame in detected}),
+        corners=sum(detected.values()) - sum(used.values()) + sum(each.corners for each in missing),
+        all_corners=sum(detected.values()) + sum(each.corners for each in missing),
+        views=(*gone, *views),
+        all_views=len(detected) + len(gone),
+        frames={**asynchronous, **reasons},
+        all_frames=len({frame for _, frame in detected} | set(asynchronous)),
     )
 
 
@@ -271,7 +280,7 @@ def diagnose(
     if not explained:
         score = validation.score if validation else training
         require_credible(adjustment, covariance, fits, score, training)
-    retest = retest_network(hierarchy, adjustment)
+    retest = retest_network(refit_own_views(hierarchy, adjustment), adjustment)
     findings = list_calibration_findings(retest.hierarchy, fits, validation, training, explained=explained)
     discards = find_discards(hierarchy, adjustment)
     return Diagnosis(

@@ -19,6 +19,7 @@ from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import HierarchyResult, find_unsynchronised_pairs
 from beltscape.calibration.network.association import Misclosure
 from beltscape.calibration.network.fault_isolation import describe_fault
+from beltscape.calibration.network.instants import describe_missing_instants
 from beltscape.calibration.network.resection import fit_board_pose
 from beltscape.core.arrays import Array
 from beltscape.core.checks import is_dict
@@ -48,7 +49,13 @@ def list_calibration_findings(
     The misfit of the ``explained`` cameras has been reported already.
     """
     alone = {name: fit for name, fit in fits.items() if name not in explained}
-    causes = [*_find_asynchronous(hierarchy), *_find_fault(hierarchy), *_find_own_misfit(hierarchy, alone)]
+    missing = describe_missing_instants(hierarchy.missing_instants)
+    causes = [
+        *missing,
+        *_find_asynchronous(hierarchy),
+        *_find_fault(hierarchy),
+        *_find_own_misfit(hierarchy, alone),
+    ]
     if not causes and not explained:
         causes = describe_pattern([name for name, fit in fits.items() if fit.is_pattern()], fits, TOGETHER)
     return [*causes, *_find_open_loops(hierarchy), *_find_overfit(halves, training)]

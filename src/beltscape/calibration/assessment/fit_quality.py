@@ -57,6 +57,9 @@ PATTERN, PATTERN_PX = 4.0, 0.1
 Sound sets have 0.6 to 3, lenses or boards that the model does not follow 10 to 30, cameras that are not synchronous
 150 to 700.
 """
+MAX_RMS_FACTOR, MIN_RMS_PX = 4.0, 0.1
+"""RMS over the corners' noise, and RMS in px, from which on a part of a camera's image or views does not fit: noise
+alone makes 1.4. The robust σ does not see a lens that is wrong at the edge of the image only."""
 FAR = 4.5
 """Corners with larger errors, in robust standard deviations of their camera, are far off."""
 
@@ -69,6 +72,14 @@ class CameraFit:
     """Robust standard deviation of a residual's coordinate."""
     corner_noise_px: float
     """One standard deviation of a corner's coordinate, from its neighbours; NaN with too few of them."""
+    rms_px: float = float("nan")
+    """RMS length of the residuals."""
+
+    @property
+    def has_far_residuals(self) -> bool:
+        """Whether a part of the corners fits far worse than noise, though the robust σ is no pattern."""
+        far = self.rms_px > max(MAX_RMS_FACTOR * self.corner_noise_px, MIN_RMS_PX)
+        return bool(far and not self.is_pattern())
 
     @property
     def chi2_per_dof(self) -> float:
@@ -109,6 +120,7 @@ class FitQuality:
                     "sigma_px": fit.sigma_px,
                     "corner_noise_px": fit.corner_noise_px,
                     "chi2_per_dof": fit.chi2_per_dof,
+                    "rms_px": fit.rms_px,
                 }
                 for name, fit in self.cameras.items()
             },
@@ -126,6 +138,9 @@ def compute_camera_fits(rig_errors: RigErrors, triples: NDArray[np.int64]) -> di
         name: CameraFit(
             estimate_residual_sigma_px(view.errors_px for view in views.values()),
             estimate_corner_noise_px(views.values(), triples),
+            float(
+                np.sqrt((np.concatenate([view.errors_px for view in views.values()]) ** 2).sum(axis=1).mean())
+            ),
         )
         for name, views in rig_errors.residuals.items()
         if views
@@ -142,8 +157,24 @@ def assess_fit(
         rms_over_median=score.rms_px / score.median_px if score.median_px > 0 else float("nan"),
         far_off_share=float(np.concatenate(list(far.values())).mean()),
         cameras=cameras,
-        findings=(*findings, *_describe_tail(score, rig_errors, far)),
+        findings=(*findings, *(_describe_tail(score, rig_errors, far) or _describe_far_residuals(cameras))),
     )
+
+
+def _describe_far_residuals(cameras: Mapping[str, CameraFit]) -> list[str]:
+    """Return the finding that a part of some cameras' corners fits far worse than their noise."""
+    far = {name: fit for name, fit in cameras.items() if fit.has_far_residuals}
+    if not far:
+        return []
+    sizes = ", ".join(
+        f"camera {name} {fit.rms_px:.3g} px RMS against {fit.corner_noise_px:.2g} px, though half of its corners fit "
+        f"within {fit.sigma_px:.2g} px"
+        for name, fit in far.items()
+    )
+    return [
+        f"a part of the corners fits far worse than their noise ({sizes}): look at the arrows in the report; if they "
+        "point outwards or inwards at the image's edge, the lens model does not hold there, else some views are bad"
+    ]
 
 
 def _mask_far_off(

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from beltscape.calibration.assessment.covariance import RigCovariance, group_frames
+from beltscape.calibration.assessment.covariance import MIN_POSITIONS, RigCovariance, group_frames
 from beltscape.calibration.assessment.fit_quality import CameraFit
+from beltscape.calibration.assessment.remedy import PHOTOGRAPH, advise_views
 from beltscape.calibration.assessment.score import Score
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.intrinsics.like_cameras import MAX_FOCAL, MIN_FOCAL, compute_coherence_factor
@@ -18,15 +19,13 @@ MAX_FOCAL_SIGMA = 0.03
 
 Of 60 simulated sets of 3 to 5 frames, nearly square to the cameras, it refuses all that are off by more than 3 %.
 """
+MAX_STATED_SIGMA = 0.3
+"""Largest σ of a focal length, over it, that is stated: a larger one only says that the views do not measure it."""
 MAX_RMS = 0.004
 """Largest RMS and median, over the image's diagonal, of a credible rig; webcams without a common trigger: 0.0009."""
 FEW_POSITIONS, MAX_FEW_CHI2, MAX_FEW_PX = 5, 25.0, 0.3
 """With so few board positions, a camera whose residuals exceed its corners' noise by this variance ratio, and this σ
 in px, is not credible: they do not suffice to average the excess. With more positions it is a finding, not an end."""
-PHOTOGRAPH = (
-    "photograph the board in 10 positions or more, tilted about 30° to every side, near and far and in all parts of "
-    "every image"
-)
 
 
 def require_credible(
@@ -46,18 +45,22 @@ def require_credible(
 
 
 def compute_focal_sigma(adjustment: BundleAdjustmentResult, covariance: RigCovariance) -> dict[str, float]:
-    """Return by camera σ of the focal length, px, with allowance for errors that the corners of a view share.
+    """Return by camera σ of the focal length in the joint adjustment, px.
 
-    It is the greater of two: the σ inflated by the scatter between frames; and the σ that follows if a view gives no
-    more than a homography, whatever the number of its corners.
+    It contains the noise of the corners, and the scatter of this focal length if positions of the board are left out
+    in turn, which shows errors that corners share; few positions enlarge it. With fewer than three positions a view
+    counts as one homography, whatever the number of its corners.
     """
-    sigma = np.sqrt(np.diag(covariance.matrix))
+    sigma = np.sqrt(np.diag(covariance.matrix)) / covariance.inflation
     result: dict[str, float] = {}
     for index, name in enumerate(adjustment.rig.cameras):
         columns = [covariance.parameters.index(f"{name}.{key}") for key in ("fx_px", "fy_px")]
-        inflated = float(sigma[columns].max())
-        coherent = inflated / covariance.inflation * _compute_coherence_factor(adjustment, index)
-        result[name] = max(inflated, coherent)
+        formal, count = float(sigma[columns].max()), covariance.positions
+        if count < MIN_POSITIONS:
+            result[name] = formal * _compute_coherence_factor(adjustment, index)
+        else:
+            scatter = float(covariance.scatter[columns].max())
+            result[name] = float(np.hypot(formal, scatter) * np.sqrt(count / (count - 2)))
     return result
 
 
@@ -74,7 +77,7 @@ def _require_plausible_lenses(adjustment: BundleAdjustmentResult) -> None:
         if not MIN_FOCAL * max(camera.size_px) < focal < MAX_FOCAL * max(camera.size_px):
             raise CalibrationError(
                 f"camera {name}: the views lead to a focal length of {focal:.4g} px, which no lens of an image "
-                f"{camera.size_px[0]} px wide has; {_describe_views(adjustment)} do not suffice: {PHOTOGRAPH}"
+                f"{camera.size_px[0]} px wide has; {advise_views(adjustment)}"
             )
 
 
@@ -83,12 +86,19 @@ def _require_determined_lenses(adjustment: BundleAdjustmentResult, covariance: R
     focal = {name: float(camera.focal_px.mean()) for name, camera in adjustment.rig.cameras.items()}
     loose = [name for name in sigma if not sigma[name] < MAX_FOCAL_SIGMA * focal[name]]
     if loose:
-        sizes = ", ".join(f"{name} {focal[name]:.0f} ± {sigma[name]:.0f} px" for name in loose[:4])
+        sizes = ", ".join(f"{name} {_describe_focal(focal[name], sigma[name])}" for name in loose[:4])
         more = f" and {len(loose) - 4} more" if len(loose) > 4 else ""
         raise CalibrationError(
-            f"the views do not determine the focal length of camera {sizes}{more}: {_describe_views(adjustment)} do "
-            f"not suffice; {PHOTOGRAPH}, or give known intrinsics"
+            f"the views do not determine the focal length of camera {sizes}{more}: "
+            f"{advise_views(adjustment)}, or give known intrinsics"
         )
+
+
+def _describe_focal(focal: float, sigma: float) -> str:
+    """Return a focal length with its σ in words."""
+    if not sigma < MAX_STATED_SIGMA * focal:
+        return "not measurable"
+    return f"{focal:.0f} ± {sigma:.0f} px"
 
 
 def _require_small_residuals(
@@ -109,18 +119,6 @@ def _require_small_residuals(
     if fits[worst].sigma_px > MAX_FEW_PX and fits[worst].chi2_per_dof > MAX_FEW_CHI2:
         raise CalibrationError(
             f"camera {worst} misses its corners by {fits[worst].sigma_px:.2g} px where they are certain to "
-            f"{fits[worst].corner_noise_px:.2g} px, and {_describe_views(adjustment)} do not show why; {PHOTOGRAPH}"
+            f"{fits[worst].corner_noise_px:.2g} px, which is not noise; "
+            f"{advise_views(adjustment)}"
         )
-
-
-def _describe_views(adjustment: BundleAdjustmentResult) -> str:
-    """Return the number of board positions and the largest tilt of the board against a camera in words."""
-    observed = adjustment.bundle.observations
-    geometry = adjustment.geometry
-    views = np.unique(np.stack([observed.camera, observed.frame])[:, adjustment.used], axis=1)
-    normals = np.einsum(
-        "nij,nj->ni", geometry.cam_rotation[views[0]], geometry.board_rotation[views[1]][:, :, 2]
-    )
-    tilt = float(np.degrees(np.arccos(np.abs(normals[:, 2]).min().clip(0, 1))))
-    positions = len(set(group_frames(adjustment).values()))
-    return f"{positions} position{'s' * (positions != 1)} of the board, tilted by {tilt:.0f}° at most,"

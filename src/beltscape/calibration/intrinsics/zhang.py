@@ -154,9 +154,6 @@ def reject_outlying_views(
     return replace(solution, rejected=rejected)
 
 
-PARAMETERS = list_parameters("brown")
-
-
 def _calibrate_views(
     name: str, views: Mapping[str, Corners], size: tuple[int, int], board_mm: NDArray[np.float64]
 ) -> MonocularCalibration:
@@ -197,14 +194,15 @@ def _evaluate(
     squares = (bundle.compute_errors_px(state) ** 2).sum(axis=1)
     frame = bundle.observations.frame
     per_view = np.sqrt(np.bincount(frame, squares) / np.bincount(frame))
-    variance = _compute_variance(bundle, state)
+    variance = _compute_variance(bundle, state) / bundle.observations.sigma_px[0] ** 2
     freedom = max(2 * len(frame) - len(variance) - 6 * len(views), 1)
-    sigma = np.zeros(len(PARAMETERS))
+    parameters = list_parameters(camera.model)
+    sigma = np.zeros(len(parameters))
     sigma[bundle.free] = np.sqrt(variance * squares.sum() / freedom)
     boards = zip(views, state.board_rotation, state.board_translation_mm, strict=True)
     return MonocularCalibration(
         camera=camera,
-        sigma=dict(zip(PARAMETERS, sigma.tolist(), strict=True)),
+        sigma=dict(zip(parameters, sigma.tolist(), strict=True)),
         rms_px=float(np.sqrt(squares.mean())),
         cam_from_board={frame: Pose(rotation, translation) for frame, rotation, translation in boards},
         view_rms_px=dict(zip(views, per_view.tolist(), strict=True)),
@@ -212,8 +210,26 @@ def _evaluate(
     )
 
 
+def refit_camera(
+    calibration: MonocularCalibration, views: Mapping[str, Corners], board_mm: Array
+) -> MonocularCalibration:
+    """Return the calibration refitted to its views with other places of the board's corners, as of a measured shape.
+
+    The views that it used and its fixed parameters stay the same.
+    """
+    used = {frame: views[frame] for frame in calibration.cam_from_board}
+    camera, poses = calibration.camera, list(calibration.cam_from_board.values())
+    bundle, state = set_up_adjustment(
+        used, camera, poses, board_mm, prior=compute_lens_prior(camera), fixed=calibration.fixed,
+        sigma_px=to_noise_px(calibration.rms_px),
+    )  # fmt: skip
+    state = minimise(bundle, state, Damping(tolerance=1e-7)).state
+    found = _evaluate(bundle, state, unpack_intrinsics(camera, state.intrinsics[0]), used, calibration.fixed)
+    return replace(found, rejected=calibration.rejected, prior=calibration.prior)
+
+
 def _compute_variance(bundle: Bundle, state: Geometry) -> NDArray[np.float64]:
-    """Return the variances of the free parameters for corners with σ = 1 px; huge if the views leave them free."""
+    """Return the variances of the free parameters from the corners' noise; huge if the views leave them free."""
     linear = bundle.linearise(state)
     try:
         return np.diag(linear.covariance())

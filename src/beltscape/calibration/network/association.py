@@ -125,6 +125,16 @@ def associate_cameras(core: str, pairs: Sequence[Pair]) -> CameraNetwork:
     )
 
 
+def chain_cameras(core: str, pairs: Sequence[Pair]) -> CameraNetwork:
+    """Compute the poses by the best paths as `associate_cameras` does, without misclosures: a start."""
+    kept = tuple(pairs)
+    _, previous = _find_paths(core, kept)
+    paths: dict[str, tuple[str, ...]] = {core: (core,)}
+    for name, before in previous.items():
+        paths[name] = (*paths[before], name)
+    return CameraNetwork(core, _chain_poses(core, previous, kept), paths, kept, (), ())
+
+
 def _chain_poses(core: str, previous: Mapping[str, str], pairs: Sequence[Pair]) -> dict[str, Pose]:
     """Return cam_from_core along the paths from the core, given each camera's predecessor."""
     poses = {core: Pose.identity()}

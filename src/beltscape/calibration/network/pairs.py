@@ -70,13 +70,17 @@ def calibrate_pairs(
     cameras: Mapping[str, MonocularCalibration],
     board_mm: NDArray[np.float64],
     reporter: Reporter,
+    core: str | None = None,
 ) -> tuple[Pair, ...]:
-    """Calibrate every pair of cameras that shares views, n(n-1)/2 pairs if all see the board (Eqs. 7-8)."""
+    """Calibrate every pair of cameras that shares views, n(n-1)/2 pairs if all see the board (Eqs. 7-8).
+
+    With ``core`` only its own n-1 pairs.
+    """
     sensitivities = {
         name: compute_lens_sensitivity(detections, camera, board_mm) for name, camera in cameras.items()
     }
     pairs: list[Pair] = []
-    candidates = list(combinations(cameras, 2))
+    candidates = [pair for pair in combinations(cameras, 2) if core is None or core in pair]
     for done, (first, second) in enumerate(candidates, start=1):
         both = sensitivities[first], sensitivities[second]
         pair = calibrate_pair(detections, cameras[first], cameras[second], board_mm, both)
@@ -175,7 +179,7 @@ def _solve_pair(
     except np.linalg.LinAlgError as error:
         raise CalibrationError(
             f"cameras {first.camera.name} and {second.camera.name}: "
-            f"their {len(common)} common views give no pose ({error})"
+            f"their {len(common)} common views give no pose"
         ) from error
     squares = (bundle.compute_errors_px(geometry) ** 2).sum(axis=1)
     frame = bundle.observations.frame

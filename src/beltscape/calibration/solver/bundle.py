@@ -6,7 +6,7 @@ each camera's noise, and outlier rejection.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,6 +89,19 @@ class BundlePrior:
     """Cameras, by number, whose pose is fixed; the core's, 0, always is."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ViewDesign:
+    """The corners of one view, divided by their standard deviation, with their derivatives."""
+
+    frame: int
+    by_shared: Array
+    """(2n, G) by the free shared parameters."""
+    by_board: Array
+    """(2n, 6) by the board's pose."""
+    residuals: Array
+    """(2n,) projected minus detected."""
+
+
 GAUGE = 1e8
 """Information that fixes the board's seven gauge modes (pose and scale) at their nominal values."""
 
@@ -163,6 +176,27 @@ class Bundle:
         return LinearisedBundle(
             cost, hessian[np.ix_(free, free)], gradient[free], blocks, coupling, block_gradient.ravel()
         )
+
+    def list_view_designs(self, state: Geometry) -> Iterator[ViewDesign]:
+        """Yield the weighted corners of every view with their derivatives."""
+        rows, by_corner = self._differentiate(state)
+        for corners, camera, frame in zip(self.views, self.view_camera, self.view_frame, strict=True):
+            index = np.arange(corners.start, corners.stop)[self.weights[corners] > 0]
+            if not index.size:
+                continue
+            by_shared = np.zeros((self.columns, 2, len(index)))
+            columns, used = self._camera_columns(int(camera))
+            by_shared[columns] = rows[used][:, :, index]
+            if self.adjusts_shape:
+                point = self.point_start + 3 * self.observations.point[index]
+                for axis in range(3):
+                    by_shared[point + axis, :, np.arange(len(index))] = by_corner[axis][:, index].T
+            yield ViewDesign(
+                int(frame),
+                by_shared[self.free].reshape(len(self.free), -1).T,
+                rows[self.rows.board][:, :, index].reshape(6, -1).T,
+                rows[-1][:, index].ravel(),
+            )
 
     def _differentiate(self, state: Geometry) -> tuple[Array, Array]:
         """Return derivatives divided by each corner's standard deviation.

@@ -154,6 +154,15 @@ class LinearisedBundle:
         reduced[np.diag_indices_from(reduced)] += damping * np.diag(self._hessian)
         return reduced, self._gradient - eliminated @ self._block_gradient, inverse
 
+    def invert_boards(self) -> tuple[Array, Array]:
+        """Return the covariances (F, 6, 6) of the board poses at fixed shared parameters, and their responses.
+
+        A board's response (6, G) is minus the derivative of its pose by the shared parameters.
+        """
+        _, _, inverse = self._reduce(0.0)
+        by_board = self._coupling.reshape(len(self._gradient), len(self._blocks), 6)
+        return inverse, np.einsum("fij,gfj->fig", inverse, by_board)
+
     def predict_decrease(self, step: Array) -> float:
         """Return F(X) − L(X + δ)."""
         count = len(self._gradient)

@@ -93,7 +93,7 @@ def _calibrate_boards(
     try:
         hierarchy = solve_hierarchy(
             split, flat, None, Silent(), known=known.cameras, priors=known.priors,
-            lens_models={name: each.camera.model for name, each in monocular.items()},
+            lens_models={name: each.camera.model for name, each in monocular.items()}, is_start=True,
         )  # fmt: skip
         adjusted = adjust_bundle(hierarchy, flat)
     except CalibrationError:

@@ -15,6 +15,7 @@ import numpy as np
 from beltscape.calibration.assessment.covariance import (
     DepthSigma,
     RigCovariance,
+    compute_clustered_covariance,
     compute_depth_sigma,
     compute_rig_covariance,
 )
@@ -22,23 +23,27 @@ from beltscape.calibration.assessment.coverage import (
     Coverage,
     MeasuringVolume,
     assess_coverage,
+    describe_gap,
+    has_lost_volume,
     list_coverage_findings,
     make_view_volume,
     require_coverage,
 )
+from beltscape.calibration.assessment.covered_volume import CoveredRig, limit_to_coverage
 from beltscape.calibration.assessment.cross_validation import CrossValidation, cross_validate
 from beltscape.calibration.assessment.diagnosis import Discards, diagnose
 from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
 from beltscape.calibration.assessment.lens_domain import describe_domains, describe_tilts, limit_domains
 from beltscape.calibration.assessment.next_best_view import find_next_best_view
+from beltscape.calibration.assessment.remedy import describe_undetermined
 from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
-from beltscape.calibration.assessment.verdict import PHOTOGRAPH
-from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
-from beltscape.calibration.hierarchy import HierarchyResult, solve_hierarchy
+from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
+from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
 from beltscape.calibration.network.two_sides import describe_back
 from beltscape.calibration.result import Calibration
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
+from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import RecordingReporter, Reporter
@@ -49,6 +54,7 @@ from beltscape.files.rig_limits import find_refusal
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.board_sets import resolve_board_set
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.solving import solve_rig
 from beltscape.pipeline.calibrating.views import detect_rig_board
 from beltscape.target.board import Board, BoardSet, list_triples
 
@@ -156,12 +162,9 @@ def calibrate(
     detections, variant = detect_rig_board(capture, board, reporter, known=known.cameras)
     known.require_sizes(detections.sizes_px)
     detections, board, start = resolve_board_set(detections, board, known, lens_model)
-    hierarchy = solve_hierarchy(
-        detections, board, core, reporter, known=start.cameras, priors=start.priors,
-        lens_models=dict.fromkeys(detections.cameras, lens_model),
-    )  # fmt: skip
+    hierarchy, adjustment = solve_rig(detections, board, core, reporter, start, lens_model)
     require_baselines(hierarchy, folder)
-    adjustment, covariance = _adjust_everything(hierarchy, board, reporter)
+    covariance = _compute_covariance(hierarchy, adjustment)
     rig_errors, halves = _score_rig(hierarchy, adjustment, board, start, reporter)
     training, held_out = summarise_errors(rig_errors), halves.score if halves else None
     foreign = known.find_foreign(hierarchy, detections, board)
@@ -171,15 +174,17 @@ def calibrate(
     )
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_lenses(board, adjustment, known.cameras, reporter)
-    coverage = _assess_coverage(adjustment, limited, covariance, volume, reporter)
+    coverage, covered = _assess_coverage(adjustment, limited, covariance, volume, reporter)
+    limited = covered.rig if covered else limited
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
-    rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit)
+    rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit, covered)
     with single_thread():
         next_best_view = find_next_best_view(adjustment, covariance)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment, rig=rig,
-        covariance=covariance, depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance),
+        covariance=covariance, depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance.matrix),
+        depth_sigma_by_views=_compute_depth_sigmas(rig, adjustment, compute_clustered_covariance(adjustment)),
         next_best_view=next_best_view,
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
@@ -209,18 +214,12 @@ def _describe_sides(board: Board) -> tuple[str, ...]:
     return (describe_back(board),) if isinstance(board, BoardSet) and board.is_two_sided else ()
 
 
-def _adjust_everything(
-    hierarchy: HierarchyResult, board: Board, reporter: Reporter
-) -> tuple[BundleAdjustmentResult, RigCovariance]:
-    """Return the bundle adjustment of all views, and the rig's covariance."""
-    reporter.step("adjusting everything together", 0, 1)
+def _compute_covariance(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> RigCovariance:
+    """Return the rig's covariance; raise CalibrationError if the views do not determine it."""
     try:
-        adjustment = adjust_bundle(hierarchy, board)
-        covariance = compute_rig_covariance(adjustment)
+        return compute_rig_covariance(adjustment)
     except np.linalg.LinAlgError as error:
-        raise CalibrationError(f"the views do not determine the rig ({error}); {PHOTOGRAPH}") from error
-    reporter.step("adjusting everything together", 1, 1)
-    return adjustment, covariance
+        raise CalibrationError(describe_undetermined(hierarchy)) from error
 
 
 def _assess_coverage(
@@ -229,8 +228,11 @@ def _assess_coverage(
     covariance: RigCovariance,
     volume: MeasuringVolume | None,
     reporter: Reporter,
-) -> Coverage:
-    """Return the coverage of the volume; warn of gaps in a given one, raise UncoveredVolumeError for large ones."""
+) -> tuple[Coverage, CoveredRig | None]:
+    """Return the coverage of the volume, and the rig within it where an unknown belt's volume is covered in part.
+
+    Warn of gaps in a given volume, and of the limits; raise UncoveredVolumeError for large gaps in a given one.
+    """
     chosen = volume or make_view_volume(limited, adjustment.geometry)
     coverage = assess_coverage(adjustment, limited, covariance.inflation, chosen)
     if not coverage.is_needed.any():
@@ -238,10 +240,14 @@ def _assess_coverage(
             f"{chosen.name}: core camera {limited.core} of the calibrated rig sees nothing of it; give the file of "
             "this rig, and with a plan, the core camera that looks down on the belt as --core"
         )
+    if not chosen.is_given and has_lost_volume(coverage):
+        covered = limit_to_coverage(adjustment, limited, covariance.inflation, coverage)
+        reporter.warn(f"{describe_gap(coverage, coverage.is_unusable)}; {covered.describe()}")
+        return covered.coverage, covered
     require_coverage(coverage)
     for line in list_coverage_findings(coverage) if coverage.volume.is_given else ():
         reporter.warn(line)
-    return coverage
+    return coverage, None
 
 
 def _warn_of_findings(discards: Discards, fit: FitQuality, reporter: RecordingReporter) -> tuple[str, ...]:
@@ -299,6 +305,7 @@ def _complete_rig(
     held_out: Score | None,
     training: Score,
     fit: FitQuality,
+    covered: CoveredRig | None,
 ) -> Rig:
     """Return the rig with its covariance, and with its quality and the board's shape, which `check` needs."""
     shaped = bool(np.any(adjustment.shape_mm))
@@ -310,15 +317,17 @@ def _complete_rig(
         "board": board.model_dump(),
         "board_corners_mm": adjustment.geometry.points_mm if shaped else None,
     }
+    if covered:
+        quality["covered"] = {"share_of_view": covered.share, "limits_px": dict(covered.limits_px)}
     matrix = {"parameters": covariance.parameters, "matrix": covariance.matrix}
     return replace(rig, quality=quality, covariance=matrix)
 
 
 def _compute_depth_sigmas(
-    rig: Rig, adjustment: BundleAdjustmentResult, covariance: RigCovariance
+    rig: Rig, adjustment: BundleAdjustmentResult, covariance: Array
 ) -> tuple[DepthSigma, ...]:
     geometry = adjustment.geometry
     depths = (geometry.board_rotation @ geometry.points_mm.T)[:, 2] + geometry.board_translation_mm[:, 2:]
     return tuple(
-        compute_depth_sigma(rig, covariance.matrix, float(d)) for d in np.quantile(depths, [0.05, 0.5, 0.95])
+        compute_depth_sigma(rig, covariance, float(d)) for d in np.quantile(depths, [0.05, 0.5, 0.95])
     )

@@ -59,8 +59,13 @@ def make_calibration_document(calibration: Calibration) -> Mapping[str, Any]:
         "held_out": calibration.held_out.document() if calibration.held_out else None,
         "training": calibration.training.document(),
         "depth_sigma_mm": [
-            {"depth_mm": s.depth_mm, "median": np.nanmedian(s.sigma_mm), "worst": np.nanmax(s.sigma_mm)}
-            for s in calibration.depth_sigma
+            {
+                "depth_mm": s.depth_mm,
+                "median": np.nanmedian(s.sigma_mm),
+                "worst": np.nanmax(s.sigma_mm),
+                "median_by_views": np.nanmedian(by_views.sigma_mm),
+            }
+            for s, by_views in zip(calibration.depth_sigma, calibration.depth_sigma_by_views, strict=True)
         ],
         "next_pose": _make_next_view_document(calibration.next_best_view),
         "cameras": {name: _make_camera_document(calibration, name) for name in calibration.rig.cameras},

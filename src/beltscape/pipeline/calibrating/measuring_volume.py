@@ -66,7 +66,9 @@ def _plan_volume(path: Path, settings: PlanSettings) -> MeasuringVolume:
     planned = make_plan(settings).planned
     length_mm = max(settings.belt.width_mm, planned.core_from_world.translation_mm[2])
     points = np.concatenate([_make_plane(width, length_mm, z) for z, width in settings.belt.planes])
-    return MeasuringVolume(f"the belt of {path.name}", planned.core_from_world.apply(points), is_given=True)
+    points = planned.core_from_world.apply(points)
+    tolerance_mm = settings.precision.calibration_sigma_mm or None
+    return MeasuringVolume(f"the belt of {path.name}", points, is_given=True, tolerance_mm=tolerance_mm)
 
 
 def _make_plane(width_mm: float, length_mm: float, height_mm: float) -> Array:

@@ -1,0 +1,105 @@
+"""Review of single cameras with the board's shape that the joint adjustment measured: lens models and own misfits.
+
+In the hierarchy every camera sees the board as drawn. A board that is bent by a fifth of a millimetre then leaves
+more than a wrong lens or a missing trigger does, and hides it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
+from beltscape.calibration.detection.corners import BoardDetections, Corners
+from beltscape.calibration.hierarchy import HierarchyResult, find_unsynchronised_pairs
+from beltscape.calibration.intrinsics.lens_choice import LensChoice, calibrate_with_model
+from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera, refit_camera
+from beltscape.calibration.network.association import associate_cameras
+from beltscape.calibration.network.global_optimisation import optimise_network
+from beltscape.calibration.network.pairs import Pair, calibrate_pairs
+from beltscape.calibration.solver.lens import list_parameters
+from beltscape.calibration.solver.levenberg_marquardt import single_thread
+from beltscape.core.arrays import Array
+from beltscape.core.errors import CalibrationError
+from beltscape.core.progress import Silent
+from beltscape.target.board import Board, corner_points_mm
+
+MAX_ROUNDS = 2
+"""Largest number of repeated choices: the shape that a right lens leaves changes a second choice in no set tried."""
+
+
+TOGETHER_FACTOR, TOGETHER_PX = 1.5, 0.05
+"""A camera's noise in the joint adjustment over that of its own views, and the noise itself, px, from which on its
+pairs are looked into; synchronous rigs have 1.0 to 1.1 where the board's shape is adjusted."""
+
+
+def review_lenses(
+    hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult, board: Board
+) -> dict[str, LensChoice]:
+    """Return the lens models that the cameras' views choose with the board's measured shape, by camera.
+
+    Empty without a measured shape; models that were asked for or given are no choice.
+    """
+    found: dict[str, LensChoice] = {}
+    if not np.any(adjustment.shape_mm):
+        return found
+    drawn_mm, board_mm = corner_points_mm(board), adjustment.geometry.points_mm
+    with single_thread():
+        for choice in hierarchy.lens_choices:
+            if choice.is_requested:
+                continue
+            with suppress(CalibrationError):
+                found[choice.camera] = calibrate_with_model(
+                    choice.camera, hierarchy.detections, board_mm,
+                    drawn_mm=drawn_mm, start=hierarchy.monocular[choice.camera],
+                )[1]  # fmt: skip
+    return found
+
+
+def refit_own_views(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> HierarchyResult:
+    """Return the hierarchy with each camera refitted to its own views with the board's measured shape.
+
+    Pairs are refitted, too, where one fits worse than its cameras then do alone.
+    """
+    if not np.any(adjustment.shape_mm):
+        return hierarchy
+    board_mm, views = adjustment.geometry.points_mm, hierarchy.detections.views
+    try:
+        with single_thread():
+            own = {name: _refit(each, views[name], board_mm) for name, each in hierarchy.monocular.items()}
+            again = replace(hierarchy, monocular=own)
+            if not find_unsynchronised_pairs(again):
+                return again
+            pairs = calibrate_pairs(hierarchy.detections, own, board_mm, Silent())
+            return replace(again, network=optimise_network(associate_cameras(hierarchy.rig.core, pairs)))
+    except (CalibrationError, np.linalg.LinAlgError):  # the first results stand
+        return hierarchy
+
+
+def _refit(
+    calibration: MonocularCalibration, views: Mapping[str, Corners], board_mm: Array
+) -> MonocularCalibration:
+    """Return the calibration of a camera with other board corners; a lens that is given stays as it is."""
+    camera = calibration.camera
+    if set(calibration.fixed) < set(list_parameters(camera.model)):
+        return refit_camera(calibration, views, board_mm)
+    used = {frame: views[frame] for frame in calibration.cam_from_board}
+    seen = BoardDetections({camera.name: camera.size_px}, {camera.name: used}, {camera.name: len(used)})
+    found = calibrate_camera(camera.name, seen, board_mm, known=camera, min_views=1)
+    return replace(found, rejected={**calibration.rejected, **found.rejected}, prior=calibration.prior)
+
+
+def select_suspicious_pairs(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> list[Pair]:
+    """Return the pairs whose cameras fit far worse in the joint adjustment than alone, or that rejected frames."""
+    own = np.array([hierarchy.monocular[name].rms_px / np.sqrt(2) for name in adjustment.rig.cameras])
+    is_worse = adjustment.sigma_px > np.maximum(TOGETHER_FACTOR * own, TOGETHER_PX)
+    worse = {name for name, flag in zip(adjustment.rig.cameras, is_worse, strict=True) if flag}
+    return [pair for pair in hierarchy.network.pairs if pair.rejected or {pair.first, pair.second} & worse]
+
+
+def find_changed(hierarchy: HierarchyResult, choices: dict[str, LensChoice]) -> list[str]:
+    """Return the cameras whose lens model differs from the one that they were adjusted with."""
+    return [name for name in choices if choices[name].model != hierarchy.rig.cameras[name].model]

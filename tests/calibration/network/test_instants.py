@@ -1,0 +1,67 @@
+"""Frames without a common instant: named and left out, where each camera by itself fits them well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from beltscape.calibration.assessment.findings import list_calibration_findings
+from beltscape.calibration.assessment.fit_quality import compute_camera_fits
+from beltscape.calibration.assessment.score import compute_rig_errors, summarise_errors
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.core.geometry.pose import Pose
+from beltscape.core.geometry.rig import Rig
+from beltscape.core.progress import Silent
+from beltscape.kernels import load
+from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
+from beltscape.pipeline.calibrating.solving import solve_rig
+from beltscape.target.board import list_triples
+from tests.synthetic.camera_arrays import BOARD, boards_before, detect, like_cameras
+from tests.thorough import list_rows
+
+LATE = {"01", "04", "07", "10", "13", "16", "19", "22"}
+
+
+def see_late(count: int, seed: int, bend_mm: float, moved_mm: float) -> tuple[Rig, BoardDetections]:
+    """Return an array whose second camera takes eight of 24 frames when the board has moved on."""
+    rig, rng = like_cameras(count, seed), np.random.default_rng(seed)
+    poses = boards_before(rig, 24, 0.4, seed)
+    seen = detect(rig, poses, 0.04, seed, bend_mm)
+    later = [Pose(pose.rotation, pose.translation_mm + moved_mm * rng.choice([-1, 1], 3)) for pose in poses]
+    after = detect(rig, later, 0.04, seed, bend_mm)
+    own = {frame: (after if frame in LATE else seen).views["c01"][frame] for frame in seen.views["c01"]}
+    return rig, replace(seen, views={**seen.views, "c01": own})
+
+
+CASES = [(2, 0.0, 0.6), (2, 0.7, 0.6), (2, 0.7, 5.0), (3, 0.7, 1.0)]
+
+
+@pytest.mark.parametrize(("count", "bend_mm", "moved_mm"), list_rows(CASES, {(2, 0.7, 0.6)}))
+def test_frames_without_a_common_instant_are_named_and_left_out(count, bend_mm, moved_mm):
+    rig, seen = see_late(count, 3, bend_mm, moved_mm)
+    hierarchy, adjustment = solve_rig(seen, BOARD, "c00", Silent(), KnownIntrinsics({}), "brown")
+    named = {each.frame for each in hierarchy.missing_instants}
+    assert named <= LATE
+    assert len(named) >= 7
+    errors = compute_rig_errors(
+        adjustment.rig, hierarchy.detections, BOARD, load(), corners_mm=adjustment.geometry.points_mm
+    )
+    training = summarise_errors(errors)
+    assert training.rms_px < 0.3
+    fits = compute_camera_fits(errors, list_triples(BOARD))
+    first, *_ = list_calibration_findings(hierarchy, fits, None, training)
+    assert "have no common instant" in first
+    assert all(frame in first for frame in named)
+    out = {name for each in hierarchy.missing_instants for name in each.cameras}
+    assert out == ({"c00", "c01"} if count == 2 else {"c01"})
+    for name, pose in adjustment.rig.cam_from_core.items():
+        assert np.linalg.norm(pose.center_mm - (rig.cam_from_core[name]).center_mm) < 0.3
+
+
+def test_synchronous_cameras_lose_no_frame():
+    rig = like_cameras(2, 4)
+    seen = detect(rig, boards_before(rig, 9, 0.3, 4), 0.05, 4, bend_mm=0.5)
+    hierarchy, _ = solve_rig(seen, BOARD, None, Silent(), KnownIntrinsics({}), "brown")
+    assert hierarchy.missing_instants == ()

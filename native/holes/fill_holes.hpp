@@ -10,7 +10,7 @@
 
 namespace beltscape {
 
-inline constexpr int kBandRows = 80, kCellsAtOnce = 192;
+inline constexpr int kHoleBandRows = 80, kCellsAtOnce = 192;
 // Between the features of a cell; an odd number of cache lines, which do not displace each other.
 inline constexpr int kFeatureStride = kCellsAtOnce + 16;
 
@@ -42,12 +42,12 @@ public:
     HoleSurvey(const HoleFieldInput& in, std::size_t threads)
         : field(in), rims(field, threads), rough(field, kRoughCells[kRoughs - 1] / 2) {}
 
-    int bands() const { return (field.end - field.first + kBandRows - 1) / kBandRows; }
+    int bands() const { return (field.end - field.first + kHoleBandRows - 1) / kHoleBandRows; }
 
     // The hole cells of a band of rows, with the statistics of their windows.
     std::vector<HoleCell> measure_band(int band) const {
-        const int start = field.first + band * kBandRows;
-        const int end = std::min(start + kBandRows, field.end);
+        const int start = field.first + band * kHoleBandRows;
+        const int end = std::min(start + kHoleBandRows, field.end);
         std::size_t number = 0;
         for (int v = start; v < end; ++v)
             for (int u = 0; u < field.width; ++u) number += field.is_hole(v, u);
@@ -101,14 +101,14 @@ private:
         const int stretches = (field.width + kMostColumns - 1) / kMostColumns;
         for (int k = 0; k < kWindows; ++k) {
             ColumnSums columns(field, kWindow[k], start);
-            std::vector<RowSums> rows;
+            std::vector<WindowRowSums> rows;
             for (int s = 0; s < stretches; ++s)
                 rows.emplace_back(
                     std::max(field.width * s / stretches - kWindow[k] / 2, 0),
                     std::min(field.width * (s + 1) / stretches + kWindow[k] / 2 + 1, field.width));
             QuadraticBatch batch;
             const auto fill = [&] {
-                for (RowSums& row : rows) row.fill(columns);
+                for (WindowRowSums& row : rows) row.fill(columns);
             };
             scan(cells, start, columns, fill, [&](HoleCell& cell) {
                 int s = cell.u * stretches / field.width;
@@ -177,7 +177,7 @@ inline void hole_inputs(const HoleFieldInput& in, std::size_t threads, Grid<floa
     std::vector<std::size_t> first(bands + 1);
     for (int v = survey.field.first; v < survey.field.end; ++v)
         for (int u = 0; u < survey.field.width; ++u)
-            first[(v - survey.field.first) / kBandRows + 1] += survey.field.is_hole(v, u);
+            first[(v - survey.field.first) / kHoleBandRows + 1] += survey.field.is_hole(v, u);
     for (std::size_t band = 0; band < bands; ++band) first[band + 1] += first[band];
     for_jobs(bands, threads, [&](std::size_t band) {
         const std::vector<HoleCell> cells = survey.measure_band(static_cast<int>(band));

@@ -90,9 +90,9 @@ private:
 };
 
 // Sums along a row, up to each of the columns `from` ... `to`; x is counted from their middle.
-class RowSums {
+class WindowRowSums {
 public:
-    RowSums(int first, int last)
+    WindowRowSums(int first, int last)
         : from(first),
           to(last),
           middle((first + last) / 2),
@@ -259,7 +259,7 @@ inline void fit_quadratics(QuadraticBatch& batch, int k, double middle) {
 }
 
 // Adds the window about a cell to a batch, and fits it when it is full.
-inline void add_window(const HoleField& field, const RowSums& row, int v, int u, int k, int origin,
+inline void add_window(const HoleField& field, const WindowRowSums& row, int v, int u, int k, int origin,
                        QuadraticFits* to, QuadraticBatch& batch) {
     const int half = kWindow[k] / 2, n = batch.count++;
     double of[kRowSums];

@@ -20,6 +20,7 @@ from beltscape.core.geometry.pose import Pose
 from beltscape.core.height_map import HeightMap
 from beltscape.evaluate.depth_scores import GROSS_MM
 from beltscape.evaluate.frame_scores import SIGMA_BINS, compute_sigma_ratios
+from beltscape.evaluate.truth import read_core_from_world
 from beltscape.files.arrays import read_arrays
 from beltscape.files.json_text import read_json
 from beltscape.files.tiff import read_float_tiff
@@ -29,7 +30,7 @@ LOADED_MM = 3.0
 _MEASURED_SHARE = 0.5
 """Share of a cell that some frame measured from which on the cell counts as measured."""
 _SAMPLES = 4
-"""The true height of a cell is the mean of so many samples in both directions, some millimetre apart."""
+"""Number of samples in each direction whose mean is a cell's true height; they lie about a millimetre apart."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -229,14 +230,12 @@ def read_true_belt(folder: Path) -> TrueBelt:
     arrays = read_arrays(path)
     if not {"x_mm", "y_mm", "height_mm"} <= set(arrays):
         raise InputError(f"{path}: holds no heights; simulate the scene again")
-    moving, station = read_json(folder / "belt_moving.json"), read_json(folder / "station.json")
+    moving = read_json(folder / "belt_moving.json")
     try:
         heaps = {one["frame"]: float(one["heap_mm"]) for one in moving["frames"]}
-        entry = station["core_from_world"]
-        pose = Pose.of(entry["rotation"], entry["translation_mm"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{folder}: holds no truth of a moving belt ({error!r}); simulate the scene again"
         ) from error
     x, y, height = (arrays[name].astype(np.float64) for name in ("x_mm", "y_mm", "height_mm"))
-    return TrueBelt(x, y, height, heaps, pose)
+    return TrueBelt(x, y, height, heaps, read_core_from_world(folder))

@@ -274,10 +274,15 @@ def _rig(folder: Path) -> tuple[Rig, Pose]:
     document = read_json(folder / "rig.json")
     if is_mapping(document) and "image_size" in document:
         return _rig_by_camera(folder / "rig.json", document)
+    return read_rig(folder / "rig.json"), read_core_from_world(folder)
+
+
+def read_core_from_world(folder: Path) -> Pose:
+    """Return the pose of the world in the core's frame from a truth folder; InputError where it is not there."""
     station = read_json(folder / "station.json")
     try:
         entry = station["core_from_world"]
-        return read_rig(folder / "rig.json"), Pose.of(entry["rotation"], entry["translation_mm"])
+        return Pose.of(entry["rotation"], entry["translation_mm"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
             f"{folder / 'station.json'}: no core_from_world; simulate the scene again"

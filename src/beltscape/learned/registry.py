@@ -68,7 +68,7 @@ PURPOSES = {
     },
     "holes": Purpose(
         "mean and log variance of the height of an unmeasured cell, in units of the range of its rims",
-        "beltscape.measure.holes.fill",
+        "beltscape.measure.holes",
         "bodies that are not bulk material or plane-faced solids on a belt, such as sheets or pipes",
     ),
     "lumps": Purpose(

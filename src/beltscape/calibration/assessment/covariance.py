@@ -45,6 +45,11 @@ def group_frames(adjustment: BundleAdjustmentResult) -> dict[int, int]:
     return {int(frame): int(number) for frame, number in zip(frames, numbers, strict=True)}
 
 
+def count_positions(adjustment: BundleAdjustmentResult) -> int:
+    """Return the number of positions of the board that the final adjustment used."""
+    return len(set(group_frames(adjustment).values()))
+
+
 CONFIDENCE = 0.99
 """Probability of a smaller scatter from noise alone above which the views are taken to disagree."""
 MIN_POSITIONS = 3
@@ -157,8 +162,7 @@ def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
     inflation = estimate_inflation(without, full[np.ix_(free, free)], jacobian)
     scatter = np.zeros(len(full))
     scatter[free] = compute_scatter(without)
-    positions = len(set(group_frames(adjustment).values()))
-    return RigCovariance(tuple(names), inflation**2 * full, inflation, scatter, positions)
+    return RigCovariance(tuple(names), inflation**2 * full, inflation, scatter, count_positions(adjustment))
 
 
 def compute_formal_covariance(rig: Rig, bundle: Bundle, linear: LinearisedBundle) -> Array:

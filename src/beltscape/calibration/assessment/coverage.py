@@ -136,6 +136,11 @@ class CameraCoverage:
     corners_px: Array
     """(K, 2) of the board, that the calibration used."""
 
+    @property
+    def is_seen(self) -> Mask:
+        """(N,) points in the camera's image within the lens's domain."""
+        return np.isfinite(self.pixels[:, 0]) & ~self.is_beyond
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coverage:
@@ -182,7 +187,7 @@ def assess_coverage(
     sigma_mm, unit_mm = _compute_sigma(_limit(general_rig, limited), covariance, points)
     sigma_mm = inflation * sigma_mm
     sigma_px = sigma_mm / unit_mm
-    sees = np.stack([np.isfinite(each.pixels[:, 0]) & ~each.is_beyond for each in cameras.values()])
+    sees = np.stack([each.is_seen for each in cameras.values()])
     reached = np.stack([each.is_reached for each in cameras.values()])
     all_reached = (reached | ~sees).all(axis=0)
     usual_px = float(np.nanmedian(np.where(all_reached, sigma_px, np.nan))) if all_reached.any() else 0.0

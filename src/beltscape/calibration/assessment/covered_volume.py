@@ -86,7 +86,7 @@ def limit_to_coverage(
 def _find_worst(coverage: Coverage, limits: Mapping[str, float]) -> tuple[str | None, float]:
     """Return the camera without a limit that has the largest gap, and its limit; None without a gap."""
     gaps = {
-        name: coverage.is_unusable & np.isfinite(own.pixels[:, 0]) & ~own.is_reached & ~own.is_beyond
+        name: coverage.is_unusable & own.is_seen & ~own.is_reached
         for name, own in coverage.cameras.items()
         if name not in limits
     }
@@ -98,15 +98,15 @@ def _find_worst(coverage: Coverage, limits: Mapping[str, float]) -> tuple[str | 
 
 def _find_limit_px(own: CameraCoverage, gap: Mask) -> float:
     """Return the largest distance from the principal point within which the board left hardly a gap."""
-    needed = np.isfinite(own.pixels[:, 0]) & ~own.is_beyond
-    distance = np.linalg.norm(own.pixels[needed] - own.camera.center_px, axis=1)
+    seen = own.is_seen
+    distance = np.linalg.norm(own.pixels[seen] - own.camera.center_px, axis=1)
     order = np.argsort(distance, kind="stable")
-    share = np.cumsum(gap[needed][order]) / np.arange(1, len(order) + 1)
+    share = np.cumsum(gap[seen][order]) / np.arange(1, len(order) + 1)
     inside = np.flatnonzero(share <= MAX_GAP)
     return float(distance[order][inside[-1]]) if inside.size else 0.0
 
 
 def _mask_measured(coverage: Coverage) -> Mask:
     """Return which points (N,) the core and another camera see within their limits."""
-    sees = np.stack([np.isfinite(own.pixels[:, 0]) & ~own.is_beyond for own in coverage.cameras.values()])
+    sees = np.stack([own.is_seen for own in coverage.cameras.values()])
     return np.asarray(sees[0] & (sees.sum(axis=0) >= 2))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from beltscape.calibration.assessment.covariance import group_frames
+from beltscape.calibration.assessment.covariance import count_positions
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.core.arrays import Array
@@ -74,7 +74,7 @@ def describe_undetermined(hierarchy: HierarchyResult) -> str:
 
 def advise_views(adjustment: BundleAdjustmentResult) -> str:
     """Return the views that an adjustment had, why they do not suffice, and what to photograph."""
-    positions, size = len(set(group_frames(adjustment).values())), _measure_adjusted_boards(adjustment)
+    positions, size = count_positions(adjustment), _measure_adjusted_boards(adjustment)
     tilt_deg = _find_tilt_deg(adjustment)
     seen = f"{positions} position{'s' * (positions != 1)} of the board, tilted by {tilt_deg:.0f}° at most"
     if size.is_small:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from beltscape.calibration.assessment.covariance import MIN_POSITIONS, RigCovariance, group_frames
+from beltscape.calibration.assessment.covariance import MIN_POSITIONS, RigCovariance, count_positions
 from beltscape.calibration.assessment.fit_quality import CameraFit
 from beltscape.calibration.assessment.remedy import PHOTOGRAPH, advise_views
 from beltscape.calibration.assessment.score import Score
@@ -112,7 +112,7 @@ def _require_small_residuals(
                 f"triggered together, one of them moved, or board.toml describes another board; correct that, then "
                 f"{PHOTOGRAPH}"
             )
-    positions = len(set(group_frames(adjustment).values()))
+    positions = count_positions(adjustment)
     worst = max(fits, key=lambda name: fits[name].sigma_px, default=None)
     if worst is None or positions > FEW_POSITIONS:
         return

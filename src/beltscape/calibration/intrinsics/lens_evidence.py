@@ -215,24 +215,22 @@ def _score(detections: BoardDetections, lens: Camera, board_mm: Array) -> dict[s
     """Return the errors of the views of a given lens, by frame."""
     views = detections.views[lens.name]
     scored = calibrate_camera(lens.name, detections, board_mm, known=lens, min_views=1)
-    return {
-        frame: lens.project(pose.apply(board_mm[views[frame].ids])) - views[frame].pixels
-        for frame, pose in scored.cam_from_board.items()
-    }
+    return _project_errors(scored, views, board_mm)
 
 
 def compute_own_errors(
     detections: BoardDetections, board_mm: Array, whole: MonocularCalibration
 ) -> LensErrors:
     """Return the errors of the views that a lens was fitted to."""
-    lens = whole.camera
-    views = detections.views[lens.name]
-    return LensErrors(
-        {
-            frame: lens.project(pose.apply(board_mm[views[frame].ids])) - views[frame].pixels
-            for frame, pose in whole.cam_from_board.items()
-        }
-    )
+    return LensErrors(_project_errors(whole, detections.views[whole.camera.name], board_mm))
+
+
+def _project_errors(calibration: MonocularCalibration, views: Views, board_mm: Array) -> dict[str, Array]:
+    """Return the errors (n, 2), projected minus seen, of the corners of every view with a pose."""
+    return {
+        frame: calibration.camera.project(pose.apply(board_mm[views[frame].ids])) - views[frame].pixels
+        for frame, pose in calibration.cam_from_board.items()
+    }
 
 
 def _refit(views: Views, whole: MonocularCalibration, board_mm: Array) -> Camera:

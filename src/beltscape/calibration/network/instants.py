@@ -23,7 +23,7 @@ from beltscape.core.geometry.rig import Rig
 MIN_EXCESS, MIN_EXCESS_PX = 2.0, 0.1
 """A pair is looked into if its RMS exceeds that of its cameras alone by this factor, and exceeds this many px."""
 BAD_FACTOR, BAD_PX = 3.0, 0.1
-"""A frame has no common instant if its RMS exceeds that of the better half by this factor, and by so many px."""
+"""A frame has no common instant if its RMS exceeds that of the better half by this factor, and by this many px."""
 CANDIDATES = 12
 """Frames whose relative pose is tried: of a dozen at least one is good unless most frames are bad."""
 MIN_FRAMES = 2

@@ -18,7 +18,7 @@ from beltscape.core.height_map import HeightMap
 from beltscape.measure.belt.reference import EmptyBeltReference, Layer
 from beltscape.measure.flow.fuse import FusedRows, Scatter, fuse
 from beltscape.measure.flow.settings import FlowSettings
-from beltscape.measure.holes.fill import Filled, fill_holes
+from beltscape.measure.holes import Filled, fill_holes
 from beltscape.measure.surface import close_pinholes
 from beltscape.measure.volume.volume import EDGE_PX, STEP_SLOPE
 

@@ -18,7 +18,7 @@ from beltscape.core.errors import InputError, MeasureError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.height_map import BeltProfile, HeightMap
 from beltscape.core.quantities import BOX_SIDE
-from beltscape.measure.holes.fill import Filled
+from beltscape.measure.holes import Filled
 from beltscape.measure.surface import (
     Grid,
     ReliablePixels,

@@ -17,7 +17,7 @@ from beltscape.core.display import Displayed
 from beltscape.core.empty_belt import Belt
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.height_map import BeltProfile, HeightMap
-from beltscape.measure.holes.fill import Filled, fill_holes
+from beltscape.measure.holes import Filled, fill_holes
 from beltscape.measure.surface import Grid, average_blocks
 from beltscape.measure.volume.load import (
     Box,

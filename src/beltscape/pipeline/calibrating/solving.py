@@ -54,7 +54,7 @@ def solve_rig(
         own = hierarchy.detections.restrict(hierarchy.rig.cameras, hierarchy.detections.frames)
         models = {name: choices[name].model if name in choices else models[name] for name in own.cameras}
         again = _solve_views(own, board, hierarchy.rig.core, Silent(), start, models)
-        hierarchy = replace(again, lens_choices=hierarchy.lens_choices, restarts=again.restarts)
+        hierarchy = replace(again, lens_choices=hierarchy.lens_choices)
         adjustment = _adjust_views(hierarchy, board, reporter)
     return _leave_out_missing_instants(hierarchy, adjustment, board, start, reporter)
 

@@ -12,7 +12,7 @@ from scipy import ndimage
 
 from beltscape.kernels import load
 from beltscape.kernels.reference import holes
-from beltscape.measure.holes.fill import Filled, fill_holes
+from beltscape.measure.holes import Filled, fill_holes
 from tests.thorough import examples
 
 Turn = Callable[[np.ndarray], np.ndarray]

@@ -24,7 +24,7 @@ SHORT = {
         "files/flow_csv.py",
         "files/stl.py",
     ),
-    "one check a file": ("health/redundancy.py",),
+    "one check a file": ("health/*.py",),
     "one family of kernels a file": ("kernels/reference/networks.py",),
     "settings that the command line reads before anything heavy is imported": (
         "measure/belt/settings.py",

@@ -21,6 +21,7 @@ import cv2
 
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels.native import levels
+from axes import other_plants
 from calibration import calibration as benchmark_calibration
 from captures import Scene, demo_scenes, full_size_scene, rendered_scenes
 from cluster.scaling import cluster_scaling
@@ -50,6 +51,7 @@ class Benchmarks:
                 choices(self.folder) if self.folder.is_dir() else ["Left out: no rendered captures."]
             ),
             "Running system": lambda: live(self.folder, self.scenes[0].rig),
+            "Other plants": other_plants,
             "Real time": lambda: realtime(self.folder, self.scenes[0].rig),
             "Protocols": protocols_load,
             "Re-processing": cluster_scaling,

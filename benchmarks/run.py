@@ -19,9 +19,9 @@ from pathlib import Path
 
 import cv2
 
+from axes import other_plants
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels.native import levels
-from axes import other_plants
 from calibration import calibration as benchmark_calibration
 from captures import Scene, demo_scenes, full_size_scene, rendered_scenes
 from cluster.scaling import cluster_scaling

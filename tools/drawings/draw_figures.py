@@ -218,8 +218,38 @@ def _labels(sheet: Sheet, upper: Point, lower: Point) -> None:
     sheet.text((190, -19.5), "hidden from the core camera", "s")
 
 
+def draw_continuation() -> str:
+    """Return a section of the fused belt: planes through the ends of a hole, and what they predict in its cells."""
+    sheet = Sheet(-20, 95, 9.0)
+    for ends in (((0, 74), (30, 62)), ((52, 16), (100, 21))):
+        sheet.line(ends, BELT, 3.5)
+    sheet.line([(30, 62), (38, 58.8), (41, 17), (52, 16)], GREY, 1.5, "4 4")
+    sheet.line([(30, 62), (54, 52.4)], CAMERA, 1.4, "7 4")
+    sheet.line([(52, 16), (28, 13.5)], LIGHT, 1.4, "7 4")
+    for x in range(32, 52, 4):
+        upper, lower = 62 - 0.4 * (x - 30), 16 - 5 / 48 * (52 - x)
+        is_upper = x < 40
+        sheet.dot((x, upper), CAMERA, 5, CAMERA if is_upper else "#fff")
+        sheet.dot((x, lower), LIGHT, 5, "#fff" if is_upper else LIGHT)
+    for x, height in ((30, 62), (52, 16)):
+        sheet.line([(x, -4), (x, height)], AXIS, 0.8, "3 3")
+        sheet.dot((x, height), AXIS, 5)
+    for x in (30.0, 52.0):
+        sheet.arrow((41, -4), (x, -4), AXIS, 1.2, 8)
+    sheet.text((41, -8.5), "cells that no frame measured", "s r", "middle")
+    sheet.text((2, 80), "measured in some frame", "s")
+    sheet.text((55.5, 52), "continues the upper plane:", "s c")
+    sheet.text((55.5, 48.8), "probable near its end", "s c")
+    sheet.text((26.5, 9.5), "continues the lower plane", "s l", "end")
+    sheet.text((55, 36), "true surface", "s")
+    sheet.text((55, 32.8), "(its step lies in one of the cells)", "s")
+    sheet.line([(40.5, 35.5), (54, 36.5)], GREY, 0.8)
+    return document("Continuation of measured planes into the cells of a hole", (920, 460), [sheet])
+
+
 FIGURES: dict[str, Callable[[], str]] = {
     "pyramid.svg": draw_pyramid, "candidates.svg": draw_candidates, "hole.svg": draw_hole,
+    "continuation.svg": draw_continuation,
 }  # fmt: skip
 
 

@@ -220,30 +220,27 @@ def _labels(sheet: Sheet, upper: Point, lower: Point) -> None:
 
 def draw_continuation() -> str:
     """Return a section of the fused belt: planes through the ends of a hole, and what they predict in its cells."""
-    sheet = Sheet(-20, 95, 9.0)
-    for ends in (((0, 74), (30, 62)), ((52, 16), (100, 21))):
+    sheet = Sheet(10, 405, 9.0)
+    for ends in (((0, 41), (30, 34)), ((52, 10), (98, 13))):
         sheet.line(ends, BELT, 3.5)
-    sheet.line([(30, 62), (38, 58.8), (41, 17), (52, 16)], GREY, 1.5, "4 4")
-    sheet.line([(30, 62), (54, 52.4)], CAMERA, 1.4, "7 4")
-    sheet.line([(52, 16), (28, 13.5)], LIGHT, 1.4, "7 4")
+    sheet.line([(30, 34), (38, 32.2), (40, 9.2), (52, 10)], GREY, 1.5, "4 4")
+    sheet.line([(30, 34), (53, 28.6)], CAMERA, 1.4, "7 4")
+    sheet.line([(52, 10), (29, 8.5)], LIGHT, 1.4, "7 4")
     for x in range(32, 52, 4):
-        upper, lower = 62 - 0.4 * (x - 30), 16 - 5 / 48 * (52 - x)
-        is_upper = x < 40
-        sheet.dot((x, upper), CAMERA, 5, CAMERA if is_upper else "#fff")
-        sheet.dot((x, lower), LIGHT, 5, "#fff" if is_upper else LIGHT)
-    for x, height in ((30, 62), (52, 16)):
-        sheet.line([(x, -4), (x, height)], AXIS, 0.8, "3 3")
+        upper, lower = 34 - 7 / 30 * (x - 30), 10 - 3 / 46 * (52 - x)
+        sheet.dot((x, upper), CAMERA, 5, CAMERA if x < 40 else "#fff")
+        sheet.dot((x, lower), LIGHT, 5, LIGHT if x > 38 else "#fff")
+    for x, height in ((30, 34), (52, 10)):
+        sheet.line([(x, 1), (x, height)], AXIS, 0.8, "3 3")
         sheet.dot((x, height), AXIS, 5)
-    for x in (30.0, 52.0):
-        sheet.arrow((41, -4), (x, -4), AXIS, 1.2, 8)
-    sheet.text((41, -8.5), "cells that no frame measured", "s r", "middle")
-    sheet.text((2, 80), "measured in some frame", "s")
-    sheet.text((55.5, 52), "continues the upper plane:", "s c")
-    sheet.text((55.5, 48.8), "probable near its end", "s c")
-    sheet.text((26.5, 9.5), "continues the lower plane", "s l", "end")
-    sheet.text((55, 36), "true surface", "s")
-    sheet.text((55, 32.8), "(its step lies in one of the cells)", "s")
-    sheet.line([(40.5, 35.5), (54, 36.5)], GREY, 0.8)
+        sheet.arrow((41, 1), (x, 1), AXIS, 1.2, 8)
+    sheet.text((41, -1.5), "cells that no frame measured", "s r", "middle")
+    sheet.text((4, 42), "measured in some frame", "s")
+    sheet.text((54, 29), "what the upper plane predicts:", "s c")
+    sheet.text((54, 27.3), "filled dots are taken", "s c")
+    sheet.text((28, 7), "what the lower plane predicts", "s l", "end")
+    sheet.line([(39.5, 20), (53, 21)], GREY, 0.8)
+    sheet.text((54, 20.7), "the true surface", "s")
     return document("Continuation of measured planes into the cells of a hole", (920, 460), [sheet])
 
 

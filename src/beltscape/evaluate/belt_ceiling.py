@@ -57,7 +57,7 @@ class MovingCeiling:
     def find_measurable(
         self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], frames: tuple[str, ...]
     ) -> NDArray[np.bool_]:
-        """Return (N,) whether one of the frames could measure the surface at x of the world, y from the heap's middle.
+        """Return (N,) whether one of the frames could measure the surface at x of the world and y of the heap.
 
         Nothing is measurable without a projector.
         """

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.height_map import HeightMap
-from beltscape.evaluate.belt_ceiling import MovingCeiling
 from beltscape.evaluate.depth_scores import GROSS_MM
 from beltscape.evaluate.frame_scores import SIGMA_BINS, compute_sigma_ratios
 from beltscape.evaluate.truth import read_core_from_world
@@ -69,6 +68,16 @@ class TrueBelt:
     core_from_world: Pose
 
 
+class BeltCeiling(Protocol):
+    """Knows what of a moving heap frames could measure: `belt_ceiling.MovingCeiling`."""
+
+    def find_measurable(
+        self, x_mm: NDArray[np.float64], y_mm: NDArray[np.float64], frames: tuple[str, ...]
+    ) -> NDArray[np.bool_]:
+        """Return (N,) whether one of the frames could measure the surface at x of the world and y of the heap."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class BeltScore:
     """Scores of the loaded cells of a fused belt; heights in mm, NaN for an empty set."""
@@ -115,7 +124,7 @@ class BeltScore:
         return asdict(self)
 
 
-def score_belt(fused: FusedBelt, truth: TrueBelt, ceiling: MovingCeiling | None = None) -> BeltScore:
+def score_belt(fused: FusedBelt, truth: TrueBelt, ceiling: BeltCeiling | None = None) -> BeltScore:
     """Score the fused belt's loaded cells against the truth, and against the ``ceiling`` where the scene is known.
 
     Raises
@@ -168,9 +177,7 @@ def _mean(values: NDArray[np.floating] | NDArray[np.bool_]) -> float:
     return float(values.mean()) if values.size else np.nan
 
 
-def compute_true_cells(
-    fused: FusedBelt, truth: TrueBelt
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def compute_true_cells(fused: FusedBelt, truth: TrueBelt) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (Ny, Nx) the true mean height of each cell of the fused belt, and the range of its heights.
 
     Both are NaN outside the heap's own heights.
@@ -189,9 +196,9 @@ def compute_true_cells(
 
 
 def find_visible_cells(
-    fused: FusedBelt, truth: TrueBelt, ceiling: MovingCeiling, cells: NDArray[np.bool_]
+    fused: FusedBelt, truth: TrueBelt, ceiling: BeltCeiling, cells: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
-    """Return which of the ``cells`` (Ny, Nx) some frame of the flow could measure at half of their samples or more."""
+    """Return which of the ``cells`` (Ny, Nx) some frame of the flow could measure at half of their samples."""
     n, places = _CEILING_SAMPLES, _sample_places(fused, truth, _CEILING_SAMPLES)
     of_cells = [
         np.stack(place).reshape(2, n, -1, n)[:, :, own].transpose(0, 2, 1, 3)
@@ -215,7 +222,7 @@ def _list_frames(fused: FusedBelt, truth: TrueBelt) -> tuple[str, ...]:
 def _sample_places(
     fused: FusedBelt, truth: TrueBelt, samples: int
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Yield for each row of cells the places (samples, Nx · samples) in it: x of the world, y from the heap's middle."""
+    """Yield for each row of cells the places (samples, Nx · samples) in it: x of the world, y of the heap."""
     frames = _list_frames(fused, truth)
     positions = np.array([fused.positions_mm[name] for name in frames])
     world_from_belt = (fused.belt_from_core @ truth.core_from_world).inverse()

@@ -38,7 +38,7 @@ def test_a_plane_is_continued() -> None:
     found = continue_surface(field, CELL_MM, WHOLE)
     np.testing.assert_array_equal(np.stack(found.at), np.nonzero(np.isnan(field)))
     np.testing.assert_allclose(found.height_mm, plane[found.at], atol=0.1)
-    assert (found.probability > 0.35).all()
+    assert (found.probability > 0.25).all()
 
 
 def test_cells_out_of_reach_have_no_continuation() -> None:

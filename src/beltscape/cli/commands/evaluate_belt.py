@@ -45,8 +45,8 @@ def summary(result: Mapping[str, Any]) -> str:
         f"; of the measured {s['measured_gross']:.2%}, median {s['median_mm']:.2f} mm",
         f"ceiling  {s['visible']:.1%} visible and lit in some frame; of these {s['visible_measured']:.1%} measured, "
         f"{s['visible_within_1mm']:.1%} within 1 mm, {s['visible_gross']:.2%} above 5 mm",
-        f"level    {1 - s['steps']:.1%} without a step above 10 mm; of these {s['level_within_1mm']:.1%} within 1 mm, "
-        f"{s['level_gross']:.2%} above 5 mm",
+        f"level    {1 - s['steps']:.1%} without a step above 10 mm; of these {s['level_within_1mm']:.1%} within 1 mm"
+        f", {s['level_gross']:.2%} above 5 mm",
         f"bias     {s['bias_mm']:+.3f} mm of all, {s['filled_bias_mm']:+.2f} mm of the filled",
         f"σ ratio  {s['sigma_ratio_low']:.2f} to {s['sigma_ratio_high']:.2f} over the fifths of predicted σ",
     ))  # fmt: skip

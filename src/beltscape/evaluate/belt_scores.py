@@ -35,7 +35,7 @@ exact rays to a cell instead, 0.7 % more of the measured cells of a heap of rock
 _CEILING_SAMPLES = 2
 """Number of samples in each direction by which a cell counts as measurable."""
 _STEP_MM = 10.0
-"""Difference of true heights within a cell from which on it holds a step: a third of a pixel moves its mean by 1 mm."""
+"""Difference of true heights in a cell from which on it has a step: a third of a pixel moves its mean by 1 mm."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

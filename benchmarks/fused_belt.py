@@ -57,6 +57,8 @@ class MovingHeap:
     speed_mm_s: float = 1000.0
     frames_per_s: float = 5.0
     pattern: str = "paper"
+    scale: float = 0.25
+    """Of the images to the sensor of 2448 × 2048 pixels."""
 
     def make_scenario(self, kind: str) -> Scenario:
         """Return the scene, of the moving heap or of the empty belt."""
@@ -66,7 +68,7 @@ class MovingHeap:
             "seed": self.seed + (_EMPTY_SEED if kind == "belt_empty" else 0),
             "frames": 1 if kind == "belt_empty" else None,
             "rig": {
-                "seed": self.seed, "auxiliaries": self.auxiliaries, "height_mm": self.height_mm, "scale": 0.25,
+                "seed": self.seed, "auxiliaries": self.auxiliaries, "height_mm": self.height_mm, "scale": self.scale,
                 "first_deg": self.first_deg, "around_deg": self.around_deg,
             },
             "projector": {

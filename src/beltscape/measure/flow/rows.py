@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from beltscape.core.height_map import HeightMap
 from beltscape.measure.belt.reference import EmptyBeltReference, Layer
+from beltscape.measure.flow.continuation import continue_into_holes
 from beltscape.measure.flow.fuse import FusedRows, Scatter, fuse
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.holes import Filled, fill_holes
@@ -209,6 +210,7 @@ class RowFiller:
         needed = slice(max(own.start - 1, 0), own.stop)  # steps are looked for from the row before
         filled = fill_holes(height, sigma, narrow, self._ground.cell_mm, slopes, rows=needed)
         filled = _lower_holes(filled.cut(needed), frames[needed, None])
+        filled = continue_into_holes(filled, height, self._ground.cell_mm, needed)
         noise, measured, single = noise[needed], measured[needed], single[needed]
         own = slice(own.start - needed.start, own.stop - needed.start)
         rows = self._sum_rows(filled, noise, measured, single, own)

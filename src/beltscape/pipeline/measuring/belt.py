@@ -19,7 +19,7 @@ from beltscape.files.belt_json import read_belt, write_belt
 from beltscape.files.json_text import hash_file
 from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame, require_intact
 from beltscape.measure.belt.empty_belt import average_depth_maps, learn_belt
-from beltscape.measure.belt.given import apply_given, describe_doubtful_ends, measure_width_mm
+from beltscape.measure.belt.given import apply_given, describe_doubts, measure_width_mm
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 
 
@@ -60,7 +60,7 @@ def _learn_belt(
         belt = learn_belt(depths, camera, given)
     except MeasureError as error:
         raise MeasureError(f"{source}: {error}") from error
-    for warning in describe_doubtful_ends(belt):
+    for warning in describe_doubts(belt):
         reporter.warn(f"{source}: {warning}")
     return belt
 
@@ -103,11 +103,15 @@ def read_empty_belt(path: Path, reporter: Reporter, given: GivenBelt = NOTHING_G
 def _limit_read_belt(path: Path, given: GivenBelt) -> tuple[Belt, Camera]:
     """Return the belt of a belt.json within the ends that are given."""
     belt, camera = read_belt(path)
-    if given.region_px is not None:
-        raise InputError(
-            f"{path}: region_px needs the depth maps of the empty belt; give it to beltscape measure belt --region, "
-            "or a reconstruction as the empty belt"
-        )
+    for name, value, option in (
+        ("region_px", given.region_px, "--region"),
+        ("travel_deg", given.travel_deg, "--travel"),
+    ):
+        if value is not None:
+            raise InputError(
+                f"{path}: {name} needs the depth maps of the empty belt; give it to beltscape measure belt {option}, "
+                "or a reconstruction as the empty belt"
+            )
     try:
         return apply_given(belt, given), camera
     except MeasureError as error:
@@ -156,7 +160,7 @@ def write_belt_files(out: Path, belt: Belt, depth: DepthMap) -> Path:
 
     write_belt(out, belt, require_camera(belt))
     page = out.with_suffix(".html")
-    write_text(page, render_belt_page(belt, depth, describe_doubtful_ends(belt)))
+    write_text(page, render_belt_page(belt, depth, describe_doubts(belt)))
     return page
 
 

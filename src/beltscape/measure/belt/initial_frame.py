@@ -36,7 +36,7 @@ def fit_edge_yaw(
     """Fit the direction of the straight steps that bound a plane; None where no long one is visible.
 
     ``plane_mm`` (H, W, 2) and ``off_mm`` (H, W) are each pixel's position in the plane and its height off it. Only
-    borders with another surface measured nearby count, a step off the plane: not the border of the light, beside which
+    borders with another surface measured nearby count, a step off the plane: not the border of the light, where
     depths of the plane itself are off by millimetres.
     """
     points = _border_mask(off_mm, tolerance_mm)

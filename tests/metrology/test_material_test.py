@@ -16,8 +16,8 @@ from beltscape.metrology.material_test import (
     Observations,
     OtherEffect,
     Reference,
+    ReferenceRun,
     Sample,
-    TestRun,
     evaluate_material_test,
     evaluate_zero,
     find_class,
@@ -36,7 +36,7 @@ SCALE = Reference(
 
 def make_runs(
     kind: Any = "mass", *, count: int = 3, scatter: Mapping[int, float] | None = None, zero_mm2: float = 0.0
-) -> tuple[TestRun, ...]:
+) -> tuple[ReferenceRun, ...]:
     """Runs whose measured volume is the true one over the span factor, scattered, and raised by the zero."""
     runs, number = [], 0
     for load, volume in LOADS.items():
@@ -44,7 +44,9 @@ def make_runs(
             measured = volume / SPAN * math.exp((scatter or {}).get(number, 0.0))
             reference = volume * DENSITY if kind == "mass" else volume
             runs.append(
-                TestRun(load, kind, reference, measured + zero_mm2 * 1e-6 * LENGTH_M, LENGTH_M, 0.0, volume)
+                ReferenceRun(
+                    load, kind, reference, measured + zero_mm2 * 1e-6 * LENGTH_M, LENGTH_M, 0.0, volume
+                )
             )
             number += 1
     return tuple(runs)
@@ -268,7 +270,7 @@ def test_sigma_agrees_with_a_monte_carlo_of_the_formulas() -> None:
 
 
 def test_the_expanded_interval_holds_the_truth_as_often_as_it_says() -> None:
-    """2,000 tests with drawn errors of scale, density, zero and runs: 95 % ± 1.5 % of the intervals hold the truth."""
+    """2,000 tests with drawn errors of scale, density, zero and runs: 95 ± 1.5 % of the intervals hold the truth."""
     rng, count, inside = np.random.default_rng(2026), 2000, {"mass_factor": 0, "span_factor": 0}
     truth = {"mass_factor": SPAN * DENSITY, "span_factor": SPAN}
     for _ in range(count):

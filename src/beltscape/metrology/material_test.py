@@ -34,6 +34,7 @@ from beltscape.metrology.uncertainty import (
 )
 
 ReferenceKind = Literal["mass", "volume"]
+REFERENCE_KINDS: tuple[ReferenceKind, ...] = ("mass", "volume")
 SIGNIFICANCE = 0.05
 """Probability below which loads count as different, and observations as contradictory. Usual (GUM H.5)."""
 _UNIFORM = 1 / math.sqrt(12)
@@ -76,10 +77,8 @@ class Reference:
 
 
 @dataclass(frozen=True, slots=True)
-class TestRun:
+class ReferenceRun:
     """One run: what passed, by the reference and as measured."""
-
-    __test__ = False  # no test of pytest
 
     load: str
     """Name of its load; runs of the same load are repetitions."""
@@ -139,7 +138,7 @@ class OtherEffect:
 class Observations:
     """All that a material test observed."""
 
-    runs: tuple[TestRun, ...]
+    runs: tuple[ReferenceRun, ...]
     references: Mapping[ReferenceKind, Reference]
     zero: ZeroTest | None = None
     """None: no zero test was made."""
@@ -208,7 +207,7 @@ def evaluate_material_test(observed: Observations) -> MaterialTest:
     MeasureError
         Without repetitions, or where a run measured nothing.
     """
-    kinds = [kind for kind in ("mass", "volume") if any(run.kind == kind for run in observed.runs)]
+    kinds = [kind for kind in REFERENCE_KINDS if any(run.kind == kind for run in observed.runs)]
     by_kind: dict[ReferenceKind, Repeatability] = {}
     for kind in kinds:
         runs = _select(observed, kind)
@@ -232,26 +231,27 @@ def evaluate_material_test(observed: Observations) -> MaterialTest:
         _find_mass_error(observed, effects),
         by_kind,
         tuple(_list_loads(observed, by_kind)),
-        {
-            kind: 1 - float(np.mean([_correct(r, observed) / r.volume_m3 for r in _select(observed, kind)]))
-            for kind in kinds
-        },
+        {kind: _compute_zero_share(_select(observed, kind), observed) for kind in kinds},
         _test_contradiction(estimate),
     )
 
 
-def _select(observed: Observations, kind: str) -> list[TestRun]:
+def _select(observed: Observations, kind: str) -> list[ReferenceRun]:
     return [run for run in observed.runs if run.kind == kind]
 
 
-def _correct(run: TestRun, observed: Observations) -> float:
-    """Return the measured volume less that of the zero, m³."""
+def correct_volume(run: ReferenceRun, observed: Observations) -> float:
+    """Return the measured volume of a run less that of the zero, m³."""
     zero = 0.0 if observed.zero is None else observed.zero.area_mm2 * 1e-6 * run.length_m
     return run.volume_m3 - zero
 
 
-def _log_ratio(run: TestRun, observed: Observations) -> float:
-    volume = _correct(run, observed)
+def _compute_zero_share(runs: Sequence[ReferenceRun], observed: Observations) -> float:
+    return 1 - float(np.mean([correct_volume(run, observed) / run.volume_m3 for run in runs]))
+
+
+def _log_ratio(run: ReferenceRun, observed: Observations) -> float:
+    volume = correct_volume(run, observed)
     if not volume > 0 or not run.reference > 0:
         name = f"{run.load} {run.label}".strip()
         raise MeasureError(
@@ -267,9 +267,11 @@ def _list_effects(observed: Observations, by_kind: Mapping[ReferenceKind, Repeat
         yield from _list_reference_effects(kind, observed)
     zero = observed.zero
     if zero is not None:
-        shares = {
+        shares: dict[str, float] = {
             kind: float(
-                np.mean([run.length_m * 1e-6 / _correct(run, observed) for run in _select(observed, kind)])
+                np.mean(
+                    [run.length_m * 1e-6 / correct_volume(run, observed) for run in _select(observed, kind)]
+                )
             )
             for kind in by_kind
         }
@@ -309,7 +311,7 @@ def _find_scatter(
     reference = observed.references.get(kind, Reference())
     steps = [
         math.hypot(math.sqrt(2 if kind == "mass" else 1) * _UNIFORM * reference.resolution / run.reference,
-                   run.own_sigma_m3 / _correct(run, observed))
+                   run.own_sigma_m3 / correct_volume(run, observed))
         for run in runs
     ]  # fmt: skip
     least = math.sqrt(sum(one**2 for one in steps)) / len(runs)
@@ -410,20 +412,20 @@ def _list_loads(
             )
 
 
-def _mean_inverse(runs: Sequence[TestRun]) -> float:
+def _mean_inverse(runs: Sequence[ReferenceRun]) -> float:
     return float(np.mean([1 / run.reference for run in runs]))
 
 
-def _mean_length(runs: Sequence[TestRun], observed: Observations) -> float:
-    return float(np.mean([run.length_m / _correct(run, observed) for run in runs]))
+def _mean_length(runs: Sequence[ReferenceRun], observed: Observations) -> float:
+    return float(np.mean([run.length_m / correct_volume(run, observed) for run in runs]))
 
 
 def _test_contradiction(estimate: LinearEstimate) -> float:
     if not estimate.redundancy:
         return math.nan
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
-    return float(chi2.sf(estimate.chi_square, estimate.redundancy))
+    return float(chdtrc(estimate.redundancy, estimate.chi_square))
 
 
 def evaluate_zero(areas_mm2: Sequence[float], own_sigma_mm2: float) -> ZeroTest:

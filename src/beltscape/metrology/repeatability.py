@@ -116,13 +116,13 @@ def _describe_load(name: str, level: Numbers, value: Numbers) -> LoadMean:
 
 def compare_variances(between: float, degrees_between: int, within: float, degrees_within: int) -> FTest:
     """Return the test of two sums of squares with their degrees of freedom."""
-    from scipy.stats import f
+    from scipy.special import fdtrc
 
     if within <= 0:
         ratio = math.inf if between > 0 else 0.0
     else:
         ratio = (between / degrees_between) / (within / degrees_within)
-    probability = float(f.sf(ratio, degrees_between, degrees_within))
+    probability = float(fdtrc(degrees_between, degrees_within, ratio))
     return FTest(ratio, degrees_between, degrees_within, probability)
 
 

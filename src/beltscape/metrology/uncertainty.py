@@ -84,12 +84,12 @@ def compute_effective_freedom(contributions: Sequence[Contribution]) -> float:
 
 def compute_coverage_factor(degrees_of_freedom: float, confidence: float) -> float:
     """Return the two-sided factor k of Student's distribution; of the normal one for infinite degrees of freedom."""
-    from scipy.stats import norm, t
+    from scipy.special import ndtri, stdtrit
 
     share = (1 + confidence) / 2
     if not math.isfinite(degrees_of_freedom):
-        return float(norm.ppf(share))
-    return float(t.ppf(share, degrees_of_freedom))
+        return float(ndtri(share))
+    return float(stdtrit(degrees_of_freedom, share))
 
 
 def make_budget(contributions: Sequence[Contribution], confidence: float) -> Budget:

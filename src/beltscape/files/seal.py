@@ -1,7 +1,8 @@
 """Seals of files by a key of Ed25519 (RFC 8032): the last line of a page or PDF, or a value beside a document.
 
 A seal holds a statement, the SHA-256 of the bytes before it, and the signature of both. A page and a PDF stay what
-they are: the seal is a comment behind their end. A JSON file holds the document and its seal as two values.
+they are: the seal is a comment behind their end; that of a PDF, which readers look for, is repeated behind it. A JSON
+file holds the document and its seal as two values.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class SealKey:
         before, behind = _COMMENTS[ending]
         seal = json.dumps(self._make_seal(body, statement), sort_keys=True, separators=(",", ":"))
         # "--" would end the comment of a page; in JSON it stands in texts only
-        return body + before + seal.replace("--", "-\\u002d").encode() + behind
+        return body + before + seal.replace("--", "-\\u002d").encode() + behind + _find_end(body, ending)
 
     def seal_document(self, document: object, statement: object) -> dict[str, Any]:
         """Return a JSON document with its seal."""
@@ -95,6 +96,11 @@ class SealKey:
             "public_key": b64encode(self.public_key).decode(),
             "signature": b64encode(signature).decode(),
         }
+
+
+def _find_end(body: bytes, ending: str) -> bytes:
+    """Return the end of a PDF, from which readers find its parts; nothing for a page."""
+    return body[body.rindex(b"startxref") :] if ending == ".pdf" else b""
 
 
 def _format_canonical(value: object) -> bytes:
@@ -127,9 +133,10 @@ def _parse(data: bytes, ending: str) -> Sealed:
         before, behind = _COMMENTS[ending]
         at = data.rindex(before, max(0, len(data) - _LONGEST_SEAL))
         body, text = data[:at], data[at + len(before) :]
-        if not text.endswith(behind):
-            raise ValueError("something follows the seal")
-        return _make_sealed(body, json.loads(text.removesuffix(behind)))
+        rest = behind + _find_end(body, ending)
+        if not text.endswith(rest):
+            raise ValueError("something else follows the seal")
+        return _make_sealed(body, json.loads(text.removesuffix(rest)))
     whole = json.loads(data)
     return _make_sealed(_format_canonical(whole["document"]), whole["seal"])
 

@@ -20,6 +20,9 @@ Numbers = NDArray[np.float64]
 INFINITE = math.inf
 """Degrees of freedom of a σ that is taken as exact (GUM G.4.3)."""
 
+_ROUNDING = 1e-9
+"""Share of the largest contribution below which one is rounding of the inverses: these keep some ten digits."""
+
 
 @dataclass(frozen=True, slots=True)
 class Effect:
@@ -93,8 +96,9 @@ def compute_coverage_factor(degrees_of_freedom: float, confidence: float) -> flo
 
 
 def make_budget(contributions: Sequence[Contribution], confidence: float) -> Budget:
-    """Return the budget of independent contributions, without those that are zero."""
-    found = sorted((one for one in contributions if one.sigma > 0), key=lambda one: -one.sigma)
+    """Return the budget of independent contributions, without those that are zero but for rounding."""
+    least = _ROUNDING * max((one.sigma for one in contributions), default=0.0)
+    found = sorted((one for one in contributions if one.sigma > least), key=lambda one: -one.sigma)
     freedom = compute_effective_freedom(found)
     return Budget(
         tuple(found),

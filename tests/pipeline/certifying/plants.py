@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +63,7 @@ class SimulatedPlant:
         self.lines: list[str] = []
         self.certificate = ""
 
-    def pass_belt(self, areas_mm2: Sequence[float], **values: object) -> tuple[int, int]:
+    def pass_belt(self, areas_mm2: Sequence[float], **values: Any) -> tuple[int, int]:
         """Append a strip of every cross-section; return the numbers of the first and the last record."""
         first = len(self.records) + 1
         for area in areas_mm2:

@@ -12,6 +12,7 @@ from time import monotonic
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import MeasureError
+from beltscape.core.events import CertificateReading
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.interfaces import LiveSource, Observer
@@ -72,6 +73,14 @@ class PeriodicInspector:
                     gauges.offset_mm = value
 
 
+ReadCertificate = Callable[[Mapping[str, str]], CertificateReading | None]
+
+
+def add_certificate(provenance: Mapping[str, str], reading: CertificateReading | None) -> dict[str, str]:
+    """Return the provenance of a run with the number of the certificate in force; empty where none is any more."""
+    return dict(provenance) if reading is None else {**provenance, "certificate": reading.in_force}
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuringParts:
     """The parts that belong to one rig and one empty belt; a running engine exchanges them between two records."""
@@ -112,6 +121,10 @@ class EngineComponents:
     """Whether the encoder is read while no frame set arrives; False for a recording."""
     zero: ZeroControl
     certificate_days: Callable[[], float] = lambda: float("nan")
+    provenance: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What is measured by now, as `MeasuringParts.provenance`."""
+    read_certificate: ReadCertificate = lambda _: None
+    """Returns the newest certificate of the material test, against a provenance; None without one."""
     users_trouble: Callable[[], str] = lambda: ""
     """Why nobody can sign in, in one line; empty without a fault."""
     reports_trouble: Callable[[], str] = lambda: ""

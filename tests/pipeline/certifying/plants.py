@@ -50,14 +50,18 @@ degrees_of_freedom = 9
 class SimulatedPlant:
     """Writes runs one after the other into a history, and the file of their test."""
 
-    def __init__(self, folder: Path, seed: int = 49, scatter: float = 0.002) -> None:
+    def __init__(
+        self, folder: Path, seed: int = 49, scatter: float = 0.002, project: Path | None = None
+    ) -> None:
+        """``project`` is the plant's project.toml; None: one is written, with stand-ins for rig and belt."""
         self.folder, self.rng, self.scatter = folder, np.random.default_rng(seed), scatter
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "rig.json").write_text('{"rig": 1}')
-        (folder / "belt.json").write_text('{"belt": 1}')
-        (folder / "capture").mkdir()
-        self.path = folder / "project.toml"
-        self.path.write_text('name = "belt 4"\n[capture]\nfolder = "capture"\nframes_per_s = 5.0\n')
+        self.path = folder / "project.toml" if project is None else project
+        if project is None:
+            folder.mkdir(parents=True, exist_ok=True)
+            (folder / "rig.json").write_text('{"rig": 1}')
+            (folder / "belt.json").write_text('{"belt": 1}')
+            (folder / "capture").mkdir()
+            self.path.write_text('name = "belt 4"\n[capture]\nfolder = "capture"\nframes_per_s = 5.0\n')
         self.records: list[BeltRecord] = []
         self.run = 1
         self.lines: list[str] = []
@@ -123,12 +127,16 @@ class SimulatedPlant:
         )
         return mass
 
-    def write(self, head: str = TEST) -> Path:
-        """Write the history and the test's file; return the file's path."""
+    def write_history(self) -> None:
+        """Write the history."""
         historian = Historian(self.folder / "data", HistorySettings(reserve_mib=1))
         historian.begin_run(describe_provenance(open_project(self.path)))
         historian.write(self.records)
         historian.close()
+
+    def write(self, head: str = TEST) -> Path:
+        """Write the history and the test's file; return the file's path."""
+        self.write_history()
         path = self.folder / "material_test.toml"
         path.write_text(head + "\n".join(self.lines))
         return path

@@ -50,6 +50,7 @@ NAMES = (
     ),
     *("speed_mm_s", "density_kg_m3", "coverage", "single_coverage", "quality", "offset_mm"),
     *("product", "batch", "common_sigma_mm3", "density_sigma_kg_m3"),
+    *("edges_sigma_mm3", "holes_sigma_mm3", "drift_sigma_mm3", "faults_sigma_mm3"),
 )
 """Names of the columns, in the order of the database's."""
 SECTION = ("section_x_mm", "section_height_mm")
@@ -60,6 +61,10 @@ ADDED_LATER: Mapping[str, float | int | str | None] = {
     "batch": 0,
     "common_sigma_mm3": None,
     "density_sigma_kg_m3": None,
+    "edges_sigma_mm3": None,
+    "holes_sigma_mm3": None,
+    "drift_sigma_mm3": None,
+    "faults_sigma_mm3": None,
 }
 """Values of columns that older files do not have."""
 WORDS = {"standing": STANDINGS, "quality": QUALITIES}

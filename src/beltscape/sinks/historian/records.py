@@ -15,13 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.ledger import QUALITIES, STANDINGS, BeltRecord, CrossSection, FlowRecord
+from beltscape.core.ledger import QUALITIES, STANDINGS, BeltRecord, CrossSection, FlowRecord, SigmaParts
+
+_NO_PARTS = SigmaParts()
 
 COLUMNS = (
     *("number", "run", "from_mm", "to_mm", "standing", "reason", "wall_ns", "run_sigma", "cameras"),
     *("frame", "time_ns", "position", "strip_from", "strip_to", "area", "volume", "sigma"),
     *("speed", "density", "coverage", "single", "quality", "offset_mm"),
     *("product", "batch", "common_sigma", "density_sigma"),
+    *("edges_sigma", "holes_sigma", "drift_sigma", "faults_sigma"),
 )
 INSERT = f"INSERT INTO records ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"
 SELECT = f"SELECT {', '.join(f'records.{name}' for name in COLUMNS)} FROM records"
@@ -35,7 +38,7 @@ def to_row(record: BeltRecord) -> tuple[Any, ...]:
     )
     strip = record.strip
     if strip is None:
-        return (*head, *[None] * 13, float(record.offset_mm), record.product, record.batch, None, None)
+        return (*head, *[None] * 13, float(record.offset_mm), record.product, record.batch, *[None] * 6)
     return (
         *(*head, strip.frame, strip.time_ns, _number(strip.belt_position_mm)),
         *(_number(strip.strip_mm[0]), _number(strip.strip_mm[1]), _number(strip.area_mm2)),
@@ -44,7 +47,23 @@ def to_row(record: BeltRecord) -> tuple[Any, ...]:
         QUALITIES.index(strip.quality),
         *(float(record.offset_mm), record.product, record.batch),
         *(_number(strip.common_sigma_mm3), _number(strip.density_sigma_kg_m3)),
+        *_parts_to_row(strip.sigma_parts),
     )
+
+
+def _parts_to_row(parts: SigmaParts) -> tuple[float | None, ...]:
+    """Return the common parts of σ; NULL where they are not known, as of an older record."""
+    if parts == _NO_PARTS:
+        return (None,) * 4
+    return tuple(map(_number, (parts.edges_mm3, parts.holes_mm3, parts.drift_mm3, parts.faults_mm3)))
+
+
+def _parts_from_row(strip_sigma: float, common: float, row: Sequence[float | None]) -> SigmaParts:
+    """Return the parts of σ; what is not common is independent."""
+    if row[0] is None:
+        return _NO_PARTS
+    apart = max(strip_sigma**2 - common**2, 0.0)
+    return SigmaParts(apart, *map(_value, row))
 
 
 def from_row(row: Sequence[Any], section: CrossSection | None = None) -> BeltRecord:
@@ -58,7 +77,7 @@ def from_row(row: Sequence[Any], section: CrossSection | None = None) -> BeltRec
         standing=STANDINGS[standing_index],
         reason=reason,
         wall_ns=wall_ns,
-        strip=None if row[9] is None else _strip(row[9:22], row[25:27]),
+        strip=None if row[9] is None else _strip(row[9:22], row[25:31]),
         run_sigma_mm3=_value(run_sigma),
         cameras=cameras,
         section=section,
@@ -87,6 +106,7 @@ def _strip(row: Sequence[Any], sigmas: Sequence[float | None]) -> FlowRecord:
         quality=QUALITIES[quality_index],
         common_sigma_mm3=_value(sigmas[0]),
         density_sigma_kg_m3=_value(sigmas[1]),
+        sigma_parts=_parts_from_row(sigma, _value(sigmas[0]), sigmas[2:]),
     )
 
 

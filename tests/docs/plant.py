@@ -20,7 +20,7 @@ def make_history(data: Path) -> None:
 
 
 def make_tested_history(folder: Path) -> None:
-    """Write the history of a zero test and four runs of the plant of the folder's project.toml, unless there is one."""
+    """Write the history of a zero test and four runs of the folder's project.toml, unless there is a history."""
     if not (folder / "data/history.db").is_file():
         plant = SimulatedPlant(folder, project=folder / "project.toml")
         plant.add_zero(3)

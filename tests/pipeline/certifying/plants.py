@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.ledger import BeltRecord, FlowRecord
+from beltscape.core.ledger import BeltRecord, FlowRecord, SigmaParts
 from beltscape.pipeline.live.measuring_parts import describe_provenance
 from beltscape.service.project import open_project
 from beltscape.sinks.historian import Historian
@@ -79,6 +79,9 @@ class SimulatedPlant:
         belt = (STRIP_MM * (number - 1), STRIP_MM * number)
         noise = float(self.rng.normal(0, 30))
         volume = (area_mm2 / SPAN + ZERO_MM2 + noise) * STRIP_MM
+        own, common = 30 * STRIP_MM, 0.004 * volume
+        # of the common σ: edges 0.3, holes 0.4, slow depth errors the rest
+        parts = SigmaParts(own**2, 0.3 * common, 0.4 * common, math.sqrt(0.75) * common, 0.0)
         strip = FlowRecord(
             frame=f"{number:06d}",
             time_ns=number * 200_000_000,
@@ -86,14 +89,15 @@ class SimulatedPlant:
             strip_mm=belt,
             area_mm2=volume / STRIP_MM,
             volume_mm3=volume,
-            sigma_mm3=math.hypot(30 * STRIP_MM, 0.004 * volume),
+            sigma_mm3=math.hypot(own, common),
             speed_mm_s=SPEED_MM_S,
             density_kg_m3=DENSITY,
             coverage=0.95,
             single_coverage=0.6,
             quality="measured",
-            common_sigma_mm3=0.004 * volume,
+            common_sigma_mm3=common,
             density_sigma_kg_m3=10.0,
+            sigma_parts=parts,
         )
         missing = standing == "missing"
         return BeltRecord(

@@ -13,11 +13,11 @@ import pytest
 from beltscape.core.errors import MeasureError
 from beltscape.metrology.material_test import (
     MaterialTest,
-    Observations,
     OtherEffect,
-    Reference,
     ReferenceRun,
+    ReferenceStandard,
     Sample,
+    TestedRuns,
     evaluate_material_test,
     evaluate_zero,
     find_class,
@@ -29,7 +29,7 @@ SPAN, DENSITY, MOISTURE = 1.02, 1600.0, 0.05
 LOADS = {"half": 4.0, "full": 8.0}
 """True volumes, m³."""
 LENGTH_M = 100.0
-SCALE = Reference(
+SCALE = ReferenceStandard(
     "bridge", "DKD 1", sigma_share=0.001, sigma_constant=3.0, resolution=5.0, degrees_of_freedom=30
 )
 
@@ -57,8 +57,8 @@ SCATTER = {0: 0.004, 1: -0.004, 2: 0.0, 3: 0.004, 4: -0.004, 5: 0.0}
 
 
 def evaluate(**values: Any) -> MaterialTest:
-    given = {"runs": make_runs(scatter=SCATTER), "references": {"mass": SCALE}, **values}
-    return evaluate_material_test(Observations(**given))
+    given: dict[str, Any] = {"runs": make_runs(scatter=SCATTER), "references": {"mass": SCALE}, **values}
+    return evaluate_material_test(TestedRuns(**given))
 
 
 def test_masses_alone_give_the_product_and_nothing_else() -> None:
@@ -98,7 +98,7 @@ def test_known_volumes_or_a_density_sample_tell_span_and_density_apart() -> None
     by_sample = evaluate(samples={"density": Sample(DENSITY, 16.0, 9)})
     both = evaluate(
         runs=make_runs(scatter=SCATTER) + make_runs("volume", scatter=SCATTER),
-        references={"mass": SCALE, "volume": Reference(sigma_share=0.002)},
+        references={"mass": SCALE, "volume": ReferenceStandard(sigma_share=0.002)},
     )
     for test in (by_sample, both):
         span, density = test.find("span_factor"), test.find("bulk_density")
@@ -122,7 +122,7 @@ def factor_share(test: MaterialTest) -> float:
     return factor.budget.sigma / factor.value
 
 
-def test_moisture_is_told_from_density_where_a_sample_was_dried() -> None:
+def test_moisture_and_density_are_apart_where_a_sample_was_dried() -> None:
     samples: Any = {"density": Sample(DENSITY, 16.0, 9), "moisture": Sample(MOISTURE, 0.002, 5)}
     test = evaluate(samples=samples)
     dry, moisture = test.find("dry_density"), test.find("moisture")
@@ -190,7 +190,7 @@ def factor_parts(test: MaterialTest) -> Any:
 
 
 def test_the_scale_s_own_error_cancels_between_loads() -> None:
-    poor = Reference(sigma_share=0.05)
+    poor = ReferenceStandard(sigma_share=0.05)
     loads = evaluate(references={"mass": poor}).loads
     assert all(one.deviation_sigma < 0.003 for one in loads)
     with_constant = evaluate(references={"mass": replace(poor, sigma_constant=100.0)}).loads
@@ -202,7 +202,7 @@ def test_the_scale_s_own_error_cancels_between_loads() -> None:
 
 def test_samples_that_contradict_the_runs_are_found() -> None:
     runs = make_runs(scatter=SCATTER) + make_runs("volume", scatter=SCATTER)
-    references: Any = {"mass": SCALE, "volume": Reference(sigma_share=0.002)}
+    references: Any = {"mass": SCALE, "volume": ReferenceStandard(sigma_share=0.002)}
     agreeing = evaluate(runs=runs, references=references, samples={"density": Sample(DENSITY + 2, 16.0)})
     opposed = evaluate(runs=runs, references=references, samples={"density": Sample(1.1 * DENSITY, 16.0)})
     assert agreeing.contradiction > 0.5
@@ -249,7 +249,7 @@ def test_sigma_agrees_with_a_monte_carlo_of_the_formulas() -> None:
     samples: Any = {"density": Sample(DENSITY, 16.0), "moisture": Sample(MOISTURE, 0.004)}
     test = evaluate(
         samples=samples,
-        references={"mass": Reference(sigma_share=0.001, sigma_constant=3.0)},
+        references={"mass": ReferenceStandard(sigma_share=0.001, sigma_constant=3.0)},
         zero=evaluate_zero([0.0], 600.0),
         others=(OtherEffect("spilt", 0.0015),),
     )
@@ -282,7 +282,7 @@ def test_the_expanded_interval_holds_the_truth_as_often_as_it_says() -> None:
         )
         test = evaluate(
             runs=runs,
-            references={"mass": Reference(sigma_share=0.001)},
+            references={"mass": ReferenceStandard(sigma_share=0.001)},
             samples={"density": Sample(rng.normal(DENSITY, 4.0), 4.0)},
             zero=evaluate_zero(list(zero_mm2 + rng.normal(0, 40.0, 4)), 1.0),
         )

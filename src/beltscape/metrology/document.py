@@ -119,7 +119,7 @@ def _describe_zero(test: MaterialTest) -> dict[str, Any] | None:
     return {
         "area_mm2": zero.area_mm2,
         "sigma_mm2": zero.sigma_mm2,
-        "turns": zero.turns,
+        "revolutions": zero.revolutions,
         "degrees_of_freedom": zero.degrees_of_freedom,
         "scatter_mm2": zero.scatter_mm2,
         "share_percent": {kind: 100 * share for kind, share in test.zero_share.items()},

@@ -60,7 +60,7 @@ _RESULTS: Mapping[str, tuple[float, float, float]] = {
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class ReferenceStandard:
     """What masses or volumes of runs are known by; one for all runs of a kind, so its error is common to them."""
 
     name: str = ""
@@ -101,13 +101,13 @@ class ReferenceRun:
 
 @dataclass(frozen=True, slots=True)
 class ZeroTest:
-    """The apparent load of the empty running belt over whole turns."""
+    """The apparent load of the empty running belt over whole revolutions."""
 
     area_mm2: float
     """Mean apparent cross-section."""
     sigma_mm2: float
     """One standard deviation of it."""
-    turns: int
+    revolutions: int
     degrees_of_freedom: float
     """Turns less one; infinite where σ is that of the measurement."""
     scatter_mm2: float = math.nan
@@ -135,11 +135,11 @@ class OtherEffect:
 
 
 @dataclass(frozen=True, slots=True)
-class Observations:
-    """All that a material test observed."""
+class TestedRuns:
+    """All that a material test observed: runs, references, zero and samples."""
 
     runs: tuple[ReferenceRun, ...]
-    references: Mapping[ReferenceKind, Reference]
+    references: Mapping[ReferenceKind, ReferenceStandard]
     zero: ZeroTest | None = None
     """None: no zero test was made."""
     samples: Mapping[Literal["density", "dry_density", "moisture"], Sample] | None = None
@@ -177,7 +177,7 @@ class LoadResult:
 class MaterialTest:
     """The evaluation of a material test."""
 
-    observations: Observations
+    observations: TestedRuns
     results: tuple[Result, ...]
     """Those that are determined."""
     undetermined: tuple[str, ...]
@@ -199,7 +199,7 @@ class MaterialTest:
         return next((one for one in self.results if one.key == key), None)
 
 
-def evaluate_material_test(observed: Observations) -> MaterialTest:
+def evaluate_material_test(observed: TestedRuns) -> MaterialTest:
     """Return the evaluation.
 
     Raises
@@ -236,21 +236,21 @@ def evaluate_material_test(observed: Observations) -> MaterialTest:
     )
 
 
-def _select(observed: Observations, kind: str) -> list[ReferenceRun]:
+def _select(observed: TestedRuns, kind: str) -> list[ReferenceRun]:
     return [run for run in observed.runs if run.kind == kind]
 
 
-def correct_volume(run: ReferenceRun, observed: Observations) -> float:
+def correct_volume(run: ReferenceRun, observed: TestedRuns) -> float:
     """Return the measured volume of a run less that of the zero, m³."""
     zero = 0.0 if observed.zero is None else observed.zero.area_mm2 * 1e-6 * run.length_m
     return run.volume_m3 - zero
 
 
-def _compute_zero_share(runs: Sequence[ReferenceRun], observed: Observations) -> float:
+def _compute_zero_share(runs: Sequence[ReferenceRun], observed: TestedRuns) -> float:
     return 1 - float(np.mean([correct_volume(run, observed) / run.volume_m3 for run in runs]))
 
 
-def _log_ratio(run: ReferenceRun, observed: Observations) -> float:
+def _log_ratio(run: ReferenceRun, observed: TestedRuns) -> float:
     volume = correct_volume(run, observed)
     if not volume > 0 or not run.reference > 0:
         name = f"{run.load} {run.label}".strip()
@@ -260,7 +260,7 @@ def _log_ratio(run: ReferenceRun, observed: Observations) -> float:
     return math.log(run.reference / volume)
 
 
-def _list_effects(observed: Observations, by_kind: Mapping[ReferenceKind, Repeatability]) -> Iterator[Effect]:
+def _list_effects(observed: TestedRuns, by_kind: Mapping[ReferenceKind, Repeatability]) -> Iterator[Effect]:
     """Yield all sources of error with what they change in the observations."""
     for kind in by_kind:
         yield _find_scatter(kind, observed, by_kind)
@@ -300,7 +300,7 @@ def _is_bent(one: Repeatability) -> bool:
 
 
 def _find_scatter(
-    kind: ReferenceKind, observed: Observations, by_kind: Mapping[ReferenceKind, Repeatability]
+    kind: ReferenceKind, observed: TestedRuns, by_kind: Mapping[ReferenceKind, Repeatability]
 ) -> Effect:
     """Return the effect of what varies from run to run.
 
@@ -308,7 +308,7 @@ def _find_scatter(
     less than these alone, they are taken instead. Runs of a kind without repetitions take the other kind's scatter.
     """
     runs, own = _select(observed, kind), by_kind[kind]
-    reference = observed.references.get(kind, Reference())
+    reference = observed.references.get(kind, ReferenceStandard())
     steps = [
         math.hypot(math.sqrt(2 if kind == "mass" else 1) * _UNIFORM * reference.resolution / run.reference,
                    run.own_sigma_m3 / correct_volume(run, observed))
@@ -322,9 +322,9 @@ def _find_scatter(
     return Effect(f"{kind}_repeatability", "A", sigma, source.degrees_of_freedom, {kind: 1.0})
 
 
-def _list_reference_effects(kind: ReferenceKind, observed: Observations) -> Iterator[Effect]:
+def _list_reference_effects(kind: ReferenceKind, observed: TestedRuns) -> Iterator[Effect]:
     """Yield the errors of the reference, which all runs of a kind share."""
-    reference = observed.references.get(kind, Reference())
+    reference = observed.references.get(kind, ReferenceStandard())
     freedom = reference.degrees_of_freedom
     if reference.sigma_share:
         yield Effect(f"{kind}_reference_share", "B", reference.sigma_share, freedom, {kind: 1.0})
@@ -334,7 +334,9 @@ def _list_reference_effects(kind: ReferenceKind, observed: Observations) -> Iter
 
 
 def _solve(
-    observed: Observations, by_kind: Mapping[ReferenceKind, Repeatability], effects: Sequence[Effect]
+    observed: TestedRuns,
+    by_kind: Mapping[ReferenceKind, Repeatability],
+    effects: Sequence[Effect],
 ) -> tuple[LinearEstimate, list[str]]:
     """Return the parameters by all observations, and the names of these."""
     values: dict[str, float] = {kind: one.mean for kind, one in by_kind.items()}
@@ -346,7 +348,10 @@ def _solve(
 
 
 def _list_results(
-    observed: Observations, estimate: LinearEstimate, names: Sequence[str], effects: Sequence[Effect]
+    observed: TestedRuns,
+    estimate: LinearEstimate,
+    names: Sequence[str],
+    effects: Sequence[Effect],
 ) -> Iterator[Result]:
     for key, row in _RESULTS.items():
         if not estimate.is_determined(row):
@@ -371,7 +376,7 @@ def _find_volume_error(results: Sequence[Result]) -> Result | None:
     return Result("volume_error", 1 / span.value - 1, scale_budget(span.budget, 1 / span.value**2))
 
 
-def _find_mass_error(observed: Observations, effects: Sequence[Effect]) -> Result | None:
+def _find_mass_error(observed: TestedRuns, effects: Sequence[Effect]) -> Result | None:
     """Return the error of the masses that the plant records, which need no density but its own."""
     runs = _select(observed, "mass")
     if not runs or not all(run.recorded_kg > 0 for run in runs):
@@ -384,13 +389,11 @@ def _find_mass_error(observed: Observations, effects: Sequence[Effect]) -> Resul
     return Result("mass_error", error, scale_budget(budget, 1 + error))
 
 
-def _list_loads(
-    observed: Observations, by_kind: Mapping[ReferenceKind, Repeatability]
-) -> Iterator[LoadResult]:
+def _list_loads(observed: TestedRuns, by_kind: Mapping[ReferenceKind, Repeatability]) -> Iterator[LoadResult]:
     """Yield every load's deviation; the reference's error in proportion is the same for all loads and cancels."""
     for kind, own in by_kind.items():
         runs, total = _select(observed, kind), sum(one.runs for one in own.loads)
-        constant = observed.references.get(kind, Reference()).sigma_constant
+        constant = observed.references.get(kind, ReferenceStandard()).sigma_constant
         zero = 0.0 if observed.zero is None else observed.zero.sigma_mm2 * 1e-6
         for load in own.loads:
             mine = [run for run in runs if run.load == load.name]
@@ -416,7 +419,7 @@ def _mean_inverse(runs: Sequence[ReferenceRun]) -> float:
     return float(np.mean([1 / run.reference for run in runs]))
 
 
-def _mean_length(runs: Sequence[ReferenceRun], observed: Observations) -> float:
+def _mean_length(runs: Sequence[ReferenceRun], observed: TestedRuns) -> float:
     return float(np.mean([run.length_m / correct_volume(run, observed) for run in runs]))
 
 
@@ -429,10 +432,10 @@ def _test_contradiction(estimate: LinearEstimate) -> float:
 
 
 def evaluate_zero(areas_mm2: Sequence[float], own_sigma_mm2: float) -> ZeroTest:
-    """Return the zero by the mean apparent cross-section of each whole turn of the empty belt.
+    """Return the zero by the mean apparent cross-section of each whole revolution of the empty belt.
 
-    ``own_sigma_mm2`` is the σ of the mean by the measurement itself, without what all turns share with the loads. It
-    holds for a single turn, and where the turns scatter by chance less.
+    ``own_sigma_mm2`` is the σ of the mean by the measurement itself, without what they share with the loads. It holds
+    for a single revolution, and where they scatter by chance less.
     """
     areas = np.asarray(areas_mm2, np.float64)
     count = len(areas)

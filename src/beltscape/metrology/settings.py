@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.quantities import BELT_LENGTH, DENSITY, DENSITY_SIGMA, MOISTURE
-from beltscape.metrology.material_test import OtherEffect, Reference, Sample
+from beltscape.metrology.material_test import OtherEffect, ReferenceStandard, Sample
 
 Line = Annotated[str, Field(max_length=120, pattern=r"^[^\x00-\x1f]*$")]
 """A text of one line."""
@@ -29,8 +29,8 @@ class _Table(BaseModel):
 class StretchSettings(_Table):
     """Where something was measured: a period of the plant's history, its records, or a result of `measure flow`."""
 
-    since: AwareDatetime | None = None
-    until: AwareDatetime | None = None
+    begin: AwareDatetime | None = None
+    end: AwareDatetime | None = None
     """System clock, with its offset from UTC."""
     records: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] | None = None
     """First and last record."""
@@ -39,14 +39,14 @@ class StretchSettings(_Table):
 
     @model_validator(mode="after")
     def _one_place(self) -> StretchSettings:
-        by_time = (self.since, self.until) != (None, None)
-        given = [name for name, is_given in (("since and until", by_time), ("records", self.records is not None),
+        by_time = (self.begin, self.end) != (None, None)
+        given = [name for name, is_given in (("begin and end", by_time), ("records", self.records is not None),
                                              ("flow", self.flow is not None)) if is_given]  # fmt: skip
         if len(given) != 1:
             what = f"{' and '.join(given)} are given" if given else "nothing says where it was measured"
-            raise ValueError(f"{what}; give either since and until, records or flow")
-        if by_time and (self.since is None or self.until is None or self.since >= self.until):
-            raise ValueError("give both since and until, in this order")
+            raise ValueError(f"{what}; give either begin and end, records or flow")
+        if by_time and (self.begin is None or self.end is None or self.begin >= self.end):
+            raise ValueError("give both begin and end, in this order")
         if self.records is not None and self.records[0] > self.records[1]:
             raise ValueError(f"records = {list(self.records)}: the first is after the last")
         return self
@@ -83,10 +83,10 @@ class MassReferenceSettings(_Table):
     resolution_kg: _Sigma = 0.0
     degrees_of_freedom: Freedom = None
 
-    def to_reference(self) -> Reference:
+    def to_reference(self) -> ReferenceStandard:
         """Return the reference."""
         shares = self.sigma_percent / 100, self.sigma_kg, self.resolution_kg
-        return Reference(self.name, self.certificate, *shares, self.degrees_of_freedom or math.inf)
+        return ReferenceStandard(self.name, self.certificate, *shares, self.degrees_of_freedom or math.inf)
 
 
 class VolumeReferenceSettings(_Table):
@@ -98,10 +98,10 @@ class VolumeReferenceSettings(_Table):
     sigma_m3: _Sigma = 0.0
     degrees_of_freedom: Freedom = None
 
-    def to_reference(self) -> Reference:
+    def to_reference(self) -> ReferenceStandard:
         """Return the reference."""
         shares = self.sigma_percent / 100, self.sigma_m3, 0.0
-        return Reference(self.name, self.certificate, *shares, self.degrees_of_freedom or math.inf)
+        return ReferenceStandard(self.name, self.certificate, *shares, self.degrees_of_freedom or math.inf)
 
 
 class DensitySampleSettings(_Table):
@@ -144,9 +144,9 @@ class OtherEffectSettings(_Table):
 
 
 class ZeroTestSettings(StretchSettings):
-    """The empty belt over whole turns: the table [zero]."""
+    """The empty belt over whole revolutions: the table [zero]."""
 
-    turns: Annotated[int, Field(ge=1, le=1000)]
+    revolutions: Annotated[int, Field(ge=1, le=1000)]
 
 
 class MaterialTestSettings(_Table):

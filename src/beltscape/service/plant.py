@@ -12,11 +12,11 @@ from typing import Any
 from beltscape.core.interfaces import Observers
 from beltscape.core.ledger import Totals
 from beltscape.core.system_calls import notify
+from beltscape.pipeline.certifying.certificates import CertificateWatch
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access import Access
 from beltscape.service.app import create_app
-from beltscape.service.certificate_watch import CertificateWatch
 from beltscape.service.check import check_start
 from beltscape.service.hosting import RunningServer, log_address, serve
 from beltscape.service.live_state import LiveState

@@ -114,9 +114,9 @@ class SimulatedPlant:
             product="limestone",
         )
 
-    def add_zero(self, turns: int) -> None:
-        first, last = self.pass_belt([0.0] * round(turns * BELT_M * 1000 / STRIP_MM))
-        self.lines.append(f"[zero]\nturns = {turns}\nrecords = [{first}, {last}]\n")
+    def add_zero(self, revolutions: int) -> None:
+        first, last = self.pass_belt([0.0] * round(revolutions * BELT_M * 1000 / STRIP_MM))
+        self.lines.append(f"[zero]\nrevolutions = {revolutions}\nrecords = [{first}, {last}]\n")
 
     def add_run(self, load: str) -> float:
         """Append a run and its entry; return its true mass."""

@@ -59,7 +59,7 @@ def test_the_same_by_times_as_by_records(tested) -> None:
             BEGIN + timedelta(seconds=0.2 * int(n) + d) for n, d in zip(records, (-0.1, 0.1), strict=True)
         )
         text = text.replace(
-            f"records = [{', '.join(records)}]", f"since = {begin.isoformat()}\nuntil = {end.isoformat()}"
+            f"records = [{', '.join(records)}]", f"begin = {begin.isoformat()}\nend = {end.isoformat()}"
         )
     by_times = path.with_name("by_times.toml")
     by_times.write_text(text)
@@ -101,14 +101,14 @@ def change(plant: SimulatedPlant, path, old: str, new: str):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("turns = 3", "turns = 4", "3.00 turns of 40 m, not 4"),
+        ("revolutions = 3", "revolutions = 4", "3.00 revolutions of 40 m, not 4"),
         ("belt_length_m = 40.0", "", "belt_length_m is missing"),
         ("mass_kg", "weight_kg", "unknown key"),
         ("sigma_percent = 0.05\nsigma_kg = 1.0", "", "no mass is known exactly"),
         ("records = [301, 460]", "records = [900001, 900002]", "has no record there"),
         ("records = [301, 460]", "records = [460, 301]", "the first is after the last"),
         ("records = [301, 460]", "", "nothing says where it was measured"),
-        ("records = [301, 460]", "since = 2026-11-21T08:00:00\nuntil = 2026-11-21T09:00:00", "timezone"),
+        ("records = [301, 460]", "begin = 2026-11-21T08:00:00\nend = 2026-11-21T09:00:00", "timezone"),
         ("records = [301, 460]", 'flow = "nothing"', "flow.json: no such file"),
         ("sigma_kg_m3 = 8.0", "sigma_kg_m3 = 0", "greater than 0"),
     ],

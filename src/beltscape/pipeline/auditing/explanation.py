@@ -32,6 +32,7 @@ _PAGE = 20_000
 _MOST_STRETCHES = 400
 """Most stretches in a document; the sums by standing and reason are of all."""
 _MOST_EVENTS = 20_000
+"""Newest events of a total that are read."""
 _BEFORE_NS = 30 * 86_400 * 10**9
 """Time before a total in which an alarm of it may have been raised."""
 _AFTER_NS = 7 * 86_400 * 10**9
@@ -43,7 +44,7 @@ CORRECTIONS = ("zero", "settings", "certificate", "product", "history", "mainten
 
 
 @dataclass(slots=True)
-class Stretch:
+class CountedStretch:
     """Records that follow each other and were counted alike."""
 
     run: int
@@ -82,7 +83,7 @@ class ExplainedTotal:
 
     name: TotalName
     folder: Path
-    stretches: Sequence[Stretch]
+    stretches: Sequence[CountedStretch]
     runs: Sequence[Run]
     alarms: Sequence[AlarmEpisode]
     events: Sequence[Event]
@@ -173,9 +174,9 @@ def _read_pages(
         reporter.step("reading records", min(after, newest), max(newest, 1))
 
 
-def join_stretches(records: Iterable[BeltRecord]) -> list[Stretch]:
+def join_stretches(records: Iterable[BeltRecord]) -> list[CountedStretch]:
     """Return the stretches of records in the ledger's order."""
-    stretches: list[Stretch] = []
+    stretches: list[CountedStretch] = []
     for record in records:
         one = _make_stretch(record)
         last = stretches[-1] if stretches else None
@@ -187,9 +188,9 @@ def join_stretches(records: Iterable[BeltRecord]) -> list[Stretch]:
     return stretches
 
 
-def _make_stretch(record: BeltRecord) -> Stretch:
+def _make_stretch(record: BeltRecord) -> CountedStretch:
     density = math.nan if record.strip is None else record.strip.density_kg_m3
-    return Stretch(
+    return CountedStretch(
         run=record.run,
         standing=record.standing,
         reason=record.reason,
@@ -262,15 +263,15 @@ def make_explanation_document(explained: ExplainedTotal) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _describe_standing(one: Stretch) -> dict[str, Any]:
+def _describe_standing(one: CountedStretch) -> dict[str, Any]:
     return {"standing": one.standing, "reason": one.reason}
 
 
-def _describe_product(one: Stretch) -> dict[str, Any]:
-    return {"product": one.product, "density_kg_m3": _known(one.density_kg_m3)}
+def _describe_product(one: CountedStretch) -> dict[str, Any]:
+    return {"product": one.product, "density_kg_m3": _to_optional(one.density_kg_m3)}
 
 
-def _known(value: float) -> float | None:
+def _to_optional(value: float) -> float | None:
     return None if value < 0 else value
 
 
@@ -288,7 +289,7 @@ def _describe_sums(sums: ProductionSums) -> dict[str, Any]:
 
 
 def _group(
-    stretches: Sequence[Stretch], describe: Callable[[Stretch], dict[str, Any]]
+    stretches: Sequence[CountedStretch], describe: Callable[[CountedStretch], dict[str, Any]]
 ) -> list[dict[str, Any]]:
     """Return the sums of stretches that are described alike, the longest first."""
     found: dict[tuple[object, ...], tuple[dict[str, Any], ProductionSums, int]] = {}
@@ -301,7 +302,7 @@ def _group(
     return [{**values, "stretches": count, **_describe_sums(sums)} for values, sums, count in ordered]
 
 
-def _describe_stretch(one: Stretch) -> dict[str, Any]:
+def _describe_stretch(one: CountedStretch) -> dict[str, Any]:
     return {
         "records": [one.first, one.last],
         "run": one.run,
@@ -312,12 +313,12 @@ def _describe_stretch(one: Stretch) -> dict[str, Any]:
         "reason": one.reason,
         "product": one.product,
         "batch": one.batch,
-        "density_kg_m3": _known(one.density_kg_m3),
+        "density_kg_m3": _to_optional(one.density_kg_m3),
         **_describe_sums(one.sums),
     }
 
 
-def _list_seams(stretches: Sequence[Stretch]) -> list[dict[str, Any]]:
+def _list_seams(stretches: Sequence[CountedStretch]) -> list[dict[str, Any]]:
     """Return where an encoder began its count anew."""
     return [
         {"record": later.first, "offset_m": (later.offset_mm - earlier.offset_mm) * 1e-3}

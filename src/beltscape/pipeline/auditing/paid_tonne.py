@@ -27,6 +27,7 @@ from beltscape.sinks.historian.reading import find_database, read_history
 
 FORMAT = "beltscape-budget/1"
 _MOST_EVENTS = 200_000
+"""Newest events among which zeros are searched: a year of one every three minutes."""
 _SAME_DENSITY = 1e-3
 """Relative difference up to which a product's density is that of the material test: it is typed with four digits."""
 _LATEST_NS = 1 << 61

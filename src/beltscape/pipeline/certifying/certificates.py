@@ -7,14 +7,17 @@ file of an issued certificate is written again; the newest one is in force.
 from __future__ import annotations
 
 import json
+import threading
 from base64 import b64decode
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from time import time_ns
 from typing import Any
 
 from beltscape.core.errors import InputError, OutputError
+from beltscape.core.events import CertificateReading
 from beltscape.files.atomic import describe_refusal, write_durably
 from beltscape.files.json_text import to_plain
 from beltscape.files.seal import PUBLIC_KEY, SealKey, open_key, read_public_key, read_sealed
@@ -203,3 +206,39 @@ def read_plant_key(data: Path) -> bytes:
             f"{path}: no such file; this plant has issued no certificate, or give its key by --key"
         )
     return read_public_key(path)
+
+
+def read_wall_ms() -> int:
+    """Return the system clock, ms since 1970."""
+    return time_ns() // 1_000_000
+
+
+class CertificateWatch:
+    """Reads the folder of certificates when it has changed; may be called from any thread, twice a second."""
+
+    def __init__(self, data: Path, now_ms: Callable[[], int] = read_wall_ms) -> None:
+        """``data`` is the data folder."""
+        self._data, self._now_ms = data, now_ms
+        self._lock = threading.Lock()
+        self._changed_ns: int | None = None
+        self._statement: Statement | None = None
+
+    def __call__(self, present: Mapping[str, str]) -> CertificateReading | None:
+        """Return the newest certificate, against what is measured by now; None without one."""
+        statement = self._read()
+        if statement is None:
+            return None
+        days_left = statement.days_left(self._now_ms())
+        return CertificateReading(statement.number, days_left, statement.list_changed(present))
+
+    def _read(self) -> Statement | None:
+        with self._lock:
+            try:
+                changed_ns = (self._data / FOLDER).stat().st_mtime_ns
+            except OSError:
+                return None
+            if changed_ns != self._changed_ns:
+                newest = find_in_force(self._data)
+                self._statement = None if newest is None else newest.statement
+                self._changed_ns = changed_ns
+            return self._statement

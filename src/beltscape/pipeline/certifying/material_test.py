@@ -17,11 +17,11 @@ from beltscape.metrology.certificate import APPLIES
 from beltscape.metrology.document import make_test_document
 from beltscape.metrology.material_test import (
     MaterialTest,
-    Observations,
-    Reference,
     ReferenceKind,
     ReferenceRun,
+    ReferenceStandard,
     Sample,
+    TestedRuns,
     ZeroTest,
     evaluate_material_test,
     evaluate_zero,
@@ -37,7 +37,7 @@ from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.report.metrology.pictures import LoadPicture, read_load_picture
 
 _TURN_TOLERANCE = 0.02
-"""Largest relative difference of the zero's belt from whole turns. Chosen: belts are given to a percent."""
+"""Largest relative difference of the zero's belt from whole revolutions. Chosen: belts are given to a percent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +90,7 @@ def evaluate_test(
         _warn_of_stretch(stretches[-1], where, reporter)
         reporter.step("reading runs", number, len(settings.runs))
     runs = tuple(_make_run(run, one) for run, one in zip(settings.runs, stretches, strict=True))
-    observed = Observations(
+    observed = TestedRuns(
         runs,
         _list_references(settings),
         None if settings.zero is None else _read_zero(settings, settings.zero, path, project, present),
@@ -145,7 +145,7 @@ def _warn_of_stretch(stretch: MeasuredStretch, where: str, reporter: Reporter) -
         )
 
 
-def _list_references(settings: MaterialTestSettings) -> dict[ReferenceKind, Reference]:
+def _list_references(settings: MaterialTestSettings) -> dict[ReferenceKind, ReferenceStandard]:
     return {
         "mass": settings.reference.to_reference(),
         "volume": settings.volume_reference.to_reference(),
@@ -172,21 +172,21 @@ def _read_zero(
     project: Project[RunSettings],
     present: Mapping[str, str],
 ) -> ZeroTest:
-    """Return the zero by whole turns of the empty belt; InputError if its stretch holds no whole turns."""
+    """Return the zero by revolutions of the empty belt; InputError if its stretch holds no whole ones."""
     where = f"{path}: [zero]"
     stretch = read_stretch(zero, path.parent, project.resolve(project.settings.data), where)
     _require_present(stretch, present, where)
     length_m = settings.belt_length_m or project.settings.health.belt.belt_length_m
     if length_m is None:
         raise InputError(f"{path}: belt_length_m is missing; [zero] needs the length of the endless belt")
-    turns = stretch.length_m / length_m
-    if abs(turns / zero.turns - 1) > _TURN_TOLERANCE:
+    revolutions = stretch.length_m / length_m
+    if abs(revolutions / zero.revolutions - 1) > _TURN_TOLERANCE:
         raise InputError(
-            f"{where}: {stretch.length_m:.1f} m passed, which is {turns:.2f} turns of {length_m:g} m, not "
-            f"{zero.turns}; correct since and until, turns or belt_length_m"
+            f"{where}: {stretch.length_m:.1f} m passed, which is {revolutions:.2f} revolutions of {length_m:g} m, "
+            f"not {zero.revolutions}; correct begin and end, revolutions or belt_length_m"
         )
     own = math.sqrt(float(stretch.pieces[:, 3].sum())) / (1000 * stretch.length_m)
-    return evaluate_zero(stretch.split(zero.turns), own)
+    return evaluate_zero(stretch.split(zero.revolutions), own)
 
 
 def _describe_source(stretch: MeasuredStretch) -> dict[str, Any]:

@@ -108,8 +108,8 @@ def _read_history_stretch(settings: StretchSettings, data: Path, where: str) -> 
     if settings.records is not None:
         first, last = settings.records
         after, limit = first - 1, min(last - first + 1, limit)
-    elif settings.since is not None and settings.until is not None:
-        times = to_ns(settings.since), to_ns(settings.until)
+    elif settings.begin is not None and settings.end is not None:
+        times = to_ns(settings.begin), to_ns(settings.end)
 
     def read(connection: sqlite3.Connection) -> tuple[Sequence[BeltRecord], dict[int, Mapping[str, str]]]:
         (shift_ns,) = connection.execute("SELECT coalesce(shift_ns, 0) FROM ledger").fetchone()
@@ -123,7 +123,7 @@ def _read_history_stretch(settings: StretchSettings, data: Path, where: str) -> 
     if settings.records is not None:
         records = [one for one in records if one.number <= settings.records[1]]
     if not records:
-        raise InputError(f"{where}: {path} has no record there; correct since and until, or records")
+        raise InputError(f"{where}: {path} has no record there; correct begin and end, or records")
     if len(records) > _MOST_RECORDS:
         raise InputError(f"{where}: more than {_MOST_RECORDS} records; a run of a test is shorter")
     provenance = _join_provenance((runs.get(number, {}) for number in {one.run for one in records}), where)
@@ -180,7 +180,7 @@ def make_stretch(records: Sequence[BeltRecord], provenance: Mapping[str, str], w
 
 def _require_measured(missing_mm: float, length_mm: float, where: str) -> None:
     if not length_mm > 0:
-        raise InputError(f"{where}: no belt passed there; correct since and until, or records")
+        raise InputError(f"{where}: no belt passed there; correct begin and end, or records")
     if missing_mm > _MOST_MISSING * length_mm:
         raise InputError(
             f"{where}: {100 * missing_mm / length_mm:.1f} % of its belt was not measured; repeat the run"

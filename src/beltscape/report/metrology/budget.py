@@ -12,6 +12,7 @@ from beltscape.report.drawing.charts import Chart
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.plots import Form, make_panels
 from beltscape.report.metrology.certificate import open_metrology_texts
+from beltscape.report.metrology.explanation import name_total
 from beltscape.report.page import Lines, Section, Table, Tile, Tiles, render
 from beltscape.report.production.texts import Texts
 
@@ -39,7 +40,7 @@ def render_budget(document: Mapping[str, Any], language: str, zone: str) -> str:
     ]  # fmt: skip
     title = "budget.title" if document["unit"] == "t" else "budget.title_volume"
     return render(
-        texts(title, total=document["total"]),
+        texts(title, total=name_total(document["total"])),
         summarise_budget(document, texts),
         sections,
         warnings=list_notes(document, texts),

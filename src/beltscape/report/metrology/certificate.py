@@ -327,7 +327,7 @@ def _make_reference_table(document: Mapping[str, Any], texts: Texts) -> Table:
     if zero is not None:
         value = f"{texts.with_sigma(zero['area_mm2'], zero['sigma_mm2']).partition(' ±')[0]} mm²"
         sigma = f"{_round_sigma(zero['sigma_mm2'], texts)} mm²"
-        label = texts("sample.zero", turns=str(zero["turns"]))
+        label = texts("sample.zero", revolutions=str(zero["revolutions"]))
         rows.append([label, value, sigma, _degrees(zero["degrees_of_freedom"], texts)])
     columns = ("what", "value", "u", "degrees")
     return Table([texts(f"column.{name}") for name in columns], rows)

@@ -15,8 +15,8 @@ from beltscape.report.metrology.certificate import open_metrology_texts
 from beltscape.report.page import Item, Lines, Section, Table, Tile, Tiles, render
 from beltscape.report.production.texts import Texts
 
-_DIGITS = 12
-"""Digits of a SHA-256 that are shown: enough to tell files apart."""
+_DIGITS = 8
+"""Digits of a SHA-256 that are shown: enough to tell a plant's files apart."""
 
 
 def render_explanation(document: Mapping[str, Any], language: str, zone: str) -> str:
@@ -34,13 +34,19 @@ def render_explanation(document: Mapping[str, Any], language: str, zone: str) ->
         _make_section("stretches", "explain.stretches_intro", list(_list_stretches(document, texts)), texts),
     ]
     return render(
-        texts("explain.title", total=document["batch_name"] or document["total"]),
+        texts("explain.title", total=document["batch_name"] or name_total(document["total"])),
         summarise_total(document, texts),
         sections,
         warnings=list_remarks(document, texts),
         language=language,
         warnings_title=texts("warnings"),
     )
+
+
+def name_total(total: str) -> str:
+    """Return a total for a title: a day or a year without the word before it."""
+    kind, _, rest = total.partition(":")
+    return rest if kind in ("day", "year") else total
 
 
 def _make_section(name: str, intro: str, items: Sequence[Item], texts: Texts) -> Section:
@@ -156,7 +162,8 @@ def _read_titles(language: str) -> Mapping[str, str]:
 def name_alarm(name: str, language: str) -> str:
     """Return the title of an alarm in a language, with its subject; its own name where there is none."""
     titles = _read_titles(language)
-    title = next((titles[f"alarm.{key}"] for key in list_keys(name) if f"alarm.{key}" in titles), "")
+    keys = [f"{family}.{key}" for family in ("alarm", "check") for key in list_keys(name)]
+    title = next((titles[key] for key in keys if key in titles), "")
     subject = name.partition(":")[2]
     return f"{title} ({subject})" if title and subject else title or name
 

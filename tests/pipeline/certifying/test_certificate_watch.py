@@ -7,9 +7,8 @@ import os
 import pytest
 
 from beltscape.core.progress import Silent
-from beltscape.pipeline.certifying.certificates import IssueOptions, issue_certificate
+from beltscape.pipeline.certifying.certificates import CertificateWatch, IssueOptions, issue_certificate
 from beltscape.pipeline.certifying.material_test import evaluate_test_file
-from beltscape.service.certificate_watch import CertificateWatch
 from beltscape.service.project import open_project
 from tests.pipeline.certifying.plants import make_tested_plant
 

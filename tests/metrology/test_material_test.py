@@ -13,15 +13,17 @@ import pytest
 from beltscape.core.errors import MeasureError
 from beltscape.metrology.material_test import (
     MaterialTest,
+    evaluate_material_test,
+    find_class,
+    predict_run_sigma,
+)
+from beltscape.metrology.observations import (
+    ObservedRuns,
     OtherEffect,
     ReferenceRun,
     ReferenceStandard,
     Sample,
-    TestedRuns,
-    evaluate_material_test,
     evaluate_zero,
-    find_class,
-    predict_run_sigma,
 )
 from beltscape.metrology.uncertainty import INFINITE
 
@@ -58,7 +60,7 @@ SCATTER = {0: 0.004, 1: -0.004, 2: 0.0, 3: 0.004, 4: -0.004, 5: 0.0}
 
 def evaluate(**values: Any) -> MaterialTest:
     given: dict[str, Any] = {"runs": make_runs(scatter=SCATTER), "references": {"mass": SCALE}, **values}
-    return evaluate_material_test(TestedRuns(**given))
+    return evaluate_material_test(ObservedRuns(**given))
 
 
 def test_masses_alone_give_the_product_and_nothing_else() -> None:

@@ -7,14 +7,19 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from beltscape.metrology.material_test import (
-    REFERENCE_KINDS,
     SIGNIFICANCE,
+    LoadResult,
     MaterialTest,
-    ReferenceKind,
     Result,
-    correct_volume,
     find_class,
     predict_run_sigma,
+)
+from beltscape.metrology.observations import (
+    REFERENCE_KINDS,
+    ObservedRuns,
+    ReferenceKind,
+    ReferenceRun,
+    correct_volume,
 )
 from beltscape.metrology.repeatability import FTest, Repeatability
 from beltscape.metrology.settings import MaterialTestSettings
@@ -49,54 +54,62 @@ def make_test_document(
         "product": settings.product,
         "remark": settings.remark,
         "confidence": observed.confidence,
-        "references": {
-            kind: {
-                "name": one.name,
-                "certificate": one.certificate,
-                "sigma_percent": 100 * one.sigma_share,
-                "sigma_constant": one.sigma_constant,
-                "resolution": one.resolution,
-                "degrees_of_freedom": one.degrees_of_freedom,
-            }
-            for kind, one in observed.references.items()
-            if kind in test.by_kind
-        },
+        "references": _describe_references(test),
         "samples": _describe_samples(test),
         "zero": _describe_zero(test),
         "runs": [
-            {
-                "load": run.load,
-                "kind": run.kind,
-                "reference": run.reference,
-                "measured_m3": run.volume_m3,
-                "corrected_m3": correct_volume(run, observed),
-                "length_m": run.length_m,
-                "level_m3_h": run.level,
-                "recorded_kg": run.recorded_kg,
-                "label": run.label,
-                **source,
-            }
+            {**_describe_run(run, observed), **source}
             for run, source in zip(observed.runs, sources, strict=True)
         ],
         "repeatability": {kind: _describe_repeatability(own) for kind, own in test.by_kind.items()},
-        "loads": [
-            {
-                "load": one.name,
-                "kind": one.kind,
-                "runs": one.runs,
-                "level_m3_h": one.level,
-                "deviation_percent": 100 * one.deviation,
-                "deviation_sigma_percent": 100 * one.deviation_sigma,
-                "sigma_run_percent": 100 * one.sigma_run,
-            }
-            for one in test.loads
-        ],
+        "loads": [_describe_load(one) for one in test.loads],
         "results": [describe_result(one) for one in test.results],
         "undetermined": list(test.undetermined),
         "errors": [{**describe_result(one), "class": find_class(one)} for one in errors],
         "later_run_sigma_percent": {one.key: 100 * predict_run_sigma(test, one) for one in test.results[:1]},
         "contradiction": test.contradiction,
         "notes": list_notes(test),
+    }
+
+
+def _describe_references(test: MaterialTest) -> dict[str, Any]:
+    return {
+        kind: {
+            "name": one.name,
+            "certificate": one.certificate,
+            "sigma_percent": 100 * one.sigma_share,
+            "sigma_constant": one.sigma_constant,
+            "resolution": one.resolution,
+            "degrees_of_freedom": one.degrees_of_freedom,
+        }
+        for kind, one in test.observations.references.items()
+        if kind in test.by_kind
+    }
+
+
+def _describe_run(run: ReferenceRun, observed: ObservedRuns) -> dict[str, Any]:
+    return {
+        "load": run.load,
+        "kind": run.kind,
+        "reference": run.reference,
+        "measured_m3": run.volume_m3,
+        "corrected_m3": correct_volume(run, observed),
+        "length_m": run.length_m,
+        "level_m3_h": run.level,
+        "recorded_kg": run.recorded_kg,
+        "label": run.label,
+    }
+
+
+def _describe_load(one: LoadResult) -> dict[str, Any]:
+    return {
+        "load": one.name,
+        "kind": one.kind,
+        "runs": one.runs,
+        "level_m3_h": one.level,
+        "deviation_percent": 100 * one.deviation,
+        "deviation_sigma_percent": 100 * one.deviation_sigma,
+        "sigma_run_percent": 100 * one.sigma_run,
     }
 
 

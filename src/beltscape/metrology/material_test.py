@@ -16,11 +16,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from beltscape.core.errors import MeasureError
+from beltscape.metrology.observations import (
+    REFERENCE_KINDS,
+    ObservedRuns,
+    ReferenceKind,
+    ReferenceRun,
+    ReferenceStandard,
+    correct_volume,
+)
 from beltscape.metrology.repeatability import Repeatability, evaluate_runs
 from beltscape.metrology.uncertainty import (
     INFINITE,
@@ -33,8 +40,6 @@ from beltscape.metrology.uncertainty import (
     solve_linear,
 )
 
-ReferenceKind = Literal["mass", "volume"]
-REFERENCE_KINDS: tuple[ReferenceKind, ...] = ("mass", "volume")
 SIGNIFICANCE = 0.05
 """Probability below which loads count as different, and observations as contradictory. Usual (GUM H.5)."""
 _UNIFORM = 1 / math.sqrt(12)
@@ -57,94 +62,6 @@ _RESULTS: Mapping[str, tuple[float, float, float]] = {
     "moisture": (0.0, 0.0, 1.0),
 }
 """What each result is the sum of. ``mass_factor``: kg per measured m³, span factor times bulk density."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceStandard:
-    """What masses or volumes of runs are known by; one for all runs of a kind, so its error is common to them."""
-
-    name: str = ""
-    certificate: str = ""
-    """Number of its own certificate."""
-    sigma_share: float = 0.0
-    """σ of the calibration in proportion to the value."""
-    sigma_constant: float = 0.0
-    """σ of the calibration that is the same for every value, kg or m³."""
-    resolution: float = 0.0
-    """Step of the display, kg or m³; a mass is the difference of two readings."""
-    degrees_of_freedom: float = INFINITE
-    """Of the calibration."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceRun:
-    """One run: what passed, by the reference and as measured."""
-
-    load: str
-    """Name of its load; runs of the same load are repetitions."""
-    kind: ReferenceKind
-    reference: float
-    """kg or m³."""
-    volume_m3: float
-    """As measured, with the zero that held then."""
-    length_m: float
-    """Length of belt over which the volume was measured."""
-    own_sigma_m3: float = 0.0
-    """σ of the measured volume that is independent from run to run."""
-    level: float = math.nan
-    """What tells loads apart, such as the mean flow in m³/h."""
-    recorded_kg: float = math.nan
-    """Mass by the plant's own density; NaN: it has none."""
-    label: str = ""
-    """Such as the number of the weighing ticket."""
-
-
-@dataclass(frozen=True, slots=True)
-class ZeroTest:
-    """The apparent load of the empty running belt over whole revolutions."""
-
-    area_mm2: float
-    """Mean apparent cross-section."""
-    sigma_mm2: float
-    """One standard deviation of it."""
-    revolutions: int
-    degrees_of_freedom: float
-    """Turns less one; infinite where σ is that of the measurement."""
-    scatter_mm2: float = math.nan
-    """Standard deviation of one turn."""
-
-
-@dataclass(frozen=True, slots=True)
-class Sample:
-    """A quantity that was determined apart from the belt."""
-
-    value: float
-    """kg/m³, or the moisture as a share of the mass."""
-    sigma: float
-    degrees_of_freedom: float = INFINITE
-
-
-@dataclass(frozen=True, slots=True)
-class OtherEffect:
-    """A further source of error, such as spilt material: a share of the mass or volume, common to all runs."""
-
-    name: str
-    sigma_share: float
-    kind: Literal["A", "B"] = "B"
-    degrees_of_freedom: float = INFINITE
-
-
-@dataclass(frozen=True, slots=True)
-class TestedRuns:
-    """All that a material test observed: runs, references, zero and samples."""
-
-    runs: tuple[ReferenceRun, ...]
-    references: Mapping[ReferenceKind, ReferenceStandard]
-    zero: ZeroTest | None = None
-    """None: no zero test was made."""
-    samples: Mapping[Literal["density", "dry_density", "moisture"], Sample] | None = None
-    others: tuple[OtherEffect, ...] = ()
-    confidence: float = 0.95
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +94,7 @@ class LoadResult:
 class MaterialTest:
     """The evaluation of a material test."""
 
-    observations: TestedRuns
+    observations: ObservedRuns
     results: tuple[Result, ...]
     """Those that are determined."""
     undetermined: tuple[str, ...]
@@ -199,7 +116,7 @@ class MaterialTest:
         return next((one for one in self.results if one.key == key), None)
 
 
-def evaluate_material_test(observed: TestedRuns) -> MaterialTest:
+def evaluate_material_test(observed: ObservedRuns) -> MaterialTest:
     """Return the evaluation.
 
     Raises
@@ -236,21 +153,15 @@ def evaluate_material_test(observed: TestedRuns) -> MaterialTest:
     )
 
 
-def _select(observed: TestedRuns, kind: str) -> list[ReferenceRun]:
+def _select(observed: ObservedRuns, kind: str) -> list[ReferenceRun]:
     return [run for run in observed.runs if run.kind == kind]
 
 
-def correct_volume(run: ReferenceRun, observed: TestedRuns) -> float:
-    """Return the measured volume of a run less that of the zero, m³."""
-    zero = 0.0 if observed.zero is None else observed.zero.area_mm2 * 1e-6 * run.length_m
-    return run.volume_m3 - zero
-
-
-def _compute_zero_share(runs: Sequence[ReferenceRun], observed: TestedRuns) -> float:
+def _compute_zero_share(runs: Sequence[ReferenceRun], observed: ObservedRuns) -> float:
     return 1 - float(np.mean([correct_volume(run, observed) / run.volume_m3 for run in runs]))
 
 
-def _log_ratio(run: ReferenceRun, observed: TestedRuns) -> float:
+def _log_ratio(run: ReferenceRun, observed: ObservedRuns) -> float:
     volume = correct_volume(run, observed)
     if not volume > 0 or not run.reference > 0:
         name = f"{run.load} {run.label}".strip()
@@ -260,7 +171,7 @@ def _log_ratio(run: ReferenceRun, observed: TestedRuns) -> float:
     return math.log(run.reference / volume)
 
 
-def _list_effects(observed: TestedRuns, by_kind: Mapping[ReferenceKind, Repeatability]) -> Iterator[Effect]:
+def _list_effects(observed: ObservedRuns, by_kind: Mapping[ReferenceKind, Repeatability]) -> Iterator[Effect]:
     """Yield all sources of error with what they change in the observations."""
     for kind in by_kind:
         yield _find_scatter(kind, observed, by_kind)
@@ -300,7 +211,7 @@ def _is_bent(one: Repeatability) -> bool:
 
 
 def _find_scatter(
-    kind: ReferenceKind, observed: TestedRuns, by_kind: Mapping[ReferenceKind, Repeatability]
+    kind: ReferenceKind, observed: ObservedRuns, by_kind: Mapping[ReferenceKind, Repeatability]
 ) -> Effect:
     """Return the effect of what varies from run to run.
 
@@ -322,7 +233,7 @@ def _find_scatter(
     return Effect(f"{kind}_repeatability", "A", sigma, source.degrees_of_freedom, {kind: 1.0})
 
 
-def _list_reference_effects(kind: ReferenceKind, observed: TestedRuns) -> Iterator[Effect]:
+def _list_reference_effects(kind: ReferenceKind, observed: ObservedRuns) -> Iterator[Effect]:
     """Yield the errors of the reference, which all runs of a kind share."""
     reference = observed.references.get(kind, ReferenceStandard())
     freedom = reference.degrees_of_freedom
@@ -334,7 +245,7 @@ def _list_reference_effects(kind: ReferenceKind, observed: TestedRuns) -> Iterat
 
 
 def _solve(
-    observed: TestedRuns,
+    observed: ObservedRuns,
     by_kind: Mapping[ReferenceKind, Repeatability],
     effects: Sequence[Effect],
 ) -> tuple[LinearEstimate, list[str]]:
@@ -348,7 +259,7 @@ def _solve(
 
 
 def _list_results(
-    observed: TestedRuns,
+    observed: ObservedRuns,
     estimate: LinearEstimate,
     names: Sequence[str],
     effects: Sequence[Effect],
@@ -376,7 +287,7 @@ def _find_volume_error(results: Sequence[Result]) -> Result | None:
     return Result("volume_error", 1 / span.value - 1, scale_budget(span.budget, 1 / span.value**2))
 
 
-def _find_mass_error(observed: TestedRuns, effects: Sequence[Effect]) -> Result | None:
+def _find_mass_error(observed: ObservedRuns, effects: Sequence[Effect]) -> Result | None:
     """Return the error of the masses that the plant records, which need no density but its own."""
     runs = _select(observed, "mass")
     if not runs or not all(run.recorded_kg > 0 for run in runs):
@@ -389,7 +300,9 @@ def _find_mass_error(observed: TestedRuns, effects: Sequence[Effect]) -> Result 
     return Result("mass_error", error, scale_budget(budget, 1 + error))
 
 
-def _list_loads(observed: TestedRuns, by_kind: Mapping[ReferenceKind, Repeatability]) -> Iterator[LoadResult]:
+def _list_loads(
+    observed: ObservedRuns, by_kind: Mapping[ReferenceKind, Repeatability]
+) -> Iterator[LoadResult]:
     """Yield every load's deviation; the reference's error in proportion is the same for all loads and cancels."""
     for kind, own in by_kind.items():
         runs, total = _select(observed, kind), sum(one.runs for one in own.loads)
@@ -419,7 +332,7 @@ def _mean_inverse(runs: Sequence[ReferenceRun]) -> float:
     return float(np.mean([1 / run.reference for run in runs]))
 
 
-def _mean_length(runs: Sequence[ReferenceRun], observed: TestedRuns) -> float:
+def _mean_length(runs: Sequence[ReferenceRun], observed: ObservedRuns) -> float:
     return float(np.mean([run.length_m / correct_volume(run, observed) for run in runs]))
 
 
@@ -429,21 +342,6 @@ def _test_contradiction(estimate: LinearEstimate) -> float:
     from scipy.special import chdtrc
 
     return float(chdtrc(estimate.redundancy, estimate.chi_square))
-
-
-def evaluate_zero(areas_mm2: Sequence[float], own_sigma_mm2: float) -> ZeroTest:
-    """Return the zero by the mean apparent cross-section of each whole revolution of the empty belt.
-
-    ``own_sigma_mm2`` is the σ of the mean by the measurement itself, without what they share with the loads. It holds
-    for a single revolution, and where they scatter by chance less.
-    """
-    areas = np.asarray(areas_mm2, np.float64)
-    count = len(areas)
-    scatter = float(areas.std(ddof=1)) if count > 1 else math.nan
-    by_scatter = scatter / math.sqrt(count) if count > 1 else 0.0
-    if by_scatter > own_sigma_mm2:
-        return ZeroTest(float(areas.mean()), by_scatter, count, count - 1, scatter)
-    return ZeroTest(float(areas.mean()), own_sigma_mm2, count, INFINITE, scatter)
 
 
 CLASSES: tuple[tuple[float, float], ...] = ((0.2, 0.2), (0.5, 0.5), (1.0, 1.0), (2.0, 2.0))

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
 from beltscape.core.quantities import BELT_LENGTH, DENSITY, DENSITY_SIGMA, MOISTURE
-from beltscape.metrology.material_test import OtherEffect, ReferenceStandard, Sample
+from beltscape.metrology.observations import OtherEffect, ReferenceStandard, Sample
 
 Line = Annotated[str, Field(max_length=120, pattern=r"^[^\x00-\x1f]*$")]
 """A text of one line."""

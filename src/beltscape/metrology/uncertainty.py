@@ -151,7 +151,7 @@ class LinearEstimate:
     chi_square: float
     """Squared residuals over their covariance; NaN without redundancy."""
     redundancy: int
-    """TestedRuns that are more than needed."""
+    """ObservedRuns that are more than needed."""
 
     def is_determined(self, combination: Sequence[float]) -> bool:
         """Return whether the observations determine a linear combination of the parameters."""

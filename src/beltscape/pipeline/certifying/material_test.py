@@ -15,15 +15,14 @@ from beltscape.files.json_text import hash_file
 from beltscape.files.toml_text import read_toml, validate
 from beltscape.metrology.certificate import APPLIES
 from beltscape.metrology.document import make_test_document
-from beltscape.metrology.material_test import (
-    MaterialTest,
+from beltscape.metrology.material_test import MaterialTest, evaluate_material_test
+from beltscape.metrology.observations import (
+    ObservedRuns,
     ReferenceKind,
     ReferenceRun,
     ReferenceStandard,
     Sample,
-    TestedRuns,
     ZeroTest,
-    evaluate_material_test,
     evaluate_zero,
 )
 from beltscape.metrology.settings import (
@@ -90,7 +89,7 @@ def evaluate_test(
         _warn_of_stretch(stretches[-1], where, reporter)
         reporter.step("reading runs", number, len(settings.runs))
     runs = tuple(_make_run(run, one) for run, one in zip(settings.runs, stretches, strict=True))
-    observed = TestedRuns(
+    observed = ObservedRuns(
         runs,
         _list_references(settings),
         None if settings.zero is None else _read_zero(settings, settings.zero, path, project, present),

@@ -130,11 +130,8 @@ def _assemble_around(
     historian = Historian(ensure_output_folder(options.data), settings.history)
     events = EventLog(historian)
     observer = _add_exposure_control(observer, settings.cameras, source, rig, context, events)
-    resume = historian.ledger_end
-    encoder = _open_encoder(project, options, resume)
-    certificate = options.read_certificate(parts.provenance)
-    run = historian.begin_run(add_certificate(parts.provenance, certificate))
-    state = LedgerState(run, resume.number + 1, resume.end_mm, resume.offset_mm)
+    encoder = _open_encoder(project, options, historian.ledger_end)
+    state = _begin_run(historian, parts, options)
     writers = [make_record_writer("historian", historian, notify_records(observer, historian))]
     table = CsvTable(options.data / "csv", settings.csv, historian)
     writers.append(make_record_writer("csv", table))
@@ -173,6 +170,13 @@ def _assemble_around(
         workers.pool.on_end = components.queue.wake
         workers.pool.on_death = lambda line: events.add("worker", "replaced", line, time_ns())
     return AssembledRun(Engine(components), historian, table, components, parts, production)
+
+
+def _begin_run(historian: Historian, parts: MeasuringParts, options: RunOptions) -> LedgerState:
+    """Begin a run with what it is measured by and the certificate in force; return the state of the ledger."""
+    resume, certificate = historian.ledger_end, options.read_certificate(parts.provenance)
+    run = historian.begin_run(add_certificate(parts.provenance, certificate))
+    return LedgerState(run, resume.number + 1, resume.end_mm, resume.offset_mm)
 
 
 def _add_exposure_control(

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import replace
 from time import monotonic, monotonic_ns, thread_time, time_ns
 
@@ -22,7 +21,7 @@ from beltscape.core.system_calls import release_memory
 from beltscape.core.translatable_message import make_event_text
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.alarm_control import AlarmControl
-from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts, add_certificate
+from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts, RunRegister
 from beltscape.pipeline.live.gauges import CapacityMeter
 from beltscape.pipeline.live.intake import Arrival
 from beltscape.pipeline.live.measurement_run import Outcome
@@ -135,11 +134,7 @@ class Engine(OperatorControls):
         self._repair = RepairNotice(components.historian, components.reporter)
         workers = components.workers
         self._capacity = CapacityMeter(None if workers is None else workers.count_matched_per_s)
-        self._provenance = components.provenance
-        """What is measured by now, or from the next record on."""
-        reading = components.read_certificate(self._provenance)
-        self._certificate = "" if reading is None else reading.in_force
-        """Number of the certificate in force that the present run's provenance has."""
+        self._runs = RunRegister(components.historian, components.read_certificate, components.provenance)
         self._next_run: int | None = None
         """The run of the next records, where only the certificate in force has changed."""
         self._next: MeasuringParts | None = None
@@ -197,26 +192,17 @@ class Engine(OperatorControls):
 
     def exchange(self, parts: MeasuringParts) -> None:
         """Measure with other parts, of the same cameras, from the next record on, which is the first of a new run."""
-        run, self._certificate = self._begin_run(parts.provenance)
+        run = self._runs.begin(parts.provenance)
         self._next, self._next_run = parts, None
-        self._provenance = parts.provenance
         self._components.measurement.set_context(parts.context, run)
-
-    def _begin_run(self, provenance: Mapping[str, str]) -> tuple[int, str]:
-        """Store a new run with the certificate in force; return its number and that of the certificate."""
-        described = add_certificate(provenance, self._components.read_certificate(provenance))
-        return self._components.historian.begin_run(described), described.get("certificate", "")
 
     def _follow_certificate(self) -> None:
         """Begin a new run where another certificate is in force, or the present one has ended."""
-        reading = self._components.read_certificate(self._provenance)
-        number = "" if reading is None else reading.in_force
-        if number == self._certificate or self._next is not None:
-            return
-        run, self._certificate = self._begin_run(self._provenance)
-        self._next_run = run
-        text = f"certificate {number} is in force" if number else "no certificate is in force"
-        self._events.add("certificate", number or "none", text, time_ns(), parameters={"number": number})
+        run = None if self._next is not None else self._runs.follow()
+        if run is not None:
+            self._next_run, number = run, self._runs.certificate
+            text = f"certificate {number} is in force" if number else "no certificate is in force"
+            self._events.add("certificate", number or "none", text, time_ns(), parameters={"number": number})
 
     def _warn_of_failure(self, failure: str) -> None:
         self._components.reporter.warn(f"{threading.current_thread().name}: {failure}; going on")
@@ -446,7 +432,7 @@ class Engine(OperatorControls):
             encoder_silent_s=float("nan") if encoder is None else encoder.silent_s,
             encoder_trouble=None if encoder is None else encoder.trouble,
             certificate_days=components.certificate_days(),
-            test_certificate=components.read_certificate(self._provenance),
+            test_certificate=self._runs.read_certificate(),
             is_maintained=components.maintenance.current is not None,
         )
 

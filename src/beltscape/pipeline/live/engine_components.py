@@ -81,6 +81,34 @@ def add_certificate(provenance: Mapping[str, str], reading: CertificateReading |
     return dict(provenance) if reading is None else {**provenance, "certificate": reading.in_force}
 
 
+class RunRegister:
+    """Begins the runs of the history, each with what it is measured by and the certificate in force."""
+
+    def __init__(self, historian: Historian, read: ReadCertificate, provenance: Mapping[str, str]) -> None:
+        """``provenance`` is that of the present run, which is begun already."""
+        self._historian, self._read, self._provenance = historian, read, provenance
+        reading = read(provenance)
+        self.certificate = "" if reading is None else reading.in_force
+        """Number of the certificate that the present run's provenance has; empty: none."""
+
+    def read_certificate(self) -> CertificateReading | None:
+        """Return the newest certificate, against what is measured by now; None without one."""
+        return self._read(self._provenance)
+
+    def begin(self, provenance: Mapping[str, str]) -> int:
+        """Begin a run that is measured by ``provenance``; return its number."""
+        self._provenance = provenance
+        described = add_certificate(provenance, self._read(provenance))
+        self.certificate = described.get("certificate", "")
+        return self._historian.begin_run(described)
+
+    def follow(self) -> int | None:
+        """Begin a run where another certificate is in force than the present run's; return its number, else None."""
+        reading = self.read_certificate()
+        number = "" if reading is None else reading.in_force
+        return None if number == self.certificate else self.begin(self._provenance)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuringParts:
     """The parts that belong to one rig and one empty belt; a running engine exchanges them between two records."""

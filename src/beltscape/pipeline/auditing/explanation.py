@@ -24,7 +24,7 @@ from beltscape.sinks.historian.events import Event, Run, read_events, read_journ
 from beltscape.sinks.historian.ledger import read_sums
 from beltscape.sinks.historian.periods import read_records
 from beltscape.sinks.historian.production import MINUTE_NS, read_batch, read_product_sums
-from beltscape.sinks.historian.reading import find_database, read_history
+from beltscape.sinks.historian.reading import find_database, read_history, require_sound
 
 FORMAT = "beltscape-explanation/1"
 _PAGE = 20_000
@@ -127,6 +127,7 @@ def explain_total(folder: Path, name: TotalName, reporter: Reporter) -> Explaine
 def _explain(
     connection: sqlite3.Connection, path: Path, name: TotalName, reporter: Reporter
 ) -> ExplainedTotal:
+    require_sound(connection, path)
     times, batch_name = (name.since_ns, name.until_ns), ""
     if name.kind == "batch":
         times, batch_name = _find_batch(connection, path, name)

@@ -21,7 +21,7 @@ from beltscape.pipeline.live import zero
 from beltscape.pipeline.live.project import Project, RunSettings
 from beltscape.production.sums import ProductionSums
 from beltscape.sinks.historian.events import read_events
-from beltscape.sinks.historian.findings import TEN_MINUTES_NS
+from beltscape.sinks.historian.findings import average_findings
 from beltscape.sinks.historian.production import read_batch, read_product_sums
 from beltscape.sinks.historian.reading import find_database, read_history
 
@@ -151,16 +151,10 @@ def _make_part(stretch: int, product: str, sums: ProductionSums, tested_kg_m3: f
 
 
 def _read_speed_share(connection: sqlite3.Connection, name: TotalName) -> float:
-    """Return the relative σ of the belt's length: encoder against material, over the ten minutes without a fault."""
-    since, until = max(name.since_ns, 0) // TEN_MINUTES_NS, min(name.until_ns, _LATEST_NS) // TEN_MINUTES_NS
-    count, total, sigma, sigmas = connection.execute(
-        "SELECT total(count), total(finding_sums.total), total(sigma), total(sigmas) FROM finding_sums "
-        "JOIN checks USING (series) WHERE checks.name = ? AND bucket >= ? AND bucket <= ? AND effect = 0",
-        (ENCODER_MOTION, since, until),
-    ).fetchone()
-    if not count:
-        return 0.0
-    return math.hypot(total / count, sigma / sigmas if sigmas else 0.0)
+    """Return the relative σ of the belt's length, by encoder against material; 0 where they were not compared."""
+    period = max(name.since_ns, 0), min(name.until_ns, _LATEST_NS)
+    found = average_findings(connection, ENCODER_MOTION, *period)
+    return 0.0 if found is None else math.hypot(*found)
 
 
 def _find_zero_share(project: Project[RunSettings], data: Path) -> float:

@@ -23,7 +23,7 @@ from beltscape.sinks.historian.day_files import UNBOUNDED
 from beltscape.sinks.historian.events import Run, read_runs
 from beltscape.sinks.historian.ledger import LedgerTotals, read_sums
 from beltscape.sinks.historian.periods import read_records
-from beltscape.sinks.historian.reading import find_database, read_history
+from beltscape.sinks.historian.reading import find_database, read_history, require_sound
 
 Numbers = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -176,6 +176,7 @@ def read_ledger(folder: Path, reporter: Reporter) -> ComparedLedger:
 
 
 def _read(folder: Path, path: Path, connection: sqlite3.Connection, reporter: Reporter) -> ComparedLedger:
+    require_sound(connection, path)
     shift_ns, number, state = connection.execute(
         "SELECT coalesce(shift_ns, 0), number, state FROM ledger"
     ).fetchone()

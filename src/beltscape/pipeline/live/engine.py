@@ -201,7 +201,9 @@ class Engine(OperatorControls):
         run = None if self._next is not None else self._runs.follow()
         if run is not None:
             self._next_run, number = run, self._runs.certificate
-            text = f"certificate {number} is in force" if number else "no certificate is in force"
+            text = make_event_text("certificate_none")
+            if number:
+                text = make_event_text("certificate_in_force", number=number)
             self._events.add("certificate", number or "none", text, time_ns(), parameters={"number": number})
 
     def _warn_of_failure(self, failure: str) -> None:

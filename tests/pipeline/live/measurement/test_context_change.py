@@ -163,5 +163,5 @@ def test_records_after_a_certificate_belong_to_a_run_that_names_it(tmp_path: Pat
     assert first.strip is not None and first.strip.frame == "960.0"
     assert historian.list_runs(1)[0].provenance == {"rig": "own", "certificate": "2026-0001"}
     (event,) = [one for one in historian.events(0, 1 << 62) if one.kind == "certificate"]
-    assert event.text == "certificate 2026-0001 is in force"
+    assert event.text == "certificate 2026-0001 of a material test is in force"
     historian.close()

@@ -193,7 +193,7 @@ def read_flow_folder(folder: Path, where: str) -> MeasuredStretch:
     if not path.is_file():
         raise InputError(f"{where}: {path}: no such file; give a folder of beltscape measure flow")
     try:
-        return _parse_flow(json.loads(read_text(path)), str(folder), where)
+        return _parse_flow(json.loads(read_text(path)), folder.name, where)
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{where}: {path}: is no flow.json of this program ({error}); measure it again"

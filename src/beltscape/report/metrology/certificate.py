@@ -292,8 +292,8 @@ def _make_run_table(document: Mapping[str, Any], texts: Texts) -> Table:
         [
             f"{run['load']} {run['label']}".strip(),
             _format_reference(run, texts),
-            texts.number(run["measured_m3"], 4),
-            texts.number(run["corrected_m3"], 4),
+            _format_volume(run["measured_m3"], texts),
+            _format_volume(run["corrected_m3"], texts),
             texts.number(run["level_m3_h"], 1),
             f"{texts.number(100 * (run['corrected_m3'] / run['reference'] / means[run['kind']] - 1), 2)} %",
             "–" if run["since_ms"] is None else texts.moment(run["since_ms"]),
@@ -305,9 +305,15 @@ def _make_run_table(document: Mapping[str, Any], texts: Texts) -> Table:
     return Table([texts(f"column.{name}") for name in columns], rows)
 
 
+def _format_volume(value: float, texts: Texts) -> str:
+    """Return a volume in m³ to a cubic centimetre, or from 1 m³ on to a tenth of a litre."""
+    return texts.number(value, 4 if value >= 1 else 6)
+
+
 def _format_reference(run: Mapping[str, Any], texts: Texts) -> str:
-    unit, digits = ("kg", 1) if run["kind"] == "mass" else ("m³", 5)
-    return f"{texts.number(run['reference'], digits)} {unit}"
+    if run["kind"] == "mass":
+        return f"{texts.number(run['reference'], 1)} kg"
+    return f"{_format_volume(run['reference'], texts)} m³"
 
 
 def _make_reference_table(document: Mapping[str, Any], texts: Texts) -> Table:

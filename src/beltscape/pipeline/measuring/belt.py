@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from beltscape import __version__
 from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import InputError, MeasureError
@@ -18,6 +19,7 @@ from beltscape.files.atomic import write_text
 from beltscape.files.belt_json import read_belt, write_belt
 from beltscape.files.json_text import hash_file
 from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame, require_intact
+from beltscape.learned.registry import hash_networks
 from beltscape.measure.belt.empty_belt import average_depth_maps, learn_belt
 from beltscape.measure.belt.given import apply_given, describe_doubts, measure_width_mm
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
@@ -130,6 +132,25 @@ def hash_empty_belt(path: Path) -> str:
         return hash_file(path)
     joined = "".join(hash_file(frame / "depth.tiff") for frame in list_frame_folders(path))
     return hashlib.sha256(joined.encode()).hexdigest()
+
+
+def describe_measured_by(rig: Path, empty: Path) -> dict[str, str]:
+    """Return what a measurement rests on: the program's version, and SHA-256 of rig, empty belt and networks.
+
+    Raises
+    ------
+    InputError
+        If one of the files cannot be read.
+    """
+    try:
+        return {
+            "program": __version__,
+            "rig": hash_file(rig),
+            "empty": hash_empty_belt(empty),
+            "networks": hash_networks(),
+        }
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read ({error.strerror})") from error
 
 
 def read_intact_frame(folder: Path) -> FrameResult:

@@ -40,7 +40,7 @@ Preset = Literal["fast", "standard"]
 def require_preset(name: Any) -> Preset:
     """Return the name of a preset; raise a SettingsError that lists the presets for any other."""
     names: tuple[Preset, ...] = get_args(Preset)
-    found = next((one for one in names if one == name), None)
+    found = next((one for one in names if isinstance(name, str) and one == name), None)
     if found is None:
         fix = suggest_name(str(name), names) or f"there are {', '.join(names)}"
         raise SettingsError(f"preset = {show_value(name)} is not known; {fix}")

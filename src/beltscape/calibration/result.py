@@ -36,6 +36,8 @@ class Calibration:
     """σ of depth from the calibration at the nearest, middle and farthest boards."""
     depth_sigma_by_views: tuple[DepthSigma, ...]
     """The same by clusters of views, which does not take the corners of a view as independent."""
+    worst_depth: str | None
+    """Where σ of depth is largest at the middle boards, why, and the fix; None if it is even over the view."""
     next_best_view: NextBestView | None
     """The most useful further view."""
     rig_errors: RigErrors

@@ -21,7 +21,7 @@ from beltscape.calibration.solver.lens import (
     project_with_jacobians,
 )
 from beltscape.calibration.solver.levenberg_marquardt import LinearisedBundle, single_thread
-from beltscape.core.arrays import Array
+from beltscape.core.arrays import Array, Mask
 from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.rig import Rig
 
@@ -257,6 +257,24 @@ def compute_depth_jacobian(rig: Rig, points_mm: Array) -> Array:
     jacobian = np.full((len(points_mm), count), np.nan)
     jacobian[usable] = -np.linalg.solve(normal[usable], mixed[usable])[:, 2]
     return jacobian
+
+
+def compute_unit_depths(rig: Rig, points_mm: Array) -> tuple[Array, Mask]:
+    """Return the depth (N,), mm, that one pixel of error in every image makes, NaN with fewer than two views.
+
+    With it the visibility (C, N) of the points in each camera.
+    """
+    normal, sees = (
+        np.zeros((len(points_mm), 3, 3)),
+        np.zeros((len(rig.cameras), len(points_mm)), bool),
+    )
+    for i, name in enumerate(rig.cameras):
+        by_point, _, sees[i] = differentiate_camera(rig, name, points_mm)
+        by_point = by_point * sees[i][:, None, None]
+        normal += np.einsum("nri,nrj->nij", by_point, by_point)
+    unit, usable = np.full(len(points_mm), np.nan), sees.sum(axis=0) >= 2
+    unit[usable] = np.sqrt(np.linalg.inv(normal[usable])[:, 2, 2])
+    return unit, sees
 
 
 def count_parameters(rig: Rig) -> int:

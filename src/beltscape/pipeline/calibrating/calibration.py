@@ -37,6 +37,7 @@ from beltscape.calibration.assessment.lens_domain import describe_domains, descr
 from beltscape.calibration.assessment.next_best_view import find_next_best_view
 from beltscape.calibration.assessment.remedy import describe_undetermined
 from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
+from beltscape.calibration.assessment.worst_depth import explain_worst_depth
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
@@ -178,13 +179,15 @@ def calibrate(
     limited = covered.rig if covered else limited
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
     rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit, covered)
+    depth_sigma = _compute_depth_sigmas(rig, adjustment, covariance.matrix)
     with single_thread():
         next_best_view = find_next_best_view(adjustment, covariance)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment, rig=rig,
-        covariance=covariance, depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance.matrix),
+        covariance=covariance, depth_sigma=depth_sigma,
         depth_sigma_by_views=_compute_depth_sigmas(rig, adjustment, compute_clustered_covariance(adjustment)),
+        worst_depth=explain_worst_depth(rig, adjustment, covariance.matrix, depth_sigma[1]),
         next_best_view=next_best_view,
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),

@@ -86,7 +86,8 @@ def test_a_bent_board_hides_wide_lenses_in_the_first_choice_only(seed):
     seen = see_together(rig, seed, 0.25, 32)
     first = solve_hierarchy(seen, BOARD, "c0", Silent())
     assert min(each.rms_px for each in first.monocular.values()) > 0.1
-    hierarchy, adjustment = solve_rig(seen, BOARD, "c0", Silent(), KnownIntrinsics({}), "auto")
+    solved = solve_rig(seen, BOARD, "c0", Silent(), KnownIntrinsics({}), "auto")
+    hierarchy, adjustment = solved.hierarchy, solved.adjustment
     assert {camera.model for camera in adjustment.rig.cameras.values()} == {"rational"}
     assert find_changed(hierarchy, {each.camera: each for each in hierarchy.lens_choices}) == []
     models = dict.fromkeys(rig.cameras, "rational")

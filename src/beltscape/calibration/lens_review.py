@@ -19,6 +19,7 @@ from beltscape.calibration.intrinsics.lens_choice import LensChoice, calibrate_w
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera, refit_camera
 from beltscape.calibration.network.association import associate_cameras
 from beltscape.calibration.network.global_optimisation import optimise_network
+from beltscape.calibration.network.instants import MIN_FRAMES
 from beltscape.calibration.network.pairs import Pair, calibrate_pairs
 from beltscape.calibration.solver.lens import list_parameters
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
@@ -93,11 +94,25 @@ def _refit(
 
 
 def select_suspicious_pairs(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> list[Pair]:
-    """Return the pairs whose cameras fit far worse in the joint adjustment than alone, or that rejected frames."""
+    """Return the pairs that may lack a common instant in some frames.
+
+    Their cameras fit far worse in the joint adjustment than alone, or they or the adjustment rejected whole frames.
+    """
     own = np.array([hierarchy.monocular[name].rms_px / np.sqrt(2) for name in adjustment.rig.cameras])
     is_worse = adjustment.sigma_px > np.maximum(TOGETHER_FACTOR * own, TOGETHER_PX)
     worse = {name for name, flag in zip(adjustment.rig.cameras, is_worse, strict=True) if flag}
-    return [pair for pair in hierarchy.network.pairs if pair.rejected or {pair.first, pair.second} & worse]
+    used = adjustment.count_used_corners()
+    lost = {
+        name: {frame for frame in camera.cam_from_board if not used.get((name, frame))}
+        for name, camera in hierarchy.monocular.items()
+    }
+    return [
+        pair
+        for pair in hierarchy.network.pairs
+        if pair.rejected
+        or {pair.first, pair.second} & worse
+        or len((lost[pair.first] | lost[pair.second]) & set(pair.frames)) >= MIN_FRAMES
+    ]
 
 
 def find_changed(hierarchy: HierarchyResult, choices: dict[str, LensChoice]) -> list[str]:

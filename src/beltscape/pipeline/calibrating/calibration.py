@@ -163,7 +163,8 @@ def calibrate(
     detections, variant = detect_rig_board(capture, board, reporter, known=known.cameras)
     known.require_sizes(detections.sizes_px)
     detections, board, start = resolve_board_set(detections, board, known, lens_model)
-    hierarchy, adjustment = solve_rig(detections, board, core, reporter, start, lens_model)
+    solved = solve_rig(detections, board, core, reporter, start, lens_model)
+    hierarchy, adjustment = solved.hierarchy, solved.adjustment
     require_baselines(hierarchy, folder)
     covariance = _compute_covariance(hierarchy, adjustment)
     rig_errors, halves = _score_rig(hierarchy, adjustment, board, start, reporter)
@@ -171,7 +172,7 @@ def calibrate(
     foreign = known.find_foreign(hierarchy, detections, board)
     triples = list_triples(board)
     diagnosis = diagnose(
-        hierarchy, adjustment, covariance, triples, rig_errors, halves, explained=tuple(foreign)
+        solved.own, adjustment, covariance, triples, rig_errors, halves, explained=tuple(foreign)
     )
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_lenses(board, adjustment, known.cameras, reporter)

@@ -165,6 +165,25 @@ def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
     return RigCovariance(tuple(names), inflation**2 * full, inflation, scatter, count_positions(adjustment))
 
 
+def add_scale(rig: Rig, matrix: Array, scale_sigma: float) -> Array:
+    """Return the covariance (G, G) of a rig's parameters with that of the size of its calibration board.
+
+    No view determines the size, so that its certificate is all that is known: lengths scatter by ``scale_sigma``,
+    their relative standard deviation, all alike, and with them the cameras' positions and every depth.
+    """
+    by_scale = differentiate_by_scale(rig)
+    return np.asarray(matrix + scale_sigma**2 * np.outer(by_scale, by_scale), np.float64)
+
+
+def differentiate_by_scale(rig: Rig) -> Array:
+    """Return the derivatives (G,) of a rig's parameters by the relative size of its calibration board."""
+    by_scale = np.zeros(count_parameters(rig))
+    for index, name in enumerate(rig.cameras):
+        if index:
+            by_scale[list_parameter_columns(rig, index)[-3:]] = rig.cam_from_core[name].translation_mm
+    return by_scale
+
+
 def compute_formal_covariance(rig: Rig, bundle: Bundle, linear: LinearisedBundle) -> Array:
     """Return the covariance (G, G) of the cameras' parameters from the corners' noise; 0 for fixed ones."""
     return place_covariance(rig, bundle, linear.covariance())

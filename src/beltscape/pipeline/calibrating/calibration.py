@@ -15,6 +15,7 @@ import numpy as np
 from beltscape.calibration.assessment.covariance import (
     DepthSigma,
     RigCovariance,
+    add_scale,
     compute_clustered_covariance,
     compute_depth_sigma,
     compute_rig_covariance,
@@ -180,15 +181,17 @@ def calibrate(
     limited = covered.rig if covered else limited
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
     rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit, covered)
-    depth_sigma = _compute_depth_sigmas(rig, adjustment, covariance.matrix)
+    by_views = add_scale(rig, compute_clustered_covariance(adjustment), board.scale_sigma)
+    sized = replace(covariance, matrix=add_scale(rig, covariance.matrix, board.scale_sigma))
+    depth_sigma = _compute_depth_sigmas(rig, adjustment, sized.matrix)
     with single_thread():
         next_best_view = find_next_best_view(adjustment, covariance)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment, rig=rig,
-        covariance=covariance, depth_sigma=depth_sigma,
-        depth_sigma_by_views=_compute_depth_sigmas(rig, adjustment, compute_clustered_covariance(adjustment)),
-        worst_depth=explain_worst_depth(rig, adjustment, covariance.matrix, depth_sigma[1]),
+        covariance=sized, depth_sigma=depth_sigma,
+        depth_sigma_by_views=_compute_depth_sigmas(rig, adjustment, by_views),
+        worst_depth=explain_worst_depth(rig, adjustment, sized.matrix, depth_sigma[1]),
         next_best_view=next_best_view,
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
@@ -323,7 +326,10 @@ def _complete_rig(
     }
     if covered:
         quality["covered"] = {"share_of_view": covered.share, "limits_px": dict(covered.limits_px)}
-    matrix = {"parameters": covariance.parameters, "matrix": covariance.matrix}
+    if board.scale_sigma:
+        quality["scale_sigma"] = board.scale_sigma
+    sized = add_scale(rig, covariance.matrix, board.scale_sigma)
+    matrix = {"parameters": covariance.parameters, "matrix": sized}
     return replace(rig, quality=quality, covariance=matrix)
 
 

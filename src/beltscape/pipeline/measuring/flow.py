@@ -107,7 +107,14 @@ def measure_flow_of_capture(
         else compute_depth_range(ground, load_mm)
     )
     picture, steps = BeltPicture(ground), list[FramePlacement]()
-    meter = BeltFlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
+    meter = BeltFlowMeter(
+        ground,
+        settings,
+        density=density,
+        watch_belt=picture.add,
+        watch_step=steps.append,
+        scale_sigma=rig.scale_sigma,
+    )
     matcher = make_sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
     health = HealthSettings()
     monitored = MonitoredMatcher(matcher, ImageMonitor(rig, health))

@@ -1,4 +1,4 @@
-"""Twenty cameras before one large board in few positions, from rendered images to the rig: ``calibrate`` by default."""
+"""Twenty cameras before one large board in few positions, from rendered images to the rig by ``calibrate``."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -73,7 +74,7 @@ def run_calibrate(folder: Path, tmp_path: Path) -> int:
     return main(["calibrate", str(folder), *map(str, words)])
 
 
-def read_result(out: Path) -> tuple[Rig, Mapping[str, object]]:
+def read_result(out: Path) -> tuple[Rig, Mapping[str, Any]]:
     document = read_json(out / "calibration.json")
     assert isinstance(document, dict)
     return read_rig(out / "rig.json"), document
@@ -86,7 +87,7 @@ def test_few_positions_of_one_board_determine_twenty_cameras(five, tmp_path, pos
     views = select_frames(folder, tmp_path / "views", [f"{k:02d}" for k in range(positions)])
     assert run_calibrate(views, tmp_path) == 0
     rig, document = read_result(tmp_path / "out")
-    assert list(rig.cameras)[0] == "c09"
+    assert next(iter(rig.cameras)) == "c09"
     assert len(rig.cameras) == COUNT
     assert document["fit"]["sound"]
     score = document["held_out"] or document["training"]
@@ -99,9 +100,7 @@ def test_few_positions_of_one_board_determine_twenty_cameras(five, tmp_path, pos
     assert error_mm < depth_mm
     assert 0.4 < document["depth_sigma_mm"][1]["median"] / error_mm < 4
     off = [rig.cameras[name].focal_px[0] / expected.cameras[name].focal_px[0] - 1 for name in rig.cameras]
-    sigma = [
-        each["sigma"]["fx_px"] / each["focal_px"][0] for each in document["cameras"].values()
-    ]
+    sigma = [each["sigma"]["fx_px"] / each["focal_px"][0] for each in document["cameras"].values()]
     assert 0.4 < np.median(sigma) / np.sqrt(np.mean(np.square(off))) < 4
 
 

@@ -181,12 +181,15 @@ def test_options_without_effect_are_refused(run, tmp_path, words, line):
 
 
 def test_a_bent_board_is_measured_or_said_to_be_indistinguishable(tmp_path, monkeypatch, run):
-    """On exact corners of a board that is bent by 0.2 mm: with 12 views its shape is stated, with 6 that it cannot."""
+    """On exact corners of a board that is bent by 0.2 mm: 12 views state its shape, 6 that they cannot."""
     seen = view_from(BROWN, place_everywhere, 1, bend_mm=0.2, count=12)
     few = BoardDetections(seen.sizes_px, {"c": dict(list(seen.views["c"].items())[:6])}, {"c": 6})
     (tmp_path / "board.toml").write_text('kind = "chessboard"\ncorners = [14, 9]\nsquare_mm = 30\n')
     write_image(tmp_path / "c" / "00.png", np.zeros((2, 2), np.uint8))
-    for detections, words in ((seen, "the board deviates from its drawing by 0."), (few, "with fewer than 8 views")):
+    for detections, words in (
+        (seen, "the board deviates from its drawing by 0."),
+        (few, "with fewer than 8 views"),
+    ):
         monkeypatch.setattr(
             intrinsics, "detect_board", lambda *_args, found=detections: (found, PrintVariant())
         )
@@ -199,4 +202,6 @@ def test_a_bent_board_is_measured_or_said_to_be_indistinguishable(tmp_path, monk
         assert (quality["board_off_drawing_rms_mm"][2] > 0.1) == (detections is seen)
         if detections is seen:
             assert quality["rms_px"] < quality["held_out_rms_px"] < 0.1
-            assert quality["sigma"]["fx"] == pytest.approx(np.sqrt(document["cameras"]["c"]["covariance"][0][0]))
+            assert quality["sigma"]["fx"] == pytest.approx(
+                np.sqrt(document["cameras"]["c"]["covariance"][0][0])
+            )

@@ -93,7 +93,9 @@ def make_coverage() -> Coverage:
     none = np.zeros(len(pixels), bool)
     corners = np.array([[width / 2 + 7.0, height / 6 + 3.0], [width / 3, height / 3]])
     cameras = {
-        name: CameraCoverage(replace(camera, valid_radius_px=width / 3), pixels, pixels[:, 0] < width / 5, none, corners)
+        name: CameraCoverage(
+            replace(camera, valid_radius_px=width / 3), pixels, pixels[:, 0] < width / 5, none, corners
+        )
         for name, camera in rig.cameras.items()
     }
     sigma = np.full(len(pixels), 0.1)
@@ -123,7 +125,10 @@ def test_a_refusal_shows_its_reason_and_the_cameras_with_most_gaps() -> None:
     reached = replace(own, is_reached=np.ones(len(own.pixels), bool))
     cameras = {f"c{k:02d}": reached for k in range(19)} | {"c19": own}
     many = replace(coverage, cameras=cameras)
-    plain, refused = coverage_picture(many), coverage_picture(many, "Refused: the board never came there. " * 6)
+    plain, refused = (
+        coverage_picture(many),
+        coverage_picture(many, "Refused: the board never came there. " * 6),
+    )
     assert decode(refused).shape[0] > decode(plain).shape[0] > 1000
     for role in STATES:
         assert has_color(decode(plain), role), role

@@ -177,8 +177,8 @@ def coverage_picture(coverage: Coverage, heading: str = "") -> bytes:
     figure = draw_coverage(replace(coverage, cameras=shown), WIDE)
     key = (
         f"Dots: pixels that see {coverage.volume.name}. Green: the board was here; blue: it was not, and the lens is "
-        "certain; orange: depth uncertain, the lens is extrapolated; red: depth unusable. Grey: corners of the board; "
-        f"magenta: end of the lens's domain.{_describe_omitted(len(gaps) - len(shown))}"
+        "certain; orange: depth uncertain, the lens is extrapolated; red: depth unusable. Grey: corners of the "
+        f"board; magenta: end of the lens's domain.{_describe_omitted(len(gaps) - len(shown))}"
     )
     lines = [*wrap(heading, _LINE), *wrap(key, _LINE)]
     width, height = figure.get_size_inches()

@@ -117,7 +117,7 @@ class BoardSet(BaseModel, frozen=True, extra="forbid"):
 
     @property
     def scale_sigma(self) -> float:
-        """Return the relative standard deviation of the boards' size, the largest of theirs: they are printed alike."""
+        """Return the relative standard deviation of the boards' size, the largest one: they are printed alike."""
         return max(face.board.scale_sigma for face in self.faces)
 
     @property

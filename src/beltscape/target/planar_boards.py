@@ -54,8 +54,8 @@ def load_markers(name: str, count: int) -> Any:
 def _check_sigma(name: str, sigma_mm: float | None, length_mm: float) -> None:
     if sigma_mm is not None and sigma_mm > MAX_LENGTH_SIGMA * length_mm:
         raise ValueError(
-            f"{name} = {sigma_mm:g}: must be at most {MAX_LENGTH_SIGMA:.0%} of the {length_mm:g} mm; give one standard "
-            "deviation of one such length: that of a measured row over the number of lengths in it"
+            f"{name} = {sigma_mm:g}: must be at most {MAX_LENGTH_SIGMA:.0%} of the {length_mm:g} mm; give one "
+            "standard deviation of one such length: that of a measured row over the number of lengths in it"
         )
 
 

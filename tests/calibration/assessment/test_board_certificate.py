@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from beltscape.calibration.assessment.covariance import (
     add_scale,
@@ -31,7 +31,7 @@ DEPTH_MM, NOISE_PX, SCALE = 650.0, 0.05, 1.5e-3
 
 def test_depth_scatters_with_the_size_of_the_board_as_its_certificate_says(rig, board, poses):
     count = count_examples(24)
-    scales = SCALE * norm.ppf((np.arange(count) + 0.5) / count)
+    scales = SCALE * ndtri((np.arange(count) + 0.5) / count)
     np.random.default_rng(1).shuffle(scales)
     x, y = np.meshgrid(np.linspace(-120, 120, 5), np.linspace(-100, 100, 4))
     points = np.stack([x.ravel(), y.ravel(), np.full(x.size, DEPTH_MM)], axis=-1)
@@ -63,7 +63,9 @@ def test_sigma_of_scale_moves_poses_and_depths_alike(rig, board, poses):
             assert added[f"{name}.turn_x_rad"] == 0
             shift = pose.translation_mm[0]
             assert added[f"{name}.shift_x_mm"] == pytest.approx((0.01 * shift) ** 2)
-    depth = compute_depth_sigma(found.rig, sized - plain.matrix + 1e-18 * np.eye(len(sized)), 650.0, columns=5)
+    depth = compute_depth_sigma(
+        found.rig, sized - plain.matrix + 1e-18 * np.eye(len(sized)), 650.0, columns=5
+    )
     known = depth.sigma_mm[np.isfinite(depth.sigma_mm)]
     np.testing.assert_allclose(known, 6.5, rtol=1e-3)  # 1 % of the depth
 
@@ -94,7 +96,10 @@ def test_a_board_states_the_sigma_of_its_size(board, scale):
 @pytest.mark.parametrize(
     ("sigma", "line"),
     [
-        (5, "square_sigma_mm = 5: must be at most 5% of the 25 mm; give one standard deviation of one such length"),
+        (
+            5,
+            "square_sigma_mm = 5: must be at most 5% of the 25 mm; give one standard deviation of one such length",
+        ),
         (-0.1, "square_sigma_mm"),
     ],
 )

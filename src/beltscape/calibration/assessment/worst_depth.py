@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from beltscape.calibration.assessment.covariance import (
     DepthSigma,
@@ -81,8 +80,8 @@ def explain_worst_depth(
     is_geometry = place.geometry >= 0.5
     cause = _describe_geometry(rig, place) if is_geometry else _describe_corners(rig, adjustment, place)
     return (
-        f"σ of depth at {depth.depth_mm:.0f} mm is {median_mm:.2g} mm in the median and {place.sigma_mm:.3g} mm at the "
-        f"worst place, {place.words}: {cause}"
+        f"σ of depth at {depth.depth_mm:.0f} mm is {median_mm:.2g} mm in the median and {place.sigma_mm:.3g} mm at "
+        f"the worst place, {place.words}: {cause}"
     )
 
 
@@ -116,8 +115,8 @@ def _describe_geometry(rig: Rig, place: _Place) -> str:
     pixel, _ = project_beyond(camera, rig.cam_from_core[name], place.point_mm[None])
     return (
         f"{seen}, for {' and '.join(limited)} looks there beyond the radius up to which its lens is known "
-        f"({camera.valid_radius_px:.0f} px); photograph the board {_describe_pixel(pixel, camera.size_px)} of {name}'s "
-        f"image, about {place.point_mm[2]:.0f} mm away"
+        f"({camera.valid_radius_px:.0f} px); photograph the board {_describe_pixel(pixel, camera.size_px)} of "
+        f"{name}'s image, about {place.point_mm[2]:.0f} mm away"
     )
 
 
@@ -139,7 +138,11 @@ def _describe_corners(rig: Rig, adjustment: BundleAdjustmentResult, place: _Plac
     """Return in which image the board was never or seldom there, and what to photograph."""
     found = {name: _measure_gap(rig, adjustment, name, place.point_mm) for name in place.seeing}
     outside = {name: gap for name, gap in found.items() if gap[0] > gap[1]}
-    name = place.largest if place.largest in outside or not outside else max(outside, key=lambda n: outside[n][0])
+    name = (
+        place.largest
+        if place.largest in outside or not outside
+        else max(outside, key=lambda n: outside[n][0])
+    )
     gap_px, reach_px, near = found[name]
     camera = rig.cameras[name]
     pixel = camera.project(rig.cam_from_core[name].apply(place.point_mm[None]))
@@ -159,13 +162,11 @@ def _describe_corners(rig: Rig, adjustment: BundleAdjustmentResult, place: _Plac
 def _measure_gap(
     rig: Rig, adjustment: BundleAdjustmentResult, name: str, point: Array
 ) -> tuple[float, float, int]:
-    """Return the distance of a point's pixel from the nearest corner, that which counts as reached, and corners in it."""
+    """Return a pixel's distance from the nearest corner, the distance up to which corners count, and their number."""
     camera, index = rig.cameras[name], list(rig.cameras).index(name)
     observed = adjustment.bundle.observations
     corners = observed.pixels[adjustment.used & (observed.camera == index)]
     reach_px = REACH * float(np.hypot(*camera.size_px))
     pixel = camera.project(rig.cam_from_core[name].apply(point[None]))[0]
-    if not len(corners):
-        return float("inf"), reach_px, 0
-    tree = KDTree(corners)
-    return float(tree.query(pixel)[0]), reach_px, len(tree.query_ball_point(pixel, reach_px))
+    distance = np.linalg.norm(corners - pixel, axis=1)
+    return float(distance.min(initial=np.inf)), reach_px, int((distance <= reach_px).sum())

@@ -70,7 +70,7 @@ class StripSums:
         self._last: StripEnds | None = None
 
     def compute_fault_sigma(self, stretch: Stretch, systematic_mm: float, relative_sigma: float) -> float:
-        """Return σ of the volume due to faults, a height error over the whole belt and a relative one, and to scale."""
+        """Return σ of the volume due to faults, a height error over the belt and a relative one, and to scale."""
         heights = systematic_mm * self._width_mm * (stretch.seen_mm + stretch.bridged_mm)
         return float(np.hypot(heights, np.hypot(relative_sigma, self._area_sigma) * stretch.volume_mm3))
 

@@ -62,7 +62,7 @@ class IntrinsicsCalibration:
     covariances: Mapping[str, Array]
     """(W, W) by camera, of fx, fy, cx, cy and the coefficients."""
     board_off_drawing_mm: Mapping[str, Array]
-    """By camera: RMS (3,) of the board's corners off their drawing, as its views measured it; 0 where they did not."""
+    """By camera: RMS (3,) of the board's corners off their drawing, as its views measured them; 0 if not."""
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
     """Lens models that were compared with others, lenses that are known in a part of the image only, bent boards."""

@@ -16,6 +16,7 @@
 #include "selection/photo_consistency.hpp"
 #include "selection/semi_global.hpp"
 #include "simd.hpp"
+#include "sweep/aligned_image.hpp"
 #include "sweep/plane_sweep.hpp"
 
 namespace beltscape {
@@ -78,15 +79,19 @@ __global__ void check_occlusion(View view, const float* s, int width, int height
 }
 
 // A thread takes a pixel and gathers its window itself.
-__global__ void check_sweep(View view, Image core, Image image, float s, float floor, float* out) {
+__global__ void check_sweep(View view, Image core, Image image, PlaneRange range, float floor, float* out) {
+    const AlignedShift shift = aligned_shift(view);
+    const Field field = aligned_field(shift, range, core.width, core.height);
+    const PlanePlace place = shift.place(range.inverse_depth(static_cast<int>(blockIdx.z)));
     const int x = static_cast<int>(blockIdx.x * blockDim.x + threadIdx.x), y = static_cast<int>(blockIdx.y);
     WindowSums<float> sums{}, own{};
     for (int i = 0; i < 9; ++i) {
         const int column = clamp(x + i % 3 - 1, 0, core.width - 1),
                   row = clamp(y + i / 3 - 1, 0, core.height - 1);
         const float a = core.pixels[static_cast<size_t>(row) * core.width + column];
-        const Spot<float> spot = swept<float>(view, image, to_float(column), to_float(row), s);
-        const float b = bilinear(image, &spot.index, spot.u, spot.v);
+        const float* const aligned = out + static_cast<size_t>(row) * core.width;
+        float b = aligned_level<float>(view, image, to_float(field.left + column), to_float(field.top + row));
+        resample<float>(aligned, aligned + core.width, 0.5f, place.scale, place.u, core.width, 1, &b);
         own.aux += a, own.aux_squared += a * a;
         sums.aux += b, sums.aux_squared += b * b, sums.product += a * b;
     }

@@ -17,6 +17,31 @@ BELTSCAPE_INLINE Pair<F> gather_pair(const float* base, const int* index) {
 }
 #endif
 
+// Elements at[i] and at[i] + 1 of two vectors one after the other, for each lane i.
+#if defined(__CUDACC__) || defined(BELTSCAPE_SCALAR)
+template <class F>
+BELTSCAPE_INLINE Pair<F> pair_within(F low, F high, int) {
+    return {low, high};
+}
+#elif defined(__clang__)
+template <class F>
+inline Pair<F> pair_within(F low, F high, IntOf<F> at) {
+    constexpr int lanes = Lane<F>::count;
+    Pair<F> pair;
+    for (int i = 0; i < lanes; ++i) {
+        const int first = at[i], second = first + 1;
+        pair.first[i] = first < lanes ? low[first] : high[first - lanes];
+        pair.second[i] = second < lanes ? low[second] : high[second - lanes];
+    }
+    return pair;
+}
+#else
+template <class F>
+inline Pair<F> pair_within(F low, F high, IntOf<F> at) {
+    return {__builtin_shuffle(low, high, at), __builtin_shuffle(low, high, at + 1)};
+}
+#endif
+
 #ifndef __CUDACC__
 // Lists of lane numbers at compile time, for shuffles.
 template <int... lane>
@@ -42,6 +67,22 @@ struct MakeLanes<0, lane...> {
 };
 template <int count>
 using LanesTo = typename MakeLanes<count>::Type;
+
+// Each lane with the one before and the one after it, in vectors one after the other.
+template <class V, int... lane>
+inline V with_neighbours_of(V before, V here, V after, Lanes<lane...>) {
+    constexpr int lanes = sizeof...(lane);
+    return __builtin_shufflevector(before, here, lanes - 1 + lane...) + here +
+           __builtin_shufflevector(here, after, lane + 1 ...);
+}
+template <class F>
+inline F with_neighbours(F before, F here, F after) {
+#ifdef BELTSCAPE_SCALAR
+    return before + here + after;
+#else
+    return with_neighbours_of(before, here, after, LanesTo<kFloatLanes>());
+#endif
+}
 
 #ifndef BELTSCAPE_SCALAR
 // Pairs of floats, each as a double, one after the other.

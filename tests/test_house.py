@@ -9,7 +9,9 @@ from pathlib import Path
 SOURCE = Path(__file__).resolve().parents[1] / "src" / "beltscape"
 LEVELS = 3
 """A package, a subject, a module."""
-SHORTEST_LINES, LONGEST_LINES = 60, 480
+SHORTEST_LINES, LONGEST_LINES = 60, 450
+LONGEST_FUNCTION = 60
+"""Lines of a function: it fits a screen."""
 
 SHORT = {
     "a process's entry": ("__main__.py", "report/production/__main__.py", "workers/worker_process.py"),
@@ -22,7 +24,7 @@ SHORT = {
         "files/flow_csv.py",
         "files/stl.py",
     ),
-    "one check a file": ("health/redundancy.py",),
+    "one check a file": ("health/*.py",),
     "one family of kernels a file": ("kernels/reference/networks.py",),
     "settings that the command line reads before anything heavy is imported": (
         "measure/belt/settings.py",
@@ -82,6 +84,17 @@ def test_nothing_lies_deeper_than_package_subject_module():
 
 def test_no_file_is_long():
     assert [str(path) for path in list_modules() if count_lines(path) > LONGEST_LINES] == []
+
+
+def test_a_function_fits_a_screen():
+    long = [
+        f"{path}: {node.name}"
+        for path in list_modules()
+        for node in ast.walk(ast.parse((SOURCE / path).read_text("utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and (node.end_lineno or 0) - node.lineno >= LONGEST_FUNCTION
+    ]
+    assert long == []
 
 
 def test_a_short_file_has_a_reason():

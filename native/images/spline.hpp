@@ -68,4 +68,27 @@ BELTSCAPE_INLINE Sample<F> sample(const Spline& spline, const Footprint<F>& plac
     return {weighted(down.value, rows), weighted(down.value, slopes), weighted(down.slope, rows)};
 }
 
+// The weights of the four pixels of a row or column at 0 ... 1 past the second, for an image without
+// prefilter: the interpolating cubic that is right to the third order (Keys 1981,
+// doi:10.1109/TASSP.1981.1163711).
+template <class F>
+BELTSCAPE_INLINE void interpolating_weights(F at, F (&weights)[4]) {
+    const F square = at * at, cube = square * at;
+    weights[0] = square - 0.5f * (cube + at), weights[1] = 1.5f * cube - 2.5f * square + 1.0f;
+    weights[2] = 2.0f * square - 1.5f * cube + 0.5f * at, weights[3] = 0.5f * (cube - square);
+}
+
+// An image at a footprint, by the same cubic in both directions.
+template <class F>
+BELTSCAPE_INLINE F interpolated(const Spline& image, const Footprint<F>& place) {
+    F across[4], down[4], rows[4];
+    interpolating_weights(place.u, across), interpolating_weights(place.v, down);
+    for (int y = 0; y < 4; ++y) {
+        F taps[4];
+        gather_four(image.coefficients + y * image.width, place.first, taps);
+        rows[y] = weighted(across, taps);
+    }
+    return weighted(down, rows);
+}
+
 }  // namespace beltscape

@@ -67,6 +67,29 @@ inline Cell least_cell(V cells) {
     }
 }
 
+// 16 bytes of 16 rows.
+inline constexpr int kTile = 16;
+using TileRow = CellVector<std::uint8_t, kTile>::Type;
+
+template <int... lane>
+inline void interleave(TileRow low, TileRow high, TileRow* out, Lanes<lane...>) {
+    out[0] = __builtin_shufflevector(low, high, (lane / 2 + lane % 2 * kTile)...);
+    out[1] = __builtin_shufflevector(low, high, (kTile / 2 + lane / 2 + lane % 2 * kTile)...);
+}
+
+// Exchanges rows and columns: each step interleaves the first half of the rows with the second one.
+inline void transpose_tile(TileRow (&rows)[kTile]) {
+#pragma GCC unroll 4
+    for (int step = 1; step < kTile; step *= 2) {
+        TileRow next[kTile];
+#pragma GCC unroll 8
+        for (int i = 0; i < kTile / 2; ++i)
+            interleave(rows[i], rows[i + kTile / 2], next + 2 * i, LanesTo<kTile>());
+#pragma GCC unroll 16
+        for (int i = 0; i < kTile; ++i) rows[i] = next[i];
+    }
+}
+
 // Memory of `count` cells aligned to a cache line; large buffers are on huge pages, which are allocated many
 // times faster.
 template <class Cell>

@@ -43,18 +43,6 @@ BELTSCAPE_INLINE Spot<F> spot(const Image& image, F u, F v, MaskOf<F> valid) {
             v - to_float(upper)};
 }
 
-// Core pixels x of row y at inverse depth s, projected into one auxiliary; points behind it are not seen.
-template <class F>
-BELTSCAPE_INLINE Spot<F> swept(const View& view, const Image& image, F x, float y, float s) {
-    const float* d = view.direction;
-    const float from_x = d[1] * y + d[2] + view.shift[0] * s, from_y = d[4] * y + d[5] + view.shift[1] * s,
-                from_z = d[7] * y + d[8] + view.shift[2] * s;
-    const F inverse_depth = 1.0f / multiply_add(x, d[6], from_z);
-    const auto [u, v] = image_of(view, multiply_add(x, d[0], from_x) * inverse_depth,
-                                 multiply_add(x, d[3], from_y) * inverse_depth);
-    return spot(image, u, v, inverse_depth > 0.0f);
-}
-
 // Bilinear from the 2x2 pixels at each spot; NaN where u is.
 template <class F>
 BELTSCAPE_INLINE F bilinear(const Image& image, const int* index, F u, F v) {
@@ -93,7 +81,8 @@ template <class F>
 BELTSCAPE_INLINE F dissimilarity(const WindowSums<F>& sums, const CoreWindow<F>& core, float floor) {
     const F aux_energy = multiply_add(sums.aux, sums.aux * (-1.0f / 9.0f), sums.aux_squared);
     const F alike = multiply_add(-sums.aux, core.mean, sums.product) + 9.0f * floor;
-    return clamp(lesser(1.0f - 2.0f * alike / (core.energy + aux_energy), broadcast<F>(1.0f)), 0.0f, 1.0f);
+    const F value = 1.0f - 2.0f * alike / (core.energy + aux_energy);
+    return greater(lesser(value, broadcast<F>(1.0f)), broadcast<F>(0.0f));
 }
 
 }  // namespace beltscape

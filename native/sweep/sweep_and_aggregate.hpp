@@ -28,7 +28,7 @@ class CoarseSearch {
 public:
     CoarseSearch(const SweepAndAggregateInput& input, std::size_t threads)
         : input_(input),
-          problem_(input),
+          problem_(input, threads),
           threads_(threads),
           width_(input.core.shape[1]),
           row_size_(width_ * static_cast<std::size_t>(input.planes)),

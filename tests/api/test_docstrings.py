@@ -14,11 +14,10 @@ import pytest
 import beltscape as bs
 from beltscape.api.calibration import LensChoice
 from beltscape.api.measuring import LumpOptions, VolumeOptions
-from beltscape.api.reconstruction import Preset
 from beltscape.core.geometry.lens import MODELS
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.measure.volume.settings import VolumeSettings
-from beltscape.stereo.settings import PRESETS
+from beltscape.stereo.settings import PRESETS, Preset
 from tests.once import make_once
 from tests.synthetic.demo import DEMO
 from tests.synthetic.small_demo import make_small_demo

@@ -53,7 +53,7 @@ rectify cap --rig rig.json --out cap => --out cap: is an input
 rectify cap --rig rig.json --out o --depth-range 500 => expected 2 arguments
 rectify cap --rig rig.json --out o --depth-range a b => argument --depth-range: 'a' is not a number
 rectify cap --rig rig.json --out o --depth-range 0 800 => both numbers must be positive
-reconstruct cap --rig rig.json --out o --preset slow => preset slow: unknown; use --preset fast
+reconstruct cap --rig rig.json --out o --preset slow => preset = 'slow' is not known; there are fast
 reconstruct cap --rig rig.json --out o --method magic => method magic: unknown; use --method
 reconstruct cap --rig rig.json --out o --pair left => pair left: --method binocular pairs core with
 reconstruct cap --rig rig.json --out o --depth-range nan 5 => both must be finite numbers

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from typing import get_args
 
 import laspy
 import numpy as np
 import pytest
 from laspy.vlrs.known import WktCoordinateSystemVlr
 
+from beltscape.cli.arguments import CLOUD_FORMATS
 from beltscape.cli.main import main
 from beltscape.core.depth import DepthMap
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.files.belt_json import write_belt
+from beltscape.files.clouds import ENDINGS
 from beltscape.files.reconstruction import write_frame, write_reconstruction
 from beltscape.files.rig_json import write_rig
+from beltscape.pipeline.reconstructing.cloud_export import EXTRA_FORMATS
 from beltscape.stereo.pointcloud import cloud_from_depth
+from beltscape.stereo.settings import Preset
 from tests.report.material import belt
 
 CAMERA = Camera("cam0", (40, 30), np.full(2, 50.0), np.array([19.5, 14.5]), np.zeros(5))
@@ -94,3 +100,18 @@ def test_errors_are_one_line(capsys, words, line):
     (text,) = capsys.readouterr().err.splitlines()
     assert text.startswith(f"beltscape: {line}")
     assert not list(Path().glob("c*"))
+
+
+def test_the_commands_offer_every_format_of_clouds(capsys):
+    assert CLOUD_FORMATS == EXTRA_FORMATS
+    with pytest.raises(SystemExit):
+        main(["export", "--help"])
+    assert ", ".join(ENDINGS) in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("command", [["reconstruct"], ["measure", "flow"]], ids=" ".join)
+def test_the_help_names_every_preset(command, capsys):
+    with pytest.raises(SystemExit):
+        main([*command, "--help"])
+    line = re.search(r"--preset PRESET (.*?\))", " ".join(capsys.readouterr().out.split()))
+    assert line and [name for name in get_args(Preset) if name not in line[1]] == []

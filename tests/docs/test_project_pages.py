@@ -92,6 +92,15 @@ def test_commands_of_the_contributing_page_hold(tmp_path):
     assert reader.wrong == []
 
 
+def test_names_of_the_guides_to_additions_are_defined():
+    guides = page_text("CONTRIBUTING.md").split("## How to add …")[1].split("\n## ")[0]
+    names = set(re.findall(r"`([A-Z]\w+|\w+_\w+)`", guides)) - {"NamedTuple"}
+    code = "\n".join(path.read_text("utf-8") for path in PACKAGES.rglob("*.py"))
+    defined = set(re.findall(r"^(?:class |def |    def )?(\w+)\b(?=[(:\[ ])", code, re.M))
+    assert len(names) > 20
+    assert sorted(names - defined - {path.stem for path in PACKAGES.rglob("*.py")}) == []
+
+
 @pytest.mark.parametrize("page", ["CONTRIBUTING.md", "ARCHITECTURE.md"])
 def test_named_files_exist(page):
     assert missing_paths(page) == []

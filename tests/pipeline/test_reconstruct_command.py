@@ -227,7 +227,7 @@ def test_standard_is_at_least_as_accurate_as_fast(run, tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--preset", "best"), "preset best: unknown; use --preset fast, standard"),
+        (("--preset", "best"), "preset = 'best' is not known; there are fast, standard"),
         (("--method", "best"), "method best: unknown; use --method multiview, pairwise, binocular"),
     ],
 )

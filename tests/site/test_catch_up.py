@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import random
+import sqlite3
 import threading
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from beltscape.site import follower as follower_module
 from beltscape.site.catch_up import Cursor, Gap, PieceSums, RecordSums
 from beltscape.site.client import BeltFaultError, RecordAnswer
 from beltscape.site.follower import BeltFollower
-from beltscape.site.store import SiteStore
+from beltscape.site.store import FILE, SiteStore
 from tests.protocols.broker import wait_until
 from tests.site.belts import START_MS, FakeBelt, make_record, make_site
 
@@ -44,6 +45,18 @@ def count(store: SiteStore) -> RecordSums:
     assert total.records == by_seconds.records
     assert total.volume_m3 == pytest.approx(by_seconds.volume_m3)
     return total
+
+
+def test_the_sums_of_a_newer_version_stay_as_they_are(tmp_path: Path) -> None:
+    SiteStore(tmp_path).close()
+    path = tmp_path / FILE
+    with contextlib.closing(sqlite3.connect(path)) as newer:
+        newer.execute("PRAGMA user_version = 2")
+    for _ in range(2):  # the first refusal must not make it this version's
+        with pytest.raises(
+            OutputError, match=r"site\.db: is of a newer version of Beltscape; update this one"
+        ):
+            SiteStore(tmp_path)
 
 
 def test_every_record_counts_once_over_lost_answers_and_killed_sites(tmp_path: Path) -> None:

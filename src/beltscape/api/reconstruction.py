@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 from beltscape.core.arguments import require_depth_of, require_depth_range, require_image
 from beltscape.core.checks import require_instance, require_reporter, show_value
@@ -17,10 +16,9 @@ from beltscape.pipeline.reconstructing.checked_matcher import CheckedMatcher
 from beltscape.stereo.multiview.depth_range import find_depth_range
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.pointcloud import cloud_from_depth
-from beltscape.stereo.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings, Preset
 
 Range = tuple[float, float]
-Preset = Literal["fast", "standard"]
 
 
 class Reconstructor:

@@ -55,6 +55,15 @@ def add_empty_belt(parser: ArgumentParser) -> None:
     )
 
 
+CLOUD_FORMATS = ("las", "laz")
+"""Formats of point clouds beside PLY: those of `beltscape.files.clouds`, which loads numpy."""
+
+
+def add_preset(parser: ArgumentParser, where: str) -> None:
+    """Declare ``--preset``, one of `beltscape.stereo.settings.Preset`; ``where`` says what it applies to."""
+    parser.add_argument("--preset", default="standard", help=f"{where}: fast or standard (default)")
+
+
 def add_output_file(parser: ArgumentParser, text: str, example: str, *, required: bool = False) -> None:
     """Declare ``--out FILE``; ``example`` is an example of the file's name."""
     parser.add_argument("--out", type=_parse_path, metavar="FILE", required=required, help=text)

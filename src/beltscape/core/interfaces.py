@@ -106,7 +106,7 @@ class Observer(Protocol):
         """Handle the findings of the system's checks of one frame set."""
 
     def on_maintenance(self, maintenance: Maintenance | None) -> None:
-        """Handle the begin and the end of maintenance; None: there is none."""
+        """Handle the beginning and the end of maintenance; None: there is none."""
 
     def on_message(self, message: str) -> None:
         """Handle a message of one line."""

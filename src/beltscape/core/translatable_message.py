@@ -1,6 +1,7 @@
 """A message of the running system in English, with the parts from which a page composes it in another language.
 
-The English text of each message stands once: under ``cause.KEY`` in the page's English file, as a sentence.
+The English text of each message stands once: under ``cause.KEY`` in the page's English file, as a sentence. So do
+those of events whose text is the same in the history as on the page, under ``event.KEY``.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ from types import MappingProxyType
 Value = float | int | str
 LANGUAGES_FOLDER = Path(__file__).parents[1] / "data" / "web" / "languages"
 """One file of texts for each language of the page."""
-_FAMILY = "cause."
+_CAUSES, _EVENTS = "cause.", "event."
+"""Families of keys."""
 
 
 class Message(str):
@@ -37,9 +39,19 @@ def make_message(key: str, /, *, subject: str = "", detail: str = "", **values: 
     The English line begins with ``subject``, such as a camera, and ends with ``detail`` in brackets, such as what a
     driver answered. Pages show the subject in another place, and no detail.
     """
-    line = _read_lines()[key].format_map({name: _format_value(value) for name, value in values.items()})
+    line = _format_line(_CAUSES, key, values)
     start, end = f"{subject}: " if subject else "", f" ({detail})" if detail else ""
     return Message(f"{start}{line}{end}", key, **values)
+
+
+def make_event_text(key: str, /, **values: Value) -> str:
+    """Return the English line of an event's key with its values filled in."""
+    return _format_line(_EVENTS, key, values)
+
+
+def _format_line(family: str, key: str, values: Mapping[str, Value]) -> str:
+    shown = {name: _format_value(value) for name, value in values.items()}
+    return _read_lines()[family + key].format_map(shown)
 
 
 def _format_value(value: Value) -> str:
@@ -49,13 +61,11 @@ def _format_value(value: Value) -> str:
 
 @cache
 def _read_lines() -> dict[str, str]:
-    """Return the English lines by their keys."""
+    """Return the English lines of both families by their keys."""
     import json
 
     texts: dict[str, str] = json.loads((LANGUAGES_FOLDER / "en.json").read_text(encoding="utf-8"))
-    return {
-        key.removeprefix(_FAMILY): _to_line(text) for key, text in texts.items() if key.startswith(_FAMILY)
-    }
+    return {key: _to_line(text) for key, text in texts.items() if key.startswith((_CAUSES, _EVENTS))}
 
 
 def _to_line(sentence: str) -> str:

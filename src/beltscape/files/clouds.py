@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from beltscape.core.cloud import PointCloud
@@ -12,11 +14,27 @@ from beltscape.files.las import write_las
 from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.ply import write_ply
 
-ENDINGS = (".ply", *LAS_ENDINGS)
+
+@dataclass(frozen=True, slots=True)
+class CloudFormat:
+    """A format of point clouds."""
+
+    write: Callable[[Path, PointCloud, Mapping[str, Any]], None]
+    """Writes a cloud with its provenance, atomically."""
+    unit: str
+    """Unit of the coordinates in the file."""
+
+
+FORMATS: Mapping[str, CloudFormat] = {
+    ".ply": CloudFormat(lambda path, cloud, _: write_ply(path, cloud), "mm"),
+    **dict.fromkeys(LAS_ENDINGS, CloudFormat(write_las, "m")),
+}
+"""By the ending of a file's name."""
+ENDINGS = tuple(FORMATS)
 
 
 def write_cloud(path: AnyPath, cloud: PointCloud, provenance: Mapping[str, Any] | None = None) -> None:
-    """Write a cloud as PLY (mm), LAS or LAZ (m), atomically.
+    """Write a cloud in the format of the file's ending, atomically.
 
     Parameters
     ----------
@@ -33,11 +51,7 @@ def write_cloud(path: AnyPath, cloud: PointCloud, provenance: Mapping[str, Any] 
         When the ending is of no such format, or the library of LAS is not installed.
     """
     path = as_path(path)
-    ending = require_ending(path.name)
-    if ending == ".ply":
-        write_ply(path, cloud)
-    else:
-        write_las(path, cloud, provenance or {})
+    FORMATS[require_ending(path.name)].write(path, cloud, provenance or {})
 
 
 def require_ending(name: str) -> str:

@@ -90,8 +90,11 @@ def add_digest(document: Mapping[str, Any]) -> dict[str, Any]:
     return {**others, DIGEST_KEY: _compute_digest(others)}
 
 
-def require_digest(path: Path, document: Mapping[str, Any], fix: str) -> None:
-    """Raise InputError if the document's digest contradicts its content; a document without one is accepted."""
+def require_digest(path: Path, document: Mapping[str, Any], fix: str = "") -> None:
+    """Raise InputError if the document's digest contradicts its content; a document without one is accepted.
+
+    The line ends with ``fix``; where it is empty, the caller says what happens.
+    """
     if DIGEST_KEY in document:
         others = {key: value for key, value in document.items() if key != DIGEST_KEY}
         is_sound = document[DIGEST_KEY] == _compute_digest(others)
@@ -100,7 +103,7 @@ def require_digest(path: Path, document: Mapping[str, Any], fix: str) -> None:
     if not is_sound:
         raise InputError(
             f"{path}: its content contradicts its {DIGEST_KEY}: the file was changed or damaged after it was "
-            f"written; {fix}"
+            f"written{f'; {fix}' if fix else ''}"
         )
 
 

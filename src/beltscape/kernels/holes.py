@@ -221,7 +221,7 @@ class HoleFillingKernels(KernelFamily):
         names, limits, layers = network
         unknown = [name for name in names if name not in _NUMBERS]
         if unknown:
-            raise KernelError(f"the network has a feature {unknown[0]!r} that hole cells have not")
+            raise KernelError(f"the network has a feature {unknown[0]!r} that hole cells do not have")
         weights = network_layers(layers, "features", len(names))
         if len(weights[-1]) != 2:
             raise KernelError(f"the network must have 2 outputs, not {len(weights[-1])}")

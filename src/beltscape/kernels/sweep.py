@@ -117,8 +117,11 @@ class PlaneSweepKernels(KernelFamily):
 
             c = Σ((I-Ī) - (J-J̄))² / (Σ(I-Ī)² + Σ(J-J̄)² + 18 floor),  at most 1,
 
-        with I the core and J an auxiliary sampled bilinearly where it sees the plane; c = 1 where one of the
-        window's samples has no 2 × 2 footprint in the auxiliary or is NaN. The ``best`` smallest are averaged.
+        with I the core and J an auxiliary sampled where it sees the plane; c = 1 where one of the window's samples
+        is not seen or NaN. The ``best`` smallest are averaged. An auxiliary is sampled twice: first its image is
+        turned into the directions of the core's grid, free of lens and rotation, by cubic interpolation (4 × 4
+        pixels); then every plane only scales and moves that, and is sampled bilinearly. It does not see a plane to
+        which it is four times as near as the core.
 
         Parameters
         ----------

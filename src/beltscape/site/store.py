@@ -57,18 +57,16 @@ class SiteStore:
         self._path, self._lock = folder / FILE, RLock()
         try:
             self._connection = sqlite3.connect(self._path, check_same_thread=False, isolation_level=None)
-            self._connection.execute("PRAGMA journal_mode = WAL")
-            self._connection.execute("PRAGMA synchronous = NORMAL")
-            self._connection.executescript(_TABLES)
-            (version,) = self._connection.execute("PRAGMA user_version").fetchone()
-            self._connection.execute(f"PRAGMA user_version = {_VERSION}")
+            try:
+                _prepare(self._connection, self._path)
+            except BaseException:
+                self._connection.close()
+                raise
         except sqlite3.Error as error:
             fix = "; remove it to fetch all anew" if is_damage(error) else ""
             raise OutputError(
                 f"{self._path}: not opened: {describe_failure(self._path, error)}{fix}"
             ) from error
-        if version > _VERSION:
-            raise OutputError(f"{self._path}: is of a newer version of Beltscape; update this one")
 
     def read_cursor(self, belt: str) -> Cursor | None:
         """Return the last record of a belt that is counted; None: there is none yet."""
@@ -134,7 +132,7 @@ class SiteStore:
         return self._select("SELECT min(second) FROM seconds WHERE belt = ?", belt)[0][0]
 
     def read_first_quarter(self, belt: str) -> int | None:
-        """Return the begin of the first quarter of an hour of a belt, s since 1970; None without a record."""
+        """Return the beginning of the first quarter of an hour of a belt, s since 1970; None without a record."""
         return self._select("SELECT min(second) FROM quarters WHERE belt = ?", belt)[0][0]
 
     def add_balance(self, name: str, result: BalanceResult) -> None:
@@ -192,6 +190,17 @@ class SiteStore:
                         f"{self._path}: not written: {describe_failure(self._path, error)}"
                     ) from error
                 raise
+
+
+def _prepare(connection: sqlite3.Connection, path: Path) -> None:
+    """Create the tables that are missing; OutputError, with nothing written, if the file is of a newer version."""
+    (version,) = connection.execute("PRAGMA user_version").fetchone()
+    if version > _VERSION:
+        raise OutputError(f"{path}: is of a newer version of Beltscape; update this one")
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = NORMAL")
+    connection.executescript(_TABLES)
+    connection.execute(f"PRAGMA user_version = {_VERSION}")
 
 
 def _add_sums(

@@ -5,8 +5,7 @@ An invalid value that a Python caller gives raises a SettingsError of one line.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ModelWrapValidatorHandler, ValidationError, model_validator
 
@@ -34,13 +33,18 @@ class CheckedSettings(BaseModel):
         return type(self).model_validate(dict(self.__dict__))
 
 
-def require_preset(name: Any, presets: Iterable[str]) -> str:
+Preset = Literal["fast", "standard"]
+"""Names of the multi-view matcher's presets."""
+
+
+def require_preset(name: Any) -> Preset:
     """Return the name of a preset; raise a SettingsError that lists the presets for any other."""
-    names = list(presets)
-    if isinstance(name, str) and name in names:
-        return name
-    fix = suggest_name(str(name), names) or f"there are {', '.join(names)}"
-    raise SettingsError(f"preset = {show_value(name)} is not known; {fix}")
+    names: tuple[Preset, ...] = get_args(Preset)
+    found = next((one for one in names if one == name), None)
+    if found is None:
+        fix = suggest_name(str(name), names) or f"there are {', '.join(names)}"
+        raise SettingsError(f"preset = {show_value(name)} is not known; {fix}")
+    return found
 
 
 Distance = Annotated[float, Field(ge=1, le=100)]
@@ -92,8 +96,8 @@ class MultiviewSettings(CheckedSettings):
 
     @classmethod
     def preset(cls, name: str) -> MultiviewSettings:
-        """Return the preset ``fast`` or ``standard``; docs/explanation/matching.md compares them."""
-        return cls.model_validate(PRESETS[require_preset(name, PRESETS)])
+        """Return a preset's settings; docs/explanation/matching.md compares them."""
+        return cls.model_validate(PRESETS[require_preset(name)])
 
     def offsets_px(self, scale: float) -> tuple[int, ...]:
         """Return the distinct `distances_px` on a grid of this scale."""
@@ -119,7 +123,7 @@ class MultiviewSettings(CheckedSettings):
         return max(1, round(grid_px / self.sweep_width_px))
 
 
-PRESETS: dict[str, dict[str, object]] = {
+PRESETS: dict[Preset, dict[str, object]] = {
     "fast": {
         "grid_step": 2,
         "plane_step_px": 1.25,

@@ -131,7 +131,7 @@ FITS: dict[str, Any] = {
         ({"rows": slice(0, 5, 2)}, "rows must be next to each other, not every 2"),
         (
             {"network": (["depth"], np.zeros((2, 1)), [np.zeros((2, 2))])},
-            "the network has a feature 'depth' that hole cells have not",
+            "the network has a feature 'depth' that hole cells do not have",
         ),
         (
             {"network": (["smooth"], np.zeros((2, 1)), [np.zeros((3, 2))])},

@@ -41,13 +41,15 @@ def test_events_are_in_the_pages_language(site, page):
         parameters={"state": "raised", "value": 230.0, "limit": 200.0, "unit": "mm"},
     )  # fmt: skip
     history.add_event("alarm", "slip", "gone: encoder and material differ by 5 %")  # of an older version
+    history.add_event("worker", "replaced", "frame 7: the worker that ran it was killed")
     history.add_event("maintenance", "begin", "x", parameters={"reason": "Reinigung", "minutes": 30.0})
     page.select_option("#language", "de")
     page.evaluate("location.hash = '#live'")
     page.evaluate("location.hash = '#history'")
-    wait_for(page, "document.querySelectorAll('#history-events tbody tr').length >= 4")
+    wait_for(page, "document.querySelectorAll('#history-events tbody tr').length >= 5")
     text = read_text(page, "#history-events")
     assert "Kamera verloren: cam3 – anstehend: Seit 4 s kein Bild" in text
     assert "Überkorn – anstehend: 230\u00a0mm, Grenze 200\u00a0mm" in text
     assert "Wartung beginnt: Reinigung, höchstens 30 min" in text
-    assert "check" not in text and "differ" not in text
+    assert "Ein Prozess, der Bildsätze auswertet, endete" in text
+    assert not [word for word in ("check", "differ", "killed") if word in text]

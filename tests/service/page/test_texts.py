@@ -168,6 +168,22 @@ def test_the_english_text_of_a_message_stands_in_the_file_of_texts_only():
     assert {key.removeprefix("cause.") for key in TEXTS if key.startswith("cause.")} == set(MESSAGES)
 
 
+def test_the_history_words_events_by_the_file_of_texts():
+    called = [
+        node
+        for path in SOURCE.rglob("*.py")
+        if "import make_event_text" in (text := path.read_text(encoding="utf-8"))
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == "make_event_text"
+    ]
+    assert len(called) >= 3
+    for node in called:
+        assert isinstance(node.args[0], ast.Constant)
+        assert list_placeholders(TEXTS[f"event.{node.args[0].value}"]) == {
+            str(one.arg) for one in node.keywords
+        }
+
+
 @pytest.mark.parametrize(("key", "names"), sorted(MESSAGES.items()))
 def test_a_message_has_the_values_of_its_text_and_is_one_sentence(key, names):
     text = TEXTS[f"cause.{key}"]

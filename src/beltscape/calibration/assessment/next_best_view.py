@@ -35,6 +35,8 @@ TILTS = {
 }
 MIN_GAIN = 0.05
 """Least relative decrease of σ for which a further view is recommended."""
+_VIEW_POINTS = 13
+"""Rows and columns of the points of the core's view over which σ of depth is averaged. Chosen."""
 MIN_CORNERS = 8
 """Least number of visible corners for a camera to see the board."""
 
@@ -80,7 +82,7 @@ def find_next_best_view(adjustment: BundleAdjustmentResult, covariance: RigCovar
     free = np.flatnonzero(np.diag(covariance.matrix) > 0)
     information = np.linalg.inv(covariance.matrix[np.ix_(free, free)])
     sigma_px = covariance.inflation * adjustment.sigma_px
-    points = make_view_points(rig, distance, 13)
+    points = make_view_points(rig, distance, _VIEW_POINTS)
     jacobian = compute_depth_jacobian(rig, points)
     jacobian = jacobian[np.isfinite(jacobian).all(axis=1)][:, free]
     if not len(jacobian):
@@ -120,7 +122,7 @@ def _describe_placement(u: float, v: float, depth_mm: float, tilt: str, core: st
     row = "upper" if v < 0 else "lower" if v > 0 else ""
     column = "left" if u < 0 else "right" if u > 0 else "middle"
     place = f"{row} {column}".strip()
-    tilted = f"tilted 35° with its {tilt}" if tilt else "square to the camera"
+    tilted = f"tilted {np.rad2deg(TILT_RAD):.0f}° with its {tilt}" if tilt else "square to the camera"
     return f"in the {place} of {core}'s view, {depth_mm:.0f} mm away, {tilted}"
 
 

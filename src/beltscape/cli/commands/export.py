@@ -7,9 +7,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import add_output_folder
+from beltscape.cli.arguments import CLOUD_FORMATS, add_output_folder
 from beltscape.core.progress import Reporter
 from beltscape.files.exchange import FORMATS
+
+_FOLDERS = ", ".join(name for name, one in FORMATS.items() if one.is_folder)
+_ENDINGS = ", ".join(f".{name}" for name in ("ply", *CLOUD_FORMATS))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -23,27 +26,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_output_folder(
         parser,
-        "file to write, for ros a folder; the ending of a cloud's chooses .ply, .las, .laz",
+        f"file to write, for {_FOLDERS} a folder; the ending of a cloud's chooses {_ENDINGS}",
         required=True,
     )
     parser.set_defaults(output=_output_kind, example=_example)
 
 
 def _example(arguments: argparse.Namespace) -> str:
-    return EXAMPLES[arguments.format] if arguments.format else "cloud.laz"
-
-
-EXAMPLES = {
-    "opencv": "rig.yaml",
-    "kalibr": "camchain.yaml",
-    "colmap": "rig_config.json",
-    "ros": "camera_info",
-}
-"""Format → an example of ``--out``."""
+    return FORMATS[arguments.format].example if arguments.format else "cloud.laz"
 
 
 def _output_kind(arguments: argparse.Namespace) -> str:
-    return "folder" if arguments.format == "ros" else "file"
+    return "folder" if arguments.format and FORMATS[arguments.format].is_folder else "file"
 
 
 def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:

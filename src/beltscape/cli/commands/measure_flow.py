@@ -7,7 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from beltscape.cli.arguments import add_empty_belt, add_output_folder, make_settings, require_plausible
+from beltscape.cli.arguments import (
+    add_empty_belt,
+    add_output_folder,
+    add_preset,
+    make_settings,
+    require_plausible,
+)
 from beltscape.core.errors import SettingsError
 from beltscape.core.progress import Reporter
 from beltscape.core.quantities import DENSITY, FRAME_RATE, LOAD_HEIGHT
@@ -39,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="which way the belt travels (default: found from the material)",
     )  # fmt: skip
     parser.add_argument("-y", dest="direction", action="store_const", const="-y", help=argparse.SUPPRESS)
-    parser.add_argument("--preset", default="standard", help="matching: fast or standard (default)")
+    add_preset(parser, "matching")
     parser.add_argument(
         "--load",
         type=float,

@@ -9,7 +9,13 @@ from math import isnan
 from pathlib import Path
 from typing import Any
 
-from beltscape.cli.arguments import add_output_folder, add_workers, require_positive_range
+from beltscape.cli.arguments import (
+    CLOUD_FORMATS,
+    add_output_folder,
+    add_preset,
+    add_workers,
+    require_positive_range,
+)
 from beltscape.core.progress import Reporter
 
 
@@ -22,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--method", default="multiview",
         help="multiview (default: all auxiliaries at once), or the paper's pairwise or binocular",
     )  # fmt: skip
-    parser.add_argument("--preset", default="standard", help="multiview: fast or standard (default)")
+    add_preset(parser, "multiview")
     parser.add_argument(
         "--pair", metavar="CAMERA", help="binocular: the auxiliary (default: beside the core)"
     )
@@ -31,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="search between these depths, mm (default: found from the images)",
     )  # fmt: skip
     parser.add_argument(
-        "--cloud", choices=("las", "laz"), action="append", default=[],
+        "--cloud", choices=CLOUD_FORMATS, action="append", default=[],
         help="also write each cloud as LAS or LAZ, in m; can be given twice (pip install beltscape[export])",
     )  # fmt: skip
     add_workers(parser)

@@ -9,8 +9,9 @@ docstring defines its format (`opencv_yaml`, `opencv_stereo`, `kalibr`, `colmap`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -26,17 +27,33 @@ if TYPE_CHECKING:
     from beltscape.core.progress import Reporter
     from beltscape.files.exchange.rig_description import RigDescription
 
-FORMATS = {"opencv": "opencv_yaml", "kalibr": "kalibr", "colmap": "colmap", "ros": "ros"}
-"""Name of a format → its module, imported only when it is needed."""
 
-READABLE = {
-    **FORMATS,
-    "vic3d": "vic3d",
-    "opencv-stereo": "opencv_stereo",
-    "mc-calib": "mc_calib",
-    "caliscope": "caliscope",
+@dataclass(frozen=True, slots=True)
+class RigFormat:
+    """A format of another program."""
+
+    module: str
+    """Its module in this package, imported only when it is needed."""
+    example: str = ""
+    """An example of what is written; empty: the format is only read."""
+    is_folder: bool = False
+    """Whether a folder is written."""
+
+
+READABLE: Mapping[str, RigFormat] = {
+    "opencv": RigFormat("opencv_yaml", "rig.yaml"),
+    "kalibr": RigFormat("kalibr", "camchain.yaml"),
+    "colmap": RigFormat("colmap", "rig_config.json"),
+    "ros": RigFormat("ros", "camera_info", is_folder=True),
+    "vic3d": RigFormat("vic3d"),
+    "opencv-stereo": RigFormat("opencv_stereo"),
+    "mc-calib": RigFormat("mc_calib"),
+    "caliscope": RigFormat("caliscope"),
 }
-"""These and the formats that are only read."""
+"""All formats by their names."""
+
+FORMATS = {name: one for name, one in READABLE.items() if one.example}
+"""Those that are also written."""
 
 RIG_JSON = "rig.json"
 """Name that `detect_format` gives to Beltscape's own format."""
@@ -123,7 +140,7 @@ def _read(path: Path, kind: str, reporter: Reporter) -> RigDescription:
 def _module(kind: str) -> ExchangeFormat:
     if kind not in READABLE:
         raise InputError(f"format {kind!r} is not known; there are {', '.join(READABLE)}")
-    return import_module(f"{__name__}.{READABLE[kind]}")  # pyrefly: ignore[bad-return]
+    return import_module(f"{__name__}.{READABLE[kind].module}")  # pyrefly: ignore[bad-return]
 
 
 @contextmanager

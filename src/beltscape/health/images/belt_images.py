@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -52,13 +53,21 @@ class BeltImageSampler:
     def __init__(self, rig: Rig) -> None:
         self._rig = rig
         self._grid = SurfaceGrid(rig)
+        self._belt: tuple[bytes, BareBeltSampler] | None = None
 
     def sample(self, frames: FrameSet, depth: DepthMap, request: SampleRequest) -> BeltImageSamples:
         """Return what is requested of a frame."""
         view, belt = self._grid.view(frames, depth), None
         if request.belt:
-            belt = BareBeltSampler(self._rig, request.reference, self._grid).sample(view, request.pattern)
+            belt = self._choose_sampler(request.reference).sample(view, request.pattern)
         return BeltImageSamples(view.sample_surface(self._rig.cameras) if request.surface else None, belt)
+
+    def _choose_sampler(self, reference: EmptyBeltReference) -> BareBeltSampler:
+        """Return the sampler of this empty belt, which other processes send anew with every request."""
+        key = pickle.dumps(reference)
+        if self._belt is None or self._belt[0] != key:
+            self._belt = key, BareBeltSampler(self._rig, reference, self._grid)
+        return self._belt[1]
 
 
 class BeltImageMonitor:

@@ -24,6 +24,7 @@ from beltscape.health.images.surface_samples import (
     Texture,
     correlate_at_rest,
     find_peak,
+    sample_at,
 )
 from beltscape.health.settings import HealthSettings
 from beltscape.measure.belt.reference import EmptyBeltReference
@@ -190,17 +191,24 @@ class BareBeltSampler:
         self._rig, self._reference, self._grid = rig, reference, grid
         self.points_mm = _intersect_belt(grid, reference)
         """(H, W, 3) points of the learned empty belt on the rays of the grid, in the core's frame."""
+        self._places: dict[str, NDArray[np.float32]] = {}
+        """Camera → where its texture shows these points."""
 
     def sample(self, view: SurfaceView, learned: LearnedPattern | None) -> BareBelt:
         """Return the bare belt in a frame, with the displacement of the ``learned`` pattern if there is one."""
         is_bare, height = self._find_bare_belt(view.surface)
         textures = view.filter_textures(self._rig.cameras)
-        now = self._grid.sample_all(textures, self.points_mm)
+        now = {name: sample_at(texture, self._locate(name)) for name, texture in textures.items()}
         if learned is None:
             return BareBelt(is_bare, height, tuple(now), now, None)
         cell = float(np.nanmedian(self.points_mm[..., 2])) / self._grid.cells_per_unit
         shift = measure_pattern_shift(learned, now, is_bare, height, cell, self._rig.core)
         return BareBelt(is_bare, height, tuple(now), {}, shift)
+
+    def _locate(self, camera: str) -> NDArray[np.float32]:
+        if camera not in self._places:
+            self._places[camera] = self._grid.locate(camera, self.points_mm)
+        return self._places[camera]
 
     def _find_bare_belt(self, surface: SampledSurface) -> tuple[NDArray[np.bool_], float]:
         """Return where the belt is bare (H, W), and its mean height over the learned one there."""

@@ -110,11 +110,13 @@ class SurfaceGrid:
 
     def sample(self, texture: Texture, camera: str, points_mm: NDArray[np.float64]) -> Texture:
         """Return a camera's texture (H, W) at points (H, W, 3) of the core's frame; NaN outside its image."""
+        return sample_at(texture, self.locate(camera, points_mm))
+
+    def locate(self, camera: str, points_mm: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return where (2, H, W) a camera's texture shows points (H, W, 3) of the core's frame, for `sample_at`."""
         pixels = self._rig.cameras[camera].project(self._rig.cam_from_core[camera].apply(points_mm))
-        reduced = (pixels + 0.5) / self._reduction - 0.5
-        x, y = np.nan_to_num(reduced.astype(np.float32), nan=-9.0).transpose(2, 0, 1)
-        sampled = cv2.remap(texture, x, y, cv2.INTER_LINEAR, borderValue=float("nan"))
-        return np.asarray(sampled, np.float32)
+        reduced = ((pixels + 0.5) / self._reduction - 0.5).astype(np.float32)
+        return np.ascontiguousarray(np.nan_to_num(reduced, nan=-9.0).transpose(2, 0, 1))
 
     def sample_all(
         self, textures: Mapping[str, Texture], points_mm: NDArray[np.float64]
@@ -129,6 +131,12 @@ class SurfaceGrid:
         z = points_mm[..., 2:]
         motion = (along[:2] - points_mm[..., :2] / z * along[2]) / z * self._focal_cells
         return np.asarray(np.nanmedian(motion.reshape(-1, 2), axis=0), np.float64)
+
+
+def sample_at(texture: Texture, places: NDArray[np.float32]) -> Texture:
+    """Return a texture (H, W) at the places (2, H, W) of `SurfaceGrid.locate`; NaN outside it."""
+    x, y = places
+    return np.asarray(cv2.remap(texture, x, y, cv2.INTER_LINEAR, borderValue=float("nan")), np.float32)
 
 
 class SurfaceView:

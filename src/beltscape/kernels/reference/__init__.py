@@ -12,32 +12,9 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from beltscape.kernels.reference.geometry import (
-    fuse_layers,
-    inverse_depth_buffers,
-    rasterise_heights,
-    triangulate,
-    visible,
-)
-from beltscape.kernels.reference.holes import fill_holes, hole_inputs
-from beltscape.kernels.reference.images import (
-    gather,
-    spline_coefficients,
-    warp,
-)
-from beltscape.kernels.reference.least_squares import local_fit, normal_equations
-from beltscape.kernels.reference.networks import evaluate_network, pass_messages
-from beltscape.kernels.reference.selection import candidate_surfaces, photo_consistency, propagate
-from beltscape.kernels.reference.sweep import aggregate, sweep, sweep_and_aggregate
+from beltscape.kernels.reference import geometry, holes, images, least_squares, networks, selection, sweep
 
-_KERNELS: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
-    kernel.__name__: kernel
-    for kernel in (
-        aggregate, candidate_surfaces, evaluate_network, fill_holes, fuse_layers, gather, hole_inputs, local_fit,
-        normal_equations, pass_messages, photo_consistency, propagate, spline_coefficients, sweep_and_aggregate,
-        triangulate, visible, warp,
-    )
-}  # fmt: skip
+_FAMILIES = (geometry, holes, images, least_squares, networks, selection, sweep)
 
 
 class ReferenceBackend:
@@ -52,10 +29,15 @@ class ReferenceBackend:
         del threads
         match kernel:
             case "sweep":
-                return sweep(given, len(out[0]))  # pyrefly: ignore[bad-argument-type]
+                return sweep.sweep(given, len(out[0]))  # pyrefly: ignore[bad-argument-type]
             case "rasterise_heights":
-                return rasterise_heights(given, out[0].shape)  # pyrefly: ignore[bad-argument-type]
+                return geometry.rasterise_heights(given, out[0].shape)  # pyrefly: ignore[bad-argument-type]
             case "inverse_depth_buffers":
-                return inverse_depth_buffers(given, [(b.shape[1], b.shape[0]) for b in out])  # pyrefly: ignore[bad-argument-type]
+                return geometry.inverse_depth_buffers(given, [(b.shape[1], b.shape[0]) for b in out])  # pyrefly: ignore[bad-argument-type]
             case _:
-                return _KERNELS[kernel](given)
+                return _find_kernel(kernel)(given)
+
+
+def _find_kernel(name: str) -> Callable[[Any], Sequence[NDArray[Any]]]:
+    """Return the function of that name; no two families have a kernel of one name."""
+    return next(getattr(family, name) for family in _FAMILIES if hasattr(family, name))

@@ -5,11 +5,19 @@ Costs are aggregated over eight paths.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.arrays import Array
-from beltscape.kernels.reference.view import bilinear, centred_windows, project, window_dissimilarity
+from beltscape.kernels.reference.view import (
+    bilinear,
+    centred_windows,
+    interpolate_cubic,
+    project,
+    window_dissimilarity,
+)
 from beltscape.kernels.sweep import WORST, AggregateInput, SweepAndAggregateInput, SweepInput, bands
 
 PATHS = [(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if (dy, dx) != (0, 0)]
@@ -59,7 +67,11 @@ def _decide(sums: Array) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 
 def sweep(given: SweepInput, rows: int) -> tuple[NDArray[np.uint8]]:
     """Return the costs (rows, W, planes)."""
-    cost = np.stack([_plane(given, given.first + given.step * d) for d in range(given.planes)], axis=-1)
+    aligned = [
+        _AlignedImage.align(image, view, given) for image, view in zip(given.images, given.views, strict=True)
+    ]
+    planes = given.first + given.step * np.arange(given.planes)
+    cost = np.stack([_plane(given, s, aligned) for s in planes], axis=-1)
     return (cost[given.first_row : given.first_row + rows],)
 
 
@@ -75,15 +87,64 @@ def sweep_and_aggregate(given: SweepAndAggregateInput) -> tuple[NDArray[np.float
     return index, margin
 
 
-def _plane(given: SweepInput, s: float) -> NDArray[np.uint8]:
+def _plane(given: SweepInput, s: float, aligned: list[_AlignedImage]) -> NDArray[np.uint8]:
     """Return the costs (H, W) of one plane."""
-    height, width = given.core.shape
-    v, u = np.mgrid[:height, :width].astype(np.float64)
     core = centred_windows(given.core.astype(np.float64))
-    each: list[NDArray[np.float64]] = []
-    for image, view in zip(given.images, given.views, strict=True):
-        seen_u, seen_v, _ = project(view, u, v, np.full((height, width), s))
-        aux = centred_windows(bilinear(image.astype(np.float64), seen_u, seen_v))
-        each.append(window_dissimilarity(core, aux, given.floor))
+    each = [
+        window_dissimilarity(core, centred_windows(image.sample(s, given.core.shape)), given.floor)
+        for image in aligned
+    ]
     mean = np.sort(each, axis=0)[: given.best].mean(axis=0)
     return np.floor(WORST * mean + 0.5).astype(np.uint8)
+
+
+MOST_SCALE = 4.0
+"""Largest scale of a plane in an aligned image: beyond it, an auxiliary does not see the plane."""
+
+
+@dataclass(frozen=True)
+class _AlignedImage:
+    """An auxiliary's image in the directions of the core's grid, over the field that the planes take of it.
+
+    The auxiliary sees core pixel (x, y) at inverse depth s, which lies at direction @ (x, y, 1) + shift · s in its
+    frame, at (x + s g_u, y + s g_v) / (1 + s g_z) here, with g = direction⁻¹ @ shift.
+    """
+
+    levels: Array
+    """(h, w) grey levels, the first at (left, top); NaN where the auxiliary sees nothing."""
+    left: int
+    top: int
+    shift: Array
+    """(3,) g."""
+
+    @classmethod
+    def align(
+        cls, image: NDArray[np.floating], view: NDArray[np.floating], given: SweepInput
+    ) -> _AlignedImage:
+        direction, shift = np.asarray(view[:9], np.float64).reshape(3, 3), np.asarray(view[9:12], np.float64)
+        g = np.linalg.solve(direction, shift)
+        s = given.first + given.step * np.arange(given.planes)
+        scale = 1 / (1 + s * g[2])
+        seen = (scale > 0) & (scale <= MOST_SCALE)
+        if not seen.any() or min(image.shape) < 4:
+            return cls(np.empty((0, 0)), 0, 0, g)
+        (height, width), s, scale = given.core.shape, s[seen], scale[seen]
+        u, v = scale * s * g[0], scale * s * g[1]
+        left, top = int(np.floor(u.min())) - 1, int(np.floor(v.min())) - 1
+        columns = np.arange(left, np.floor((scale * (width - 1) + u).max()) + 3)
+        rows = np.arange(top, np.floor((scale * (height - 1) + v).max()) + 3)
+        grid_v, grid_u = np.meshgrid(rows, columns, indexing="ij")
+        seen_u, seen_v, _ = project(view, grid_u, grid_v, np.zeros_like(grid_u))
+        return cls(interpolate_cubic(image.astype(np.float64), seen_u, seen_v), left, top, g)
+
+    def sample(self, s: float, shape: tuple[int, ...]) -> Array:
+        """Return what the auxiliary sees of the plane on the core's grid (H, W), bilinearly; NaN: nothing."""
+        scale = 1 / (1 + s * self.shift[2])
+        if not 0 < scale <= MOST_SCALE:
+            return np.full(shape, np.nan)
+        y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
+        return bilinear(
+            self.levels,
+            (x + s * self.shift[0]) * scale - self.left,
+            (y + s * self.shift[1]) * scale - self.top,
+        )

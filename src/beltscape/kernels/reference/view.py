@@ -69,6 +69,30 @@ def bilinear(image: Array, u: Array, v: Array) -> Array:
     return np.where(inside, (1 - v) * above + v * below, np.nan)
 
 
+def interpolate_cubic(image: Array, u: Array, v: Array) -> Array:
+    """Return the image (h, w) at (u, v) by Keys' cubic (1981); NaN where the 4 × 4 footprint is not inside."""
+    inside = (u >= 1) & (u < image.shape[1] - 2) & (v >= 1) & (v < image.shape[0] - 2)
+    u, v = np.where(inside, u, 1), np.where(inside, v, 1)
+    x, y = u.astype(int), v.astype(int)
+    found = np.full(u.shape, np.nan)
+    if inside.any():
+        across, down = _weigh_cubic(u - x), _weigh_cubic(v - y)
+        taps = [[image[y + i - 1, x + j - 1] for j in range(4)] for i in range(4)]
+        rows = [sum(w * tap for w, tap in zip(across, row, strict=True)) for row in taps]
+        found = sum(w * row for w, row in zip(down, rows, strict=True))
+    return np.where(inside, found, np.nan)
+
+
+def _weigh_cubic(at: Array) -> list[Array]:
+    """Return the weights of the pixels at −1, 0, 1 and 2 for a place ``at`` 0 … 1 (Keys' kernel with a = −1/2)."""
+    return [
+        at**2 - (at**3 + at) / 2,
+        1.5 * at**3 - 2.5 * at**2 + 1,
+        2 * at**2 - 1.5 * at**3 + at / 2,
+        (at**3 - at**2) / 2,
+    ]
+
+
 def window_dissimilarity(core: Array, auxiliary: Array, floor: float) -> Array:
     """Return (H, W) the normalised squared difference of two centred windows (9, H, W), 0 … 1; 1 where one is NaN.
 

@@ -55,11 +55,16 @@ def find_basins(field: NDArray[np.float32], floor: float) -> NDArray[np.int64]:
     first = np.full(count + 1, rows * columns, np.int64)
     np.minimum.at(first, pools.ravel(), index.ravel())
     to = np.where(pools > 0, first[pools], to).ravel()
+    return _number_roots(to).reshape(rows, columns)
+
+
+def _number_roots(parents: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the number (n,), from 0, of the root that each of n nodes reaches by its parents."""
     while True:
-        further = to[to]
-        if (further == to).all():
-            return np.unique(to, return_inverse=True)[1].reshape(rows, columns)
-        to = further
+        further = parents[parents]  # twice as far with each round
+        if (further == parents).all():
+            return np.unique(parents, return_inverse=True)[1]
+        parents = further
 
 
 def find_borders(regions: NDArray[np.int64], field: NDArray[np.float32]) -> Borders:
@@ -106,11 +111,7 @@ def merge_regions(number: int, borders: Borders, limit: float) -> NDArray[np.int
             beside[keep][other] = beside[other][keep] = joint
             heappush(queue, (joint[0] / joint[1], min(keep, other), max(keep, other)))
         beside[give] = {}
-    while True:
-        further = root[root]
-        if (further == root).all():
-            return np.unique(root, return_inverse=True)[1]
-        root = further
+    return _number_roots(root)
 
 
 _STEP_CELLS = 1.0

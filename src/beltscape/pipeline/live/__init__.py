@@ -3,6 +3,6 @@
 `project` reads the settings, `check` tries them, `assembly` opens everything and builds the `engine` from its
 `engine_components` and `measuring_parts`. Frame sets pass `intake` and `measurement_run` into the `ledger`; a
 `writer` hands records to each sink. `gauges`, `alarm_control` with `hidden_alarms`, `maintenance`,
-`production`, `zero`, `event_log`, `reporting` and `image_monitors` with their `learned_images` go on beside
-them.
+`production`, `zero`, `event_log` and `reporting` go on beside them, and what the monitors of the images keep in
+`learned_images`.
 """

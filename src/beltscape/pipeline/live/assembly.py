@@ -32,7 +32,7 @@ from beltscape.pipeline.live.writer import CsvTable, make_record_writer, notify_
 from beltscape.pipeline.measuring.instants import Instant, list_instants
 from beltscape.pipeline.reconstructing.match_ahead import LiveWorkers, open_live_workers
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
-from beltscape.sinks.historian import Historian
+from beltscape.sinks.historian import Historian, LedgerEnd
 from beltscape.sinks.recorder import Recorder
 from beltscape.sources.encoder.opening import Encoder, open_encoder
 from beltscape.sources.genicam.settings import CamerasSettings
@@ -125,8 +125,7 @@ def _assemble_around(
     events = EventLog(historian)
     observer = _add_exposure_control(observer, settings.cameras, source, rig, context, events)
     resume = historian.ledger_end
-    ended = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
-    encoder = _open_encoder(project, options, ended)
+    encoder = _open_encoder(project, options, resume)
     run = historian.begin_run(parts.provenance)
     state = LedgerState(run, resume.number + 1, resume.end_mm, resume.offset_mm)
     writers = [make_record_writer("historian", historian, notify_records(observer, historian))]
@@ -155,11 +154,7 @@ def _assemble_around(
         users_trouble=options.users_trouble,
         reports_trouble=options.reports_trouble,
         heartbeat=options.heartbeat,
-        maintenance=MaintenanceMode(
-            options.data,
-            on_message=reporter.warn,
-            recover=lambda: recover_maintenance(historian.events(0, _END_OF_TIME_NS)),
-        ),
+        maintenance=_open_maintenance(options.data, historian, reporter),
         workers=workers,
         learned_images=context.learned_images,
         read_tag=lambda: production.tag,
@@ -192,6 +187,15 @@ def _add_exposure_control(
     return Observers((observer, control))
 
 
+def _open_maintenance(data: Path, historian: Historian, reporter: Reporter) -> MaintenanceMode:
+    """Return the maintenance of an earlier run that has not ended, by the history where its file is damaged."""
+    return MaintenanceMode(
+        data,
+        on_message=reporter.warn,
+        recover=lambda: recover_maintenance(historian.events(0, _END_OF_TIME_NS)),
+    )
+
+
 def check_encoder(project: Project[RunSettings]) -> None:
     """Open the encoder and close it again; InputError if its file cannot be read or its port is in use."""
     capture = project.settings.capture
@@ -204,10 +208,9 @@ def check_encoder(project: Project[RunSettings]) -> None:
         opened.close()
 
 
-def _open_encoder(
-    project: Project[RunSettings], options: RunOptions, ended_mm: float | None
-) -> Encoder | None:
-    """Open the encoder, which continues at ``ended_mm``; None if the capture's frames contain its readings."""
+def _open_encoder(project: Project[RunSettings], options: RunOptions, resume: LedgerEnd) -> Encoder | None:
+    """Open the encoder, which continues where the ledger ended; None if the capture's frames contain its readings."""
+    ended_mm = None if resume.end_mm is None else resume.end_mm - resume.offset_mm
     settings = project.settings
     if settings.encoder.kind == "capture" and settings.capture is not None and not settings.encoder.path:
         return None

@@ -18,6 +18,7 @@ from beltscape.core.events import FrameEvent, Maintenance, ZeroProposal
 from beltscape.core.frames import FrameSet
 from beltscape.core.supervision import make_supervised_thread
 from beltscape.core.system_calls import release_memory
+from beltscape.core.translatable_message import make_event_text
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.alarm_control import AlarmControl
 from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts
@@ -87,7 +88,7 @@ class OperatorControls:
         """Learn anew what sound images show, after cleaning or work at lenses and lights."""
         if not self._components.learned_images.learn_anew():
             return False
-        self._events.add("images", "learn", "what the cameras normally show is learned anew", time_ns(), by)
+        self._events.add("images", "learn", make_event_text("images_learn"), time_ns(), by)
         return True
 
     def measure_zero(self) -> ZeroProposal:
@@ -302,8 +303,7 @@ class Engine(OperatorControls):
         gauges.capacity = self._capacity.compute(abs(high_mm - low_mm))
         if math.isnan(before.sets_per_s) and not math.isnan(gauges.capacity.sets_per_s):
             rate, speed = f"{gauges.capacity.sets_per_s:.3g}", f"{gauges.capacity.speed_mm_s * 1e-3:.3g}"
-            seen = f"every millimetre is seen twice up to {speed} m/s"
-            text = f"this computer measures {rate} frame sets a second: {seen}"
+            text = make_event_text("capacity_measured", rate=rate, speed=speed)
             parameters: dict[str, object] = {"rate": float(rate), "speed": float(speed)}
             self._events.add("capacity", "measured", text, time_ns(), parameters=parameters)
 
@@ -333,7 +333,7 @@ class Engine(OperatorControls):
         self._events.add(
             "settings",
             "measuring",
-            f"rig, empty belt and settings of measuring hold from record {measurement.first_number} on",
+            make_event_text("settings_measuring", record=measurement.first_number),
             time_ns(),
             parameters={"record": measurement.first_number},
         )

@@ -162,7 +162,7 @@ class ExposureControl(Observer):
         return self._controller.exposures_us
 
     def on_maintenance(self, maintenance: Maintenance | None) -> None:
-        """Stop at the begin of maintenance, go on at its end."""
+        """Stop at the beginning of maintenance, go on at its end."""
         self._is_maintained = maintenance is not None
 
     def on_frame(self, event: FrameEvent) -> None:

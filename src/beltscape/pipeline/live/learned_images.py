@@ -69,14 +69,15 @@ def read_optional_file(
 ) -> Content | None:
     """Return what ``read`` finds in a file; None without it, and where it is damaged.
 
-    A damaged file is set aside with a warning, of which ``fix`` is the end: what happens without the file.
+    A damaged file is set aside with a warning, of which ``fix`` is the end: what happens without the file. The errors
+    of ``read`` name the fault alone.
     """
     if not path.is_file():
         return None
     try:
         return read()
     except Exception as error:
-        reporter.warn(f"{set_aside(path, describe_damage(path, error).removesuffix(f'; {fix}'))}; {fix}")
+        reporter.warn(f"{set_aside(path, describe_damage(path, error))}; {fix}")
         return None
 
 
@@ -102,7 +103,7 @@ def read_references(path: Path, key: Mapping[str, Any], reporter: Reporter) -> I
         document = read_json(path)
         if not is_dict(document) or document.get("format") != REFERENCES_FORMAT:
             raise InputError(f"{path}: is no file of image references")
-        require_digest(path, document, _REFERENCES_FIX)
+        require_digest(path, document)
         changed = [name for name, value in key.items() if document.get(name) != value]
         if changed:
             reporter.warn(f"{path}: the {' and the '.join(changed)} changed since; {_REFERENCES_FIX}")

@@ -35,7 +35,7 @@ from beltscape.production.settings import (
 from beltscape.sinks.settings import CsvSettings, HistorySettings, RecordingSettings
 from beltscape.sources.encoder.settings import EncoderSettings
 from beltscape.sources.genicam.settings import CamerasSettings
-from beltscape.stereo.settings import MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings, Preset
 
 
 def read_density_over_time(path: Path) -> Density:
@@ -48,9 +48,6 @@ def read_product_density(products: Path, name: str) -> Density:
     """Return the density of one product of a TOML file; InputError if it is not in the file."""
     product = find_product(products, name)
     return Density.constant(product.density_kg_m3, product.sigma_kg_m3, name)
-
-
-Preset = Literal["fast", "standard"]
 
 
 class _Table(BaseModel):

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.core.errors import ReconstructionError, SettingsError
+from beltscape.core.errors import ReconstructionError
 from beltscape.core.frames import FrameSet
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.ledger import QUALITIES, FlowRecord
@@ -48,7 +48,7 @@ from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.pipeline.reconstructing.search_range import find_capture_depth_range
 from beltscape.report.measuring.flow import FlowReport, render_flow_page
 from beltscape.sources.folder import FolderSource, scale_rig_to_capture
-from beltscape.stereo.settings import PRESETS, MultiviewSettings
+from beltscape.stereo.settings import MultiviewSettings, require_preset
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,8 +95,7 @@ def measure_flow_of_capture(
         With one line that names the fault and the fix; also if most frame pairs contradict the given
         direction or the encoder.
     """
-    if preset not in PRESETS:
-        raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
+    require_preset(preset)
     rig = scale_rig_to_capture(rig, capture, reporter)
     source = open_capture(capture, rig, reporter)
     instants = list_instants(source, encoder, frames_per_s, reporter)

@@ -31,11 +31,7 @@ from beltscape.health.camera_poses import (
     repeat_faults,
 )
 from beltscape.health.redundancy import make_redundancy_finding
-from beltscape.pipeline.reconstructing.frame_measurements import (
-    CameraRequest,
-    MeasuredCameras,
-    MeasuredDepth,
-)
+from beltscape.pipeline.reconstructing.frame_measurements import CameraRequest, CamerasAhead
 from beltscape.stereo.consistency.check import (
     POOLED_FRAMES,
     ResidualAccumulator,
@@ -77,10 +73,6 @@ class CameraCheck:
         """The frame set before the last one."""
         self._instant: OtherInstant | None = None
         """A camera of another instant, until a frame shows that it no longer is."""
-        self._kept: tuple[CameraRequest | None, MeasuredDepth] | None = None
-        """The last frame's depth, with what was measured for a request."""
-        self._known: tuple[CameraRequest, MeasuredCameras] | None = None
-        """What of it was used by the last check."""
 
     def note_frame(self, frame_set: FrameSet) -> None:
         """Note the next frame set of the sequence, whether it will be checked or not."""
@@ -96,35 +88,29 @@ class CameraCheck:
         accumulator = pickle.dumps(self._get_accumulator())
         return CameraRequest(auxiliaries, self._get_tolerance(), self._confirmed, accumulator, self._checks)
 
-    def keep(self, request: CameraRequest | None, matched: MeasuredDepth) -> None:
-        """Let `check` use what was measured with a depth, as far as it holds."""
-        self._kept = request, matched
-
-    def _find_known(self, depth: DepthMap | None, auxiliaries: tuple[str, ...]) -> RigConsistency | None:
-        """Return the consistency of a frame if it was measured with the same depth, auxiliaries and state."""
-        request, matched = self._kept or (None, None)
-        self._kept = self._known = None
-        if request is None or matched is None or matched.measurements is None or matched.depth is not depth:
-            return None
-        cameras = matched.measurements.cameras
-        if cameras is None or request.auxiliaries != auxiliaries or request.confirmed is not self._confirmed:
-            return None
-        self._known = request, cameras
-        return cameras.consistency
-
     def _get_accumulator(self) -> ResidualAccumulator:
         if self._accumulator is None:
             self._accumulator = ResidualAccumulator(self._rig, self._depth_mm)
         return self._accumulator
 
     def check(
-        self, frame_set: FrameSet, depth: DepthMap | None, auxiliaries: tuple[str, ...]
+        self,
+        frame_set: FrameSet,
+        depth: DepthMap | None,
+        auxiliaries: tuple[str, ...],
+        ahead: CamerasAhead | None = None,
     ) -> RigConsistency:
-        """Return the consistency of one frame, together with those before it that left open which camera moved."""
+        """Return the consistency of one frame, together with those before it that left open which camera moved.
+
+        What was measured ``ahead`` with this very depth is used as far as it holds.
+        """
         tolerance = self._get_tolerance()
-        consistency = self._find_known(depth, auxiliaries) or check_consistency(
-            frame_set, self._rig, depth, auxiliaries, tolerance, self._confirmed
-        )
+        if ahead is not None and ahead.request.holds_for(auxiliaries, self._confirmed):
+            consistency = ahead.measured.consistency
+        else:
+            consistency = check_consistency(
+                frame_set, self._rig, depth, auxiliaries, tolerance, self._confirmed
+            )
         if consistency.is_confirmed:
             self._confirmed = consistency
         if not (consistency.suspects and consistency.guided):
@@ -145,13 +131,12 @@ class CameraCheck:
         )
         return consistency if together.is_sound or together.suspects else together
 
-    def accumulate(self, consistency: RigConsistency) -> RigConsistency:
+    def accumulate(self, consistency: RigConsistency, ahead: CamerasAhead | None = None) -> RigConsistency:
         """Return the contradiction that a sound frame shows together with those before it, or its own state."""
         if not consistency.guided:
             return consistency
-        known = self._known
-        if known and known[1].consistency is consistency and known[0].checks == self._checks:
-            self._accumulator, together = known[1].accumulator, known[1].together
+        if ahead and ahead.measured.consistency is consistency and ahead.request.checks == self._checks:
+            self._accumulator, together = ahead.measured.accumulator, ahead.measured.together
         else:
             accumulator = self._get_accumulator()
             accumulator.add(consistency.tie_points)

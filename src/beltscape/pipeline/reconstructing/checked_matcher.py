@@ -30,6 +30,7 @@ from beltscape.pipeline.reconstructing.camera_checks import (
 )
 from beltscape.pipeline.reconstructing.frame_measurements import (
     CameraRequest,
+    CamerasAhead,
     FrameMeasurements,
     MeasurementRequest,
 )
@@ -77,17 +78,8 @@ class PendingFrame:
     def find_measurements(
         self, depth: DepthMap | None
     ) -> tuple[MeasurementRequest, FrameMeasurements] | None:
-        """Return what was measured of the frame with this depth, and the request; None: nothing.
-
-        It holds for the very depth that `complete` returned: another one has an error added, or other cameras.
-        """
-        match = self.match
-        if match is None or match.request is None or match.measured is None:
-            return None
-        measurements = match.measured.measurements
-        if measurements is None or match.measured.depth is not depth:
-            return None
-        return match.request, measurements
+        """Return what was measured of the frame with this depth, and the request; None: nothing."""
+        return None if self.match is None else self.match.find_measurements(depth)
 
     def complete(self, reporter: Reporter) -> DepthMap:
         """Return the depth; see `MonitoredMatcher.reconstruct`. Frames are completed in their order."""
@@ -295,17 +287,21 @@ class CheckedMatcher:
             self._findings.set_unchecked(names)
             return CheckedDepth(self._add_systematic(depth), None, names, ())
         before = names
-        if pending is not None and pending.request is not None and matched is not None:
-            self._cameras.keep(pending.request.cameras, matched)
-        names, depth, consistency = self._check_cameras(names, frame_set, depth, reporter)
+        ahead = None if pending is None else pending.find_cameras(depth)
+        names, depth, consistency = self._check_cameras(names, frame_set, depth, reporter, ahead)
         return self._assess(frame_set, depth, consistency, names, before)
 
     def _check_cameras(
-        self, names: tuple[str, ...], frame_set: FrameSet, depth: DepthMap, reporter: Reporter
+        self,
+        names: tuple[str, ...],
+        frame_set: FrameSet,
+        depth: DepthMap,
+        reporter: Reporter,
+        ahead: CamerasAhead | None,
     ) -> tuple[tuple[str, ...], DepthMap, RigConsistency]:
         """Return the consistent auxiliaries, the depth measured with them, and the cameras' consistency."""
         usable = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
-        consistency = self._cameras.check(frame_set, depth, usable)
+        consistency = self._cameras.check(frame_set, depth, usable, ahead)
         for _ in usable:
             consistent = _select_consistent(consistency)
             if consistency.is_sound or not consistent or consistent == names:
@@ -314,7 +310,7 @@ class CheckedMatcher:
             depth = self._match(names, frame_set, reporter)
             consistency = self._cameras.check(frame_set, depth, usable)
         if consistency.is_sound:
-            consistency = self._cameras.accumulate(consistency)
+            consistency = self._cameras.accumulate(consistency, ahead)
             consistent = tuple(name for name in _select_consistent(consistency) if name in usable)
             if consistent and consistent != names:
                 names = consistent

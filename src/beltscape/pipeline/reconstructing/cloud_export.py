@@ -11,14 +11,13 @@ from beltscape.core.checks import is_dict
 from beltscape.core.cloud import PointCloud
 from beltscape.core.errors import InputError
 from beltscape.files.belt_json import read_belt
-from beltscape.files.clouds import require_ending, write_cloud
+from beltscape.files.clouds import ENDINGS, FORMATS, require_ending, write_cloud
 from beltscape.files.json_text import compute_file_digests, read_json
-from beltscape.files.las import ENDINGS as LAS_ENDINGS
 from beltscape.files.paths import AnyPath, as_path
 from beltscape.files.ply import read_cloud
 from beltscape.files.reconstruction import DOCUMENT, FrameResult, read_frame
 
-FORMATS = tuple(ending.removeprefix(".") for ending in LAS_ENDINGS)
+EXTRA_FORMATS = tuple(ending.removeprefix(".") for ending in ENDINGS if ending != ".ply")
 """Formats that `reconstruct` writes beside cloud.ply."""
 
 
@@ -31,7 +30,7 @@ class ExportedCloud:
     frame: str
     """Coordinate frame of its points: core or belt."""
     unit: str
-    """Unit of its coordinates: mm in PLY, m in LAS and LAZ."""
+    """Unit of its coordinates."""
 
 
 def export_cloud(source: AnyPath, out: AnyPath, belt: AnyPath | None = None) -> ExportedCloud:
@@ -52,7 +51,7 @@ def export_cloud(source: AnyPath, out: AnyPath, belt: AnyPath | None = None) -> 
     if belt is not None:
         cloud = cloud.transform(read_belt(as_path(belt, "belt"))[0].belt_from_core, "belt")
     write_cloud(out, cloud, _describe_provenance(frame))
-    return ExportedCloud(out, len(cloud.points_mm), cloud.frame, "mm" if ending == ".ply" else "m")
+    return ExportedCloud(out, len(cloud.points_mm), cloud.frame, FORMATS[ending].unit)
 
 
 def export_clouds(folders: Sequence[Path], formats: Sequence[str]) -> None:

@@ -43,6 +43,10 @@ class CameraRequest:
     checks: int
     """Number of frames that were added to it."""
 
+    def holds_for(self, auxiliaries: tuple[str, ...], confirmed: RigConsistency | None) -> bool:
+        """Return whether a check with these arguments has the result of the requested one."""
+        return self.auxiliaries == auxiliaries and self.confirmed is confirmed
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuredCameras:
@@ -53,6 +57,14 @@ class MeasuredCameras:
     """With this frame; None: a frame that is not sound by itself is not added."""
     together: RigConsistency | None = None
     """The contradiction that the frames show together, if they do."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CamerasAhead:
+    """A check of the cameras that was made where the frame was matched, and what it was made with."""
+
+    request: CameraRequest
+    measured: MeasuredCameras
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,12 @@ from typing import Protocol
 from beltscape.core.depth import DepthMap
 from beltscape.core.frames import FrameSet
 from beltscape.core.progress import Reporter
-from beltscape.pipeline.reconstructing.frame_measurements import MeasuredDepth, MeasurementRequest
+from beltscape.pipeline.reconstructing.frame_measurements import (
+    CamerasAhead,
+    FrameMeasurements,
+    MeasuredDepth,
+    MeasurementRequest,
+)
 
 
 class FrameMatcher(Protocol):
@@ -68,3 +73,22 @@ class PendingMatch:
         """Wait for the depth and return it; None if it could not be matched there. Errors as `FrameMatcher`."""
         self.measured = self.depth.result()
         return self.measured
+
+    def find_measurements(
+        self, depth: DepthMap | None
+    ) -> tuple[MeasurementRequest, FrameMeasurements] | None:
+        """Return what was measured of the frame with this depth, and the request; None: nothing.
+
+        It holds for the very depth that `wait` returned: another one has an error added, or other cameras.
+        """
+        measured = self.measured
+        if self.request is None or measured is None or measured.measurements is None:
+            return None
+        return (self.request, measured.measurements) if measured.depth is depth else None
+
+    def find_cameras(self, depth: DepthMap) -> CamerasAhead | None:
+        """Return the check of the cameras with this depth; None: there is none."""
+        request, measurements = self.find_measurements(depth) or (None, None)
+        if request is None or measurements is None or request.cameras is None or measurements.cameras is None:
+            return None
+        return CamerasAhead(request.cameras, measurements.cameras)

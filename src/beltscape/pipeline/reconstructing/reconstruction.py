@@ -35,7 +35,7 @@ from beltscape.pipeline.reconstructing.pending_match import MatchPool
 from beltscape.pipeline.reconstructing.search_range import check_depth_range, find_capture_depth_range
 from beltscape.sources.folder import FolderSource, scale_rig_to_capture
 from beltscape.stereo.pairwise.reconstructor import find_horizontal_auxiliary
-from beltscape.stereo.settings import PRESETS, MultiviewSettings, PairwiseSettings
+from beltscape.stereo.settings import MultiviewSettings, PairwiseSettings, require_preset
 from beltscape.workers.options import HERE, WorkerOptions
 
 METHODS = ("multiview", "pairwise", "binocular")
@@ -80,8 +80,7 @@ def reconstruct_capture(
     """
     capture, out = as_path(capture, "capture"), as_path(out, "out")
     wanted = select_auxiliaries(method, rig, pair)
-    if preset not in PRESETS:
-        raise SettingsError(f"preset {preset}: unknown; use --preset {', '.join(PRESETS)}")
+    require_preset(preset)
     rig = scale_rig_to_capture(rig, capture, reporter)
     source = open_capture(capture, rig, reporter)
     auxiliaries = tuple(name for name in wanted if name in source.cameras)

@@ -197,9 +197,8 @@ def list_tls_files(settings: MqttSettings) -> tuple[Path | None, Path | None, Pa
 
 def find_refusal(settings: MqttSettings, password: str | None) -> str:
     """Return why the broker does not accept a connection, in one line; empty if it does. Nothing is published."""
-    own = settings.model_copy(
-        update={"client": f"{settings.client_id[:50]}-check"}
-    )  # disconnects no running client
+    # another identifier, since a broker disconnects the running client where one comes with its own; at most 60 long
+    own = settings.model_copy(update={"client": f"{settings.client_id[:50]}-check"})
     connection = Connection(own, password, MqttMessage(f"{settings.place}/check", "", qos=0))
     try:
         return connection.open()

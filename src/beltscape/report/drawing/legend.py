@@ -29,6 +29,8 @@ _BAR = slice(8, 8 + _BAR_PX)
 """Rows of the ramp and of the patches."""
 _STEPS = 4
 """Smallest number of intervals between ticks."""
+_WEIGHT = 400
+"""Weight of the typeface: regular, as in CSS."""
 _PATCH_PX = 16
 """Width of a patch."""
 
@@ -85,8 +87,8 @@ class Scale:
         with np.errstate(invalid="ignore", divide="ignore"):
             share = self._share(values.astype(np.float32))
         valid = ~np.isnan(share)
-        eight = np.rint((len(self.colormap) - 1) * np.where(valid, np.clip(share, 0, 1), 0)).astype(np.uint8)
-        image = self.colormap.take(eight, axis=0)
+        entry = np.rint((len(self.colormap) - 1) * np.where(valid, np.clip(share, 0, 1), 0)).astype(np.uint8)
+        image = self.colormap.take(entry, axis=0)
         image[~valid] = QUIET
         return image
 
@@ -116,7 +118,7 @@ class Scale:
             step = round_below((self.high - self.low) / steps)
             first, last = float(np.ceil(self.low / step - 1e-6)), float(np.floor(self.high / step + 1e-6))
             counts = np.arange(first, last + 1)
-            return [float(np.round(n * step, 9) + 0.0) for n in counts]
+            return [float(np.round(n * step, 9) + 0.0) for n in counts]  # adding 0 makes 0 of −0
         decades = range(int(np.floor(np.log10(self.low))), int(np.ceil(np.log10(self.high))) + 1)
         for digits in ((1, 2, 5), (1,)):
             ticks = [d * 10.0**n for n in decades for d in digits]
@@ -176,13 +178,13 @@ def round_below(value: float) -> float:
 def draw_text(image: Rgb, text: str, left_base: tuple[int, int], size: int, color: Color = INK) -> None:
     """Draw text into an image; the position is the left end of its base line, px."""
     with _drawing:
-        cv2.putText(image, text, left_base, color, _font(), size, 400)
+        cv2.putText(image, text, left_base, color, _font(), size, _WEIGHT)
 
 
 def measure_text(text: str, size: int) -> int:
     """Return the width of a text, px."""
     with _drawing:
-        return int(cv2.getTextSize((0, 0), text, (0, 0), _font(), size, 400)[2])
+        return int(cv2.getTextSize((0, 0), text, (0, 0), _font(), size, _WEIGHT)[2])
 
 
 def _paper(width_px: int) -> Rgb:

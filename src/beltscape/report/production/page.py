@@ -55,7 +55,7 @@ def _find_colour(document: ReportDocument, at_ms: int) -> str:
 
 
 def _list_ticks(since_ms: int, until_ms: int, count: int) -> Sequence[int]:
-    """Return round instants between both, at most ``count``, counted from the begin."""
+    """Return round instants between both, at most ``count``, counted from the beginning."""
     span_min = (until_ms - since_ms) / 60_000
     step = next((each for each in _STEPS_MIN if span_min / each <= count), 1440)
     return range(since_ms, until_ms + 1, step * 60_000)

@@ -19,49 +19,43 @@ from beltscape.core.errors import InputError, OutputError
 from beltscape.core.ledger import QUALITIES, STANDINGS, BeltRecord, CrossSection
 from beltscape.files.atomic import commit_file
 from beltscape.files.json_text import hash_file
-from beltscape.sinks.historian.records import from_row
+from beltscape.sinks.historian.records import COLUMNS, RecordRow, from_row
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
 
-NAMES = (
-    *(
-        "number",
-        "run",
-        "belt_from_mm",
-        "belt_to_mm",
-        "standing",
-        "reason",
-        "wall_time",
-        "run_sigma_mm3",
-        "cameras",
-    ),
-    *(
-        "frame",
-        "time_ns",
-        "belt_position_mm",
-        "strip_from_mm",
-        "strip_to_mm",
-        "area_mm2",
-        "volume_mm3",
-        "sigma_mm3",
-    ),
-    *("speed_mm_s", "density_kg_m3", "coverage", "single_coverage", "quality", "offset_mm"),
-    *("product", "batch", "common_sigma_mm3", "density_sigma_kg_m3"),
-)
+_RENAMED = {
+    "from_mm": "belt_from_mm",
+    "to_mm": "belt_to_mm",
+    "wall_ns": "wall_time",
+    "run_sigma": "run_sigma_mm3",
+    "position": "belt_position_mm",
+    "strip_from": "strip_from_mm",
+    "strip_to": "strip_to_mm",
+    "area": "area_mm2",
+    "volume": "volume_mm3",
+    "sigma": "sigma_mm3",
+    "speed": "speed_mm_s",
+    "density": "density_kg_m3",
+    "single": "single_coverage",
+    "common_sigma": "common_sigma_mm3",
+    "density_sigma": "density_sigma_kg_m3",
+}
+"""The database's columns whose names here have units."""
+NAMES = tuple(_RENAMED.get(name, name) for name in COLUMNS)
 """Names of the columns, in the order of the database's."""
 SECTION = ("section_x_mm", "section_height_mm")
 """Columns of the cross-section: two lists of the same length, NaN where not measured."""
+_FIRST_NAMES = NAMES[: NAMES.index("quality") + 1]
+"""Columns of the first version, which every file has."""
 ADDED_LATER: Mapping[str, float | int | str | None] = {
-    "offset_mm": 0.0,
-    "product": "",
-    "batch": 0,
-    "common_sigma_mm3": None,
-    "density_sigma_kg_m3": None,
+    _RENAMED.get(name, name): value
+    for name, value in RecordRow._field_defaults.items()
+    if _RENAMED.get(name, name) not in _FIRST_NAMES
 }
-"""Values of columns that older files do not have."""
+"""Values of columns that older files do not have: those that the database gives to older records."""
 WORDS = {"standing": STANDINGS, "quality": QUALITIES}
 
 

@@ -9,84 +9,134 @@ import math
 import sqlite3
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from beltscape.core.ledger import QUALITIES, STANDINGS, BeltRecord, CrossSection, FlowRecord
 
-COLUMNS = (
-    *("number", "run", "from_mm", "to_mm", "standing", "reason", "wall_ns", "run_sigma", "cameras"),
-    *("frame", "time_ns", "position", "strip_from", "strip_to", "area", "volume", "sigma"),
-    *("speed", "density", "coverage", "single", "quality", "offset_mm"),
-    *("product", "batch", "common_sigma", "density_sigma"),
-)
+
+class RecordRow(NamedTuple):
+    """A record in the database: one value for each column, in this order; None is not known, or without a strip.
+
+    The tables are created in `database`; day files have the same columns, some by longer names (`day_files`).
+    """
+
+    number: int
+    run: int
+    from_mm: float
+    to_mm: float
+    standing: int
+    """Index of its standing."""
+    reason: str
+    wall_ns: int
+    run_sigma: float | None
+    cameras: int
+    frame: str | None = None
+    """None: there is no strip."""
+    time_ns: int | None = None
+    position: float | None = None
+    strip_from: float | None = None
+    strip_to: float | None = None
+    area: float | None = None
+    volume: float | None = None
+    sigma: float | None = None
+    speed: float | None = None
+    density: float | None = None
+    coverage: float | None = None
+    single: float | None = None
+    quality: int | None = None
+    """Index of the strip's quality."""
+    offset_mm: float = 0.0
+    product: str = ""
+    batch: int = 0
+    common_sigma: float | None = None
+    density_sigma: float | None = None
+
+
+COLUMNS = RecordRow._fields
+"""Names of the database's columns."""
 INSERT = f"INSERT INTO records ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"
 SELECT = f"SELECT {', '.join(f'records.{name}' for name in COLUMNS)} FROM records"
 
 
-def to_row(record: BeltRecord) -> tuple[Any, ...]:
-    """Return a record's values in the order of COLUMNS."""
-    head = (
-        *(int(record.number), int(record.run), *map(float, record.belt_mm), STANDINGS.index(record.standing)),
-        *(record.reason, int(record.wall_ns), _number(record.run_sigma_mm3), int(record.cameras)),
+def to_row(record: BeltRecord) -> RecordRow:
+    """Return a record's values by the database's columns."""
+    row = RecordRow(
+        number=int(record.number),
+        run=int(record.run),
+        from_mm=float(record.belt_mm[0]),
+        to_mm=float(record.belt_mm[1]),
+        standing=STANDINGS.index(record.standing),
+        reason=record.reason,
+        wall_ns=int(record.wall_ns),
+        run_sigma=_number(record.run_sigma_mm3),
+        cameras=int(record.cameras),
+        offset_mm=float(record.offset_mm),
+        product=record.product,
+        batch=record.batch,
     )
     strip = record.strip
     if strip is None:
-        return (*head, *[None] * 13, float(record.offset_mm), record.product, record.batch, None, None)
-    return (
-        *(*head, strip.frame, strip.time_ns, _number(strip.belt_position_mm)),
-        *(_number(strip.strip_mm[0]), _number(strip.strip_mm[1]), _number(strip.area_mm2)),
-        *(_number(strip.volume_mm3), _number(strip.sigma_mm3), _number(strip.speed_mm_s)),
-        *(_number(strip.density_kg_m3), _number(strip.coverage), _number(strip.single_coverage)),
-        QUALITIES.index(strip.quality),
-        *(float(record.offset_mm), record.product, record.batch),
-        *(_number(strip.common_sigma_mm3), _number(strip.density_sigma_kg_m3)),
+        return row
+    return row._replace(
+        frame=strip.frame,
+        time_ns=strip.time_ns,
+        position=_number(strip.belt_position_mm),
+        strip_from=_number(strip.strip_mm[0]),
+        strip_to=_number(strip.strip_mm[1]),
+        area=_number(strip.area_mm2),
+        volume=_number(strip.volume_mm3),
+        sigma=_number(strip.sigma_mm3),
+        speed=_number(strip.speed_mm_s),
+        density=_number(strip.density_kg_m3),
+        coverage=_number(strip.coverage),
+        single=_number(strip.single_coverage),
+        quality=QUALITIES.index(strip.quality),
+        common_sigma=_number(strip.common_sigma_mm3),
+        density_sigma=_number(strip.density_sigma_kg_m3),
     )
 
 
-def from_row(row: Sequence[Any], section: CrossSection | None = None) -> BeltRecord:
-    """Return the record of a row in the order of COLUMNS."""
-    number, run, start, end, standing, reason, wall_ns, run_sigma, cameras = row[:9]
-    standing_index: int = standing
+def from_row(values: Iterable[Any], section: CrossSection | None = None) -> BeltRecord:
+    """Return the record of a row's values, in the order of the database's columns."""
+    row = RecordRow._make(values)
     return BeltRecord(
-        number=number,
-        run=run,
-        belt_mm=(start, end),
-        standing=STANDINGS[standing_index],
-        reason=reason,
-        wall_ns=wall_ns,
-        strip=None if row[9] is None else _strip(row[9:22], row[25:27]),
-        run_sigma_mm3=_value(run_sigma),
-        cameras=cameras,
+        number=row.number,
+        run=row.run,
+        belt_mm=(row.from_mm, row.to_mm),
+        standing=STANDINGS[row.standing],
+        reason=row.reason,
+        wall_ns=row.wall_ns,
+        strip=None if row.frame is None else _make_strip(row),
+        run_sigma_mm3=_value(row.run_sigma),
+        cameras=row.cameras,
         section=section,
-        offset_mm=row[22],
-        product=row[23],
-        batch=row[24],
+        offset_mm=row.offset_mm,
+        product=row.product,
+        batch=row.batch,
     )
 
 
-def _strip(row: Sequence[Any], sigmas: Sequence[float | None]) -> FlowRecord:
-    frame, time_ns = row[:2]
-    quality_index: int = row[12]
-    position, start, end, area, volume, sigma, speed, density, coverage, single = map(_value, row[2:12])
+def _make_strip(row: RecordRow) -> FlowRecord:
+    assert row.frame is not None and row.quality is not None  # every strip has both
     return FlowRecord(
-        frame=frame,
-        time_ns=time_ns,
-        belt_position_mm=position,
-        strip_mm=(start, end),
-        area_mm2=area,
-        volume_mm3=volume,
-        sigma_mm3=sigma,
-        speed_mm_s=speed,
-        density_kg_m3=density,
-        coverage=coverage,
-        single_coverage=single,
-        quality=QUALITIES[quality_index],
-        common_sigma_mm3=_value(sigmas[0]),
-        density_sigma_kg_m3=_value(sigmas[1]),
+        frame=row.frame,
+        time_ns=row.time_ns,
+        belt_position_mm=_value(row.position),
+        strip_mm=(_value(row.strip_from), _value(row.strip_to)),
+        area_mm2=_value(row.area),
+        volume_mm3=_value(row.volume),
+        sigma_mm3=_value(row.sigma),
+        speed_mm_s=_value(row.speed),
+        density_kg_m3=_value(row.density),
+        coverage=_value(row.coverage),
+        single_coverage=_value(row.single),
+        quality=QUALITIES[row.quality],
+        common_sigma_mm3=_value(row.common_sigma),
+        density_sigma_kg_m3=_value(row.density_sigma),
     )
 
 

@@ -108,6 +108,7 @@ function translate_event(event) {
   if (kind === "exposure") return t("event.exposure_changed", { exposure: format_number(parameters.exposure_us, 0), factor: format_number(parameters.factor, 2), level: format_number(parameters.level, 0) });
   if (kind === "capacity") return t("event.capacity_measured", { rate: format_number(parameters.rate, 1), speed: format_number(parameters.speed, 2) });
   if (kind === "recording") return `${t("event.recording")}: ${text} (${name})`;
+  if (kind === "worker") return get_language() === "en" ? `${t("event.worker_replaced")}: ${text}` : t("event.worker_replaced");
   if (kind === "note") return get_language() !== "en" && has_text(`event.note_${name}`) ? t(`event.note_${name}`) : `${name} – ${text}`;
   return kind === "alarm" ? translate_entry(event) : `${name} – ${text}`;
 }

@@ -168,7 +168,11 @@ def find_charuco_faces(
             found.append(None)
             continue
         refined, refined_ids, _, _ = detector.refineDetectedMarkers(
-            light, board.to_opencv(legacy=legacy), [markers[k] for k in own.tolist()], numbers[own][:, None], rejected
+            light,
+            board.to_opencv(legacy=legacy),
+            [markers[k] for k in own.tolist()],
+            numbers[own][:, None],
+            rejected,
         )
         pixels, corner_ids, _, _ = _make_charuco_detector(board, legacy).detectBoard(
             light, markerCorners=refined, markerIds=refined_ids

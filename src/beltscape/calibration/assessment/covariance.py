@@ -15,6 +15,7 @@ from scipy.special import gammaincinv
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.solver.bundle import Bundle, ViewDesign
 from beltscape.calibration.solver.lens import (
+    PINHOLE,
     differentiate_by_pose,
     list_parameters,
     pack_intrinsics,
@@ -163,6 +164,20 @@ def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
     scatter = np.zeros(len(full))
     scatter[free] = compute_scatter(without)
     return RigCovariance(tuple(names), inflation**2 * full, inflation, scatter, count_positions(adjustment))
+
+
+def compute_camera_covariance(adjustment: BundleAdjustmentResult) -> Array:
+    """Return the covariance (W, W) of the lens of a single camera, inflated if its views disagree.
+
+    They disagree if focal lengths and principal point scatter by more than their σ when positions are left out.
+    """
+    bundle, linear = adjustment.bundle, adjustment.linearise()
+    count = int((bundle.free < bundle.width).sum())
+    own = linear.covariance()[:count, :count]
+    pinhole = np.flatnonzero(bundle.free[:count] < len(PINHOLE))
+    by_pinhole = np.eye(count)[pinhole] / np.sqrt(np.diag(own)[pinhole])[:, None]
+    inflation = estimate_inflation(leave_out_positions(adjustment, count), own, by_pinhole)
+    return inflation**2 * compute_formal_covariance(adjustment.rig, bundle, linear)
 
 
 def add_scale(rig: Rig, matrix: Array, scale_sigma: float) -> Array:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.covariance import compute_formal_covariance
+from beltscape.calibration.assessment.covariance import compute_camera_covariance
 from beltscape.calibration.assessment.cross_validation import list_folds
 from beltscape.calibration.assessment.lens_domain import describe_domains, limit_domain
 from beltscape.calibration.detection.corners import BoardDetections
@@ -163,8 +163,7 @@ def _compute_covariance(camera: ReviewedCamera, detections: BoardDetections, boa
     """Return the covariance (W, W) of a camera's intrinsics; that of the board's shape is included."""
     if camera.adjustment is None:
         return compute_lens_covariance(detections, camera.monocular, _list_corners_mm(board))
-    adjustment = camera.adjustment
-    return compute_formal_covariance(adjustment.rig, adjustment.bundle, adjustment.linearise())
+    return compute_camera_covariance(camera.adjustment)
 
 
 def _complete_camera(

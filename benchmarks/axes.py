@@ -1,6 +1,7 @@
 """Where the claims hold: accuracy, σ and volume as one property of the plant after another changes.
 
     python benchmarks/axes.py [--scenes TEXT …] [--presets NAME …] [--cache FOLDER] [--out FILE]
+    python benchmarks/axes.py --out benchmarks/AXES.md && python tools/write_figures.py    # for the manual
 
 The scenes (matching/axes.toml) differ from one plant in one respect each, and were used for no fit. They are rendered
 once (a minute each). With the exact rig and the exact empty belt every row shows the matcher and the filling of holes

@@ -13,9 +13,11 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from beltscape.core.geometry.rig import Rig
 from captures import parse_true_rig
 from live import make_plant, replay
 from results import ROOT
@@ -24,6 +26,7 @@ from tables import format_cells, format_head
 HEAD = ("width px", "preset", "workers", "sets/s", "CPU s a set", "serial s", "× one worker")
 CORES = (4, 8, 16, 32)
 """Cores of the model."""
+WIDTHS_PX, PRESETS, WORKERS, ROUNDS = (612, 1224), ("fast", "standard"), (1, 2), 3
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,43 @@ def measure_rate(capture: Path, empty: Path, preset: str, workers: int, rounds: 
     )
 
 
+NOTES = """`beltscape replay --speed full` of the rendered moving belt, five cameras, from image files to records on
+disk; the start does not count. *Serial*: CPU time a set of the process that checks, orders and measures, which no
+worker shares. The model: of so many cores one orders and measures, the others match, as fast as one worker does."""
+
+
+def realtime(rendered: Path, rig: Rig) -> list[str]:
+    """Return the tables of every width, preset and number of workers; the reason if the capture is missing."""
+    if not (rendered / "belt_moving").is_dir():
+        return ["Not run: the rendered moving belt is not available."]
+    return [NOTES, "", *tabulate(rendered, rig, WIDTHS_PX, PRESETS, WORKERS, ROUNDS)]
+
+
+def tabulate(
+    rendered: Path,
+    rig: Rig,
+    widths: Sequence[int],
+    presets: Sequence[str],
+    workers: Sequence[int],
+    rounds: int,
+) -> Iterator[str]:
+    """Yield the lines of the table, and of the model of more cores."""
+    yield from format_head(HEAD)
+    model = format_head(("width px", "preset", *(f"{cores} cores, sets/s" for cores in CORES)))
+    with tempfile.TemporaryDirectory() as folder:
+        for width in widths:
+            capture, empty = make_plant(rendered, rig, Path(folder), width)
+            for preset in presets:
+                rates = [measure_rate(capture, empty, preset, number, rounds) for number in workers]
+                for number, rate in zip(workers, rates, strict=True):
+                    figures = f"{rate.sets_per_s:.2f}", f"{rate.cpu_s:.3f}", f"{rate.serial_s:.3f}"
+                    gain = f"{rate.sets_per_s / rates[0].sets_per_s:.2f}"
+                    yield format_cells([str(width), preset, str(number), *figures, gain])
+                predicted = (f"{rates[0].predict(cores):.1f}" for cores in CORES)
+                model.append(format_cells([str(width), preset, *predicted]))
+    yield from ["", *model]
+
+
 def main() -> None:
     """Print the table, and the model of more cores."""
     parser = argparse.ArgumentParser(
@@ -60,29 +100,14 @@ def main() -> None:
     parser.add_argument(
         "rendered", nargs="?", type=Path, default=ROOT.parent / "shared" / "data" / "rendered"
     )
-    parser.add_argument("--widths", nargs="*", type=int, default=[612, 1224])
-    parser.add_argument("--presets", nargs="*", default=["fast", "standard"])
-    parser.add_argument("--workers", nargs="*", type=int, default=[1, 2])
-    parser.add_argument("--rounds", type=int, default=3)
-    arguments = parser.parse_args()
-    rig = parse_true_rig(json.loads((arguments.rendered / "truth" / "rig.json").read_text("utf-8")))
-    print("\n".join(format_head(HEAD)))
-    model = format_head(("width px", "preset", *(f"{cores} cores, sets/s" for cores in CORES)))
-    with tempfile.TemporaryDirectory() as folder:
-        for width in arguments.widths:
-            capture, empty = make_plant(arguments.rendered, rig, Path(folder), width)
-            for preset in arguments.presets:
-                rates = [
-                    measure_rate(capture, empty, preset, workers, arguments.rounds)
-                    for workers in arguments.workers
-                ]
-                for workers, rate in zip(arguments.workers, rates, strict=True):
-                    figures = f"{rate.sets_per_s:.2f}", f"{rate.cpu_s:.3f}", f"{rate.serial_s:.3f}"
-                    gain = f"{rate.sets_per_s / rates[0].sets_per_s:.2f}"
-                    print(format_cells([str(width), preset, str(workers), *figures, gain]), flush=True)
-                predicted = (f"{rates[0].predict(cores):.1f}" for cores in CORES)
-                model.append(format_cells([str(width), preset, *predicted]))
-    print("\n" + "\n".join(model))
+    parser.add_argument("--widths", nargs="*", type=int, default=WIDTHS_PX)
+    parser.add_argument("--presets", nargs="*", default=PRESETS)
+    parser.add_argument("--workers", nargs="*", type=int, default=WORKERS)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    chosen = parser.parse_args()
+    rig = parse_true_rig(json.loads((chosen.rendered / "truth" / "rig.json").read_text("utf-8")))
+    for line in tabulate(chosen.rendered, rig, chosen.widths, chosen.presets, chosen.workers, chosen.rounds):
+        print(line, flush=True)
 
 
 if __name__ == "__main__":

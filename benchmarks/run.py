@@ -32,6 +32,7 @@ from matching.robustness import NOTES as ROBUSTNESS_NOTES
 from matching.robustness import SCENES, robustness
 from matching.triangulation import triangulation
 from protocols.load import protocols_load
+from realtime import realtime
 from results import load_average, make_section, write_results
 
 HERE = Path(__file__).parent
@@ -49,6 +50,7 @@ class Benchmarks:
                 choices(self.folder) if self.folder.is_dir() else ["Left out: no rendered captures."]
             ),
             "Running system": lambda: live(self.folder, self.scenes[0].rig),
+            "Real time": lambda: realtime(self.folder, self.scenes[0].rig),
             "Protocols": protocols_load,
             "Re-processing": cluster_scaling,
             "Without speckle": lambda: frames.without_speckle(self.folder),

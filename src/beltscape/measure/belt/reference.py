@@ -199,7 +199,8 @@ class EmptyBeltReference:
         Along the image's border only the foot of tall objects is in the image, which is not the top surface.
         """
         side = 2 * round(_AROUND_MM / load.grid.cell_mm) + 1
-        about = cv2.dilate(np.nan_to_num(load.height_mm), np.ones((side, side), np.uint8))
+        height = np.nan_to_num(load.height_mm).astype(np.float32)  # OpenCV dilates float64 five times slower
+        about = cv2.dilate(height, np.ones((side, side), np.uint8))
         return is_in_image(self.belt, self.camera, load.grid, _TALLER * np.maximum(about, 0.0))
 
     def depths_mm(self) -> Range:

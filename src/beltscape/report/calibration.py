@@ -141,7 +141,7 @@ def _depth_section(calibration: Calibration) -> Section:
         "where the board never was. Matching adds to it. Heights over the belt are affected less, since most of the "
         "error is common to belt and load." + (raised if inflation > 1 else "") + alike,
         [
-            *([Lines([calibration.worst_depth])] if calibration.worst_depth else []),
+            *([Lines([worst])] if (worst := calibration.worst_depth) else []),
             depth_sigma_chart(calibration.depth_sigma, caption),
         ],
     )

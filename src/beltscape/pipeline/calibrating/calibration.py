@@ -35,10 +35,9 @@ from beltscape.calibration.assessment.cross_validation import CrossValidation, c
 from beltscape.calibration.assessment.diagnosis import Discards, diagnose
 from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
 from beltscape.calibration.assessment.lens_domain import describe_domains, describe_tilts, limit_domains
-from beltscape.calibration.assessment.next_best_view import find_next_best_view
+from beltscape.calibration.assessment.next_best_view import NextBestView, find_next_best_view
 from beltscape.calibration.assessment.remedy import describe_undetermined
 from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
-from beltscape.calibration.assessment.worst_depth import explain_worst_depth
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.lens_choice import AUTO, describe_choices
@@ -178,21 +177,16 @@ def calibrate(
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_lenses(board, adjustment, known.cameras, reporter)
     coverage, covered = _assess_coverage(adjustment, limited, covariance, volume, reporter)
-    limited = covered.rig if covered else limited
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
+    limited = covered.rig if covered else limited
     rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit, covered)
-    by_views = add_scale(rig, compute_clustered_covariance(adjustment), board.scale_sigma)
-    sized = replace(covariance, matrix=add_scale(rig, covariance.matrix, board.scale_sigma))
-    depth_sigma = _compute_depth_sigmas(rig, adjustment, sized.matrix)
-    with single_thread():
-        next_best_view = find_next_best_view(adjustment, covariance)
+    by_views, sized = _add_size(rig, board, adjustment, covariance)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment, rig=rig,
-        covariance=sized, depth_sigma=depth_sigma,
+        covariance=sized, depth_sigma=_compute_depth_sigmas(rig, adjustment, sized.matrix),
         depth_sigma_by_views=_compute_depth_sigmas(rig, adjustment, by_views),
-        worst_depth=explain_worst_depth(rig, adjustment, sized.matrix, depth_sigma[1]),
-        next_best_view=next_best_view,
+        next_best_view=_find_next_best_view(adjustment, covariance),
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
         warnings=warnings,
@@ -331,6 +325,21 @@ def _complete_rig(
     sized = add_scale(rig, covariance.matrix, board.scale_sigma)
     matrix = {"parameters": covariance.parameters, "matrix": sized}
     return replace(rig, quality=quality, covariance=matrix)
+
+
+def _find_next_best_view(
+    adjustment: BundleAdjustmentResult, covariance: RigCovariance
+) -> NextBestView | None:
+    with single_thread():
+        return find_next_best_view(adjustment, covariance)
+
+
+def _add_size(
+    rig: Rig, board: Board, adjustment: BundleAdjustmentResult, covariance: RigCovariance
+) -> tuple[Array, RigCovariance]:
+    """Return the covariances by clusters of views (G, G) and of the model with that of the board's size."""
+    by_views = add_scale(rig, compute_clustered_covariance(adjustment), board.scale_sigma)
+    return by_views, replace(covariance, matrix=add_scale(rig, covariance.matrix, board.scale_sigma))
 
 
 def _compute_depth_sigmas(

@@ -19,6 +19,7 @@ from pathlib import Path
 
 import cv2
 
+from axes import other_plants
 from beltscape.core.geometry.rig import Rig
 from beltscape.kernels.native import levels
 from calibration import calibration as benchmark_calibration
@@ -50,6 +51,7 @@ class Benchmarks:
                 choices(self.folder) if self.folder.is_dir() else ["Left out: no rendered captures."]
             ),
             "Running system": lambda: live(self.folder, self.scenes[0].rig),
+            "Other plants": other_plants,
             "Real time": lambda: realtime(self.folder, self.scenes[0].rig),
             "Protocols": protocols_load,
             "Re-processing": cluster_scaling,

@@ -22,7 +22,7 @@ RESULTS = ROOT / "benchmarks/RESULTS.md"
 PAGES = (
     "README.md", "docs/explanation/matching.md", "docs/reference/figures_matching.md",
     "docs/explanation/measuring.md", "docs/explanation/running.md", "docs/explanation/calibration.md",
-    "docs/howto/choose.md", "docs/howto/alarms.md",
+    "docs/howto/choose.md", "docs/howto/alarms.md", "docs/reference/plants.md",
 )  # fmt: skip
 _MARKED = re.compile(r"(<!-- figures: (\w+) -->\n).*?(?= *<!-- end -->)", re.S)
 _SCENES = {"belt_empty": "empty belt", "module": "module", "belt_loaded": "loaded belt"}
@@ -226,6 +226,14 @@ def _choices(results: str, heading: str, *keys: str) -> str:
     return table(list(columns), rows) + "\n" + state(results, "Choices")
 
 
+def plants(results: str) -> str:
+    """Return the table of scenes that differ from one plant in one respect each."""
+    head, _, *cells = section(results, "\n## Other plants\n")
+    columns = "scene", "preset", *head[2:]
+    rows = [[dict(zip(head, line, strict=True))[key] for key in columns] for line in cells]
+    return table(list(columns), rows) + "\n" + state(results, "Other plants")
+
+
 def _list_names(names: Iterable[str]) -> str:
     return ", ".join(f"`{name}`" for name in names)
 
@@ -259,7 +267,7 @@ def suppression(_results: str) -> str:
 FIGURES = {
     "presets": presets, "standard": standard, "volumes": volumes, "speed": speed, "calibration": calibration,
     "accuracy": accuracy, "parts": parts, "rigs": rigs, "widths": widths,
-    "priorities": priorities, "groups": groups, "suppression": suppression,
+    "plants": plants, "priorities": priorities, "groups": groups, "suppression": suppression,
 }  # fmt: skip
 
 

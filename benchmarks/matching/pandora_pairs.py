@@ -92,11 +92,14 @@ def _run_pandora(
     pandora, criteria, state_machine = (
         import_module(name) for name in ("pandora", "pandora.criteria", "pandora.state_machine")
     )
+    schema = import_module("pandora.matching_cost.matching_cost").AbstractMatchingCost.schema
+    known = dict(schema)
     machine: Any = state_machine.PandoraMachine()
     images = _make_dataset(left, -disparities, 0), _make_dataset(right, 0, disparities)
     # the check reads the names of bands, of which one band has none
     described = (image.assign_coords(band_im=[None]) for image in images)
     machine.check_conf({"pipeline": _make_pipeline(cost)}, *described)
+    schema.clear(), schema.update(known)  # the check of MC-CNN adds its own keys to the schema of all costs
     found, _ = pandora.run(machine, *images, {"pipeline": machine.pipeline_cfg["pipeline"]})
     invalid = (found["validity_mask"].data & int(criteria.Criteria.PANDORA_MSK_PIXEL_INVALID)) != 0
     measures = found["confidence_measure"]

@@ -96,3 +96,16 @@ def test_load_of_the_protocols(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["load.py", "--seconds", "0.3", "--rounds", "1"])
     load.main()
     assert "| none | 0." in capsys.readouterr().out
+
+
+@pytest.mark.thorough
+def test_fused_belt(tmp_path, monkeypatch, capsys):
+    benchmark = importlib.import_module("fused_belt")
+    least = benchmark.MovingHeap(5, 2, (20, 79, 50), 40, speed_mm_s=1500, scale=0.125)
+    monkeypatch.setattr(benchmark, "HEAPS", {"least": least})
+    monkeypatch.setattr(sys, "argv", ["fused_belt.py", str(tmp_path), "--heaps", "least"])
+    benchmark.main()
+    rows = [line.strip("| ").split(" | ") for line in capsys.readouterr().out.splitlines()[2:]]
+    assert [row[:3] for row in rows] == [["least", "3", way] for way in ("single", "fused", "continued")]
+    single, fused, continued = (float(row[4].rstrip("%")) for row in rows)
+    assert 0 < single < fused < continued < 100

@@ -8,7 +8,7 @@ import pytest
 
 from tests.docs.system import ROOT
 
-FIGURES = ("pyramid.svg", "candidates.svg", "hole.svg")
+FIGURES = ("pyramid.svg", "candidates.svg", "hole.svg", "continuation.svg")
 
 
 @pytest.fixture(autouse=True)

@@ -11,7 +11,13 @@ from beltscape.cli.main import main
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.pose import Pose, rotation_from_vector
 from beltscape.core.height_map import HeightMap
-from beltscape.evaluate.belt_scores import FusedBelt, TrueBelt, read_true_belt, score_belt
+from beltscape.evaluate.belt_scores import (
+    FusedBelt,
+    TrueBelt,
+    compute_true_cells,
+    read_true_belt,
+    score_belt,
+)
 from beltscape.files.arrays import write_arrays
 from beltscape.files.json_text import write_json
 from beltscape.files.tiff import write_float_tiff
@@ -75,6 +81,31 @@ def test_each_score_counts_what_it_says():
     assert 0.8 < score.sigma_ratio_low < score.sigma_ratio_high < 1.25
 
 
+def test_steps_and_visible_cells_are_scored_apart():
+    fused, truth = make_pair(1)
+    high = np.where(truth.x_mm % 40 < 20, truth.height_mm, truth.height_mm + 50)
+    stepped = replace(truth, height_mm=high)
+    score = score_belt(fused, stepped, HalfCeiling())
+    true_mm, _ = compute_true_cells(fused, stepped)
+    assert 0.1 < score.steps < 0.3
+    assert score.level_gross == pytest.approx(0.5, abs=0.06)
+    assert score.visible == pytest.approx(0.5, abs=0.02)
+    left = np.broadcast_to(fused.heights.x_mm < 0, true_mm.shape)
+    counted = (S_MM >= -90) & (S_MM <= 120)
+    error = np.abs(fused.heights.height_mm - true_mm)
+    assert score.visible_gross == pytest.approx(np.mean(error[counted][left[counted]] > 5), abs=0.03)
+    assert score.visible_measured == 1
+
+
+class HalfCeiling:
+    """Everything on one side of the belt is visible; the belt frame lies turned in the world."""
+
+    def find_measurable(self, x_mm, y_mm, frames):
+        """Return what lies at negative x of the belt frame."""
+        assert set(frames) == set(POSITIONS_MM)
+        return x_mm * TURN.rotation[0, 0] < -TURN.translation_mm[0]
+
+
 def test_a_belt_that_is_placed_wrongly_shows_it():
     fused, truth = make_pair(1)
     shifted = replace(fused, positions_mm={name: mm + 3 for name, mm in POSITIONS_MM.items()})
@@ -123,13 +154,22 @@ def folders(tmp_path):
     return flow, true
 
 
-def test_the_command_says_it_in_four_lines(folders, capsys):
+def test_the_command_says_it_in_a_few_lines(folders, capsys):
     flow, true = folders
     assert main(["evaluate", "belt", str(flow), "--truth", str(true)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("loaded   1590 cells of 4.0 mm, 100.0% measured")
     assert "100.0% within 1 mm" in lines[1]
-    assert lines[2].endswith("– of the filled")
+    assert lines[2].startswith("ceiling  – visible and lit")  # nothing says what the cameras could see
+    assert lines[3].startswith("level    100.0% without a step above 10 mm; of these 100.0% within 1 mm")
+    assert lines[4].endswith("– of the filled")
+
+
+def test_a_scenario_that_cannot_be_read_is_named(folders, capsys):
+    flow, true = folders
+    write_json(true / "scenario.json", {"kind": "no scene"})
+    assert main(["evaluate", "belt", str(flow), "--truth", str(true)]) == 2
+    assert "scenario.json: is no scenario of this program" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -218,8 +218,35 @@ def _labels(sheet: Sheet, upper: Point, lower: Point) -> None:
     sheet.text((190, -19.5), "hidden from the core camera", "s")
 
 
+def draw_continuation() -> str:
+    """Return a section of the fused belt: planes through the ends of a hole, and what they predict in its cells."""
+    sheet = Sheet(10, 405, 9.0)
+    for ends in (((0, 41), (30, 34)), ((52, 10), (98, 13))):
+        sheet.line(ends, BELT, 3.5)
+    sheet.line([(30, 34), (38, 32.2), (40, 9.2), (52, 10)], GREY, 1.5, "4 4")
+    sheet.line([(30, 34), (53, 28.6)], CAMERA, 1.4, "7 4")
+    sheet.line([(52, 10), (29, 8.5)], LIGHT, 1.4, "7 4")
+    for x in range(32, 52, 4):
+        upper, lower = 34 - 7 / 30 * (x - 30), 10 - 3 / 46 * (52 - x)
+        sheet.dot((x, upper), CAMERA, 5, CAMERA if x < 40 else "#fff")
+        sheet.dot((x, lower), LIGHT, 5, LIGHT if x > 38 else "#fff")
+    for x, height in ((30, 34), (52, 10)):
+        sheet.line([(x, 1), (x, height)], AXIS, 0.8, "3 3")
+        sheet.dot((x, height), AXIS, 5)
+        sheet.arrow((41, 1), (x, 1), AXIS, 1.2, 8)
+    sheet.text((41, -1.5), "cells that no frame measured", "s r", "middle")
+    sheet.text((4, 42), "measured in some frame", "s")
+    sheet.text((54, 29), "what the upper plane predicts:", "s c")
+    sheet.text((54, 27.3), "filled dots are taken", "s c")
+    sheet.text((28, 7), "what the lower plane predicts", "s l", "end")
+    sheet.line([(39.5, 20), (53, 21)], GREY, 0.8)
+    sheet.text((54, 20.7), "the true surface", "s")
+    return document("Continuation of measured planes into the cells of a hole", (920, 460), [sheet])
+
+
 FIGURES: dict[str, Callable[[], str]] = {
     "pyramid.svg": draw_pyramid, "candidates.svg": draw_candidates, "hole.svg": draw_hole,
+    "continuation.svg": draw_continuation,
 }  # fmt: skip
 
 

@@ -172,7 +172,7 @@ class SurfaceView:
 
 
 _BLURRED_PX = 3.0
-"""σ of the wide blur on the reduced image that it is made of; the result differs by 0.4 % of the levels on average."""
+"""σ of the wide blur on the reduced image that it is made of; results differ by 0.4 % of the levels on average."""
 
 
 def _blur_widely(grey: Texture, sigma_px: float) -> Texture:

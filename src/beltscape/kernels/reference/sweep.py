@@ -122,7 +122,7 @@ class _AlignedImage:
         cls, image: NDArray[np.floating], view: NDArray[np.floating], given: SweepInput
     ) -> _AlignedImage:
         direction, shift = np.asarray(view[:9], np.float64).reshape(3, 3), np.asarray(view[9:12], np.float64)
-        g = np.linalg.solve(direction, shift)
+        g: Array = np.linalg.solve(direction, shift).astype(np.float64)
         s = given.first + given.step * np.arange(given.planes)
         scale = 1 / (1 + s * g[2])
         seen = (scale > 0) & (scale <= MOST_SCALE)

@@ -16,6 +16,7 @@ from scipy import ndimage
 
 from beltscape.core.height_map import HeightMap
 from beltscape.measure.belt.reference import EmptyBeltReference, Layer
+from beltscape.measure.flow.continuation import continue_into_holes
 from beltscape.measure.flow.fuse import FusedRows, Scatter, fuse
 from beltscape.measure.flow.settings import FlowSettings
 from beltscape.measure.holes import Filled, fill_holes
@@ -63,7 +64,7 @@ class BeltPiece:
     first: int
     """Number of the first row; row j is at s = j · cell."""
     height_mm: NDArray[np.float32]
-    """(n, Nx) load over the empty belt, holes filled."""
+    """(n, Nx) load over the empty belt; in holes the most probable height, where `Rows` sum the mean."""
     sigma_mm: NDArray[np.float32]
     """(n, Nx) σ of ``height_mm``."""
     measured: NDArray[np.bool_]
@@ -212,8 +213,9 @@ class RowFiller:
         noise, measured, single = noise[needed], measured[needed], single[needed]
         own = slice(own.start - needed.start, own.stop - needed.start)
         rows = self._sum_rows(filled, noise, measured, single, own)
-        if self._watch is not None:
-            parts = (filled.value_mm[own].astype(np.float32), filled.sigma_mm[own].astype(np.float32))
+        if self._watch is not None:  # the surface is the most probable one, the totals are sums of means
+            shown = continue_into_holes(filled, height, self._ground.cell_mm, needed)
+            parts = (shown.value_mm[own].astype(np.float32), shown.sigma_mm[own].astype(np.float32))
             self._watch(BeltPiece(self._done, *parts, measured[own]))
         self._done = stop
         keep = max(self._first, stop - self._margin)

@@ -8,7 +8,7 @@ from typing import Any
 from beltscape.alarms.board import AlarmBoard
 from beltscape.alarms.readings import Readings
 from beltscape.alarms.settings import AlarmSettings, OversizeLump
-from beltscape.core.events import CameraHealth, CameraState
+from beltscape.core.events import CameraHealth, CameraState, CertificateReading
 
 NAN = float("nan")
 SECOND = 1_000_000_000
@@ -44,6 +44,7 @@ GOOD = Readings(
     encoder_silent_s=0.01,
     encoder_trouble="",
     certificate_days=200,
+    test_certificate=CertificateReading("2026-0001", 300.0),
 )
 BAD: dict[str, dict[str, Any]] = {
     "overload": {"area_mm2": 1.2e5},
@@ -70,6 +71,8 @@ BAD: dict[str, dict[str, Any]] = {
     "no_measurement:lump": {"largest_lump_mm": NAN},
     "no_measurement:offset": {"belt_offset_mm": NAN},
     "certificate_expiring": {"certificate_days": 12.0},
+    "material_test_due": {"test_certificate": CertificateReading("2026-0001", 5.0)},
+    "test_certificate_void": {"test_certificate": CertificateReading("2026-0001", 300.0, ("rig",))},
 }  # fmt: skip
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from beltscape.sinks.historian import Historian
 from beltscape.sinks.settings import HistorySettings
 from tests.docs.system import demand
+from tests.pipeline.certifying.plants import SimulatedPlant
 from tests.sinks.ledgers import ledger
 
 
@@ -16,6 +17,16 @@ def make_history(data: Path) -> None:
         historian = Historian(data, HistorySettings(reserve_mib=1))
         historian.write(ledger(5))
         historian.close()
+
+
+def make_tested_history(folder: Path) -> None:
+    """Write the history of a zero test and four runs of the folder's project.toml, unless there is a history."""
+    if not (folder / "data/history.db").is_file():
+        plant = SimulatedPlant(folder, project=folder / "project.toml")
+        plant.add_zero(3)
+        for load in ("half", "full", "half", "full"):
+            plant.add_run(load)
+        plant.write_history()
 
 
 def find_newest(folder: Path, named: str) -> str:

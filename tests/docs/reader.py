@@ -19,7 +19,7 @@ import yaml
 from beltscape.cli.catalogue import COMMANDS
 from beltscape.files.encoder_csv import read_encoder
 from tests.docs.blocks import Block, read_blocks, read_spans, split_commands
-from tests.docs.plant import find_newest, make_history
+from tests.docs.plant import find_newest, make_history, make_tested_history
 from tests.docs.program import call, narrowed, parser_of, unknown_options
 from tests.docs.results import Results
 from tests.docs.service import curl, run_service
@@ -28,6 +28,7 @@ from tests.docs.tables import check_table
 from tests.service.proxy import read_locations
 
 RUN_ELSEWHERE = {"evaluate paper": "tests/evaluate/paper", "demo": "tests/pipeline/test_demo.py",
+                 "certify object": "tests/pipeline/certifying/test_known_volume.py",
                  "reload": "tests/pipeline/live/test_reload.py", "site": "tests/site/test_services.py",
                  "record": "tests/sources/genicam/test_record_command.py"}  # fmt: skip
 """Commands that take minutes at any size, or cameras: parsed here, run by the tests named."""
@@ -181,6 +182,10 @@ class Reader:
         if words[0] == "compare":
             for name in words[1:3]:
                 make_history(self.folder / name)
+        if words[0] in ("certify", "explain", "budget"):
+            make_tested_history(self.folder)
+        if words[:2] == ["certify", "verify"]:  # of this year
+            small[2] = str(max((self.folder / "data/certificates").glob("*.html")).relative_to(self.folder))
         if words[0] == "restore":
             small[1] = find_newest(self.folder, words[1])
         return small

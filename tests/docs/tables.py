@@ -10,6 +10,7 @@ from typing import Any
 
 from beltscape.alarms.texts import read_custom_texts
 from beltscape.files.toml_text import validate
+from beltscape.pipeline.certifying.material_test import read_test_settings
 from beltscape.pipeline.live.project import read_product_density
 from beltscape.pipeline.plan import read_plan_settings
 from beltscape.pipeline.simulation import read_scenario
@@ -58,6 +59,8 @@ def _check_other_file(values: Mapping[str, Any], path: Path, folder: Path) -> No
         read_scenario(str(path), {})
     elif "base" in values:
         read_module(path)
+    elif "runs" in values:
+        read_test_settings(path)
     elif "coal" in values:
         read_product_density(folder / "products.toml", "coal")
     else:

@@ -15,7 +15,7 @@ from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
 from beltscape.measure.belt.edges import find_belt_edges
 from beltscape.measure.belt.empty_belt import learn_belt
-from beltscape.measure.belt.given import describe_doubtful_ends, measure_width_mm
+from beltscape.measure.belt.given import describe_doubts, measure_width_mm
 from beltscape.measure.belt.reference import make_reference
 from beltscape.measure.belt.settings import GivenBelt
 from beltscape.measure.volume.load import compute_capacity_mm2
@@ -99,7 +99,7 @@ def test_floor_on_both_sides_is_no_belt(section: np.ndarray, yaw_deg: float, flo
     belt = learn_belt([measure_depth(scene)], CORE)
     true = true_ends(scene, belt, (section[0, 0], section[-1, 0]))
     assert ends_of(belt) == ("seen", "seen")
-    assert not describe_doubtful_ends(belt)
+    assert not describe_doubts(belt)
     np.testing.assert_allclose(belt.across_mm, true, atol=NEAR_MM)
     edges = require(belt.edges)
     assert abs(edges.left_mm - true[0]) < 4 * edges.left_sigma_mm < 10
@@ -159,7 +159,7 @@ def test_skirt_board_on_one_side_ends_the_belt_and_is_named(section: np.ndarray)
     np.testing.assert_allclose(belt.across_mm, true, atol=3 * NEAR_MM)
     assert belt.across_mm[1] < true[1] + NEAR_MM
     assert ends_of(belt) == ("seen", "covered")
-    (warning,) = describe_doubtful_ends(belt)
+    (warning,) = describe_doubts(belt)
     assert "right end was not seen" in warning
     assert "left" not in warning
     assert "--width MM" in warning
@@ -171,7 +171,7 @@ def test_skirt_boards_on_both_sides_end_the_belt() -> None:
     belt = learn_belt([measure_depth(scene)], CORE)
     np.testing.assert_allclose(belt.across_mm, true_ends(scene, belt, (-250.0, 250.0)), atol=3 * NEAR_MM)
     assert ends_of(belt) == ("covered", "covered")
-    warning = describe_doubtful_ends(belt)[0]
+    warning = describe_doubts(belt)[0]
     assert "left end was not seen" in warning
     assert "right end was not seen" in warning
 
@@ -181,7 +181,7 @@ def test_belt_wider_than_the_view_has_no_ends_and_still_a_window(yaw_deg: float)
     scene = Scene(trough(700, (800, 25)), floor_mm=-300.0, belt_yaw_deg=yaw_deg, **INCLINED)
     belt = learn_belt([measure_depth(scene)], CORE)
     assert ends_of(belt) == ("out of view", "out of view")
-    assert "reaches the image's border" in describe_doubtful_ends(belt)[0]
+    assert "reaches the image's border" in describe_doubts(belt)[0]
     reference = make_reference(belt, CORE)
     low, high = reference.belt.across_mm
     assert high - low > 1000
@@ -217,7 +217,7 @@ def test_width_places_an_end_that_a_board_hides() -> None:
     assert abs(edges.right_mm - true[1]) < 3 * edges.right_sigma_mm
     assert belt.across_mm[1] < true_ends(scene, belt, (-END, 250.0))[1] + NEAR_MM
     assert belt.width_mm == 916.0
-    assert not describe_doubtful_ends(belt)
+    assert not describe_doubts(belt)
 
 
 def test_width_of_a_trough_wider_than_the_view_lies_about_its_middle() -> None:
@@ -227,7 +227,7 @@ def test_width_of_a_trough_wider_than_the_view_lies_about_its_middle() -> None:
     reach = 350 + 150 * np.cos(np.deg2rad(25))
     np.testing.assert_allclose(belt.across_mm, true_ends(scene, belt, (-reach, reach)), atol=NEAR_MM)
     assert measure_width_mm(belt) == pytest.approx(1000, abs=1)
-    assert "1000 mm about the trough's middle" in describe_doubtful_ends(belt)[0]
+    assert "1000 mm about the trough's middle" in describe_doubts(belt)[0]
 
 
 def test_width_that_fits_leaves_what_was_seen() -> None:
@@ -312,3 +312,26 @@ def test_shape_that_holds_no_load_has_no_fill_level() -> None:
     ridge = replace(belt, z_mm=-belt.z_mm)
     assert compute_capacity_mm2(belt, 0.3) > 1e4
     assert compute_capacity_mm2(ridge, 0.0) == 0.0
+
+
+def test_flat_belt_without_edges_says_that_its_direction_is_not_known() -> None:
+    scene = Scene(trough(2600), belt_yaw_deg=25.0, **INCLINED)
+    depth = measure_depth(scene)
+    belt = learn_belt([depth], CORE)
+    assert belt.yaw_from == "camera"
+    assert "beltscape measure belt --travel DEG" in describe_doubts(belt)[0]
+    travel = scene.core_from_world.rotation @ [0.0, 1.0, 0.0]
+    angle = (np.rad2deg(np.arctan2(-travel[0], travel[1])) + 90) % 180 - 90
+    given = learn_belt([depth], CORE, GivenBelt(travel_deg=float(angle)))
+    assert given.yaw_from == "told"
+    assert not any("direction of travel" in doubt for doubt in describe_doubts(given))
+    assert np.rad2deg(np.arccos(min(1.0, abs(float(travel @ given.belt_from_core.rotation[1]))))) < 1.0
+
+
+def test_direction_that_contradicts_the_shape_or_the_edges_is_refused() -> None:
+    troughed = measure_depth(Scene(TROUGH, floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED))
+    with pytest.raises(MeasureError, match="but its shape shows"):
+        learn_belt([troughed], CORE, GivenBelt(travel_deg=70.0))
+    flat = Scene(trough(600), floor_mm=-300.0, belt_yaw_deg=25.0, **INCLINED)
+    with pytest.raises(MeasureError, match="but its edges show"):
+        learn_belt([measure_depth(flat)], CORE, GivenBelt(travel_deg=-60.0))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from beltscape.core.events import NO_CAPACITY, CameraHealth, Capacity
+from beltscape.core.events import NO_CAPACITY, CameraHealth, Capacity, CertificateReading
 from beltscape.core.findings import Finding
 
 _NAN = float("nan")
@@ -61,6 +61,8 @@ class Readings:
     """The latest finding of every check and camera."""
     certificate_days: float = _NAN
     """Days until the web server's certificate ends; NaN without one."""
+    test_certificate: CertificateReading | None = None
+    """The certificate of the material test; None: there is none."""
     is_maintained: bool = False
     """Whether people work at the system: alarms of measurement are neither raised nor cleared."""
 

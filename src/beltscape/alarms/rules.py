@@ -30,12 +30,14 @@ from beltscape.core.alarm_catalogue import (
     HISTORY_REPAIRED,
     KINDS,
     LOW_COVERAGE,
+    MATERIAL_TEST_DUE,
     MISALIGNED_BELT,
     NO_MEASUREMENT,
     OVERLOAD,
     OVERSIZE_LUMP,
     RECORDING_PAUSED,
     REPORTS_FAILING,
+    TEST_CERTIFICATE_VOID,
     USERS_UNREADABLE,
 )
 from beltscape.core.events import CameraHealth
@@ -193,6 +195,27 @@ def _certificate_expiring(now: Readings, settings: AlarmSettings) -> Conditions:
     return {"": AlarmCondition(compare_lower(days, 0, own.days, own.hysteresis), days, own.days, "d")}
 
 
+def _material_test_due(now: Readings, settings: AlarmSettings) -> Conditions:
+    """Return the condition; a plant without a certificate has none."""
+    own, found = settings.material_test_due, now.test_certificate
+    if found is None:
+        return {}
+    days = found.days_left
+    text = make_message("material_test_overdue", days=max(1, round(-days))) if days < 0 else ""
+    return {"": AlarmCondition(compare_lower(days, 0, own.days, own.hysteresis), days, own.days, "d", text)}
+
+
+def _test_certificate_void(now: Readings, settings: AlarmSettings) -> Conditions:  # noqa: ARG001
+    """Return the condition; its line names the first part that has changed."""
+    found = now.test_certificate
+    if found is None:
+        return {}
+    if not found.changed:
+        return {"": AlarmCondition("off")}
+    text = make_message(f"test_certificate_{found.changed[0]}", number=found.number)
+    return {"": AlarmCondition("on", text=text)}
+
+
 _RULES: Mapping[str, Rule] = {
     NO_MEASUREMENT: _no_measurement,
     OVERLOAD: _overload,
@@ -213,6 +236,8 @@ _RULES: Mapping[str, Rule] = {
     ENCODER_SILENT: _encoder_silent,
     ENCODER_WRONG: lambda now, _: {"": condition_from_text(now.encoder_trouble)},
     CERTIFICATE_EXPIRING: _certificate_expiring,
+    MATERIAL_TEST_DUE: _material_test_due,
+    TEST_CERTIFICATE_VOID: _test_certificate_void,
 }
 RULES: Mapping[str, Rule] = {kind: _RULES[kind] for kind in KINDS}
 """The rule of every alarm, in the order of display; each name is that of its settings."""

@@ -313,6 +313,19 @@ class CertificateExpiring(CommonSettings):
     """Over above limit·(1 + hysteresis)."""
 
 
+class MaterialTestDue(CommonSettings):
+    """The certificate of the material test ends soon, or has ended."""
+
+    days: Limit = 14.0
+    """Days before its end. Chosen: a test must be planned, with a truck and a scale."""
+    hysteresis: Above = 0.05
+    """Over above limit·(1 + hysteresis)."""
+
+
+class VoidCertificate(CommonSettings):
+    """What the certificate of the material test applies to has changed: rig, belt, settings, networks or program."""
+
+
 class FaultAlarm(CommonSettings):
     """A check found a fault of the system; one alarm per check, with its name, and per camera.
 
@@ -350,6 +363,8 @@ class AlarmSettings(BaseModel):
     encoder_wrong: EncoderWrong = EncoderWrong()
     no_measurement: NoMeasurement = NoMeasurement()
     certificate_expiring: CertificateExpiring = CertificateExpiring()
+    material_test_due: MaterialTestDue = MaterialTestDue()
+    test_certificate_void: VoidCertificate = VoidCertificate()
     faults: FaultAlarm = FaultAlarm()
     """Of the faults of all checks that have no settings of their own."""
     checks: Mapping[CheckName, FaultAlarm] = Field(default_factory=dict[str, FaultAlarm])

@@ -42,6 +42,8 @@ TEXTS = {
     "encoder_wrong": "its readings are impossible: check wiring and settings",
     "no_measurement": "{subject} is no longer measured: check cameras and belt",
     "certificate_expiring": "it ends in {value}: install a new one",
+    "material_test_due": "the certificate ends in {value}: repeat the material test",
+    "test_certificate_void": "what it applies to has changed: repeat the material test",
 }
 """By alarm, without the subject after the colon of its name. ``value`` and ``limit`` include their unit."""
 

@@ -58,6 +58,7 @@ def learn_belt(
     width_mm: float | None = None,
     across_mm: Range | None = None,
     region_px: Sequence[Range] | None = None,
+    travel_deg: float | None = None,
 ) -> Belt:
     """Return the model of the empty belt from one or more of its depth maps.
 
@@ -75,6 +76,8 @@ def learn_belt(
         The belt's ends in x of the belt frame; None: found.
     region_px
         Corners u, v of a polygon in the depth map that contains the belt; None: the surface under the optical axis.
+    travel_deg
+        Direction of travel of a flat belt without edges in view: its angle to the core image's columns, clockwise.
 
     Returns
     -------
@@ -92,7 +95,12 @@ def learn_belt(
         raise InputError("depths is one DepthMap: give a list, [depth]")
     if not is_list_or_tuple(depths):
         raise InputError(f"depths is {describe_kind(depths)}: must be a list of DepthMap")
-    given = _make_settings(GivenBelt, {"width_mm": width_mm, "across_mm": across_mm, "region_px": region_px})
+    given = _make_settings(
+        GivenBelt,
+        {
+            "width_mm": width_mm, "across_mm": across_mm, "region_px": region_px, "travel_deg": travel_deg,
+        },
+    )  # fmt: skip
     return empty_belt.learn_belt(depths, rig.core_camera, given)
 
 

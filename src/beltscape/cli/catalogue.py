@@ -56,6 +56,9 @@ GROUPS = {
         "replay": "a recorded capture through the running system, at full or at its own speed",
         "reload": "a running plant reads its settings, rig and empty belt again, without a stop",
         "site": "several belts, each measured by its own run: one page, balances over transfer points, totals",
+        "certify": "a material test → errors, factors, densities with σ; a signed certificate, and its verification",
+        "explain": "how a total came about: stretches, standings, runs, corrections, alarms, who acknowledged what",
+        "budget": "a year's uncertainty of the paid tonne: geometry, zero, speed, density; what would lower it",
         "users": "who may open the operator's page: list, add, remove, passwords, roles",
         "backup": "history, users, settings, rig, belt and certificates of a plant, while it runs",
         "restore": "a backup back in its place, on this machine or an empty one",
@@ -124,6 +127,17 @@ EXAMPLES = {
     "replay": ("replay project.toml --capture moving --out replayed",),
     "reload": ("reload project.toml", "reload project.toml --list"),
     "site": ("site site.toml --check", "site site.toml"),
+    "certify": (
+        "certify material material_test.toml --project project.toml --out test",
+        "certify object pass_1 pass_2 pass_3 --module module.toml --sigma 0.05 --project project.toml --out object",
+        "certify verify data/certificates/2026-0001.html --project project.toml",
+        "certify list project.toml",
+    ),
+    "explain": (
+        "explain project.toml day:2026-11-21 --out explained",
+        "explain project.toml 2026-11-21T08:00Z/2026-11-21T09:00Z",
+    ),
+    "budget": ("budget project.toml year:2026 --out budget",),
     "users": ("users add project.toml anna --role engineer",),
     "backup": ("backup project.toml /var/backups/beltscape --archive tar.zst --keep 14",),
     "restore": (

@@ -176,6 +176,9 @@ FRAMES_DROPPED = _add("frames_dropped", "computer", _LOST, place=11)
 
 # of no group
 CERTIFICATE_EXPIRING = _add("certificate_expiring", rationale=_LOW, place=19, in_maintenance=True)
+MATERIAL_TEST_DUE = _add("material_test_due", rationale=_LOW, place=20, in_maintenance=True)
+# a certificate does not say any more how far totals are off
+TEST_CERTIFICATE_VOID = _add("test_certificate_void", rationale=_WORK, place=21, in_maintenance=True)
 MAINTENANCE = _add("maintenance", rationale=_LOW)
 SPLICE = _add("splice", rationale=_LOW)
 

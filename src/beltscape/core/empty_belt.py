@@ -96,8 +96,9 @@ class Belt(Displayed):
     """One standard deviation of the direction of z."""
     yaw_sigma_rad: float | None
     """One standard deviation of the direction of x; None where the belt does not determine it."""
-    yaw_from: Literal["shape", "edges", "camera"]
-    """Source of x: the trough's shape, the flat belt's edges, or, without either, the core image's u axis."""
+    yaw_from: Literal["shape", "edges", "told", "camera"]
+    """Source of x: the trough's shape, the flat belt's edges, or, without either, the direction of travel that was
+    given, or else the core image's u axis."""
     z_sigma_mm: NDArray[np.float64]
     """(K,) float64 one standard deviation of ``z_mm``."""
     along_mm: tuple[float, float]

@@ -16,6 +16,22 @@ CameraState = Literal["ok", "waiting", "lost", "unusable"]
 
 
 @dataclass(frozen=True, slots=True)
+class CertificateReading:
+    """The newest certificate of the material test, at one moment."""
+
+    number: str
+    days_left: float
+    """Until it ends; negative afterwards."""
+    changed: tuple[str, ...] = ()
+    """What it applies to and has changed since: "rig", "empty", "settings", "networks", "program"."""
+
+    @property
+    def in_force(self) -> str:
+        """Return its number; empty where it has ended or does not apply any more."""
+        return self.number if self.days_left >= 0 and not self.changed else ""
+
+
+@dataclass(frozen=True, slots=True)
 class CameraHealth:
     """The state of one camera."""
 

@@ -103,7 +103,7 @@ class FlowRecord:
     density_sigma_kg_m3: float = math.nan
     """One standard deviation of the density, common to all strips of a product; NaN: not known."""
     sigma_parts: SigmaParts = _NO_PARTS
-    """What the strip adds to the parts of σ of a total; histories do not keep it."""
+    """What the strip adds to the parts of σ of a total; all 0: not known, as in histories of older programs."""
 
     def __repr__(self) -> str:
         length = (self.strip_mm[1] - self.strip_mm[0]) / 1000

@@ -112,8 +112,8 @@ def _belt(document: Mapping[str, Any]) -> Belt:
     section, quality = _entry(document, "section"), _entry(document, "quality")
     x = _require_ascending("section", section, "x_mm")
     yaw_from = quality.get("yaw_from")
-    if yaw_from not in ("shape", "edges", "camera"):
-        raise ValueError(f"quality.yaw_from = {yaw_from!r}: must be shape, edges or camera")
+    if yaw_from not in ("shape", "edges", "told", "camera"):
+        raise ValueError(f"quality.yaw_from = {yaw_from!r}: must be shape, edges, told or camera")
     yaw = quality.get("yaw_sigma_rad")
     flat = document.get("flat_mm")
     numbers: dict[str, Any] = {key: _number("quality", quality, key) for key in _NUMBERS}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -88,6 +89,7 @@ def use_networks(folder: Path) -> None:
     global _folder  # noqa: PLW0603
     _folder = folder
     load_network.cache_clear()
+    hash_networks.cache_clear()
 
 
 @cache
@@ -106,3 +108,14 @@ def load_network(name: str) -> Network:
         raise InputError(f"{source}: is missing; `make train` fits it")
     with source.open("rb") as stream:
         return read_network(stream, source.name)
+
+
+@cache
+def hash_networks() -> str:
+    """Return the SHA-256 of all fitted networks that the program uses, over the names and bytes of their files."""
+    total = sha256()
+    for name in sorted(PURPOSES):
+        source = _folder / f"{name}.npz"
+        total.update(name.encode())
+        total.update(source.read_bytes() if source.is_file() else b"")
+    return total.hexdigest()

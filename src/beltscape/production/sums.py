@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 from functools import reduce
 from typing import Any
 
-from beltscape.core.ledger import BeltRecord
+from beltscape.core.ledger import BeltRecord, SigmaParts
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +40,13 @@ class ProductionSums:
     valid_mm: float = 0.0
     degraded_mm: float = 0.0
     missing_mm: float = 0.0
+    edges_mm3: float = 0.0
+    holes_mm3: float = 0.0
+    drift_mm3: float = 0.0
+    faults_mm3: float = 0.0
+    """Sums of the parts of the common σ: common displacement of edges, holes, slow depth errors, faults."""
+    unsplit_mm3: float = 0.0
+    """Sum of the common σ of the records whose parts are not known."""
 
     def __add__(self, other: ProductionSums) -> ProductionSums:
         """Return the sums of both."""
@@ -88,11 +95,12 @@ def sum_record(record: BeltRecord) -> ProductionSums:
     sigma = strip.sigma_mm3 if math.isfinite(strip.sigma_mm3) else 0.0
     common = min(strip.common_sigma_mm3, sigma) if math.isfinite(strip.common_sigma_mm3) else sigma
     variance = max(sigma**2 - common**2, 0.0)
+    parts = _list_parts(strip.sigma_parts, common)
     density = strip.density_kg_m3 * 1e-9
     if not math.isfinite(density):
         unweighed = int(volume != 0.0)
         return replace(
-            passed, volume_mm3=volume, variance_mm6=variance, common_mm3=common, unweighed=unweighed
+            passed, volume_mm3=volume, variance_mm6=variance, common_mm3=common, unweighed=unweighed, **parts
         )
     density_sigma = strip.density_sigma_kg_m3 if math.isfinite(strip.density_sigma_kg_m3) else 0.0
     return replace(
@@ -104,7 +112,16 @@ def sum_record(record: BeltRecord) -> ProductionSums:
         mass_variance_kg2=variance * density**2,
         mass_common_kg=common * density,
         density_common_kg=volume * density_sigma * 1e-9,
+        **parts,
     )
+
+
+def _list_parts(parts: SigmaParts, common_mm3: float) -> dict[str, Any]:
+    """Return the parts of a strip's common σ, or all of it as one where they are not known."""
+    if parts == SigmaParts():
+        return {"unsplit_mm3": common_mm3}
+    names = ("edges_mm3", "holes_mm3", "drift_mm3", "faults_mm3")
+    return {name: getattr(parts, name) for name in names}
 
 
 @dataclass(frozen=True, slots=True)

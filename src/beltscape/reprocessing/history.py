@@ -31,11 +31,11 @@ from beltscape.pipeline.live.measuring_parts import describe_provenance
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
 from beltscape.production.calendar import open_zone
 from beltscape.production.shifts import find_due_change
-from beltscape.reprocessing.comparison.ledger import ChangedMeanwhileError, open_history
 from beltscape.reprocessing.manifest import Manifest
 from beltscape.reprocessing.pieces import Piece, PieceResult, PieceTimes
 from beltscape.sinks.historian.historian import Historian
 from beltscape.sinks.historian.production import read_changes
+from beltscape.sinks.historian.reading import ChangedMeanwhileError, open_history
 from beltscape.sinks.historian.recovery import DATABASE
 
 SEAM_MM = 2.0

@@ -18,7 +18,6 @@ from beltscape.files.rig_json import read_rig
 from beltscape.pipeline.live import zero
 from beltscape.pipeline.live.measuring_parts import build_context, describe_provenance
 from beltscape.pipeline.live.project import Project, RunSettings
-from beltscape.reprocessing.comparison.ledger import HISTORY
 from beltscape.reprocessing.history import (
     Change,
     JoinedLedger,
@@ -33,6 +32,7 @@ from beltscape.reprocessing.pieces import PIECE_FRAMES, Piece, compute_overlap, 
 from beltscape.reprocessing.recordings.discovery import find_recordings
 from beltscape.reprocessing.recordings.recording import Recording, Unreadable
 from beltscape.reprocessing.throughput import Throughput
+from beltscape.sinks.historian.reading import HISTORY
 from beltscape.workers.options import WorkerOptions
 from beltscape.workers.tasks import run_tasks
 

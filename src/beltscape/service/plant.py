@@ -12,6 +12,7 @@ from typing import Any
 from beltscape.core.interfaces import Observers
 from beltscape.core.ledger import Totals
 from beltscape.core.system_calls import notify
+from beltscape.pipeline.certifying.certificates import CertificateWatch
 from beltscape.pipeline.live.assembly import RunOptions, assemble
 from beltscape.pipeline.live.project import Project
 from beltscape.service.access import Access
@@ -87,7 +88,12 @@ def _make_plant(project: Project[ProjectSettings], options: RunOptions, *, page:
     access = Access(options.data, web.access)
     expiry = CertificateExpiry(web.tls_certificate, web.tls_key) if page else CertificateExpiry(None, None)
     reports = ReportStatus()
-    options = replace(options, certificate_days=expiry, reports_trouble=lambda: reports.trouble)
+    options = replace(
+        options,
+        certificate_days=expiry,
+        read_certificate=CertificateWatch(options.data),
+        reports_trouble=lambda: reports.trouble,
+    )
     if page or project.settings.opcua is not None:
         options = replace(options, users_trouble=lambda: access.trouble)
     assembled = assemble(project, options, Observers([live_state, LogObserver()]))

@@ -92,8 +92,7 @@ def _prepare_measuring(plant: RunningPlant, project: Project[ProjectSettings]) -
     described = plant.served.provenance, describe_provenance(project)
 
     def exchange(parts: MeasuringParts, provenance: Provenance) -> None:
-        run = plant.assembled.historian.begin_run(parts.provenance)
-        plant.assembled.engine.exchange(parts, run)
+        plant.assembled.engine.exchange(parts)
         plant.parts, plant.served.provenance = parts, provenance
 
     return CheckedChange(lambda: exchange(after, described[1]), lambda: exchange(before, described[0]))

@@ -20,7 +20,7 @@ from beltscape.core.ledger import BeltRecord, Totals
 from beltscape.core.progress import Silent
 from beltscape.health.settings import BeltLimits
 from beltscape.pipeline.live.engine import Engine
-from beltscape.pipeline.live.engine_components import EngineComponents, PeriodicInspector
+from beltscape.pipeline.live.engine_components import EngineComponents, PeriodicInspector, ReadCertificate
 from beltscape.pipeline.live.event_log import EventLog
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.intake import FrameQueue
@@ -112,6 +112,7 @@ def engine_of(
     blocking: bool = True,
     matcher: FakeMatcher | None = None,
     sink: object = None,
+    read_certificate: ReadCertificate = lambda _: None,
 ) -> tuple[Engine, Watcher, Historian, EngineComponents]:
     historian, watcher, reporter = history(folder), Watcher(), Silent()
     resume = historian.ledger_end
@@ -138,6 +139,8 @@ def engine_of(
         observer=watcher,
         reporter=reporter,
         polls_encoder=False,
+        provenance={"rig": "own"},
+        read_certificate=read_certificate,
     )
     return Engine(parts), watcher, historian, parts
 

@@ -18,6 +18,7 @@ from beltscape.core.findings import EFFECTS
 from beltscape.core.ledger import STANDINGS
 from beltscape.core.translatable_message import LANGUAGES_FOLDER
 from beltscape.measure.flow.encoder_check import Kind
+from beltscape.metrology.certificate import APPLIES
 from beltscape.service import settings
 from beltscape.service.access.accounts import ROLES
 from beltscape.service.settings import list_languages, read_texts
@@ -118,6 +119,7 @@ KEYS_OF = {
     ),
     "f'zero_{kind}'": ("zero_moved", "zero_moved_on_one_side", "zero_film", "zero_worn"),
     "f'zero_set_{name}'": ("zero_set_rise", "zero_set_tilt"),
+    "f'test_certificate_{found.changed[0]}'": tuple(f"test_certificate_{part}" for part in APPLIES),
     "f'encoder_{contradiction.kind}'": tuple(f"encoder_{kind}" for kind in get_args(Kind)),
 }  # fmt: skip
 """Keys of messages that are composed, by their expression."""

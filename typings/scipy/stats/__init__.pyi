@@ -10,3 +10,9 @@ class _ChiSquare:
 chi2: _ChiSquare
 
 def rankdata(a: NDArray[np.floating]) -> NDArray[np.float64]: ...
+
+class _Line:
+    slope: float
+
+def linregress(x: list[float], y: list[float]) -> _Line: ...
+def f_oneway(*samples: list[float]) -> tuple[float, float]: ...

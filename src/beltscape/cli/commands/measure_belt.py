@@ -33,6 +33,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--region", metavar="POINTS",
         help='polygon that contains the belt, in pixels of preview.png: "u,v u,v u,v …", or a file with these pairs',
     )  # fmt: skip
+    parser.add_argument(
+        "--travel", type=float, metavar="DEG",
+        help="travel of a flat belt without edges in view: its angle to the columns of preview.png, clockwise",
+    )  # fmt: skip
     add_output_file(parser, "belt.json to write; its report lies beside it", "belt.json", required=True)
 
 
@@ -46,6 +50,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         width_mm=arguments.width,
         across_mm=require_ordered_range("--across", arguments.across),
         region_px=None if arguments.region is None else _parse_region(arguments.region),
+        travel_deg=arguments.travel,
     )
     belt, depth = measure_empty_belt(arguments.reconstruction, arguments.frames, reporter, given)
     page = write_belt_files(arguments.out, belt, depth)

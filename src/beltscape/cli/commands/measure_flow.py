@@ -61,6 +61,7 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
     from beltscape.files.atomic import ensure_output_folder
     from beltscape.files.rig_json import read_rig
     from beltscape.measure.flow.settings import FlowSettings
+    from beltscape.pipeline.measuring.belt import describe_measured_by
     from beltscape.pipeline.measuring.flow import measure_flow_of_capture, write_flow_result
 
     if arguments.direction == _MISSING_DIRECTION:
@@ -82,7 +83,9 @@ def run(arguments: argparse.Namespace, reporter: Reporter) -> Mapping[str, Any]:
         preset=arguments.preset,
         load_mm=arguments.load,
     )
-    return write_flow_result(arguments.out, flow, density, getattr(reporter, "warnings", ()))
+    warnings = getattr(reporter, "warnings", ())
+    measured_by = describe_measured_by(arguments.rig, arguments.empty)
+    return write_flow_result(arguments.out, flow, density, warnings, measured_by)
 
 
 def _density(arguments: argparse.Namespace) -> Density:

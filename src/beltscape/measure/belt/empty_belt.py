@@ -142,13 +142,16 @@ def learn_belt(frames: Sequence[DepthMap], camera: Camera, given: GivenBelt = NO
     for depth in frames:
         require_depth_of(camera, depth, "empty belt")
     mean = average_depth_maps(frames)
-    belt = replace(find_belt(mean, camera, given.region_px), frames=len(frames))
+    belt = replace(find_belt(mean, camera, given.region_px, given.travel_deg), frames=len(frames))
     belt = replace(belt, edges=find_belt_edges(mean, camera, belt), camera=camera)
     return apply_given(belt, given)
 
 
 def find_belt(
-    depth: DepthMap, camera: Camera, region_px: Sequence[tuple[float, float]] | None = None
+    depth: DepthMap,
+    camera: Camera,
+    region_px: Sequence[tuple[float, float]] | None = None,
+    travel_deg: float | None = None,
 ) -> Belt:
     """Return the belt found in an empty belt's depth map.
 
@@ -157,8 +160,8 @@ def find_belt(
     direction and cross-section are then fitted together to the points, robustly. Its ends are found along the core
     camera's rays; what lies below, above or beyond them is no belt, and is not used. The z
     axis is the normal of the cross-section's flat middle, or the line of symmetry of a trough without one. A flat
-    belt gives no direction: it is taken from the belt's edges where they are visible, else x is the core image's
-    u axis.
+    belt gives no direction: it is taken from the belt's edges where they are visible, else from ``travel_deg``, the
+    given direction of travel (`GivenBelt`); without it x is the core image's u axis.
 
     Raises
     ------
@@ -174,7 +177,7 @@ def find_belt(
             "project speckle or give a better frame"
         )
     depth = depth if region_px is None else mask_region(depth, region_px)
-    start, part, extent = _find_section(depth, camera, largest=region_px is not None)
+    start, part, extent = _find_section(depth, camera, travel_deg, largest=region_px is not None)
     points = _sample_points(depth, camera)
     points = points[on_belt_mask(points, part, extent.across_mm)]
     section = fit_cross_section(points, part.rotation, turn_yaw=start.troughed)
@@ -193,6 +196,8 @@ def find_belt(
         ends = np.array([[x, 0.0, section.height_mm(np.array([x]))[0]] for x in middle.flat_mm])
         flat = pose.apply(ends @ section.rotation)[:, 0]
     belt = _assemble_belt(depth, camera, upright, pose, start, plane, flat)
+    if belt.yaw_from == "camera" and travel_deg is not None:
+        belt = replace(belt, yaw_from="told")
     ends = extent.ends if region_px is None else _tell_ends(extent.ends)
     return replace(belt, ends=ends, clear_mm=_convert_clear(extent, part, belt.belt_from_core))
 
@@ -207,7 +212,7 @@ def _convert_clear(extent: BeltExtent, section: BeltCrossSection, pose: Pose) ->
 
 
 def _find_section(
-    depth: DepthMap, camera: Camera, *, largest: bool
+    depth: DepthMap, camera: Camera, travel_deg: float | None, *, largest: bool
 ) -> tuple[InitialFrame, BeltCrossSection, BeltExtent]:
     """Return the frame and the section of the surface's blocks, and the extent of the belt that continues it."""
     side = max(8, camera.size_px[0] // 38)
@@ -217,7 +222,7 @@ def _find_section(
     if not own.all():
         surface = keep_pixels(depth, select_pixels(depth, camera, blocks.select(own), side))
     points = _sample_points(surface, camera)
-    start = find_initial_frame(depth, camera, blocks.select(own), points)
+    start = find_initial_frame(depth, camera, blocks.select(own), points, travel_deg)
     section = fit_cross_section(points, start.rotation, turn_yaw=start.troughed)
     if np.isfinite(section.z_mm).sum() < _LEAST_NODES:
         raise MeasureError(

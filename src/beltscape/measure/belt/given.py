@@ -36,9 +36,20 @@ def apply_given(belt: Belt, given: GivenBelt) -> Belt:
     return belt
 
 
-def describe_doubtful_ends(belt: Belt) -> tuple[str, ...]:
-    """Return what is not known of the belt's ends, or only by a given width, each with its fix."""
-    return tuple(text for text in (_describe_unknown_ends(belt), _describe_given_width(belt)) if text)
+def describe_doubts(belt: Belt) -> tuple[str, ...]:
+    """Return what is not known of the belt's direction and its ends, or only by a given width, each with its fix."""
+    doubts = (_describe_unknown_direction(belt), _describe_unknown_ends(belt), _describe_given_width(belt))
+    return tuple(text for text in doubts if text)
+
+
+def _describe_unknown_direction(belt: Belt) -> str | None:
+    """Return that a flat belt without edges in view does not show its direction of travel; None for any other."""
+    if belt.yaw_from != "camera":
+        return None
+    return (
+        "the empty belt is flat and no edge of it was seen: its direction of travel is taken for that of the core "
+        "image's columns; if it runs at an angle to them, beltscape measure belt --travel DEG says so"
+    )
 
 
 def _describe_unknown_ends(belt: Belt) -> str | None:

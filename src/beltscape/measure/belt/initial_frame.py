@@ -17,6 +17,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.errors import MeasureError
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.statistics import MAD_TO_SIGMA, TUKEY, compute_biweights
+from beltscape.measure.belt.cross_section import STEP_MM
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +36,8 @@ def fit_edge_yaw(
     """Fit the direction of the straight steps that bound a plane; None where no long one is visible.
 
     ``plane_mm`` (H, W, 2) and ``off_mm`` (H, W) are each pixel's position in the plane and its height off it. Only
-    borders with another surface measured nearby count, so that the border of the light does not.
+    borders with another surface measured nearby count, a step off the plane: not the border of the light, where
+    depths of the plane itself are off by millimetres.
     """
     points = _border_mask(off_mm, tolerance_mm)
     points = plane_mm[points]
@@ -65,7 +67,7 @@ def _border_mask(off_mm: NDArray[np.float64], tolerance_mm: float) -> NDArray[np
     measured = np.isfinite(off_mm)
     on = ndimage.binary_closing(measured & (np.abs(off_mm) < tolerance_mm), iterations=3)
     on = np.asarray(ndimage.binary_opening(on, iterations=3), bool)
-    other = measured & (np.abs(off_mm) > 2 * tolerance_mm)
+    other = measured & (np.abs(off_mm) > max(2 * tolerance_mm, STEP_MM))
     other = np.asarray(ndimage.binary_opening(other, iterations=3), bool)
     if not other.any():
         return np.zeros_like(on)
@@ -254,9 +256,17 @@ class InitialFrame:
 
 
 def find_initial_frame(
-    depth: DepthMap, camera: Camera, blocks: BlockPlanes, points_mm: NDArray[np.float64]
+    depth: DepthMap,
+    camera: Camera,
+    blocks: BlockPlanes,
+    points_mm: NDArray[np.float64],
+    travel_deg: float | None = None,
 ) -> InitialFrame:
-    """Estimate the frame from the belt's blocks of the depth map; ``points_mm`` (N, 3) sample these in its frame."""
+    """Estimate the frame from the belt's blocks of the depth map; ``points_mm`` (N, 3) sample these in its frame.
+
+    ``travel_deg`` is the direction of travel that is given, see `GivenBelt`; MeasureError where it contradicts the
+    belt's shape or its edges.
+    """
     planes = _select_planar_blocks(blocks)
     along = _fit_belt_direction(planes.normals)
     rotation = build_frame(along, np.array([0.0, 0.0, -1.0]))
@@ -264,8 +274,29 @@ def find_initial_frame(
     scatter = MAD_TO_SIGMA * float(np.median(np.abs(planes.normals @ along)))
     on_wing = np.abs(angle - np.median(angle)) > max(_WING_ANGLE_RAD, 4 * scatter)
     if on_wing.mean() > _MIN_WING_SHARE:
+        _require_agreement(rotation, travel_deg, "shape")
         return InitialFrame(rotation, True, None)
-    return _find_flat_frame(depth, camera, points_mm, planes)
+    frame = _find_flat_frame(depth, camera, points_mm, planes, travel_deg or 0.0)
+    if frame.edges is not None:
+        _require_agreement(frame.rotation, travel_deg, "edges")
+    return frame
+
+
+_AGREE_DEG = 5.0
+"""Difference from which on a given direction of travel contradicts the one that was measured."""
+
+
+def _require_agreement(rotation: NDArray[np.float64], travel_deg: float | None, source: str) -> None:
+    """Raise MeasureError if the direction that is given is not that of a frame whose ``source`` shows it."""
+    if travel_deg is None:
+        return
+    along = rotation[1]
+    found = float(np.rad2deg(np.arctan2(-along[0], along[1])))
+    if abs((found - travel_deg + 90) % 180 - 90) > _AGREE_DEG:
+        raise MeasureError(
+            f"empty belt: its direction of travel is given as {travel_deg:g}° from the image's columns, but its "
+            f"{source} {'show' if source == 'edges' else 'shows'} {(found + 90) % 180 - 90:.0f}°; leave it out"
+        )
 
 
 def build_frame(along: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -300,9 +331,13 @@ def _fit_belt_direction(normals: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _find_flat_frame(
-    depth: DepthMap, camera: Camera, points_mm: NDArray[np.float64], planes: BlockPlanes
+    depth: DepthMap,
+    camera: Camera,
+    points_mm: NDArray[np.float64],
+    planes: BlockPlanes,
+    travel_deg: float,
 ) -> InitialFrame:
-    """Estimate the frame of a flat belt from its plane and its edges."""
+    """Estimate the frame of a flat belt from its plane and its edges, or the direction where it has none in view."""
     off_axis = np.linalg.norm(planes.centers_mm[:, :2], axis=1) / planes.centers_mm[:, 2]
     nearest = np.argsort(off_axis)[: max(5, len(off_axis) // 50)]
     normal = np.median(planes.normals, axis=0)
@@ -321,7 +356,8 @@ def _find_flat_frame(
         normal *= -np.sign(normal[2])
         offset = float(middle @ normal)
         noise = max(MAD_TO_SIGMA * float(np.median(np.abs((near - middle) @ normal))), 1e-4)
-    x_axis = np.array([1.0, 0.0, 0.0])
+    turn = np.deg2rad(travel_deg)
+    x_axis = np.array([np.cos(turn), np.sin(turn), 0.0])
     rotation = build_frame(np.cross(normal, x_axis), normal)
     pixels = depth.points_mm(camera) @ rotation.T
     edges = fit_edge_yaw(pixels[..., :2], pixels[..., 2] - offset, 6 * noise)

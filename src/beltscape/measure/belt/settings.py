@@ -11,7 +11,7 @@ _Pixel = Annotated[float, Field(ge=-10_000, le=100_000)]
 
 
 class GivenBelt(BaseModel):
-    """Width, ends or region of the belt, where they are given; by default everything is found in the depth maps."""
+    """Width, ends, region or direction of the belt, where given; by default everything is found in the depth maps."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     width_mm: Annotated[float, Field(ge=50, le=10_000)] | None = None
@@ -20,6 +20,9 @@ class GivenBelt(BaseModel):
     """The belt's ends in x of the belt frame, whose origin is where the core's optical axis meets the belt."""
     region_px: tuple[tuple[_Pixel, _Pixel], ...] | None = None
     """Corners u, v of a polygon around the belt, in the core camera's undistorted image, which preview.png shows."""
+    travel_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    """Direction of travel of a flat belt without edges in view, in the core camera's undistorted image: its angle to
+    the image's columns, clockwise."""
 
     @model_validator(mode="after")
     def _check(self) -> GivenBelt:

@@ -16,7 +16,12 @@ from beltscape.core.progress import Reporter
 from beltscape.files.atomic import ensure_output_folder
 from beltscape.pipeline.live.alarm_control import AlarmStateFile
 from beltscape.pipeline.live.engine import Engine
-from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts
+from beltscape.pipeline.live.engine_components import (
+    EngineComponents,
+    MeasuringParts,
+    ReadCertificate,
+    add_certificate,
+)
 from beltscape.pipeline.live.event_log import EventLog
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.hidden_alarms import HiddenAlarms
@@ -56,6 +61,7 @@ class RunOptions:
     learn_images: bool = False
     """Whether what sound images show is learned anew."""
     certificate_days: Callable[[], float] = field(default=lambda: float("nan"))
+    read_certificate: ReadCertificate = field(default=lambda _: None)
     users_trouble: Callable[[], str] = field(default=lambda: "")
     reports_trouble: Callable[[], str] = field(default=lambda: "")
     heartbeat: Callable[[], None] = field(default=lambda: None)
@@ -124,10 +130,8 @@ def _assemble_around(
     historian = Historian(ensure_output_folder(options.data), settings.history)
     events = EventLog(historian)
     observer = _add_exposure_control(observer, settings.cameras, source, rig, context, events)
-    resume = historian.ledger_end
-    encoder = _open_encoder(project, options, resume)
-    run = historian.begin_run(parts.provenance)
-    state = LedgerState(run, resume.number + 1, resume.end_mm, resume.offset_mm)
+    encoder = _open_encoder(project, options, historian.ledger_end)
+    state = _begin_run(historian, parts, options)
     writers = [make_record_writer("historian", historian, notify_records(observer, historian))]
     table = CsvTable(options.data / "csv", settings.csv, historian)
     writers.append(make_record_writer("csv", table))
@@ -151,6 +155,8 @@ def _assemble_around(
         polls_encoder=settings.cameras is not None,
         zero=parts.zero,
         certificate_days=options.certificate_days,
+        provenance=parts.provenance,
+        read_certificate=options.read_certificate,
         users_trouble=options.users_trouble,
         reports_trouble=options.reports_trouble,
         heartbeat=options.heartbeat,
@@ -164,6 +170,13 @@ def _assemble_around(
         workers.pool.on_end = components.queue.wake
         workers.pool.on_death = lambda line: events.add("worker", "replaced", line, time_ns())
     return AssembledRun(Engine(components), historian, table, components, parts, production)
+
+
+def _begin_run(historian: Historian, parts: MeasuringParts, options: RunOptions) -> LedgerState:
+    """Begin a run with what it is measured by and the certificate in force; return the state of the ledger."""
+    resume, certificate = historian.ledger_end, options.read_certificate(parts.provenance)
+    run = historian.begin_run(add_certificate(parts.provenance, certificate))
+    return LedgerState(run, resume.number + 1, resume.end_mm, resume.offset_mm)
 
 
 def _add_exposure_control(

@@ -21,7 +21,7 @@ from beltscape.core.system_calls import release_memory
 from beltscape.core.translatable_message import make_event_text
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.alarm_control import AlarmControl
-from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts
+from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts, RunRegister
 from beltscape.pipeline.live.gauges import CapacityMeter
 from beltscape.pipeline.live.intake import Arrival
 from beltscape.pipeline.live.measurement_run import Outcome
@@ -134,6 +134,9 @@ class Engine(OperatorControls):
         self._repair = RepairNotice(components.historian, components.reporter)
         workers = components.workers
         self._capacity = CapacityMeter(None if workers is None else workers.count_matched_per_s)
+        self._runs = RunRegister(components.historian, components.read_certificate, components.provenance)
+        self._next_run: int | None = None
+        """The run of the next records, where only the certificate in force has changed."""
         self._next: MeasuringParts | None = None
         """The parts that take the place of the present ones between two records."""
         self._stopping = threading.Event()
@@ -187,10 +190,21 @@ class Engine(OperatorControls):
             components.encoder.close()
         return max(unwritten, default=0)
 
-    def exchange(self, parts: MeasuringParts, run: int) -> None:
-        """Measure with other parts, of the same cameras, from the next record on, which is the first of ``run``."""
-        self._next = parts
+    def exchange(self, parts: MeasuringParts) -> None:
+        """Measure with other parts, of the same cameras, from the next record on, which is the first of a new run."""
+        run = self._runs.begin(parts.provenance)
+        self._next, self._next_run = parts, None
         self._components.measurement.set_context(parts.context, run)
+
+    def _follow_certificate(self) -> None:
+        """Begin a new run where another certificate is in force, or the present one has ended."""
+        run = None if self._next is not None else self._runs.follow()
+        if run is not None:
+            self._next_run, number = run, self._runs.certificate
+            text = make_event_text("certificate_none")
+            if number:
+                text = make_event_text("certificate_in_force", number=number)
+            self._events.add("certificate", number or "none", text, time_ns(), parameters={"number": number})
 
     def _warn_of_failure(self, failure: str) -> None:
         self._components.reporter.warn(f"{threading.current_thread().name}: {failure}; going on")
@@ -309,6 +323,9 @@ class Engine(OperatorControls):
 
     def _push(self, frames: FrameSet, present: Maintenance | None, pending: PendingFrame | None) -> Outcome:
         """Measure a frame set; during maintenance it only gives the belt's position."""
+        run, self._next_run = self._next_run, None
+        if run is not None:
+            self._components.measurement.set_context(self._components.measurement.context, run)
         empty_belt = self._components.zero.pop_reference()
         if empty_belt is not None:
             self._components.measurement.set_empty_belt(empty_belt)
@@ -380,6 +397,7 @@ class Engine(OperatorControls):
         while not self._stopping.wait(_MONITOR_S):
             self._repair.check()
             components.finding_log.store(components.historian)
+            self._follow_certificate()
             components.follow_timetable()  # an error of a history that cannot be written ends the round
             if monotonic() - last > _HOUSEKEEPING_S:
                 last = monotonic()
@@ -416,6 +434,7 @@ class Engine(OperatorControls):
             encoder_silent_s=float("nan") if encoder is None else encoder.silent_s,
             encoder_trouble=None if encoder is None else encoder.trouble,
             certificate_days=components.certificate_days(),
+            test_certificate=self._runs.read_certificate(),
             is_maintained=components.maintenance.current is not None,
         )
 

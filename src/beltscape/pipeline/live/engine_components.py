@@ -12,6 +12,7 @@ from time import monotonic
 from beltscape.alarms.board import AlarmBoard
 from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import MeasureError
+from beltscape.core.events import CertificateReading
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.interfaces import LiveSource, Observer
@@ -72,6 +73,42 @@ class PeriodicInspector:
                     gauges.offset_mm = value
 
 
+ReadCertificate = Callable[[Mapping[str, str]], CertificateReading | None]
+
+
+def add_certificate(provenance: Mapping[str, str], reading: CertificateReading | None) -> dict[str, str]:
+    """Return the provenance of a run with the number of the certificate in force; empty where none is any more."""
+    return dict(provenance) if reading is None else {**provenance, "certificate": reading.in_force}
+
+
+class RunRegister:
+    """Begins the runs of the history, each with what it is measured by and the certificate in force."""
+
+    def __init__(self, historian: Historian, read: ReadCertificate, provenance: Mapping[str, str]) -> None:
+        """``provenance`` is that of the present run, which is begun already."""
+        self._historian, self._read, self._provenance = historian, read, provenance
+        reading = read(provenance)
+        self.certificate = "" if reading is None else reading.in_force
+        """Number of the certificate that the present run's provenance has; empty: none."""
+
+    def read_certificate(self) -> CertificateReading | None:
+        """Return the newest certificate, against what is measured by now; None without one."""
+        return self._read(self._provenance)
+
+    def begin(self, provenance: Mapping[str, str]) -> int:
+        """Begin a run that is measured by ``provenance``; return its number."""
+        self._provenance = provenance
+        described = add_certificate(provenance, self._read(provenance))
+        self.certificate = described.get("certificate", "")
+        return self._historian.begin_run(described)
+
+    def follow(self) -> int | None:
+        """Begin a run where another certificate is in force than the present run's; return its number, else None."""
+        reading = self.read_certificate()
+        number = "" if reading is None else reading.in_force
+        return None if number == self.certificate else self.begin(self._provenance)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class MeasuringParts:
     """The parts that belong to one rig and one empty belt; a running engine exchanges them between two records."""
@@ -112,6 +149,10 @@ class EngineComponents:
     """Whether the encoder is read while no frame set arrives; False for a recording."""
     zero: ZeroControl
     certificate_days: Callable[[], float] = lambda: float("nan")
+    provenance: Mapping[str, str] = field(default_factory=dict[str, str])
+    """What is measured by now, as `MeasuringParts.provenance`."""
+    read_certificate: ReadCertificate = lambda _: None
+    """Returns the newest certificate of the material test, against a provenance; None without one."""
     users_trouble: Callable[[], str] = lambda: ""
     """Why nobody can sign in, in one line; empty without a fault."""
     reports_trouble: Callable[[], str] = lambda: ""

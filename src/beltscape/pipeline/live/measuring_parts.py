@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from beltscape import __version__
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig, scale_rig
 from beltscape.core.progress import Reporter
@@ -29,7 +28,7 @@ from beltscape.pipeline.live.engine_components import MeasuringParts, PeriodicIn
 from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.measurement_run import MeasurementContext
 from beltscape.pipeline.live.project import Project, RunSettings, read_density
-from beltscape.pipeline.measuring.belt import hash_empty_belt
+from beltscape.pipeline.measuring.belt import describe_measured_by, hash_empty_belt
 from beltscape.pipeline.measuring.flow_chain import compute_depth_range, read_reference
 from beltscape.pipeline.reconstructing.camera_checks import make_rig_writer
 from beltscape.pipeline.reconstructing.checked_matcher import MonitoredMatcher, make_sequence_matcher
@@ -41,7 +40,7 @@ TABLES = ("belt", "matching", "flow", "density", "watch", "health")
 
 
 def describe_provenance(project: Project[RunSettings]) -> dict[str, str]:
-    """Return what a run measures by: the program's version, and the SHA-256 of rig, empty belt and settings.
+    """Return what a run measures by: the program's version, and SHA-256 of rig, empty belt, networks and settings.
 
     Raises
     ------
@@ -54,14 +53,10 @@ def describe_provenance(project: Project[RunSettings]) -> dict[str, str]:
     files = [project.resolve(path) for path in (density.table, density.products) if path is not None]
     try:
         texts = [json.dumps(tables, sort_keys=True), *(hash_file(path) for path in files)]
-        return {
-            "program": __version__,
-            "rig": hash_file(project.resolve(settings.rig)),
-            "empty": hash_empty_belt(project.resolve(settings.empty)),
-            "settings": hashlib.sha256("".join(texts).encode()).hexdigest(),
-        }
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be read ({error.strerror})") from error
+    measured_by = describe_measured_by(project.resolve(settings.rig), project.resolve(settings.empty))
+    return {**measured_by, "settings": hashlib.sha256("".join(texts).encode()).hexdigest()}
 
 
 def read_run_rig(project: Project[RunSettings], reporter: Reporter) -> Rig:

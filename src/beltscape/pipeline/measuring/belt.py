@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from beltscape import __version__
 from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import InputError, MeasureError
@@ -18,8 +19,9 @@ from beltscape.files.atomic import write_text
 from beltscape.files.belt_json import read_belt, write_belt
 from beltscape.files.json_text import hash_file
 from beltscape.files.reconstruction import FrameResult, list_frame_folders, read_frame, require_intact
+from beltscape.learned.registry import hash_networks
 from beltscape.measure.belt.empty_belt import average_depth_maps, learn_belt
-from beltscape.measure.belt.given import apply_given, describe_doubtful_ends, measure_width_mm
+from beltscape.measure.belt.given import apply_given, describe_doubts, measure_width_mm
 from beltscape.measure.belt.settings import NOTHING_GIVEN, GivenBelt
 
 
@@ -60,7 +62,7 @@ def _learn_belt(
         belt = learn_belt(depths, camera, given)
     except MeasureError as error:
         raise MeasureError(f"{source}: {error}") from error
-    for warning in describe_doubtful_ends(belt):
+    for warning in describe_doubts(belt):
         reporter.warn(f"{source}: {warning}")
     return belt
 
@@ -103,11 +105,15 @@ def read_empty_belt(path: Path, reporter: Reporter, given: GivenBelt = NOTHING_G
 def _limit_read_belt(path: Path, given: GivenBelt) -> tuple[Belt, Camera]:
     """Return the belt of a belt.json within the ends that are given."""
     belt, camera = read_belt(path)
-    if given.region_px is not None:
-        raise InputError(
-            f"{path}: region_px needs the depth maps of the empty belt; give it to beltscape measure belt --region, "
-            "or a reconstruction as the empty belt"
-        )
+    for name, value, option in (
+        ("region_px", given.region_px, "--region"),
+        ("travel_deg", given.travel_deg, "--travel"),
+    ):
+        if value is not None:
+            raise InputError(
+                f"{path}: {name} needs the depth maps of the empty belt; give it to beltscape measure belt {option}, "
+                "or a reconstruction as the empty belt"
+            )
     try:
         return apply_given(belt, given), camera
     except MeasureError as error:
@@ -126,6 +132,25 @@ def hash_empty_belt(path: Path) -> str:
         return hash_file(path)
     joined = "".join(hash_file(frame / "depth.tiff") for frame in list_frame_folders(path))
     return hashlib.sha256(joined.encode()).hexdigest()
+
+
+def describe_measured_by(rig: Path, empty: Path) -> dict[str, str]:
+    """Return what a measurement rests on: the program's version, and SHA-256 of rig, empty belt and networks.
+
+    Raises
+    ------
+    InputError
+        If one of the files cannot be read.
+    """
+    try:
+        return {
+            "program": __version__,
+            "rig": hash_file(rig),
+            "empty": hash_empty_belt(empty),
+            "networks": hash_networks(),
+        }
+    except OSError as error:
+        raise InputError(f"{error.filename}: cannot be read ({error.strerror})") from error
 
 
 def read_intact_frame(folder: Path) -> FrameResult:
@@ -156,7 +181,7 @@ def write_belt_files(out: Path, belt: Belt, depth: DepthMap) -> Path:
 
     write_belt(out, belt, require_camera(belt))
     page = out.with_suffix(".html")
-    write_text(page, render_belt_page(belt, depth, describe_doubtful_ends(belt)))
+    write_text(page, render_belt_page(belt, depth, describe_doubts(belt)))
     return page
 
 

@@ -164,9 +164,15 @@ def _warn_of_gaps(records: Sequence[FlowRecord], reporter: Reporter) -> None:
 _DIRECTIONS = {1: "+y", -1: "-y", 0: None}
 
 
-def write_flow_result(out: Path, flow: Flow, density: Density, warnings: Sequence[str]) -> Mapping[str, Any]:
-    """Write all files into ``out``; return the result of ``--json``."""
-    document = make_flow_document(flow, density)
+def write_flow_result(
+    out: Path,
+    flow: Flow,
+    density: Density,
+    warnings: Sequence[str],
+    measured_by: Mapping[str, str] | None = None,
+) -> Mapping[str, Any]:
+    """Write all files into ``out``; return the result of ``--json``. ``measured_by``: hashes of what it rests on."""
+    document = {**make_flow_document(flow, density), "provenance": dict(measured_by or {})}
     belt, share = flow.picture.height_map()
     write_flow(out / "flow.csv", flow.records)
     planes = {"belt": belt.height_mm, "belt_sigma": belt.sigma_mm, "belt_measured": share}
@@ -235,6 +241,7 @@ def make_flow_document(flow: Flow, density: Density) -> dict[str, Any]:
                 "end_mm": record.strip_mm[1],
                 "volume_mm3": record.volume_mm3,
                 "sigma_mm3": record.sigma_mm3,
+                "common_sigma_mm3": record.common_sigma_mm3,
                 "quality": record.quality,
             }
             for record in records

@@ -57,23 +57,32 @@ class Texts:
         return datetime.fromtimestamp(wall_ms / 1000, UTC).astimezone(self.zone)
 
 
-def open_texts(language: str, zone: str) -> Texts:
-    """Return the texts of a language; InputError with the languages that there are if it is none of them."""
+PRODUCTION = "beltscape.report.production"
+"""Package whose folder ``languages`` has the texts of reports."""
+
+
+def open_texts(
+    language: str, zone: str, package: str = PRODUCTION, setting: str = "[reports] language"
+) -> Texts:
+    """Return the texts of a language; InputError with the languages that there are if it is none of them.
+
+    ``package`` has them in its folder ``languages``; ``setting`` names in the error what gave the language.
+    """
     languages = list_languages()
     if language not in languages:
-        raise InputError(f"[reports] language = {language!r}: there are {', '.join(languages)}")
-    return Texts(_read(language), ZoneInfo(zone))
+        raise InputError(f"{setting} = {language!r}: there are {', '.join(languages)}")
+    return Texts(_read(language, package), ZoneInfo(zone))
 
 
 def list_languages() -> list[str]:
     """Return the codes of all languages."""
-    folder = files("beltscape.report.production") / "languages"
+    folder = files(PRODUCTION) / "languages"
     return sorted(file.name.removesuffix(".json") for file in folder.iterdir() if file.name.endswith(".json"))
 
 
 @cache
-def _read(language: str) -> Mapping[str, str]:
-    file = files("beltscape.report.production") / "languages" / f"{language}.json"
+def _read(language: str, package: str) -> Mapping[str, str]:
+    file = files(package) / "languages" / f"{language}.json"
     return json.loads(file.read_text(encoding="utf-8"))
 
 

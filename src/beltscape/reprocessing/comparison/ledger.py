@@ -7,13 +7,10 @@ from __future__ import annotations
 
 import math
 import sqlite3
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from shutil import copyfile
 from sys import intern
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -22,12 +19,11 @@ from numpy.typing import NDArray
 from beltscape.core.errors import InputError
 from beltscape.core.ledger import QUALITIES, STANDINGS, BeltRecord
 from beltscape.core.progress import Reporter
-from beltscape.sinks.historian.database import MIGRATIONS, open_reader, require_known
 from beltscape.sinks.historian.day_files import UNBOUNDED
 from beltscape.sinks.historian.events import Run, read_runs
 from beltscape.sinks.historian.ledger import LedgerTotals, read_sums
 from beltscape.sinks.historian.periods import read_records
-from beltscape.sinks.historian.recovery import DATABASE
+from beltscape.sinks.historian.reading import find_database, read_history, require_sound
 
 Numbers = NDArray[np.float64]
 Codes = NDArray[np.int64]
@@ -161,20 +157,10 @@ def _texts(values: Sequence[str]) -> Texts:
     return np.array([intern(value) for value in values], object)
 
 
-HISTORY = "history"
-"""Sub-folder of a re-processing's store with its history."""
 _PAGE = 20_000
 """Records that are read at once; 20,000 records take some 50 MB as objects. Chosen."""
-_TRIES = 3
-"""Readings of a database that a starting or ending run changes meanwhile. Chosen."""
 _ROUNDING = 1e-9
 """Rounding of a sum of 10⁸ records in double precision, as a share of it: √10⁸ × 1.1e-16 and a margin."""
-_DAMAGE = (sqlite3.Error, ValueError, TypeError, IndexError, KeyError, OverflowError)
-"""What values of another kind than the tables' raise."""
-
-
-class ChangedMeanwhileError(Exception):
-    """Another process has begun to write the database."""
 
 
 def read_ledger(folder: Path, reporter: Reporter) -> ComparedLedger:
@@ -185,79 +171,12 @@ def read_ledger(folder: Path, reporter: Reporter) -> ComparedLedger:
     InputError
         If there is no history, it has no records, it is damaged, or its tables are of another version.
     """
-    path = _find_database(folder)
-    for attempt in range(_TRIES):
-        try:
-            with open_history(path) as connection:
-                return _read(folder, path, connection, reporter)
-        except ChangedMeanwhileError:
-            continue
-        except _DAMAGE as error:
-            if attempt + 1 < _TRIES and _beside(path, "wal").exists():
-                continue  # a run has started while it was read
-            reason = " ".join(str(error).split())
-            raise InputError(
-                f"{path}: cannot be read ({reason}); restore it from a backup, or let a run repair it"
-            ) from error
-    raise InputError(f"{path}: is started and stopped while it is read; compare again once it runs or rests")
-
-
-def _find_database(folder: Path) -> Path:
-    if not folder.is_dir():
-        what = "is no folder" if folder.exists() else "does not exist"
-        raise InputError(
-            f"{folder}: {what}; give the data folder of a run or replay, or a re-processing's store"
-        )
-    for path in (folder / DATABASE, folder / HISTORY / DATABASE):
-        if path.is_file():
-            return path
-    raise InputError(
-        f"{folder}: has no {DATABASE} and no {HISTORY}/{DATABASE}; give the data folder of a run or replay, "
-        "or a re-processing's store"
-    )
-
-
-def _beside(path: Path, ending: str) -> Path:
-    """Return the path of a database's log (``wal``) or of the log's index (``shm``)."""
-    return path.with_name(f"{path.name}-{ending}")
-
-
-def _copy(path: Path, folder: Path) -> Path:
-    for source in (path, _beside(path, "wal")):
-        copyfile(source, folder / source.name)
-    return folder / path.name
-
-
-@contextmanager
-def open_history(path: Path) -> Generator[sqlite3.Connection]:
-    """Yield a connection with one consistent view.
-
-    A database that nobody has open has no log; it is opened as immutable, because a usual reader would leave an empty
-    log behind. A database with a log is read beside its writer, as a backup reads it. A log without an index has no
-    writer (it was copied so); then a copy of both is read.
-    """
-    if _beside(path, "wal").exists():
-        with TemporaryDirectory() as folder:
-            read = path if _beside(path, "shm").exists() else _copy(path, Path(folder))
-            with closing(open_reader(read)) as connection:
-                connection.execute("BEGIN")
-                yield connection
-        return
-    before = path.stat()
-    address = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
-    with closing(sqlite3.connect(address, uri=True, isolation_level=None)) as connection:
-        yield connection
-    after = path.stat()
-    if _beside(path, "wal").exists() or (before.st_mtime_ns, before.st_size) != (
-        after.st_mtime_ns,
-        after.st_size,
-    ):
-        raise ChangedMeanwhileError
+    path = find_database(folder)
+    return read_history(path, lambda connection: _read(folder, path, connection, reporter))
 
 
 def _read(folder: Path, path: Path, connection: sqlite3.Connection, reporter: Reporter) -> ComparedLedger:
-    _require_present_version(connection, path)
-    _require_sound(connection, path)
+    require_sound(connection, path)
     shift_ns, number, state = connection.execute(
         "SELECT coalesce(shift_ns, 0), number, state FROM ledger"
     ).fetchone()
@@ -277,15 +196,6 @@ def _read(folder: Path, path: Path, connection: sqlite3.Connection, reporter: Re
     return ComparedLedger(folder, columns, runs)
 
 
-def _require_sound(connection: sqlite3.Connection, path: Path) -> None:
-    """Raise InputError if SQLite finds damage in the structure of the file."""
-    (answer,) = connection.execute("PRAGMA quick_check(1)").fetchone()
-    if answer != "ok":
-        raise InputError(
-            f"{path}: is damaged ({' '.join(answer.split())}); restore it from a backup, or let a run repair it"
-        )
-
-
 def _check_sums(columns: LedgerColumns, sums: LedgerTotals | None, path: Path, reporter: Reporter) -> None:
     """Warn if the records do not add up to the sums that the ledger keeps with a checksum."""
     volumes = columns.volume_mm3[columns.is_counted]
@@ -294,17 +204,6 @@ def _check_sums(columns: LedgerColumns, sums: LedgerTotals | None, path: Path, r
         reporter.warn(
             f"{path}: its records add up to {volumes.sum() * 1e-9:.6g} m³, its totals are {kept * 1e-9:.6g} m³: they "
             "were changed or are damaged; restore it from a backup"
-        )
-
-
-def _require_present_version(connection: sqlite3.Connection, path: Path) -> None:
-    version = require_known(connection, path)
-    if version == 0:
-        raise InputError(f"{path}: has no tables of a history; give the data folder of a run or replay")
-    if version < len(MIGRATIONS):
-        raise InputError(
-            f"{path}: its tables are of version {version}, this program reads {len(MIGRATIONS)}; a run of this "
-            "program updates them: start it once, or compare a copy that it has updated"
         )
 
 

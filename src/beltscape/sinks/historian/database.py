@@ -217,7 +217,19 @@ _PROVENANCE = (
     "ALTER TABLE runs ADD COLUMN provenance TEXT NOT NULL DEFAULT '{}'"  # JSON object; empty: not known
 )
 
-MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET, _FINDINGS, _PRODUCTION, _PROVENANCE)
+_PARTS = """
+ALTER TABLE records ADD COLUMN edges_sigma REAL;                     -- parts of common_sigma, mm³; NULL: not known
+ALTER TABLE records ADD COLUMN holes_sigma REAL;
+ALTER TABLE records ADD COLUMN drift_sigma REAL;
+ALTER TABLE records ADD COLUMN faults_sigma REAL;
+ALTER TABLE production_sums ADD COLUMN edges_mm3 REAL NOT NULL DEFAULT 0;
+ALTER TABLE production_sums ADD COLUMN holes_mm3 REAL NOT NULL DEFAULT 0;
+ALTER TABLE production_sums ADD COLUMN drift_mm3 REAL NOT NULL DEFAULT 0;
+ALTER TABLE production_sums ADD COLUMN faults_mm3 REAL NOT NULL DEFAULT 0;
+ALTER TABLE production_sums ADD COLUMN unsplit_mm3 REAL NOT NULL DEFAULT 0;  -- of common_mm3: parts not known
+UPDATE production_sums SET unsplit_mm3 = common_mm3"""
+
+MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET, _FINDINGS, _PRODUCTION, _PROVENANCE, _PARTS)
 """The script at index n migrates version n to n + 1; scripts are only added, never changed."""
 
 COPIES = "before_update"

@@ -42,6 +42,10 @@ _RENAMED = {
     "single": "single_coverage",
     "common_sigma": "common_sigma_mm3",
     "density_sigma": "density_sigma_kg_m3",
+    "edges_sigma": "edges_sigma_mm3",
+    "holes_sigma": "holes_sigma_mm3",
+    "drift_sigma": "drift_sigma_mm3",
+    "faults_sigma": "faults_sigma_mm3",
 }
 """The database's columns whose names here have units."""
 NAMES = tuple(_RENAMED.get(name, name) for name in COLUMNS)

@@ -251,6 +251,18 @@ def list_checks(connection: sqlite3.Connection) -> tuple[CheckKey, ...]:
     return tuple(CheckKey(*row) for row in rows)
 
 
+def average_findings(
+    connection: sqlite3.Connection, check: str, since_ns: int, until_ns: int
+) -> tuple[float, float] | None:
+    """Return mean value and mean σ of a check in the ten minutes of a period that have no fault; None without any."""
+    count, total, sigma, sigmas = connection.execute(
+        "SELECT total(count), total(finding_sums.total), total(sigma), total(sigmas) FROM finding_sums "
+        "JOIN checks USING (series) WHERE checks.name = ? AND bucket >= ? AND bucket <= ? AND effect = 0",
+        (check, since_ns // TEN_MINUTES_NS, until_ns // TEN_MINUTES_NS),
+    ).fetchone()
+    return (total / count, sigma / sigmas if sigmas else 0.0) if count else None
+
+
 def read_finding_series(
     connection: sqlite3.Connection,
     folder: Path,

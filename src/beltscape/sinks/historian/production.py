@@ -147,6 +147,12 @@ def read_open_batch(connection: sqlite3.Connection) -> Batch | None:
     return None if row is None else _make_batches(connection, [row])[0]
 
 
+def read_batch(connection: sqlite3.Connection, number: int) -> Batch | None:
+    """Return the batch of a number; None if there is none."""
+    row = connection.execute(f"{_BATCH} WHERE batch = ?", (number,)).fetchone()
+    return None if row is None else _make_batches(connection, [row])[0]
+
+
 def _make_batches(connection: sqlite3.Connection, rows: Sequence[Sequence[Any]]) -> tuple[Batch, ...]:
     """Return the batches of rows in falling order of their numbers, with their sums."""
     if not rows:

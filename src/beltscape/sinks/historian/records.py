@@ -15,7 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.core.ledger import QUALITIES, STANDINGS, BeltRecord, CrossSection, FlowRecord
+from beltscape.core.ledger import QUALITIES, STANDINGS, BeltRecord, CrossSection, FlowRecord, SigmaParts
+
+_NO_PARTS = SigmaParts()
 
 
 class RecordRow(NamedTuple):
@@ -54,6 +56,11 @@ class RecordRow(NamedTuple):
     batch: int = 0
     common_sigma: float | None = None
     density_sigma: float | None = None
+    edges_sigma: float | None = None
+    """This and the next three: parts of the common σ; None: not known, as of a record of an older program."""
+    holes_sigma: float | None = None
+    drift_sigma: float | None = None
+    faults_sigma: float | None = None
 
 
 COLUMNS = RecordRow._fields
@@ -81,6 +88,7 @@ def to_row(record: BeltRecord) -> RecordRow:
     strip = record.strip
     if strip is None:
         return row
+    parts = None if strip.sigma_parts == _NO_PARTS else strip.sigma_parts
     return row._replace(
         frame=strip.frame,
         time_ns=strip.time_ns,
@@ -97,6 +105,10 @@ def to_row(record: BeltRecord) -> RecordRow:
         quality=QUALITIES.index(strip.quality),
         common_sigma=_number(strip.common_sigma_mm3),
         density_sigma=_number(strip.density_sigma_kg_m3),
+        edges_sigma=None if parts is None else _number(parts.edges_mm3),
+        holes_sigma=None if parts is None else _number(parts.holes_mm3),
+        drift_sigma=None if parts is None else _number(parts.drift_mm3),
+        faults_sigma=None if parts is None else _number(parts.faults_mm3),
     )
 
 
@@ -137,7 +149,17 @@ def _make_strip(row: RecordRow) -> FlowRecord:
         quality=QUALITIES[row.quality],
         common_sigma_mm3=_value(row.common_sigma),
         density_sigma_kg_m3=_value(row.density_sigma),
+        sigma_parts=_make_parts(row),
     )
+
+
+def _make_parts(row: RecordRow) -> SigmaParts:
+    """Return the parts of σ; what is not common is independent."""
+    if row.edges_sigma is None:
+        return _NO_PARTS
+    apart = max(_value(row.sigma) ** 2 - _value(row.common_sigma) ** 2, 0.0)
+    common = row.edges_sigma, row.holes_sigma, row.drift_sigma, row.faults_sigma
+    return SigmaParts(apart, *map(_value, common))
 
 
 def _number(value: float) -> float | None:

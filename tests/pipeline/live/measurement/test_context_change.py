@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from beltscape.core.events import CertificateReading
 from beltscape.core.ledger import BeltRecord
 from beltscape.health.settings import BeltLimits
 from beltscape.measure.flow.density import Density
@@ -113,7 +114,7 @@ class ChangingMatcher(FakeMatcher):
 
 
 def test_the_engine_exchanges_all_parts_with_an_event(tmp_path: Path) -> None:
-    matcher = ChangingMatcher(lambda: engine.exchange(other, historian.begin_run(other.provenance)))
+    matcher = ChangingMatcher(lambda: engine.exchange(other))
     engine, _, historian, parts = engine_of(tmp_path, Feed(track(0, 1800)), matcher=matcher)
     context = make_other()
     other = MeasuringParts(
@@ -136,4 +137,31 @@ def test_the_engine_exchanges_all_parts_with_an_event(tmp_path: Path) -> None:
     (event,) = [one for one in historian.events(0, 1 << 62) if one.kind == "settings"]
     assert event.text.endswith(f"from record {first.number} on")
     assert historian.list_runs(1)[0].provenance == {"rig": "new"}
+    historian.close()
+
+
+def test_records_after_a_certificate_belong_to_a_run_that_names_it(tmp_path: Path) -> None:
+    readings = [CertificateReading("2026-0001", 300.0)]
+    found: list[CertificateReading | None] = [None]
+
+    def issue() -> None:
+        found[0] = readings[0]
+        engine._follow_certificate()
+        engine._follow_certificate()  # nothing has changed since
+
+    matcher = ChangingMatcher(issue)
+    engine, _, historian, _ = engine_of(
+        tmp_path, Feed(track(0, 1800)), matcher=matcher, read_certificate=lambda _: found[0]
+    )
+    engine.start()
+    assert engine.wait(300)
+    assert engine.stop() == 0
+    records = list(everything(historian))
+    check(records)
+    assert {one.run for one in records} == {1, 2}
+    first = next(one for one in records if one.run == 2)
+    assert first.strip is not None and first.strip.frame == "960.0"
+    assert historian.list_runs(1)[0].provenance == {"rig": "own", "certificate": "2026-0001"}
+    (event,) = [one for one in historian.events(0, 1 << 62) if one.kind == "certificate"]
+    assert event.text == "certificate 2026-0001 of a material test is in force"
     historian.close()

@@ -104,6 +104,7 @@ function translate_event(event) {
   if (kind === "scale") return t("event.scale", { batch: parameters.batch, deviation: format_measured(parameters.deviation, parameters.sigma) });
   if (kind === "report") return t("event.report", { title: text });
   if (kind === "images") return t("event.images_learn");
+  if (kind === "certificate") return parameters.number ? t("event.certificate_in_force", { number: parameters.number }) : t("event.certificate_none");
   if (kind === "settings") return t(`event.settings_${name}`, { changed: parameters.changed || "–", restart: parameters.restart || "–", record: parameters.record });
   if (kind === "exposure") return t("event.exposure_changed", { exposure: format_number(parameters.exposure_us, 0), factor: format_number(parameters.factor, 2), level: format_number(parameters.level, 0) });
   if (kind === "capacity") return t("event.capacity_measured", { rate: format_number(parameters.rate, 1), speed: format_number(parameters.speed, 2) });

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 import beltscape as bs
@@ -41,6 +44,16 @@ def test_total_is_the_heap(rig, belt, encoder):
     assert repr(records[3]).startswith("FlowRecord(")
     assert len(meter.plot().get_axes()) >= 2
     assert "data:image/png" in meter._repr_html_()
+
+
+def test_the_sigma_of_the_rigs_lengths_is_in_the_total(rig, belt):
+    """Of a cross-section it is twice that of a length; the encoder measures the belt."""
+    meter = bs.FlowMeter(rig, belt)
+    measure(meter, encoder=True)
+    known = bs.FlowMeter(replace(rig, quality={"scale_sigma": 0.02}), belt)
+    measure(known, encoder=True)
+    added_mm3 = np.sqrt(known.totals.sigma_mm3**2 - meter.totals.sigma_mm3**2)
+    assert added_mm3 == pytest.approx(2 * 0.02 * meter.totals.volume_mm3, rel=0.02)
 
 
 def test_a_wrong_direction_is_refused(rig, belt):

@@ -15,12 +15,14 @@ from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.core.geometry.pose import Pose
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
+from beltscape.files.exchange import import_rig
 from beltscape.files.images import read_image, write_image
 from beltscape.files.json_text import to_json
 from beltscape.files.rig_json import rig_document
 from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.calibration_files import make_calibration_document
 from beltscape.pipeline.calibrating.check import check
+from beltscape.pipeline.calibrating.intrinsics import calibrate_intrinsics
 from beltscape.target.board import CharucoBoard, Chessboard
 from tests.detection_store import detect_anew
 from tests.synthetic.boards import Print, board_poses, capture, row_of_cameras
@@ -241,3 +243,27 @@ def test_recorded_webcams_without_a_common_trigger_are_warned_about(real_data, t
     assert len(skewed) == 1
     assert skewed[0].count("–") >= 3  # pairs, each with the size of its skew in px
     assert found.training.median_px < 2.5
+
+
+@pytest.mark.thorough
+def test_single_cameras_measure_one_board_and_find_the_lenses_of_other_recordings(real_data):
+    """Of caliscope's cameras 0 and 2 the reference is from recordings of their own.
+
+    By the drawn board their focal lengths are 0.5 % too long and 0.9 % too short, by the measured one 0.6 % and 0.2 %
+    too short. The two cameras of OpenCV's pair measure the same board, each by itself.
+    """
+    folder = real_data("caliscope_4cam")
+    board = CharucoBoard(squares=(4, 5), square_mm=54, marker_mm=40.5, dictionary="DICT_4X4_1000")
+    found = calibrate_intrinsics(folder, board, Silent())
+    reference, _ = import_rig(folder / "reference_camera_array.toml", Silent())
+    for name, share in (("cam_0", 0.007), ("cam_2", 0.004)):
+        assert found.board_off_drawing_mm[name].any()
+        own, other = found.monocular[name].camera, reference.cameras[name]
+        np.testing.assert_allclose(own.focal_px.mean(), other.focal_px.mean(), rtol=share)
+        assert found.held_out_px[name] < 0.06
+    pair = calibrate_intrinsics(
+        real_data("opencv_stereo"), Chessboard(corners=(9, 6), square_mm=25), Silent()
+    )
+    left, right = (pair.board_off_drawing_mm[name] for name in ("left", "right"))
+    np.testing.assert_allclose(left, right, rtol=0.1)
+    assert max(pair.held_out_px.values()) < 0.12  # 0.16 by the drawn board

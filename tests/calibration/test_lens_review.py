@@ -7,14 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from beltscape.calibration.assessment.covariance import compute_camera_covariance
 from beltscape.calibration.assessment.cross_validation import cross_validate
+from beltscape.calibration.assessment.score import compute_rig_errors, summarise_errors
 from beltscape.calibration.bundle_adjustment import adjust_bundle
 from beltscape.calibration.detection.board_poses import list_lens_folds
+from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
 from beltscape.calibration.intrinsics.lens_choice import calibrate_with_model
 from beltscape.calibration.intrinsics.lens_evidence import LensErrors, compare_errors
-from beltscape.calibration.lens_review import find_changed, review_lenses
+from beltscape.calibration.lens_review import ReviewedCamera, find_changed, review_camera, review_lenses
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
+from beltscape.core.geometry.camera import Camera
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
@@ -23,6 +27,7 @@ from tests.synthetic.lens_views import (
     BOARD,
     BOARD_MM,
     BROWN,
+    bend_board,
     make_rational,
     make_wide_rig,
     place_edges_together,
@@ -30,7 +35,7 @@ from tests.synthetic.lens_views import (
     see_together,
     view_from,
 )
-from tests.thorough import list_cases
+from tests.thorough import count_examples, list_cases, list_rows
 
 
 @pytest.mark.parametrize("seed", list_cases(list(range(20)), {5}))
@@ -86,13 +91,19 @@ def test_a_bent_board_hides_wide_lenses_in_the_first_choice_only(seed):
     seen = see_together(rig, seed, 0.25, 32)
     first = solve_hierarchy(seen, BOARD, "c0", Silent())
     assert min(each.rms_px for each in first.monocular.values()) > 0.1
-    hierarchy, adjustment = solve_rig(seen, BOARD, "c0", Silent(), KnownIntrinsics({}), "auto")
+    solved = solve_rig(seen, BOARD, "c0", Silent(), KnownIntrinsics({}), "auto")
+    hierarchy, adjustment = solved.hierarchy, solved.adjustment
     assert {camera.model for camera in adjustment.rig.cameras.values()} == {"rational"}
     assert find_changed(hierarchy, {each.camera: each for each in hierarchy.lens_choices}) == []
     models = dict.fromkeys(rig.cameras, "rational")
     held_out = cross_validate(seen, BOARD, "c0", load(), lens_models=models)
     assert held_out is not None
     assert held_out.score.rms_px < 0.040
+    errors = compute_rig_errors(rig, seen, BOARD, load(), corners_mm=bend_board(0.25))
+    floor_mm = summarise_errors(
+        errors
+    ).square_rms_mm  # of the true rig and board: what the corners' noise makes
+    assert held_out.score.square_rms_mm < 1.05 * floor_mm
     for choice in hierarchy.lens_choices:
         assert choice.held_out_px[choice.model] <= 2 * min(choice.held_out_px.values())
 
@@ -110,3 +121,54 @@ def test_the_second_choice_corrects_a_camera_and_leaves_stated_models():
     assert find_changed(hierarchy, choices) == ["c1"]
     assert choices["c1"].model == "rational"
     assert choices["c1"].held_out_px["rational"] < 0.04
+
+
+def review_alone(seen: BoardDetections) -> tuple[Camera, ReviewedCamera]:
+    """Return the lens by the drawn board, and the camera reviewed with the shape that its own views measure."""
+    with single_thread():
+        first, choice = calibrate_with_model("c", seen, BOARD_MM)
+    return first.camera, review_camera(seen, first, choice, BOARD)
+
+
+def measure_lens_px(found: Camera, true: Camera, seen: BoardDetections) -> float:
+    """Return the RMS error of the pixels of true rays, px."""
+    pixels = np.concatenate([view.pixels for view in seen.views["c"].values()])
+    rays = np.column_stack([true.undistort(pixels), np.ones(len(pixels))])
+    return float(np.sqrt(((found.project(rays) - pixels) ** 2).sum(axis=1).mean()))
+
+
+ALONE = [
+    (make_rational(), place_edges_together(0), 24, 0.3), (make_rational(), place_everywhere, 12, 0.2),
+    (BROWN, place_everywhere, 24, 0.2), (BROWN, place_everywhere, 8, 0.2),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("true", "place", "count", "bend_mm"), list_rows(ALONE, ALONE[:1]))
+def test_a_camera_alone_measures_a_bent_board_and_finds_its_lens(true, place, count, bend_mm):
+    """By the drawn board the first is taken for a fisheye and is off by 2.7 px; by the measured one by 0.2."""
+    seen = view_from(true, place, 0, bend_mm=bend_mm, count=count)
+    first, found = review_alone(seen)
+    assert found.monocular.camera.model == found.choice.model == true.model
+    assert found.adjustment is not None
+    measured = float(np.sqrt((found.adjustment.shape_mm[:, 2] ** 2).mean()))
+    assert measured == pytest.approx(bend_mm, rel=0.15)
+    assert measure_lens_px(found.monocular.camera, true, seen) < 0.35 * measure_lens_px(first, true, seen)
+
+
+@pytest.mark.parametrize("count", [5, 12])
+def test_a_flat_board_and_one_of_few_views_stay_as_drawn(count):
+    seen = view_from(BROWN, place_everywhere, 3, bend_mm=0.2 if count < 8 else 0.0, count=count)
+    first, found = review_alone(seen)
+    assert found.adjustment is None
+    np.testing.assert_array_equal(found.monocular.camera.focal_px, first.focal_px)
+
+
+def test_the_sigma_of_a_lens_alone_includes_the_shape_of_the_board():
+    errors = []
+    for seed in range(count_examples(12)):
+        _, found = review_alone(view_from(BROWN, place_everywhere, seed, bend_mm=0.2))
+        assert found.adjustment is not None
+        matrix, camera = compute_camera_covariance(found.adjustment), found.monocular.camera
+        off = np.concatenate([camera.focal_px - BROWN.focal_px, camera.center_px - BROWN.center_px])
+        errors.append(off / np.sqrt(np.diag(matrix)[:4]))
+    assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.6

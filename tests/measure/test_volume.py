@@ -110,6 +110,24 @@ def test_sigma_is_honest() -> None:
     assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.4
 
 
+def test_a_board_of_another_size_changes_the_volume_as_sigma_says() -> None:
+    """All depths are off by a share ε, as by a rig from such a board: the volume by 3 ε, which is in its causes."""
+    body, scale = Cone((10.0, -20.0), 90.0, 60.0), 0.004
+    empty, loaded = Scene(TROUGH), Scene(TROUGH, (body,))
+    volumes = []
+    for factor in (1.0, 1 + scale):
+        belt = learn_belt([depth_map(factor * empty.depth_mm(), seed=1)], empty.camera)
+        volumes.append(
+            measure_volume(
+                depth_map(factor * loaded.depth_mm(), seed=2), belt, empty.camera, VolumeSettings(), **MIDDLE,
+                scale_sigma=scale,
+            )
+        )  # fmt: skip
+    change_mm3 = volumes[1].volume_mm3 - volumes[0].volume_mm3
+    assert volumes[0].causes.scale_mm3 == pytest.approx(change_mm3, rel=0.05)
+    assert volumes[0].sigma_mm3 > volumes[0].causes.scale_mm3
+
+
 def test_holes_count_in_coverage_and_sigma_and_leave_the_volume() -> None:
     body = Cone((10.0, -20.0), 90.0, 60.0)
     whole = measured((body,), MIDDLE, noise={"noise_mm": 0.3})

@@ -12,7 +12,7 @@ from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.pipeline.calibrating import calibration
 from beltscape.pipeline.calibrating.intrinsics import read_known_intrinsics
 from beltscape.target.board import read_board
-from tests.synthetic.demo import DEMO, TRUE_RIG
+from tests.synthetic.demo import DEMO, TRUE_RIG, parse_json
 
 CAMERAS = ("cam0", "cam1", "cam2")
 
@@ -79,3 +79,26 @@ def test_report_and_rig_are_those_of_the_demo(run, demo_run, tmp_path):
     assert calibrate(run, capture / "calibration", tmp_path / "again")[0] == 0
     for file in ("rig.json", "calibration.json", "report.html"):
         assert (tmp_path / "again" / file).read_bytes() == (first / file).read_bytes()
+
+
+def test_the_certificate_of_a_board_is_part_of_every_sigma(boards, run, tmp_path):
+    """The board is known to 0.1 %: σ of depth grows by as much, and the same board without it is the same board."""
+    text = (DEMO / "board.toml").read_text()
+    (tmp_path / "board.toml").write_text(f"{text}\nsquare_sigma_mm = 0.034\n")
+    documents = {}
+    for name, board in (("exact", DEMO / "board.toml"), ("certified", tmp_path / "board.toml")):
+        words = "--board", board, "--core", "cam0", "--out", tmp_path / name, "--json"
+        code, out, _ = run("calibrate", boards, *words)
+        assert code == 0
+        documents[name] = parse_json(out)
+    rig = read_rig(tmp_path / "certified" / "rig.json")
+    assert rig.scale_sigma == pytest.approx(1e-3)
+    assert "scale_sigma" not in read_rig(tmp_path / "exact" / "rig.json").quality
+    for plain, sized in zip(*(each["depth_sigma_mm"] for each in documents.values()), strict=True):
+        assert sized["median"] == pytest.approx(np.hypot(plain["median"], 1e-3 * plain["depth_mm"]), rel=0.05)
+        assert sized["median_by_views"] > plain["median_by_views"]
+    assert "34 mm ± 0.034 mm" in (tmp_path / "certified" / "report.html").read_text()
+    words = "--rig", tmp_path / "certified" / "rig.json", "--board", DEMO / "board.toml"
+    code, _, err = run("check", boards, *words)
+    assert code == 0
+    assert not any("not described" in line for line in err)

@@ -8,15 +8,19 @@ import shutil
 import numpy as np
 import pytest
 
+from beltscape.calibration.detection.corners import BoardDetections
+from beltscape.calibration.detection.detector import PrintVariant
 from beltscape.core.errors import CalibrationError, InputError
 from beltscape.core.progress import Silent
+from beltscape.files.images import write_image
 from beltscape.files.intrinsics_json import read_intrinsics_file
 from beltscape.files.rig_json import read_rig, write_rig
 from beltscape.files.rig_limits import find_corner_radius_px
-from beltscape.pipeline.calibrating import calibration
+from beltscape.pipeline.calibrating import calibration, intrinsics
 from beltscape.pipeline.calibrating.calibration import calibrate
 from beltscape.pipeline.calibrating.intrinsics import read_known_intrinsics
 from tests.synthetic.demo import parse_json
+from tests.synthetic.lens_views import BROWN, place_everywhere, view_from
 from tests.thorough import list_cases
 
 BOARD = 'kind = "charuco"\nsquares = [8, 6]\nsquare_mm = 40\nmarker_mm = 29\ndictionary = "DICT_4X4_50"\n'
@@ -174,3 +178,30 @@ def test_options_without_effect_are_refused(run, tmp_path, words, line):
     assert code == 2
     assert line in err[-1]
     assert not (tmp_path / "out").exists()
+
+
+def test_a_bent_board_is_measured_or_said_to_be_indistinguishable(tmp_path, monkeypatch, run):
+    """On exact corners of a board that is bent by 0.2 mm: 12 views state its shape, 6 that they cannot."""
+    seen = view_from(BROWN, place_everywhere, 1, bend_mm=0.2, count=12)
+    few = BoardDetections(seen.sizes_px, {"c": dict(list(seen.views["c"].items())[:6])}, {"c": 6})
+    (tmp_path / "board.toml").write_text('kind = "chessboard"\ncorners = [14, 9]\nsquare_mm = 30\n')
+    write_image(tmp_path / "c" / "00.png", np.zeros((2, 2), np.uint8))
+    for detections, words in (
+        (seen, "the board deviates from its drawing by 0."),
+        (few, "with fewer than 8 views"),
+    ):
+        monkeypatch.setattr(
+            intrinsics, "detect_board", lambda *_args, found=detections: (found, PrintVariant())
+        )
+        options = "--board", tmp_path / "board.toml", "--out", tmp_path / "out", "--json"
+        code, out, _ = run("calibrate", "intrinsics", tmp_path / "c", *options)
+        assert code == 0
+        document = parse_json(out)
+        assert any(words in note for note in document["notes"])
+        quality = document["cameras"]["c"]["quality"]
+        assert (quality["board_off_drawing_rms_mm"][2] > 0.1) == (detections is seen)
+        if detections is seen:
+            assert quality["rms_px"] < quality["held_out_rms_px"] < 0.1
+            assert quality["sigma"]["fx"] == pytest.approx(
+                np.sqrt(document["cameras"]["c"]["covariance"][0][0])
+            )

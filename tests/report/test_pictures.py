@@ -50,6 +50,12 @@ def color_share(picture: np.ndarray) -> float:
     return float((np.ptp(picture, axis=2) > 60).mean())
 
 
+def has_color(picture: np.ndarray, role: str) -> bool:
+    """Return whether more than some single pixels have the colour of a role."""
+    wanted = np.rint(np.array(to_rgb(light(role))) * 255)
+    return int((np.abs(picture - wanted).max(axis=2) < 12).sum()) > 200
+
+
 def is_marked(figure: Any, png: bytes, axis: int, place: Any, role: str, radius_px: int = 2) -> bool:
     """Return whether the colour of a role is in a figure's picture at a place of an axis, in data units."""
     picture = decode(png)
@@ -75,7 +81,10 @@ def test_dots_and_lines_are_in_the_picture(write: Callable[[Figure], bytes], cou
 
 
 def make_coverage() -> Coverage:
-    """Three cameras whose points are certain above, uncertain in the middle and unusable below."""
+    """Three cameras whose points are certain above, uncertain in the middle and unusable below.
+
+    The board was at the left of each part.
+    """
     rig = row_of_cameras(["a", "b", "c"], 90.0, 500.0)
     width, height = rig.cameras["a"].size_px
     u, v = np.meshgrid(np.linspace(20, width - 20, 15), np.linspace(20, height - 20, 12))
@@ -84,7 +93,9 @@ def make_coverage() -> Coverage:
     none = np.zeros(len(pixels), bool)
     corners = np.array([[width / 2 + 7.0, height / 6 + 3.0], [width / 3, height / 3]])
     cameras = {
-        name: CameraCoverage(replace(camera, valid_radius_px=width / 3), pixels, none, none, corners)
+        name: CameraCoverage(
+            replace(camera, valid_radius_px=width / 3), pixels, pixels[:, 0] < width / 5, none, corners
+        )
         for name, camera in rig.cameras.items()
     }
     sigma = np.full(len(pixels), 0.1)
@@ -94,11 +105,10 @@ def make_coverage() -> Coverage:
 
 def test_coverage_shows_states_corners_and_the_lens() -> None:
     coverage = make_coverage()
-    figure, png = draw_coverage(coverage, WIDE), coverage_picture(coverage)
-    figure.suptitle("\n")  # as the picture's, which shifts the panels
-    to_png(figure)
+    figure = draw_coverage(coverage, WIDE)
+    png = to_png(figure)
     for k, own in enumerate(coverage.cameras.values()):
-        state = coverage.is_uncertain.astype(int) + coverage.is_unusable
+        state = np.where(own.is_reached, 0, 1 + coverage.is_uncertain.astype(int) + coverage.is_unusable)
         for pixel, role in zip(own.pixels, np.array(STATES)[state], strict=True):
             assert is_marked(figure, png, k, pixel.round(), role), (k, pixel, role)
         for corner in own.corners_px:
@@ -106,6 +116,24 @@ def test_coverage_shows_states_corners_and_the_lens() -> None:
         radius = own.camera.valid_radius_px
         assert is_marked(figure, png, k, own.camera.center_px + np.array([0, radius]), "limit")
     assert color_share(decode(png)) > 0.05
+
+
+def test_a_refusal_shows_its_reason_and_the_cameras_with_most_gaps() -> None:
+    """Of 20 cameras only the last one has a gap: it is drawn, and eight are not."""
+    coverage = make_coverage()
+    own = coverage.cameras["a"]
+    reached = replace(own, is_reached=np.ones(len(own.pixels), bool))
+    cameras = {f"c{k:02d}": reached for k in range(19)} | {"c19": own}
+    many = replace(coverage, cameras=cameras)
+    plain, refused = (
+        coverage_picture(many),
+        coverage_picture(many, "Refused: the board never came there. " * 6),
+    )
+    assert decode(refused).shape[0] > decode(plain).shape[0] > 1000
+    for role in STATES:
+        assert has_color(decode(plain), role), role
+    all_reached = replace(coverage, cameras={"c00": reached})
+    assert not has_color(decode(coverage_picture(all_reached)), "missing")
 
 
 def test_plots_show_their_results() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,11 @@ BOARD = Chessboard(corners=(14, 9), square_mm=40)
 SIZE_PX = (1280, 1024)
 FOCAL_PX = 1058.0
 DISTANCE_MM = 800.0
+WIDE_LENSES = {
+    "fisheye": (420.0, [0.02, -0.01, 0.003, -0.001]),
+    "rational": (560.0, [0.9, 0.2, 3e-4, -2e-4, 0.01, 1.25, 0.45, 0.05]),
+}
+"""Focal lengths, px, and coefficients of lenses that see 150° and 115° across the diagonal."""
 
 
 def like_cameras(count: int, seed: int, convergence: float = 1.0) -> Rig:
@@ -43,6 +49,29 @@ def _make_camera(name: str, rng: np.random.Generator) -> Camera:
         name, SIZE_PX, FOCAL_PX * (1 + rng.normal(0, 0.003)) * np.array([1, 1 + rng.normal(0, 5e-4)]),
         middle + rng.normal(0, 8, 2), np.array([-0.1 + rng.normal(0, 0.003), 0.08, *rng.normal(0, 3e-4, 2), 0.0]),
     )  # fmt: skip
+
+
+def widen(rig: Rig, model: str, seed: int) -> Rig:
+    """Return the array with wide lenses of a model."""
+    rng, (focal_px, lens) = np.random.default_rng(seed), WIDE_LENSES[model]
+    cameras = {
+        name: replace(
+            camera, focal_px=np.full(2, focal_px * (1 + rng.normal(0, 0.003))), distortion=np.array(lens),
+            model=model,
+        )
+        for name, camera in rig.cameras.items()
+    }  # fmt: skip
+    return replace(rig, cameras=cameras)
+
+
+def boards_close(count: int, seed: int) -> list[Pose]:
+    """Return core_from_board of boards close before the core, all over a wide view."""
+    rng, middle, poses = np.random.default_rng(seed), corner_points_mm(BOARD).mean(axis=0), list[Pose]()
+    for _ in range(count):
+        turn = Pose.of([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.3, 0.3)], np.zeros(3)).rotation
+        at = rng.uniform([-250, -200, 300], [250, 200, 520])
+        poses.append(Pose(turn, at - turn @ middle))
+    return poses
 
 
 def boards_before(rig: Rig, count: int, tilt_rad: float, seed: int) -> list[Pose]:

@@ -64,7 +64,10 @@ def test_chessboard_is_read(tmp_path):
             "dictionary = 'DICT_5X5_101': no ArUco dictionary is called DICT_5X5_101; one is DICT_5X5_100",
         ),
         (CHARUCO + "inverted = 7\n", "inverted = 7: must be true or false"),
-        (CHESSBOARD + "dictionary = 1\n", "unknown key dictionary; known: kind, corners, square_mm"),
+        (
+            CHESSBOARD + "dictionary = 1\n",
+            "unknown key dictionary; known: kind, corners, square_mm, square_sigma_mm",
+        ),
         (CHESSBOARD.replace("corners = [9, 6]\n", ""), "corners is missing"),
     ],
 )

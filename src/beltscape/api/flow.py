@@ -78,7 +78,7 @@ class FlowMeter(Displayed):
         settings = (settings or FlowSettings()).model_copy(update={"direction": direction})
         density = None if density_kg_m3 is None else Density.constant(density_kg_m3)
         reference = make_reference(belt, rig.core_camera, settings.cell_mm)
-        self._meter = meter.BeltFlowMeter(reference, settings, density=density)
+        self._meter = meter.BeltFlowMeter(reference, settings, density=density, scale_sigma=rig.scale_sigma)
         self._rig, self._direction, self._has_encoder = rig, direction, False
         self.records: list[FlowRecord] = []
         """All records returned so far."""

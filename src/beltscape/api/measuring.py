@@ -153,6 +153,7 @@ def measure_volume(
         _make_settings(VolumeSettings, settings),
         across_mm=across_mm,
         along_mm=along_mm,
+        scale_sigma=rig.scale_sigma,
     )
 
 

@@ -170,6 +170,17 @@ class BundleAdjustmentResult:
         """Return the normal equations at the final geometry, which give the covariance."""
         return self.bundle.linearise(self.geometry)
 
+    def count_used_corners(self) -> dict[tuple[str, str], int]:
+        """Return (camera, frame) → corners that the final adjustment used."""
+        observed, frames = self.bundle.observations, len(self.frames)
+        view = observed.camera * frames + observed.frame
+        counts = np.bincount(view[self.used], minlength=len(self.rig.cameras) * frames)
+        return {
+            (name, frame): int(counts[i * frames + k])
+            for i, name in enumerate(self.rig.cameras)
+            for k, frame in enumerate(self.frames)
+        }
+
 
 def adjust_bundle(hierarchy: HierarchyResult, board: Board) -> BundleAdjustmentResult:
     """Adjust intrinsics, camera poses, board poses and, where it deviates from the drawing, the board's shape.

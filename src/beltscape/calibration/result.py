@@ -10,6 +10,7 @@ from beltscape.calibration.assessment.diagnosis import Discards
 from beltscape.calibration.assessment.fit_quality import FitQuality
 from beltscape.calibration.assessment.next_best_view import NextBestView
 from beltscape.calibration.assessment.score import RigErrors, Score
+from beltscape.calibration.assessment.worst_depth import explain_worst_depth
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.detection.detector import PrintVariant
@@ -59,6 +60,11 @@ class Calibration:
     def score(self) -> Score:
         """The score on views that the rig was not calibrated with; with too few views, the optimistic one."""
         return self.held_out or self.training
+
+    @property
+    def worst_depth(self) -> str | None:
+        """Where σ of depth is largest at the middle boards, why, and the fix; None if it is even over the view."""
+        return explain_worst_depth(self.rig, self.adjustment, self.covariance.matrix, self.depth_sigma[1])
 
     def __repr__(self) -> str:
         kind = "held-out" if self.held_out else "training"

@@ -69,9 +69,7 @@ def calibration_page(calibration: Calibration, rejected_images: Sequence[tuple[s
     sections = [
         _quality_section(calibration),
         _rig_section(calibration),
-        _depth_section(
-            calibration.depth_sigma, calibration.depth_sigma_by_views, calibration.covariance.inflation
-        ),
+        _depth_section(calibration),
         _next_section(adjustment, board, calibration.next_best_view),
         *_view_sections(adjustment, calibration.rig_errors),
         make_need_section(calibration.coverage),
@@ -124,10 +122,9 @@ def _describe_verdict(calibration: Calibration) -> str:
     )
 
 
-def _depth_section(
-    depth_sigma: Sequence[DepthSigma], by_views: Sequence[DepthSigma], inflation: float
-) -> Section:
-    medians = ", ".join(f"{np.nanmedian(each.sigma_mm):.3f} mm" for each in by_views)
+def _depth_section(calibration: Calibration) -> Section:
+    inflation = calibration.covariance.inflation
+    medians = ", ".join(f"{np.nanmedian(each.sigma_mm):.3f} mm" for each in calibration.depth_sigma_by_views)
     alike = (
         f" By clusters of views, which takes no corners of a view as independent, the medians are {medians}: "
         "far larger ones mean that errors within the views are alike (blur, light, the lens model)."
@@ -143,7 +140,10 @@ def _depth_section(
         "the farthest boards were. It is largest where few cameras see a point, all from one direction, or "
         "where the board never was. Matching adds to it. Heights over the belt are affected less, since most of the "
         "error is common to belt and load." + (raised if inflation > 1 else "") + alike,
-        [depth_sigma_chart(depth_sigma, caption)],
+        [
+            *([Lines([worst])] if (worst := calibration.worst_depth) else []),
+            depth_sigma_chart(calibration.depth_sigma, caption),
+        ],
     )
 
 

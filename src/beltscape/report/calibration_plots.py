@@ -6,7 +6,9 @@ The coverage shows what each camera needs of its image, and where the board was.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +24,7 @@ from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.legend import DARK_IS_CERTAIN, UNCERTAINTY, Scale
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.plots import (
+    FONT_PT,
     WIDE,
     Form,
     compute_map_height,
@@ -144,29 +147,48 @@ def frame_axes(axis: Axes, camera: Camera, title: str) -> None:
 
 KEY = ChartKey(
     (
-        KeyEntry("sees the volume", "band", "circle"),
+        KeyEntry("the board was here", "shared", "circle"),
+        KeyEntry("it was not, and the lens is certain", "band", "circle"),
         KeyEntry("depth uncertain: the lens is extrapolated", "degraded", "circle"),
         KeyEntry("depth unusable", "missing", "circle"),
         KeyEntry("corners of the board", "quiet", "circle"),
         KeyEntry("end of the lens's domain", "limit", "line"),
     )
 )
-STATES = ("band", "degraded", "missing")
-"""Colours of needed pixels: certain or reached, uncertain, unusable."""
-_DOT_PT, _CORNER_PT = 5.0, 1.5
+STATES = ("shared", "band", "degraded", "missing")
+"""Colours of needed pixels: reached by the board, certain without it, uncertain, unusable."""
+_DOT_PT, _CORNER_PT = 6.5, 1.5
 """Sizes of needed pixels and of corners: between the former, the latter are seen."""
 _MOST_CORNERS = 250
 """Largest number of drawn corners of a camera; more would only make the page larger."""
+_MOST_CAMERAS = 12
+"""Largest number of cameras in the picture, which must fit a screen; the report has all."""
+_LINE = 128
+"""Characters to a line of the picture's heading."""
+_LINE_PT = 1.3 * FONT_PT
+"""Height of such a line."""
 
 
-def coverage_picture(coverage: Coverage) -> bytes:
-    """Return the picture of a coverage as PNG."""
-    figure = draw_coverage(coverage, WIDE)
-    figure.suptitle(
-        "blue: looks at the volume; orange: depth uncertain; red: depth unusable;\n"
-        "grey dots: corners of the board; magenta: end of the lens's domain"
+def coverage_picture(coverage: Coverage, heading: str = "") -> bytes:
+    """Return the picture of a coverage as PNG, with a heading above the key; of many cameras those with most gaps."""
+    gaps = {name: _count_gap(coverage, own) for name, own in coverage.cameras.items()}
+    kept = sorted(gaps, key=lambda name: -gaps[name])[:_MOST_CAMERAS]
+    shown = {name: own for name, own in coverage.cameras.items() if name in kept}
+    figure = draw_coverage(replace(coverage, cameras=shown), WIDE)
+    key = (
+        f"Dots: pixels that see {coverage.volume.name}. Green: the board was here; blue: it was not, and the lens is "
+        "certain; orange: depth uncertain, the lens is extrapolated; red: depth unusable. Grey: corners of the "
+        f"board; magenta: end of the lens's domain.{_describe_omitted(len(gaps) - len(shown))}"
     )
+    lines = [*wrap(heading, _LINE), *wrap(key, _LINE)]
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, height + len(lines) * _LINE_PT / 72)
+    figure.suptitle("\n".join(lines), x=0.01, ha="left", fontsize=FONT_PT)
     return to_png(figure)
+
+
+def _describe_omitted(count: int) -> str:
+    return f" {count} cameras with smaller gaps are not shown." if count else ""
 
 
 def make_need_section(coverage: Coverage) -> Section:
@@ -187,7 +209,7 @@ def draw_coverage(coverage: Coverage, form: Form) -> Figure:
     """Draw the needed pixels of every camera by their state, the board's corners and the lens's domain."""
     cameras = {name: each.camera for name, each in coverage.cameras.items()}
     figure, axes = make_image_panels(cameras, form)
-    state = coverage.is_uncertain.astype(np.intp) + coverage.is_unusable
+    state = 1 + coverage.is_uncertain.astype(np.intp) + coverage.is_unusable
     for axis, (name, own) in zip(axes, coverage.cameras.items(), strict=True):
         shown = np.where(own.is_reached & ~own.is_beyond, 0, state)
         for k, role in enumerate(STATES):
@@ -209,8 +231,15 @@ def _draw_domain(axis: Axes, own: CameraCoverage) -> None:
 
 def _make_title(name: str, coverage: Coverage, own: CameraCoverage) -> str:
     needed = np.isfinite(own.pixels[:, 0])
-    gap = needed & coverage.is_uncertain & (own.is_beyond | ~own.is_reached)
-    return f"{name}: {gap.sum() / max(int(needed.sum()), 1):.0%} uncertain"
+    count = max(int(needed.sum()), 1)
+    reached = (needed & own.is_reached & ~own.is_beyond).sum()
+    return f"{name}: board at {reached / count:.0%}, {_count_gap(coverage, own) / count:.0%} uncertain"
+
+
+def _count_gap(coverage: Coverage, own: CameraCoverage) -> int:
+    """Return the number of needed pixels that the board never reached and whose depth is uncertain."""
+    gap = np.isfinite(own.pixels[:, 0]) & coverage.is_uncertain & (own.is_beyond | ~own.is_reached)
+    return int(gap.sum())
 
 
 def _thin(corners_px: NDArray[np.float64]) -> NDArray[np.float64]:

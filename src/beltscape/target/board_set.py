@@ -116,6 +116,11 @@ class BoardSet(BaseModel, frozen=True, extra="forbid"):
         return self.faces[0].board.square_mm
 
     @property
+    def scale_sigma(self) -> float:
+        """Return the relative standard deviation of the boards' size, the largest one: they are printed alike."""
+        return max(face.board.scale_sigma for face in self.faces)
+
+    @property
     def offsets(self) -> tuple[int, ...]:
         """Return the number of the first corner of each board, and the number of all corners."""
         counts = [face.board.grid[0] * face.board.grid[1] for face in self.faces]

@@ -15,6 +15,9 @@ MIN_CORNERS = 8
 
 Count = Annotated[int, Field(ge=2, le=200)]
 Length = Annotated[float, SQUARE]
+LengthSigma = Annotated[float, Field(ge=0, le=50, allow_inf_nan=False)]
+MAX_LENGTH_SIGMA = 0.05
+"""Largest standard deviation of a length over the length: more is no certificate, but a figure in another unit."""
 Thickness = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 MarkerId = Annotated[int, Field(ge=0, le=100_000)]
 
@@ -34,7 +37,7 @@ def load_dictionary(name: str) -> Any:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
-def _load_markers(name: str, count: int) -> Any:
+def load_markers(name: str, count: int) -> Any:
     """Return the first ``count`` markers of a dictionary without error correction, or else the whole dictionary.
 
     A detector compares every candidate with every marker: 200 of 1000 take a third of the time, and find the same.
@@ -48,6 +51,14 @@ def _load_markers(name: str, count: int) -> Any:
     return cv2.aruco.Dictionary(dictionary.bytesList[:count], dictionary.markerSize, 0)
 
 
+def _check_sigma(name: str, sigma_mm: float | None, length_mm: float) -> None:
+    if sigma_mm is not None and sigma_mm > MAX_LENGTH_SIGMA * length_mm:
+        raise ValueError(
+            f"{name} = {sigma_mm:g}: must be at most {MAX_LENGTH_SIGMA:.0%} of the {length_mm:g} mm; give one "
+            "standard deviation of one such length: that of a measured row over the number of lengths in it"
+        )
+
+
 class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
     """A chessboard with ArUco markers in its white squares."""
 
@@ -58,6 +69,8 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
     kind: Literal["charuco"] = "charuco"
     squares: tuple[Count, Count]
     square_mm: Length
+    square_sigma_mm: LengthSigma | None = None
+    """One standard deviation of ``square_mm``, the same error in all squares, by the certificate; None: exact."""
     marker_mm: Annotated[float, MARKER]
     dictionary: Annotated[str, AfterValidator(_check_dictionary)]
     first_id: MarkerId = 0
@@ -66,6 +79,11 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
     inverted: bool | None = None
     thickness_mm: Thickness | None = None
     """Distance of a print on the back from that on the front; None: estimated from the views."""
+
+    @model_validator(mode="after")
+    def _check_square_sigma(self) -> CharucoBoard:
+        _check_sigma("square_sigma_mm", self.square_sigma_mm, self.square_mm)
+        return self
 
     @model_validator(mode="after")
     def _check_marker_size(self) -> CharucoBoard:
@@ -102,6 +120,11 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
         return self.squares[0] - 1, self.squares[1] - 1
 
     @property
+    def scale_sigma(self) -> float:
+        """Return the relative standard deviation of the board's size."""
+        return (self.square_sigma_mm or 0.0) / self.square_mm
+
+    @property
     def marker_ids(self) -> range:
         """Return the ids of the board's markers, row by row."""
         return range(self.first_id, self.first_id + self.squares[0] * self.squares[1] // 2)
@@ -119,7 +142,7 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
             self.squares,
             self.square_mm,
             self.marker_mm,
-            _load_markers(self.dictionary, max(self.marker_ids) + 1),
+            load_markers(self.dictionary, max(self.marker_ids) + 1),
             ids,
         )
         board.setLegacyPattern(legacy)
@@ -128,7 +151,10 @@ class CharucoBoard(BaseModel, frozen=True, extra="forbid"):
     def describe(self) -> str:
         """Describe the board in a few words."""
         first = f" from id {self.first_id}" if self.first_id else ""
-        return f"ChArUco {self.squares[0]}×{self.squares[1]}, {self.dictionary}{first}, square {self.square_mm:g} mm"
+        return (
+            f"ChArUco {self.squares[0]}×{self.squares[1]}, {self.dictionary}{first}, square "
+            f"{_describe_length(self.square_mm, self.square_sigma_mm)}"
+        )
 
 
 class Chessboard(BaseModel, frozen=True, extra="forbid"):
@@ -141,6 +167,18 @@ class Chessboard(BaseModel, frozen=True, extra="forbid"):
     kind: Literal["chessboard"] = "chessboard"
     corners: tuple[Annotated[int, Field(ge=3, le=200)], Annotated[int, Field(ge=3, le=200)]]
     square_mm: Length
+    square_sigma_mm: LengthSigma | None = None
+    """One standard deviation of ``square_mm``, the same error in all squares, by the certificate; None: exact."""
+
+    @model_validator(mode="after")
+    def _check_square_sigma(self) -> Chessboard:
+        _check_sigma("square_sigma_mm", self.square_sigma_mm, self.square_mm)
+        return self
+
+    @property
+    def scale_sigma(self) -> float:
+        """Return the relative standard deviation of the board's size."""
+        return (self.square_sigma_mm or 0.0) / self.square_mm
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -153,7 +191,8 @@ class Chessboard(BaseModel, frozen=True, extra="forbid"):
 
     def describe(self) -> str:
         """Describe the board in a few words."""
-        return f"chessboard {self.corners[0]}×{self.corners[1]} inner corners, square {self.square_mm:g} mm"
+        length = _describe_length(self.square_mm, self.square_sigma_mm)
+        return f"chessboard {self.corners[0]}×{self.corners[1]} inner corners, square {length}"
 
 
 class AprilGrid(BaseModel, frozen=True, extra="forbid"):
@@ -176,6 +215,8 @@ class AprilGrid(BaseModel, frozen=True, extra="forbid"):
     """Columns and rows of tags."""
     tag_mm: Length
     """Edge of a tag's black border."""
+    tag_sigma_mm: LengthSigma | None = None
+    """One standard deviation of ``tag_mm``, the same error in all tags, by the certificate; None: exact."""
     spacing: Annotated[float, Field(gt=0.05, lt=2)]
     """Gap between tags over ``tag_mm``."""
     first_id: MarkerId = 0
@@ -185,6 +226,11 @@ class AprilGrid(BaseModel, frozen=True, extra="forbid"):
     dictionary: Annotated[str, AfterValidator(_check_dictionary)] = "DICT_APRILTAG_36h11"
     thickness_mm: Thickness | None = None
     """Distance of a print on the back from that on the front; None: estimated from the views."""
+
+    @model_validator(mode="after")
+    def _check_tag_sigma(self) -> AprilGrid:
+        _check_sigma("tag_sigma_mm", self.tag_sigma_mm, self.tag_mm)
+        return self
 
     @model_validator(mode="after")
     def _check_tag_count(self) -> AprilGrid:
@@ -207,6 +253,11 @@ class AprilGrid(BaseModel, frozen=True, extra="forbid"):
     def square_mm(self) -> float:
         """Return the length of the edges that `adjacent_corners` connects."""
         return self.tag_mm
+
+    @property
+    def scale_sigma(self) -> float:
+        """Return the relative standard deviation of the board's size."""
+        return (self.tag_sigma_mm or 0.0) / self.tag_mm
 
     @property
     def marker_ids(self) -> range:
@@ -243,12 +294,18 @@ class AprilGrid(BaseModel, frozen=True, extra="forbid"):
 
     def describe(self) -> str:
         """Describe the board in a few words."""
-        return f"AprilGrid {self.tags[0]}×{self.tags[1]} tags of {self.tag_mm:g} mm, spacing {self.spacing:g}"
+        length = _describe_length(self.tag_mm, self.tag_sigma_mm)
+        return f"AprilGrid {self.tags[0]}×{self.tags[1]} tags of {length}, spacing {self.spacing:g}"
 
 
 SquareBoard = CharucoBoard | Chessboard
 """Boards that are simulated."""
 PlanarBoard = CharucoBoard | Chessboard | AprilGrid
+
+
+def _describe_length(length_mm: float, sigma_mm: float | None) -> str:
+    """Return a length with its standard deviation where it is known."""
+    return f"{length_mm:g} mm" + (f" ± {sigma_mm:g} mm" if sigma_mm else "")
 
 
 def _square_corners_mm(grid: tuple[int, int], square_mm: float) -> NDArray[np.float64]:

@@ -18,30 +18,58 @@ from beltscape.kernels import load
 from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
 from beltscape.pipeline.calibrating.solving import solve_rig
 from beltscape.target.board import list_triples
-from tests.synthetic.camera_arrays import BOARD, boards_before, detect, like_cameras
-from tests.thorough import list_rows
+from tests.synthetic.camera_arrays import (
+    BOARD,
+    boards_before,
+    boards_close,
+    detect,
+    like_cameras,
+    widen,
+)
+from tests.thorough import list_cases, list_rows
 
 LATE = {"01", "04", "07", "10", "13", "16", "19", "22"}
 
 
-def see_late(count: int, seed: int, bend_mm: float, moved_mm: float) -> tuple[Rig, BoardDetections]:
+def see_late(
+    count: int, seed: int, bend_mm: float, moved_mm: float, model: str = "brown"
+) -> tuple[Rig, BoardDetections]:
     """Return an array whose second camera takes eight of 24 frames when the board has moved on."""
     rig, rng = like_cameras(count, seed), np.random.default_rng(seed)
-    poses = boards_before(rig, 24, 0.4, seed)
+    if model != "brown":
+        rig = widen(rig, model, seed)
+    poses = boards_before(rig, 24, 0.4, seed) if model == "brown" else boards_close(24, seed)
     seen = detect(rig, poses, 0.04, seed, bend_mm)
     later = [Pose(pose.rotation, pose.translation_mm + moved_mm * rng.choice([-1, 1], 3)) for pose in poses]
     after = detect(rig, later, 0.04, seed, bend_mm)
     own = {frame: (after if frame in LATE else seen).views["c01"][frame] for frame in seen.views["c01"]}
-    return rig, replace(seen, views={**seen.views, "c01": own})
+    views = {
+        name: {frame: corners for frame, corners in each.items() if len(corners) >= LEAST}
+        for name, each in {**seen.views, "c01": own}.items()
+    }
+    return rig, replace(seen, views=views)
 
 
-CASES = [(2, 0.0, 0.6), (2, 0.7, 0.6), (2, 0.7, 5.0), (3, 0.7, 1.0)]
+LEAST = 20
+"""Corners in a view; close boards reach beyond the images."""
+CASES = [
+    (2, 0.0, 0.6, "brown"), (2, 0.7, 0.6, "brown"), (2, 0.7, 5.0, "brown"), (3, 0.7, 1.0, "brown"),
+    (2, 0.7, 0.4, "fisheye"), (2, 0.0, 0.6, "fisheye"), (2, 0.3, 2.0, "fisheye"), (3, 0.7, 1.0, "fisheye"),
+    (2, 0.7, 1.0, "rational"),
+]  # fmt: skip
+"""With 0.4 mm the joint adjustment rejects the views as outliers and nothing else shows that they are late."""
 
 
-@pytest.mark.parametrize(("count", "bend_mm", "moved_mm"), list_rows(CASES, {(2, 0.7, 0.6)}))
-def test_frames_without_a_common_instant_are_named_and_left_out(count, bend_mm, moved_mm):
-    rig, seen = see_late(count, 3, bend_mm, moved_mm)
-    hierarchy, adjustment = solve_rig(seen, BOARD, "c00", Silent(), KnownIntrinsics({}), "brown")
+@pytest.mark.parametrize(
+    ("count", "bend_mm", "moved_mm", "model"),
+    list_rows(CASES, {(2, 0.7, 0.6, "brown"), (2, 0.7, 0.4, "fisheye")}),
+)
+def test_frames_without_a_common_instant_are_named_and_left_out(count, bend_mm, moved_mm, model):
+    rig, seen = see_late(count, 3, bend_mm, moved_mm, model)
+    asked = "brown" if model == "brown" else "auto"
+    solved = solve_rig(seen, BOARD, "c00", Silent(), KnownIntrinsics({}), asked)
+    hierarchy, adjustment = solved.hierarchy, solved.adjustment
+    assert {camera.model for camera in adjustment.rig.cameras.values()} == {model}
     named = {each.frame for each in hierarchy.missing_instants}
     assert named <= LATE
     assert len(named) >= 7
@@ -60,8 +88,12 @@ def test_frames_without_a_common_instant_are_named_and_left_out(count, bend_mm, 
         assert np.linalg.norm(pose.center_mm - (rig.cam_from_core[name]).center_mm) < 0.3
 
 
-def test_synchronous_cameras_lose_no_frame():
+@pytest.mark.parametrize("model", list_cases(["brown", "fisheye", "rational"], {"fisheye"}))
+def test_synchronous_cameras_lose_no_frame(model):
     rig = like_cameras(2, 4)
-    seen = detect(rig, boards_before(rig, 9, 0.3, 4), 0.05, 4, bend_mm=0.5)
-    hierarchy, _ = solve_rig(seen, BOARD, None, Silent(), KnownIntrinsics({}), "brown")
-    assert hierarchy.missing_instants == ()
+    if model != "brown":
+        rig = widen(rig, model, 4)
+    poses = boards_before(rig, 9, 0.3, 4) if model == "brown" else boards_close(14, 4)
+    seen = detect(rig, poses, 0.05, 4, bend_mm=0.5)
+    solved = solve_rig(seen, BOARD, None, Silent(), KnownIntrinsics({}), model)
+    assert solved.hierarchy.missing_instants == ()

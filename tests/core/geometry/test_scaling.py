@@ -101,7 +101,7 @@ def test_a_camera_does_not_fit_cropped_or_turned_images(size_px):
 
 
 def test_the_covariance_of_a_scaled_rig_is_in_its_own_pixels():
-    covariance = {"parameters": ["cam0.fx", "cam0.k1"], "matrix": [[4.0, 2.0], [2.0, 1.0]]}
+    covariance = {"parameters": ["cam0.fx_px", "cam0.k1"], "matrix": [[4.0, 2.0], [2.0, 1.0]]}
     quality = {"board": {"kind": "charuco"}, "held_out": {"rms_px": 0.1}}
     rig = Rig("cam0", {"cam0": CAMERA}, {"cam0": Pose.identity()}, quality, covariance)
     half = replace_scaled_cameras(rig, {"cam0": scale_camera(CAMERA, 0.5)})

@@ -50,6 +50,19 @@ class ArucoDetector:
     def detectMarkers(
         self, image: NDArray[Any]
     ) -> tuple[Sequence[NDArray[np.float32]], NDArray[np.int32] | None, Sequence[NDArray[np.float32]]]: ...
+    def refineDetectedMarkers(
+        self,
+        image: NDArray[Any],
+        board: CharucoBoard,
+        detectedCorners: Sequence[NDArray[np.float32]],
+        detectedIds: NDArray[np.int32],
+        rejectedCorners: Sequence[NDArray[np.float32]],
+    ) -> tuple[
+        Sequence[NDArray[np.float32]],
+        NDArray[np.int32],
+        Sequence[NDArray[np.float32]],
+        NDArray[np.int32] | None,
+    ]: ...
 
 class CharucoDetector:
     def __init__(
@@ -59,7 +72,11 @@ class CharucoDetector:
         detectorParams: DetectorParameters = ...,
     ) -> None: ...
     def detectBoard(
-        self, image: NDArray[Any]
+        self,
+        image: NDArray[Any],
+        *,
+        markerCorners: Sequence[NDArray[np.float32]] = ...,
+        markerIds: NDArray[np.int32] = ...,
     ) -> tuple[
         NDArray[np.float32] | None,
         NDArray[np.int32] | None,

@@ -15,13 +15,14 @@ from scipy.special import gammaincinv
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.solver.bundle import Bundle, ViewDesign
 from beltscape.calibration.solver.lens import (
+    PINHOLE,
     differentiate_by_pose,
     list_parameters,
     pack_intrinsics,
     project_with_jacobians,
 )
 from beltscape.calibration.solver.levenberg_marquardt import LinearisedBundle, single_thread
-from beltscape.core.arrays import Array
+from beltscape.core.arrays import Array, Mask
 from beltscape.core.geometry.lens import list_intrinsics
 from beltscape.core.geometry.rig import Rig
 
@@ -165,6 +166,39 @@ def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
     return RigCovariance(tuple(names), inflation**2 * full, inflation, scatter, count_positions(adjustment))
 
 
+def compute_camera_covariance(adjustment: BundleAdjustmentResult) -> Array:
+    """Return the covariance (W, W) of the lens of a single camera, inflated if its views disagree.
+
+    They disagree if focal lengths and principal point scatter by more than their σ when positions are left out.
+    """
+    bundle, linear = adjustment.bundle, adjustment.linearise()
+    count = int((bundle.free < bundle.width).sum())
+    own = linear.covariance()[:count, :count]
+    pinhole = np.flatnonzero(bundle.free[:count] < len(PINHOLE))
+    by_pinhole = np.eye(count)[pinhole] / np.sqrt(np.diag(own)[pinhole])[:, None]
+    inflation = estimate_inflation(leave_out_positions(adjustment, count), own, by_pinhole)
+    return inflation**2 * compute_formal_covariance(adjustment.rig, bundle, linear)
+
+
+def add_scale(rig: Rig, matrix: Array, scale_sigma: float) -> Array:
+    """Return the covariance (G, G) of a rig's parameters with that of the size of its calibration board.
+
+    No view determines the size, so that its certificate is all that is known: lengths scatter by ``scale_sigma``,
+    their relative standard deviation, all alike, and with them the cameras' positions and every depth.
+    """
+    by_scale = differentiate_by_scale(rig)
+    return np.asarray(matrix + scale_sigma**2 * np.outer(by_scale, by_scale), np.float64)
+
+
+def differentiate_by_scale(rig: Rig) -> Array:
+    """Return the derivatives (G,) of a rig's parameters by the relative size of its calibration board."""
+    by_scale = np.zeros(count_parameters(rig))
+    for index, name in enumerate(rig.cameras):
+        if index:
+            by_scale[list_parameter_columns(rig, index)[-3:]] = rig.cam_from_core[name].translation_mm
+    return by_scale
+
+
 def compute_formal_covariance(rig: Rig, bundle: Bundle, linear: LinearisedBundle) -> Array:
     """Return the covariance (G, G) of the cameras' parameters from the corners' noise; 0 for fixed ones."""
     return place_covariance(rig, bundle, linear.covariance())
@@ -257,6 +291,24 @@ def compute_depth_jacobian(rig: Rig, points_mm: Array) -> Array:
     jacobian = np.full((len(points_mm), count), np.nan)
     jacobian[usable] = -np.linalg.solve(normal[usable], mixed[usable])[:, 2]
     return jacobian
+
+
+def compute_unit_depths(rig: Rig, points_mm: Array) -> tuple[Array, Mask]:
+    """Return the depth (N,), mm, that one pixel of error in every image makes, NaN with fewer than two views.
+
+    With it the visibility (C, N) of the points in each camera.
+    """
+    normal, sees = (
+        np.zeros((len(points_mm), 3, 3)),
+        np.zeros((len(rig.cameras), len(points_mm)), bool),
+    )
+    for i, name in enumerate(rig.cameras):
+        by_point, _, sees[i] = differentiate_camera(rig, name, points_mm)
+        by_point = by_point * sees[i][:, None, None]
+        normal += np.einsum("nri,nrj->nij", by_point, by_point)
+    unit, usable = np.full(len(points_mm), np.nan), sees.sum(axis=0) >= 2
+    unit[usable] = np.sqrt(np.linalg.inv(normal[usable])[:, 2, 2])
+    return unit, sees
 
 
 def count_parameters(rig: Rig) -> int:

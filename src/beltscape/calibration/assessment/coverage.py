@@ -20,7 +20,7 @@ from scipy.spatial import KDTree
 from beltscape.calibration.assessment.covariance import (
     compute_depth_jacobian,
     compute_formal_covariance,
-    differentiate_camera,
+    compute_unit_depths,
 )
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.solver.bundle import Bundle, Geometry
@@ -219,14 +219,7 @@ def _compute_sigma(rig: Rig, covariance: Array, points: Array) -> tuple[Array, A
     """Return σ of depths (N,) and the depth (N,) that one pixel of error in every image makes, mm."""
     jacobian = compute_depth_jacobian(rig, points)
     sigma = np.sqrt(np.einsum("ni,ij,nj->n", jacobian, covariance, jacobian))
-    normal = np.zeros((len(points), 3, 3))
-    for name in rig.cameras:
-        by_point, _, visible = differentiate_camera(rig, name, points)
-        by_point = by_point * visible[:, None, None]
-        normal += np.einsum("nri,nrj->nij", by_point, by_point)
-    unit, known = np.full(len(points), np.nan), np.isfinite(sigma)
-    unit[known] = np.sqrt(np.linalg.inv(normal[known])[:, 2, 2])
-    return sigma, unit
+    return sigma, compute_unit_depths(rig, points)[0]
 
 
 def _view(adjustment: BundleAdjustmentResult, limited: Rig, name: str, points: Array) -> CameraCoverage:

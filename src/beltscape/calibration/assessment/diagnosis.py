@@ -25,7 +25,6 @@ from beltscape.calibration.assessment.verdict import require_credible
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
 from beltscape.calibration.hierarchy import HierarchyResult
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration
-from beltscape.calibration.lens_review import refit_own_views
 from beltscape.calibration.network.association import CameraNetwork, associate_cameras
 from beltscape.calibration.network.global_optimisation import optimise_network
 from beltscape.calibration.network.pairs import calibrate_pairs
@@ -171,7 +170,7 @@ class Discards:
 
 def find_discards(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> Discards:
     """Return the detected corners of the rig's cameras that the final adjustment did not use."""
-    used = _count_used_corners(adjustment)
+    used = adjustment.count_used_corners()
     detected = {
         (name, frame): len(corners)
         for name in adjustment.rig.cameras
@@ -196,18 +195,6 @@ def find_discards(hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult
         frames={**asynchronous, **reasons},
         all_frames=len({frame for _, frame in detected} | set(asynchronous)),
     )
-
-
-def _count_used_corners(adjustment: BundleAdjustmentResult) -> dict[tuple[str, str], int]:
-    """Return (camera, frame) → corners that the final adjustment used."""
-    observed, names = adjustment.bundle.observations, list(adjustment.rig.cameras)
-    view = observed.camera * len(adjustment.frames) + observed.frame
-    counts = np.bincount(view[adjustment.used], minlength=len(names) * len(adjustment.frames))
-    return {
-        (name, frame): int(counts[i * len(adjustment.frames) + k])
-        for i, name in enumerate(names)
-        for k, frame in enumerate(adjustment.frames)
-    }
 
 
 def _describe_frame(frame: str, hierarchy: HierarchyResult, adjustment: BundleAdjustmentResult) -> str:
@@ -269,6 +256,7 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose a calibration by its final rig; ``triples`` (n, 3) are corners in a row of the board.
 
+    ``hierarchy`` has each camera fitted to its own views with the board's measured shape (`refit_own_views`).
     The misfit of the ``explained`` cameras has been reported already.
 
     Raises
@@ -280,7 +268,7 @@ def diagnose(
     if not explained:
         score = validation.score if validation else training
         require_credible(adjustment, covariance, fits, score, training)
-    retest = retest_network(refit_own_views(hierarchy, adjustment), adjustment)
+    retest = retest_network(hierarchy, adjustment)
     findings = list_calibration_findings(retest.hierarchy, fits, validation, training, explained=explained)
     discards = find_discards(hierarchy, adjustment)
     return Diagnosis(

@@ -6,9 +6,10 @@ by these; then the corners are refined.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,7 +20,14 @@ from beltscape.calibration.detection.subpixel import refine_corners
 from beltscape.core.arrays import Array
 from beltscape.core.frames import Image, to_grey
 from beltscape.target.board import MIN_CORNERS, Board, BoardSet
-from beltscape.target.planar_boards import AprilGrid, CharucoBoard, Chessboard, PlanarBoard, load_dictionary
+from beltscape.target.planar_boards import (
+    AprilGrid,
+    CharucoBoard,
+    Chessboard,
+    PlanarBoard,
+    load_dictionary,
+    load_markers,
+)
 
 Grid = tuple[int, int]
 Grey = NDArray[np.uint8]
@@ -142,6 +150,44 @@ def _make_parameters() -> cv2.aruco.DetectorParameters:
 def find_charuco(light: NDArray[np.uint8], board: CharucoBoard, *, legacy: bool) -> Corners | None:
     """Detect the corners of a ChArUco board in a grey image (H, W); None without any."""
     pixels, ids, _, _ = _make_charuco_detector(board, legacy).detectBoard(light)
+    return _sort_corners(pixels, ids)
+
+
+def find_charuco_faces(
+    light: NDArray[np.uint8], boards: Sequence[CharucoBoard], *, legacy: bool
+) -> list[Corners | None]:
+    """Detect the corners of several boards of one dictionary in a grey image (H, W), the markers of all at once."""
+    most = max(max(board.marker_ids) for board in boards) + 1
+    detector = _make_marker_detector(boards[0].dictionary, most)
+    markers, ids, rejected = detector.detectMarkers(light)
+    numbers = np.empty(0, np.int32) if ids is None else ids.ravel()
+    found: list[Corners | None] = []
+    for board in boards:
+        own = np.flatnonzero(np.isin(numbers, board.marker_ids))
+        if not own.size:
+            found.append(None)
+            continue
+        refined, refined_ids, _, _ = detector.refineDetectedMarkers(
+            light,
+            board.to_opencv(legacy=legacy),
+            [markers[k] for k in own.tolist()],
+            numbers[own][:, None],
+            rejected,
+        )
+        pixels, corner_ids, _, _ = _make_charuco_detector(board, legacy).detectBoard(
+            light, markerCorners=refined, markerIds=refined_ids
+        )
+        found.append(_sort_corners(pixels, corner_ids))
+    return found
+
+
+@cache
+def _make_marker_detector(dictionary: str, count: int) -> cv2.aruco.ArucoDetector:
+    return cv2.aruco.ArucoDetector(load_markers(dictionary, count), _make_parameters())
+
+
+def _sort_corners(pixels: Any, ids: Any) -> Corners | None:
+    """Return what OpenCV detected, by id; None without corners."""
     if pixels is None or ids is None or len(ids) == 0:
         return None
     order = np.argsort(ids.ravel(), kind="stable")
@@ -256,9 +302,19 @@ DEFAULT_VARIANT = PrintVariant()
 def make_detector(board: Board, variant: PrintVariant) -> Detector:
     """Return a function image → corners; its result is None if the board is not usable."""
     if isinstance(board, BoardSet):
-        detectors = [make_detector(face.board, variant) for face in board.faces]
+        faces = [face.board for face in board.faces]
+        if charuco := _list_alike(faces):
+            return lambda image: _join_faces(_detect_faces(charuco, image, variant), board.offsets)
+        detectors = [make_detector(face, variant) for face in faces]
         return lambda image: _join_faces([detect(image) for detect in detectors], board.offsets)
     return lambda image: _detect_planar(board, image, variant)
+
+
+def _list_alike(boards: Sequence[PlanarBoard]) -> list[CharucoBoard]:
+    """Return ChArUco boards that all have markers of one dictionary; empty for others."""
+    charuco = [board for board in boards if isinstance(board, CharucoBoard)]
+    is_alike = len(charuco) == len(boards) and len({board.dictionary for board in charuco}) == 1
+    return charuco if is_alike else []
 
 
 def add_back_side(detect: Detector) -> Detector:
@@ -281,15 +337,36 @@ def add_back_side(detect: Detector) -> Detector:
 
 
 def _detect_planar(board: PlanarBoard, image: Image, variant: PrintVariant) -> Corners | None:
-    light = convert_to_8_bit(image)
-    if variant.inverted:
-        light = 255 - light
+    light = _make_light(image, variant)
     if isinstance(board, CharucoBoard):
         corners = find_charuco(light, board, legacy=variant.legacy)
     elif isinstance(board, AprilGrid):
         corners = find_aprilgrid(light, board)
     else:
         corners = find_chessboard(light, board.corners)
+    return _refine_planar(board, image, corners, variant)
+
+
+def _detect_faces(
+    boards: Sequence[CharucoBoard], image: Image, variant: PrintVariant
+) -> list[Corners | None]:
+    """Return the corners of each board of one dictionary; None for those that are not usable."""
+    found = find_charuco_faces(_make_light(image, variant), boards, legacy=variant.legacy)
+    return [
+        _refine_planar(board, image, corners, variant) for board, corners in zip(boards, found, strict=True)
+    ]
+
+
+def _make_light(image: Image, variant: PrintVariant) -> Grey:
+    """Return the luminance (H, W) uint8 as if the print were not inverted."""
+    light = convert_to_8_bit(image)
+    return 255 - light if variant.inverted else light
+
+
+def _refine_planar(
+    board: PlanarBoard, image: Image, corners: Corners | None, variant: PrintVariant
+) -> Corners | None:
+    """Return detected corners refined, without outliers; None if they are too few."""
     if corners is None or len(corners) < MIN_CORNERS:
         return None
     unit_mm, gap = _measure_margins(board)

@@ -141,7 +141,9 @@ def _calibrate_rig(
             volume=volume,
         )
     except UncoveredVolumeError as error:
-        picture = explain_failure(arguments, REFUSED_PICTURE, coverage_picture(error.coverage))
+        picture = explain_failure(
+            arguments, REFUSED_PICTURE, coverage_picture(error.coverage, f"Refused: {error}.")
+        )
         raise CalibrationError(f"{error}; {picture} shows where") from error
 
 

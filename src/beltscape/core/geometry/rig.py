@@ -61,6 +61,16 @@ class Rig(Displayed):
         """Names of all cameras but the core, in the rig's order."""
         return tuple(name for name in self.cameras if name != self.core)
 
+    @property
+    def scale_sigma(self) -> float:
+        """Relative standard deviation of all lengths that the rig measures, from the certificate of its board.
+
+        0 where the board's size was taken as exact.
+        """
+        value = self.quality.get("scale_sigma")
+        is_known = isinstance(value, int | float) and np.isfinite(value) and value > 0
+        return float(value) if is_known else 0.0
+
     def relative_pose(self, to: str, origin: str) -> Pose:
         """Return ``to_from_origin`` between any two cameras."""
         return self.cam_from_core[to] @ self.cam_from_core[origin].inverse()
@@ -85,7 +95,7 @@ class Rig(Displayed):
 CROPPED = 0.05
 """Relative difference of sizes up to which images are taken for a crop, not for scaled ones (chosen): nobody scales
 by 0.98, but regions of interest cut off a few rows or columns."""
-KEPT_QUALITY = ("board", "board_corners_mm")
+KEPT_QUALITY = ("board", "board_corners_mm", "scale_sigma")
 """Entries of a rig's quality that do not depend on the size of the images."""
 _MOST_PX = 1 << 17
 """No image is wider or higher: four times the largest sensors of 2026 and their line scans."""
@@ -107,7 +117,7 @@ def scale_camera(camera: Camera, factor: float) -> Camera:
 
 
 def scale_rig(rig: Rig, factor: float) -> Rig:
-    """Return the rig with all cameras scaled and without its quality, whose figures are in pixels.
+    """Return the rig with all cameras scaled and without the figures of its quality that are in pixels.
 
     >>> half = bs.scale_rig(rig, 0.5)
     >>> half.core_camera.size_px
@@ -127,7 +137,7 @@ def scale_rig(rig: Rig, factor: float) -> Rig:
                 f"factor = {show_value(factor)}: {name}'s image of {width}×{height} px cannot have that size"
             )
     cameras = {name: scale_camera(camera, factor) for name, camera in rig.cameras.items()}
-    return Rig(rig.core, cameras, rig.cam_from_core)
+    return Rig(rig.core, cameras, rig.cam_from_core, _keep_quality(rig))
 
 
 def fit_camera(camera: Camera, size_px: tuple[int, int]) -> Camera | None:
@@ -156,8 +166,12 @@ def fit_camera(camera: Camera, size_px: tuple[int, int]) -> Camera | None:
 def replace_scaled_cameras(rig: Rig, scaled: Mapping[str, Camera]) -> Rig:
     """Return the rig with scaled cameras and its covariance in their pixels; quality in pixels is left out."""
     cameras = {name: scaled.get(name, camera) for name, camera in rig.cameras.items()}
-    quality = {key: rig.quality[key] for key in KEPT_QUALITY if key in rig.quality}
-    return Rig(rig.core, cameras, rig.cam_from_core, quality, _scale_covariance(rig, cameras))
+    return Rig(rig.core, cameras, rig.cam_from_core, _keep_quality(rig), _scale_covariance(rig, cameras))
+
+
+def _keep_quality(rig: Rig) -> dict[str, Any]:
+    """Return what of a rig's quality does not depend on the size of the images."""
+    return {key: rig.quality[key] for key in KEPT_QUALITY if key in rig.quality}
 
 
 def _scale_covariance(rig: Rig, cameras: Mapping[str, Camera]) -> dict[str, Any]:
@@ -169,8 +183,8 @@ def _scale_covariance(rig: Rig, cameras: Mapping[str, Camera]) -> dict[str, Any]
     factors = np.ones(len(parameters))
     for i, parameter in enumerate(parameters):
         name, _, quantity = parameter.rpartition(".")
-        if name in cameras and quantity in ("fx", "fy", "cx", "cy"):
-            axis = int(quantity.endswith("y"))
+        if name in cameras and quantity in ("fx_px", "fy_px", "cx_px", "cy_px"):
+            axis = int(quantity[1] == "y")
             factors[i] = cameras[name].focal_px[axis] / rig.cameras[name].focal_px[axis]
     scaled = matrix * np.outer(factors, factors)
     return {**rig.covariance, "parameters": parameters, "matrix": scaled.tolist()}

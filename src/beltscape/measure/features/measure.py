@@ -86,9 +86,11 @@ def measure_module(
     quantities, edges = _measure_quantities(scene, module, faces, spheres, errors)
     _require_features(module, len(spheres) + len(faces) - 1)
     quantities += _measure_steps(module, faces, errors)
-    # a systematic error of all pixels changes every dimension by up to its size
+    # a systematic error of all pixels changes every dimension by up to its size, one of scale by a share
     quantities = [
-        replace(one, sigma_mm=float(np.hypot(one.sigma_mm, depth.systematic_mm))) for one in quantities
+        replace(one, sigma_mm=float(np.sqrt(one.sigma_mm**2 + depth.systematic_mm**2 + scale_mm**2)))
+        for one in quantities
+        for scale_mm in (rig.scale_sigma * one.measured_mm,)
     ]
     warnings = _collect_warnings(module, quantities, edges, pattern is not None)
     return MeasuredModule(

@@ -68,11 +68,13 @@ class BeltFlowMeter:
         watch_belt: PieceCallback | None = None,
         watch_step: Callable[[FramePlacement], None] | None = None,
         front_mm: float | None = None,
+        scale_sigma: float = 0.0,
     ) -> None:
         """``watch_belt`` receives each finished piece of the fused belt, ``watch_step`` each frame's position.
 
         ``front_mm`` is a belt coordinate up to which the belt is counted already: of the belt in view at the first
-        frame, only the part beyond it is new. It requires an encoder that continued to count.
+        frame, only the part beyond it is new. It requires an encoder that continued to count. ``scale_sigma`` is
+        the relative standard deviation of the rig's lengths (`Rig.scale_sigma`).
         """
         self.reference = reference
         self.settings = settings or FlowSettings()
@@ -81,7 +83,7 @@ class BeltFlowMeter:
         self._count = 0
         self._cutter = StripCutter(front_mm, reference.seen_mm, self.settings.least_overlap)
         self._width_mm = reference.belt.across_mm[1] - reference.belt.across_mm[0]
-        self._sums = StripSums(reference.belt.drift_mm, self._width_mm)
+        self._sums = StripSums(reference.belt.drift_mm, self._width_mm, scale_sigma)
         self._strips = Strips(self._sums, density or make_unknown_density())
         self._profile = Profile(reference.cell_mm, self.settings.bridge_mm)
         self._buffer = LayerBuffer(reference, self.settings, RowFiller(reference, self.settings, watch_belt))

@@ -53,8 +53,13 @@ class FlowTotals:
 class StripSums:
     """Sums over strips; common errors add linearly, independent errors in squares."""
 
-    def __init__(self, drift_mm: float, width_mm: float) -> None:
-        """``drift_mm`` are slow errors of depth, common to the whole belt of this width."""
+    def __init__(self, drift_mm: float, width_mm: float, scale_sigma: float = 0.0) -> None:
+        """``drift_mm`` are slow errors of depth, common to the whole belt of this width.
+
+        ``scale_sigma`` is the relative σ of the rig's lengths: cross-sections scatter by twice as much, all alike,
+        while the encoder measures the belt's length.
+        """
+        self._area_sigma = 2 * scale_sigma
         self._drift_mm2 = drift_mm * width_mm  # cross-section of slow depth errors over the belt's width
         self._width_mm = width_mm
         self._parts = SigmaParts()
@@ -65,9 +70,9 @@ class StripSums:
         self._last: StripEnds | None = None
 
     def compute_fault_sigma(self, stretch: Stretch, systematic_mm: float, relative_sigma: float) -> float:
-        """Return σ of the volume due to faults: a height error over the whole belt, and a relative error."""
+        """Return σ of the volume due to faults, a height error over the belt and a relative one, and to scale."""
         heights = systematic_mm * self._width_mm * (stretch.seen_mm + stretch.bridged_mm)
-        return float(np.hypot(heights, relative_sigma * stretch.volume_mm3))
+        return float(np.hypot(heights, np.hypot(relative_sigma, self._area_sigma) * stretch.volume_mm3))
 
     def compute_sigma(self, stretch: Stretch, moved_mm3: float, fault_mm3: float) -> float:
         """Return σ of one strip's volume from its parts due to the surface, the position and the faults."""

@@ -58,6 +58,9 @@ class VolumeSigma:
     """The vertical area of all steps times a tenth of a pixel, common to the whole box."""
     drift_mm3: float
     """Slow errors of the depth map on the empty belt and of cameras that moved, common to the whole box."""
+    scale_mm3: float = 0.0
+    """The size of the calibration board, by its certificate: three times its relative σ, for lengths in all three
+    directions are measured by it."""
     unseen_mm3: float = 0.0
     """Volume beside a box that covers only part of the belt's width, were it loaded alike; 0 for a given box."""
 
@@ -70,6 +73,7 @@ class VolumeSigma:
             self.holes_mm3,
             self.edges_mm3,
             self.drift_mm3,
+            self.scale_mm3,
             self.unseen_mm3,
         )
         return float(np.sqrt(sum(part**2 for part in parts)))
@@ -241,9 +245,11 @@ def measure_volume(
     *,
     across_mm: tuple[float, float] | None,
     along_mm: tuple[float, float] | None,
+    scale_sigma: float = 0.0,
 ) -> Volume:
     """Measure the volume of the load within a box of the belt frame.
 
+    ``scale_sigma`` is the relative standard deviation of the rig's lengths (`Rig.scale_sigma`).
     Without ``across_mm`` the box takes the belt's measured width, without ``along_mm`` the stretch in which the
     load is well measured. Heights below the empty belt count as negative: clipping them would bias the volume by
     the noise.
@@ -268,6 +274,7 @@ def measure_volume(
     # a systematic error of all pixels of the loaded frame adds to the belt's slow errors
     belt_with_systematic = replace(belt, drift_mm=float(np.hypot(belt.drift_mm, loaded.systematic_mm)))
     causes = compute_volume_sigma(load, filled, weights, belt_with_systematic)
+    causes = replace(causes, scale_mm3=3 * scale_sigma * abs(total))
     if across_mm is None:
         causes = replace(causes, unseen_mm3=_compute_unseen_mm3(total, box, belt, camera))
     heights = average_load(load, filled, block_cells)

@@ -15,6 +15,7 @@ import numpy as np
 from beltscape.calibration.assessment.covariance import (
     DepthSigma,
     RigCovariance,
+    add_scale,
     compute_clustered_covariance,
     compute_depth_sigma,
     compute_rig_covariance,
@@ -34,7 +35,7 @@ from beltscape.calibration.assessment.cross_validation import CrossValidation, c
 from beltscape.calibration.assessment.diagnosis import Discards, diagnose
 from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
 from beltscape.calibration.assessment.lens_domain import describe_domains, describe_tilts, limit_domains
-from beltscape.calibration.assessment.next_best_view import find_next_best_view
+from beltscape.calibration.assessment.next_best_view import NextBestView, find_next_best_view
 from beltscape.calibration.assessment.remedy import describe_undetermined
 from beltscape.calibration.assessment.score import RigErrors, Score, compute_rig_errors, summarise_errors
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult
@@ -162,7 +163,8 @@ def calibrate(
     detections, variant = detect_rig_board(capture, board, reporter, known=known.cameras)
     known.require_sizes(detections.sizes_px)
     detections, board, start = resolve_board_set(detections, board, known, lens_model)
-    hierarchy, adjustment = solve_rig(detections, board, core, reporter, start, lens_model)
+    solved = solve_rig(detections, board, core, reporter, start, lens_model)
+    hierarchy, adjustment = solved.hierarchy, solved.adjustment
     require_baselines(hierarchy, folder)
     covariance = _compute_covariance(hierarchy, adjustment)
     rig_errors, halves = _score_rig(hierarchy, adjustment, board, start, reporter)
@@ -170,22 +172,21 @@ def calibrate(
     foreign = known.find_foreign(hierarchy, detections, board)
     triples = list_triples(board)
     diagnosis = diagnose(
-        hierarchy, adjustment, covariance, triples, rig_errors, halves, explained=tuple(foreign)
+        solved.own, adjustment, covariance, triples, rig_errors, halves, explained=tuple(foreign)
     )
     fit = assess_fit(held_out or training, rig_errors, triples, [*foreign.values(), *diagnosis.findings])
     limited = limit_lenses(board, adjustment, known.cameras, reporter)
     coverage, covered = _assess_coverage(adjustment, limited, covariance, volume, reporter)
-    limited = covered.rig if covered else limited
     warnings = _warn_of_findings(diagnosis.discards, fit, reporter)
+    limited = covered.rig if covered else limited
     rig = _complete_rig(limited, board, adjustment, covariance, held_out, training, fit, covered)
-    with single_thread():
-        next_best_view = find_next_best_view(adjustment, covariance)
+    by_views, sized = _add_size(rig, board, adjustment, covariance)
     return Calibration(
         capture=capture, board=board, variant=variant, detections=detections,
         hierarchy=replace(hierarchy, network=diagnosis.network), adjustment=adjustment, rig=rig,
-        covariance=covariance, depth_sigma=_compute_depth_sigmas(rig, adjustment, covariance.matrix),
-        depth_sigma_by_views=_compute_depth_sigmas(rig, adjustment, compute_clustered_covariance(adjustment)),
-        next_best_view=next_best_view,
+        covariance=sized, depth_sigma=_compute_depth_sigmas(rig, adjustment, sized.matrix),
+        depth_sigma_by_views=_compute_depth_sigmas(rig, adjustment, by_views),
+        next_best_view=_find_next_best_view(adjustment, covariance),
         rig_errors=rig_errors, training=training, held_out=held_out, fit=fit,
         given=tuple(name for name in adjustment.rig.cameras if name in known.cameras),
         warnings=warnings,
@@ -319,8 +320,26 @@ def _complete_rig(
     }
     if covered:
         quality["covered"] = {"share_of_view": covered.share, "limits_px": dict(covered.limits_px)}
-    matrix = {"parameters": covariance.parameters, "matrix": covariance.matrix}
+    if board.scale_sigma:
+        quality["scale_sigma"] = board.scale_sigma
+    sized = add_scale(rig, covariance.matrix, board.scale_sigma)
+    matrix = {"parameters": covariance.parameters, "matrix": sized}
     return replace(rig, quality=quality, covariance=matrix)
+
+
+def _find_next_best_view(
+    adjustment: BundleAdjustmentResult, covariance: RigCovariance
+) -> NextBestView | None:
+    with single_thread():
+        return find_next_best_view(adjustment, covariance)
+
+
+def _add_size(
+    rig: Rig, board: Board, adjustment: BundleAdjustmentResult, covariance: RigCovariance
+) -> tuple[Array, RigCovariance]:
+    """Return the covariances by clusters of views (G, G) and of the model with that of the board's size."""
+    by_views = add_scale(rig, compute_clustered_covariance(adjustment), board.scale_sigma)
+    return by_views, replace(covariance, matrix=add_scale(rig, covariance.matrix, board.scale_sigma))
 
 
 def _compute_depth_sigmas(

@@ -67,6 +67,7 @@ def make_calibration_document(calibration: Calibration) -> Mapping[str, Any]:
             }
             for s, by_views in zip(calibration.depth_sigma, calibration.depth_sigma_by_views, strict=True)
         ],
+        "worst_depth": calibration.worst_depth,
         "next_pose": _make_next_view_document(calibration.next_best_view),
         "cameras": {name: _make_camera_document(calibration, name) for name in calibration.rig.cameras},
         "corners_left_out": _list_excluded_corners(adjustment),

@@ -113,7 +113,7 @@ def _describe_board_differences(rig: Rig, board: Board) -> Iterator[str]:
     if rig_board is None:
         return
     rig_board = _get_front(rig_board)
-    given = to_plain(board.model_dump(exclude={"legacy", "inverted"}))
+    given = _drop_sigma(to_plain(board.model_dump(exclude={"legacy", "inverted"})))
     differing = [key for key in given if rig_board.get(key) != given[key]]
     if differing:
         differences = ", ".join(
@@ -144,10 +144,17 @@ def _require_same_square(folder: Path, rig: Rig, board: Board, factor: float) ->
 def _read_board_shape(rig: Rig, board: Board) -> NDArray[np.float64] | None:
     """Return the board's shape (P, 3) if the rig was calibrated with this board and it deviates from the drawing."""
     corners = rig.quality.get("board_corners_mm")
-    if corners is None or _get_rig_board(rig) != to_plain(board.model_dump()):
+    if corners is None or _drop_sigma(_get_rig_board(rig)) != _drop_sigma(to_plain(board.model_dump())):
         return None
     points = np.asarray(corners, np.float64)
     return points if points.shape == corner_points_mm(board).shape else None
+
+
+def _drop_sigma(board: Any) -> Any:
+    """Return a board's description without the σ of its certificate, which is no property of its print."""
+    if is_dict(board):
+        return {key: _drop_sigma(value) for key, value in board.items() if not key.endswith("_sigma_mm")}
+    return [_drop_sigma(each) for each in board] if isinstance(board, list) else board
 
 
 def _get_front(rig_board: dict[str, Any]) -> dict[str, Any]:

@@ -13,7 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from beltscape.calibration.assessment.covariance import POSE_NAMES, compute_rig_covariance
+from beltscape.calibration.assessment.covariance import (
+    POSE_NAMES,
+    compute_rig_covariance,
+    differentiate_by_scale,
+)
 from beltscape.calibration.assessment.cross_validation import list_folds
 from beltscape.calibration.assessment.findings import list_rig_findings
 from beltscape.calibration.assessment.fit_quality import FitQuality, assess_fit
@@ -73,6 +77,11 @@ def join_covariances(
         jacobian = np.eye(len(names))
         jacobian[np.ix_(place[3:], place[:3])] = -_skew(lever)
         matrix = jacobian @ matrix @ jacobian.T
+    # all poses scale alike with the board that the former rig was calibrated with
+    by_scale = differentiate_by_scale(joined)
+    kept = np.array([each in former for each in names])
+    by_former = np.where(kept, by_scale, 0.0)
+    matrix += rig.scale_sigma**2 * (np.outer(by_scale, by_scale) - np.outer(by_former, by_former))
     return {"parameters": names, "matrix": matrix}
 
 

@@ -10,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from beltscape.calibration.assessment.covariance import compute_camera_covariance
 from beltscape.calibration.assessment.cross_validation import list_folds
 from beltscape.calibration.assessment.lens_domain import describe_domains, limit_domain
 from beltscape.calibration.detection.corners import BoardDetections
@@ -17,12 +18,12 @@ from beltscape.calibration.detection.detect_capture import detect_board
 from beltscape.calibration.hierarchy import EXCESS_FACTOR, EXCESS_PX, HierarchyResult
 from beltscape.calibration.intrinsics.lens_choice import (
     AUTO,
-    LensChoice,
     calibrate_with_model,
     describe_choices,
 )
 from beltscape.calibration.intrinsics.sensitivity import NOISE_FLOOR_PX
 from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera, set_up_adjustment
+from beltscape.calibration.lens_review import MIN_SHAPE_VIEWS, ReviewedCamera, review_camera
 from beltscape.calibration.solver.lens import LensPrior, compute_lens_prior, list_parameters
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
 from beltscape.core.arrays import Array
@@ -60,9 +61,11 @@ class IntrinsicsCalibration:
     """By camera: RMS over folds of the views, each under the lens from the others; NaN with too few views."""
     covariances: Mapping[str, Array]
     """(W, W) by camera, of fx, fy, cx, cy and the coefficients."""
+    board_off_drawing_mm: Mapping[str, Array]
+    """By camera: RMS (3,) of the board's corners off their drawing, as its views measured them; 0 if not."""
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
-    """Lens models that were compared with others, and lenses that are known in a part of the image only."""
+    """Lens models that were compared with others, lenses that are known in a part of the image only, bent boards."""
 
     def to_intrinsics(self) -> Intrinsics:
         """Return the lenses as intrinsics.json holds them."""
@@ -80,6 +83,7 @@ class IntrinsicsCalibration:
             "sigma": dict(calibration.sigma),
             "held": calibration.fixed,
             "rejected": dict(calibration.rejected),
+            "board_off_drawing_rms_mm": self.board_off_drawing_mm[name].tolist(),
         }
 
 
@@ -100,38 +104,100 @@ def calibrate_intrinsics(
     capture = read_board_views(as_path(folder, "folder"))
     detections, _ = detect_board(capture, board, reporter)
     detections = split_boards(detections, board)
-    board_mm = corner_points_mm(board.unplace() if isinstance(board, BoardSet) else board)
-    monocular: dict[str, MonocularCalibration] = {}
-    choices: list[LensChoice] = []
+    cameras: dict[str, ReviewedCamera] = {}
     failures: list[str] = []
     with single_thread():
         for done, name in enumerate(detections.cameras, start=1):
             try:
-                monocular[name], choice = calibrate_with_model(name, detections, board_mm, lens_model)
-                choices.append(choice)
+                cameras[name] = _calibrate_camera(name, detections, board, lens_model)
             except CalibrationError as error:
                 failures.append(str(error))
             reporter.step("calibrating cameras", done, len(detections.cameras))
-        if not monocular:
+        if not cameras:
             raise CalibrationError(f"{capture.folder}: {failures[0]}")
         for line in failures:
             reporter.warn(f"{line}; going on without this camera")
-        held_out = {
-            name: _score_held_out(calibration.camera, detections, board_mm)
-            for name, calibration in monocular.items()
-        }
-        covariances = {
-            name: compute_lens_covariance(detections, calibration, board_mm)
-            for name, calibration in monocular.items()
-        }
-    for name, calibration in monocular.items():
-        _warn_of_views(name, calibration, held_out[name], reporter)
-    monocular = {name: _limit_domain(each, detections) for name, each in monocular.items()}
+        held_out = {name: _score_held_out(each, detections, board) for name, each in cameras.items()}
+        covariances = {name: _compute_covariance(each, detections, board) for name, each in cameras.items()}
+    for name, each in cameras.items():
+        _warn_of_views(name, each.monocular, held_out[name], reporter)
+    monocular = {
+        name: _complete_camera(each.monocular, covariances[name], detections)
+        for name, each in cameras.items()
+    }
     lenses = {name: each.camera for name, each in monocular.items()}
+    shapes = {name: _measure_off_drawing(each) for name, each in cameras.items()}
     return IntrinsicsCalibration(
-        capture, detections, monocular, held_out, covariances, tuple(reporter.warnings),
-        (*describe_choices(choices), *describe_domains(lenses)),
+        capture, detections, monocular, held_out, covariances, shapes, tuple(reporter.warnings),
+        (
+            *describe_choices([each.choice for each in cameras.values()]),
+            *describe_domains(lenses), *_describe_shapes(cameras, shapes, board),
+        ),
     )  # fmt: skip
+
+
+def _calibrate_camera(
+    name: str, detections: BoardDetections, board: Board, lens_model: str
+) -> ReviewedCamera:
+    """Calibrate a camera, and again with the shape of the board that its views measure.
+
+    The views of a set of boards are those of single ones, too few of each for its shape.
+    """
+    monocular, choice = calibrate_with_model(name, detections, _list_corners_mm(board), lens_model)
+    if isinstance(board, BoardSet):
+        return ReviewedCamera(monocular, choice)
+    return review_camera(detections, monocular, choice, board)
+
+
+def _list_corners_mm(board: Board) -> Array:
+    """Return the corners (P, 3) of the drawn board; those of a set as of single boards."""
+    return corner_points_mm(board.unplace() if isinstance(board, BoardSet) else board)
+
+
+def _get_corners_mm(camera: ReviewedCamera, board: Board) -> Array:
+    """Return the corners (P, 3) of the board as a camera measured them."""
+    return camera.adjustment.geometry.points_mm if camera.adjustment else _list_corners_mm(board)
+
+
+def _compute_covariance(camera: ReviewedCamera, detections: BoardDetections, board: Board) -> Array:
+    """Return the covariance (W, W) of a camera's intrinsics; that of the board's shape is included."""
+    if camera.adjustment is None:
+        return compute_lens_covariance(detections, camera.monocular, _list_corners_mm(board))
+    return compute_camera_covariance(camera.adjustment)
+
+
+def _complete_camera(
+    calibration: MonocularCalibration, covariance: Array, detections: BoardDetections
+) -> MonocularCalibration:
+    """Return the calibration with the σ of its covariance, limited to the part of the image that corners reached."""
+    sigma = dict(zip(calibration.sigma, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+    return _limit_domain(replace(calibration, sigma=sigma), detections)
+
+
+def _measure_off_drawing(camera: ReviewedCamera) -> Array:
+    """Return the RMS (3,) of the board's corners off their drawing, mm; 0 where no deviation was measured."""
+    if camera.adjustment is None:
+        return np.zeros(3)
+    return np.asarray(np.sqrt((camera.adjustment.shape_mm**2).mean(axis=0)), np.float64)
+
+
+def _describe_shapes(
+    cameras: Mapping[str, ReviewedCamera], shapes: Mapping[str, Array], board: Board
+) -> list[str]:
+    """Return notes on the board's shape as cameras measured it, and on those whose views are too few for it."""
+    lines = [
+        f"camera {name}: the board deviates from its drawing by {off[2]:.3f} mm out of plane and "
+        f"{np.hypot(off[0], off[1]):.3f} mm in plane (RMS), which its views measured and its lens is corrected for"
+        for name, off in shapes.items()
+        if np.any(off)
+    ]
+    few = [name for name, each in cameras.items() if len(each.monocular.cam_from_board) < MIN_SHAPE_VIEWS]
+    if few and not isinstance(board, BoardSet):
+        lines.append(
+            f"camera {', '.join(few)}: with fewer than {MIN_SHAPE_VIEWS} views a bent board cannot be told from the "
+            "lens; the board is taken as drawn"
+        )
+    return lines
 
 
 def _limit_domain(calibration: MonocularCalibration, detections: BoardDetections) -> MonocularCalibration:
@@ -148,12 +214,13 @@ def write_intrinsics_calibration(out: Path, calibration: IntrinsicsCalibration) 
     return path
 
 
-def _score_held_out(camera: Camera, detections: BoardDetections, board_mm: Array) -> float:
-    """Return the RMS of the views of each fold under the lens from the other folds; NaN with too few views."""
-    own = detections.restrict((camera.name,), detections.views[camera.name])
-    for folds in list_folds(own, tuple(own.views[camera.name])):
+def _score_held_out(camera: ReviewedCamera, detections: BoardDetections, board: Board) -> float:
+    """Return the RMS of the views of each fold under lens and board from the other folds; NaN with too few views."""
+    name = camera.choice.camera
+    own = detections.restrict((name,), detections.views[name])
+    for folds in list_folds(own, tuple(own.views[name])):
         try:
-            squares = [_sum_squares(camera, own, fold, board_mm) for fold in folds]
+            squares = [_sum_squares(camera, own, fold, board) for fold in folds]
         except CalibrationError:
             continue
         total, count = np.sum(squares, axis=0)
@@ -162,14 +229,24 @@ def _score_held_out(camera: Camera, detections: BoardDetections, board_mm: Array
 
 
 def _sum_squares(
-    camera: Camera, detections: BoardDetections, fold: tuple[str, ...], board_mm: Array
+    camera: ReviewedCamera, detections: BoardDetections, fold: tuple[str, ...], board: Board
 ) -> tuple[float, int]:
-    """Return the sum of squared errors of a fold's corners under the lens from the other views, and their number."""
-    name = camera.name
+    """Return the sum of squared errors of a fold's corners under the lens from the other views, and their number.
+
+    The board has the shape that the other views measure, or that which all do where the others are too few.
+    """
+    name = camera.choice.camera
     others = detections.restrict((name,), set(detections.views[name]) - set(fold))
-    lens = calibrate_with_model(name, others, board_mm, camera.model)[0].camera
+    monocular, choice = calibrate_with_model(
+        name, others, _list_corners_mm(board), camera.monocular.camera.model
+    )
+    board_mm = _get_corners_mm(camera, board)
+    if camera.adjustment and not isinstance(board, BoardSet):
+        again = review_camera(others, monocular, choice, board)
+        monocular = again.monocular
+        board_mm = _get_corners_mm(again, board) if again.adjustment else board_mm
     test = detections.restrict((name,), fold)
-    fitted = calibrate_camera(name, test, board_mm, known=lens, min_views=1)
+    fitted = calibrate_camera(name, test, board_mm, known=monocular.camera, min_views=1)
     counts = {frame: len(corners) for frame, corners in test.views[name].items()}
     squares = sum(counts[frame] * rms**2 for frame, rms in fitted.view_rms_px.items())
     return squares, sum(counts[frame] for frame in fitted.view_rms_px)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,16 @@ from beltscape.pipeline.calibrating.intrinsics import KnownIntrinsics
 from beltscape.target.board import Board
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SolvedRig:
+    """A rig as its views give it."""
+
+    hierarchy: HierarchyResult
+    adjustment: BundleAdjustmentResult
+    own: HierarchyResult
+    """The hierarchy with each camera fitted to its own views with the board's measured shape."""
+
+
 def solve_rig(
     detections: BoardDetections,
     board: Board,
@@ -32,8 +42,10 @@ def solve_rig(
     reporter: Reporter,
     start: KnownIntrinsics,
     lens_model: str,
-) -> tuple[HierarchyResult, BundleAdjustmentResult]:
+) -> SolvedRig:
     """Return the hierarchy and the joint adjustment of the views, with the lens models that fit the measured board.
+
+    Frames without a common instant are left out by name.
 
     Raises
     ------
@@ -65,19 +77,20 @@ def _leave_out_missing_instants(
     board: Board,
     start: KnownIntrinsics,
     reporter: Reporter,
-) -> tuple[HierarchyResult, BundleAdjustmentResult]:
+) -> SolvedRig:
     """Return the solution without the frames that have no common instant; the same one if there are none."""
     own = refit_own_views(hierarchy, adjustment)
     missing = find_missing_instants(
         own.detections, own.monocular, select_suspicious_pairs(own, adjustment), adjustment.geometry.points_mm
     )
     if not missing:
-        return hierarchy, adjustment
+        return SolvedRig(hierarchy, adjustment, own)
     kept = leave_out_instants(hierarchy.detections, missing)
     models = {name: camera.model for name, camera in hierarchy.rig.cameras.items()}
     again = _solve_views(kept, board, hierarchy.rig.core, Silent(), start, models)
     again = replace(again, lens_choices=hierarchy.lens_choices, missing_instants=missing)
-    return again, _adjust_views(again, board, reporter)
+    adjustment = _adjust_views(again, board, reporter)
+    return SolvedRig(again, adjustment, refit_own_views(again, adjustment))
 
 
 def _solve_views(

@@ -302,6 +302,7 @@ class MeasurementRun:
             watch_belt=self._add_stretch,
             watch_step=self._set_position,
             front_mm=front_mm,
+            scale_sigma=context.rig.scale_sigma,
         )
         if self._chain is not None:
             self._chain.restart(meter)

@@ -26,6 +26,7 @@ from beltscape.files.tiff import write_float_tiff
 from beltscape.health.images.belt_images import BeltImageMonitor
 from beltscape.health.images.monitor import ImageMonitor
 from beltscape.health.settings import HealthSettings
+from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.flow.density import Density
 from beltscape.measure.flow.meter import BeltFlowMeter, FramePlacement
 from beltscape.measure.flow.motion_evidence import MotionEvidence
@@ -43,7 +44,11 @@ from beltscape.pipeline.measuring.flow_checks import (
     warn_of_motion_conflicts,
 )
 from beltscape.pipeline.measuring.instants import Instant, list_instants
-from beltscape.pipeline.reconstructing.checked_matcher import MonitoredMatcher, make_sequence_matcher
+from beltscape.pipeline.reconstructing.checked_matcher import (
+    MonitoredMatcher,
+    SequenceMatcher,
+    make_sequence_matcher,
+)
 from beltscape.pipeline.reconstructing.reconstruction import open_capture
 from beltscape.pipeline.reconstructing.search_range import find_capture_depth_range
 from beltscape.report.measuring.flow import FlowReport, render_flow_page
@@ -100,17 +105,21 @@ def measure_flow_of_capture(
     source = open_capture(capture, rig, reporter)
     instants = list_instants(source, encoder, frames_per_s, reporter)
     ground = read_reference(empty, rig, None if settings is None else settings.cell_mm, reporter)
-    near_far = (
-        widen_to_belt(ground, find_capture_depth_range(source, rig, reporter))
-        if load_mm is None
-        else compute_depth_range(ground, load_mm)
-    )
+    if load_mm is None:
+        near_far = widen_to_belt(ground, find_capture_depth_range(source, rig, reporter))
+    else:
+        near_far = compute_depth_range(ground, load_mm)
     picture, steps = BeltPicture(ground), list[FramePlacement]()
-    meter = BeltFlowMeter(ground, settings, density=density, watch_belt=picture.add, watch_step=steps.append)
+    meter = BeltFlowMeter(
+        ground,
+        settings,
+        density=density,
+        watch_belt=picture.add,
+        watch_step=steps.append,
+        scale_sigma=rig.scale_sigma,
+    )
     matcher = make_sequence_matcher(rig, source.cameras, near_far, MultiviewSettings.preset(preset))
-    health = HealthSettings()
-    monitored = MonitoredMatcher(matcher, ImageMonitor(rig, health))
-    chain = FlowChain(monitored, meter, images=BeltImageMonitor(rig, ground, health))
+    chain = _make_chain(rig, ground, matcher, meter)
     direction = None if settings is None else settings.direction
     began, records = perf_counter(), list[FlowRecord]()
     for done, instant in enumerate(instants, 1):
@@ -126,6 +135,15 @@ def measure_flow_of_capture(
     warn_of_motion_conflicts(meter, encoder, reporter)
     _warn_of_gaps(records, reporter)
     return Flow(records, steps, meter, picture, spent, encoder is not None, direction)
+
+
+def _make_chain(
+    rig: Rig, ground: EmptyBeltReference, matcher: SequenceMatcher, meter: BeltFlowMeter
+) -> FlowChain:
+    """Return the chain from images to records, with the checks of images and belt."""
+    health = HealthSettings()
+    monitored = MonitoredMatcher(matcher, ImageMonitor(rig, health))
+    return FlowChain(monitored, meter, images=BeltImageMonitor(rig, ground, health))
 
 
 def _read_frame_set(source: FolderSource, instant: Instant) -> FrameSet:

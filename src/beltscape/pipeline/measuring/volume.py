@@ -48,7 +48,13 @@ def measure_volume_of_frames(
     belt, camera = read_empty_belt(empty, reporter)
     require_same_camera(loaded, frame.rig.core_camera, empty, camera)
     volume = measure_volume(
-        frame.depth, belt, frame.rig.core_camera, settings, across_mm=across_mm, along_mm=along_mm
+        frame.depth,
+        belt,
+        frame.rig.core_camera,
+        settings,
+        across_mm=across_mm,
+        along_mm=along_mm,
+        scale_sigma=frame.rig.scale_sigma,
     )
     _warn_of_gaps(loaded, volume, reporter)
     return volume
@@ -100,6 +106,7 @@ def make_volume_document(volume: Volume) -> Mapping[str, Any]:
             "holes": volume.causes.holes_mm3,
             "edges": volume.causes.edges_mm3,
             "drift": volume.causes.drift_mm3,
+            "scale": volume.causes.scale_mm3,
             "unseen": volume.causes.unseen_mm3,
         },
         "centre_of_gravity": centre

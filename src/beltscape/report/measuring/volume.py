@@ -99,6 +99,7 @@ def make_sigma_table(volume: Volume) -> Table:
         ("noise of the depth map", causes.noise_mm3),
         ("the empty belt", causes.belt_mm3),
         ("slow errors of the depth map", causes.drift_mm3),
+        ("size of the calibration board", volume.causes.scale_mm3),
         ("belt beside the box", causes.unseen_mm3),
         ("together (root of the sum of squares)", volume.sigma_mm3),
     )

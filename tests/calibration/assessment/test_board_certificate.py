@@ -1,0 +1,111 @@
+"""The certificate of a board: its σ is that of all lengths, by the scatter of rigs from boards of scattered sizes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.special import ndtri
+
+from beltscape.calibration.assessment.covariance import (
+    add_scale,
+    compute_depth_sigma,
+    compute_formal_covariance,
+    compute_rig_covariance,
+)
+from beltscape.calibration.bundle_adjustment import adjust_bundle
+from beltscape.calibration.hierarchy import solve_hierarchy
+from beltscape.core.errors import InputError
+from beltscape.core.geometry.rig import scale_rig
+from beltscape.core.progress import Silent
+from beltscape.target.board import parse_board
+from tests.calibration.test_bundle_adjustment import triangulate_with
+from tests.synthetic.detections import make_detections
+from tests.thorough import count_examples
+
+DEPTH_MM, NOISE_PX, SCALE = 650.0, 0.05, 1.5e-3
+"""σ of the board's size is 1 mm in depth, twice as much as the noise of the corners makes."""
+
+
+def test_depth_scatters_with_the_size_of_the_board_as_its_certificate_says(rig, board, poses):
+    count = count_examples(24)
+    scales = SCALE * ndtri((np.arange(count) + 0.5) / count)
+    np.random.default_rng(1).shuffle(scales)
+    x, y = np.meshgrid(np.linspace(-120, 120, 5), np.linspace(-100, 100, 4))
+    points = np.stack([x.ravel(), y.ravel(), np.full(x.size, DEPTH_MM)], axis=-1)
+    errors, sigma, exact = [], [], []
+    for seed, scale in enumerate(scales / np.sqrt(np.mean(scales**2)) * SCALE):
+        printed = board.model_copy(
+            update={"square_mm": board.square_mm * (1 + scale), "marker_mm": board.marker_mm * (1 + scale)}
+        )
+        seen = make_detections(rig, printed, poses, NOISE_PX, 300 + seed)
+        found = adjust_bundle(solve_hierarchy(seen, board, rig.core, Silent()), board)
+        matrix = compute_formal_covariance(found.rig, found.bundle, found.linearise())
+        for values, own in ((sigma, add_scale(found.rig, matrix, SCALE)), (exact, matrix)):
+            values.append(np.nanmedian(compute_depth_sigma(found.rig, own, DEPTH_MM, columns=9).sigma_mm))
+        errors.append(triangulate_with(found.rig, rig, points)[:, 2] - DEPTH_MM)
+    scatter_mm = float(np.sqrt(np.nanmedian(np.mean(np.square(errors), axis=0))))
+    assert 0.75 < scatter_mm / np.mean(sigma) < 1.35
+    assert scatter_mm > 1.4 * np.mean(exact)
+
+
+def test_sigma_of_scale_moves_poses_and_depths_alike(rig, board, poses):
+    seen = make_detections(rig, board, poses, NOISE_PX)
+    found = adjust_bundle(solve_hierarchy(seen, board, rig.core, Silent()), board)
+    plain = compute_rig_covariance(found)
+    sized = add_scale(found.rig, plain.matrix, 0.01)
+    added = dict(zip(plain.parameters, np.diag(sized - plain.matrix), strict=True))
+    for name, pose in found.rig.cam_from_core.items():
+        assert added[f"{name}.fx_px"] == 0
+        if name != rig.core:
+            assert added[f"{name}.turn_x_rad"] == 0
+            shift = pose.translation_mm[0]
+            assert added[f"{name}.shift_x_mm"] == pytest.approx((0.01 * shift) ** 2)
+    depth = compute_depth_sigma(
+        found.rig, sized - plain.matrix + 1e-18 * np.eye(len(sized)), 650.0, columns=5
+    )
+    known = depth.sigma_mm[np.isfinite(depth.sigma_mm)]
+    np.testing.assert_allclose(known, 6.5, rtol=1e-3)  # 1 % of the depth
+
+
+def test_a_scaled_rig_keeps_the_sigma_of_its_lengths(rig):
+    own = replace(rig, quality={"scale_sigma": 2e-4, "held_out": {"rms_px": 0.1}})
+    half = scale_rig(own, 0.5)
+    assert half.scale_sigma == 2e-4
+    assert dict(half.quality) == {"scale_sigma": 2e-4}
+    assert rig.scale_sigma == 0
+    assert replace(rig, quality={"scale_sigma": float("nan")}).scale_sigma == 0
+
+
+@pytest.mark.parametrize(
+    ("board", "scale"),
+    [
+        ({"kind": "chessboard", "corners": [9, 6], "square_mm": 25, "square_sigma_mm": 0.005}, 2e-4),
+        ({"kind": "chessboard", "corners": [9, 6], "square_mm": 25}, 0.0),
+        ({"kind": "aprilgrid", "tags": [6, 6], "tag_mm": 50, "spacing": 0.3, "tag_sigma_mm": 0.01}, 2e-4),
+    ],
+)
+def test_a_board_states_the_sigma_of_its_size(board, scale):
+    parsed = parse_board(Path("board.toml"), board)
+    assert parsed.scale_sigma == pytest.approx(scale)
+    assert ("±" in parsed.describe()) == (scale > 0)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "line"),
+    [
+        (
+            5,
+            "square_sigma_mm = 5: must be at most 5% of the 25 mm; give one standard deviation of one such length",
+        ),
+        (-0.1, "square_sigma_mm"),
+    ],
+)
+def test_an_impossible_sigma_is_refused(sigma, line):
+    given = {"kind": "chessboard", "corners": [9, 6], "square_mm": 25, "square_sigma_mm": sigma}
+    with pytest.raises(InputError) as error:
+        parse_board(Path("board.toml"), given)
+    assert line in str(error.value)
+    assert "board.toml" in str(error.value)

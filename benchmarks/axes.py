@@ -69,7 +69,8 @@ class Figures:
         )
         cells = (
             preset, name, f"{self.within_1mm:.1%}", f"{self.in_reach:.1%}", f"{self.gross:.2%}",
-            f"{self.sigma_low:.2f}–{self.sigma_high:.2f}", f"{self.invented:.1%}", volume,
+            f"{self.sigma_low:.2f}–{self.sigma_high:.2f}" if np.isfinite(self.sigma_low) else "–",
+            f"{self.invented:.1%}", volume,
         )  # fmt: skip
         return format_cells(cells)
 

@@ -99,8 +99,8 @@ def _run_pandora(
     # the check reads the names of bands, of which one band has none
     described = (image.assign_coords(band_im=[None]) for image in images)
     machine.check_conf({"pipeline": _make_pipeline(cost)}, *described)
-    schema.clear(), schema.update(known)  # the check of MC-CNN adds its own keys to the schema of all costs
     found, _ = pandora.run(machine, *images, {"pipeline": machine.pipeline_cfg["pipeline"]})
+    schema.clear(), schema.update(known)  # MC-CNN adds its own keys to the schema of all costs
     invalid = (found["validity_mask"].data & int(criteria.Criteria.PANDORA_MSK_PIXEL_INVALID)) != 0
     measures = found["confidence_measure"]
     ends = {str(name): k for k, name in enumerate(measures.coords["indicator"].data)}

@@ -7,7 +7,6 @@ and a test of threads or of repetitions does so by ``detect_anew``.
 
 from __future__ import annotations
 
-import os
 import pickle
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ class DetectionStore:
         if path.is_file():
             return pickle.loads(path.read_bytes())
         result = compute()
-        written = path.with_suffix(f".{os.getpid()}.{id(result)}")
+        written = path.with_suffix(f".{uuid4().hex}")  # threads may compute the same result at a time
         written.write_bytes(pickle.dumps(result))
         written.replace(path)
         return result

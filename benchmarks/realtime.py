@@ -57,7 +57,7 @@ def measure_rate(capture: Path, empty: Path, preset: str, workers: int, rounds: 
 
 NOTES = """`beltscape replay --speed full` of the rendered moving belt, five cameras, from image files to records on
 disk; the start does not count. *Serial*: CPU time a set of the process that checks, orders and measures, which no
-worker shares. The model: of so many cores one orders and measures, the others match, as fast as one worker does."""
+worker shares. The model: of all cores one orders and measures, the others match, as fast as one worker does."""
 
 
 def realtime(rendered: Path, rig: Rig) -> list[str]:

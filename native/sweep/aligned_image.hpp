@@ -89,9 +89,8 @@ BELTSCAPE_INLINE F aligned_level(const View& view, const Image& image, F x, floa
     return select(place.inside, interpolated(pixels, place), broadcast<F>(kNotANumber));
 }
 
-// `count` pixels of an aligned row between the rows `above` and `below`, part_v of the way, at from, from +
-// scale,
-// ...; both rows are readable from 0 to `readable`, which is past the last place by two vectors.
+// `count` pixels of an aligned row between the rows `above` and `below`, part_v of the way, `scale` apart
+// from `from` on; both rows are readable from 0 to `readable`, which is past the last place by two vectors.
 template <class F>
 BELTSCAPE_INLINE void resample(const float* above, const float* below, float part_v, float scale, float from,
                                int readable, int count, float* out) {

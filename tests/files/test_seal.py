@@ -69,7 +69,7 @@ def test_another_statement_or_another_s_key_is_found(tmp_path) -> None:
     assert not read_sealed(path).is_intact
     other = open_key(tmp_path / "other").seal_document({"value": 2}, STATEMENT)
     path.write_text(json.dumps(other))
-    assert read_sealed(path).is_intact  # by the other key, which whoever trusts a key compares
+    assert read_sealed(path).is_intact  # by the other key, which those who trust a key compare
     assert read_sealed(path).public_key != open_key(tmp_path).public_key
     document["seal"]["public_key"] = other["seal"]["public_key"]
     path.write_text(json.dumps(document))

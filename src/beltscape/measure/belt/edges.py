@@ -15,6 +15,7 @@ from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt, BeltEdges
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.statistics import MAD_TO_SIGMA, compute_biweights
+from beltscape.measure.belt.cross_section import STEP_MM
 
 _STRIPS = 48
 """Strips along the belt in which its edges are located one by one."""
@@ -24,8 +25,6 @@ _WING_MM = 40.0
 """The cross-section is extrapolated by the slope of its outermost stretch of this length."""
 _GAP_STEPS = 3.0
 """A gap between belt and background of more pixels than this was not measured; flying pixels leave narrower ones."""
-_BELOW_MM = 12.0
-"""A point further below the belt than this belongs to the floor or the frame."""
 
 
 def find_belt_edges(depth: DepthMap, camera: Camera, belt: Belt) -> BeltEdges:
@@ -84,7 +83,7 @@ def _intersect_belt(
             break
     x, y = eye[0] + reach * across, eye[1] + reach * along
     below = (z - reach) * -up
-    flag = np.where(below > _BELOW_MM, -1, np.where(below < 0.5 * _BELOW_MM, 1, 0)).astype(np.int8)
+    flag = np.where(below > STEP_MM, -1, np.where(below < 0.5 * STEP_MM, 1, 0)).astype(np.int8)
     return x, y, flag
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -38,6 +39,21 @@ def test_every_part_by_hand() -> None:
     assert found.budget.coverage_factor == pytest.approx(1.96, abs=0.001)
     assert found.largest == "density"
     assert found.by_product == (("coal", pytest.approx(800)), ("ore", pytest.approx(1200)))
+
+
+def test_the_scale_is_that_of_the_material_test_else_of_the_board() -> None:
+    sized = [replace(COAL, scale_m3=3.0), replace(ORE, scale_m3=1.5)]
+    untested = replace(ERRORS, scale_share=0.0)
+    assert find_scale(sized, ERRORS) == pytest.approx(0.004 * 2000)
+    assert find_scale(sized, untested) == pytest.approx(3 * 0.8 + 1.5 * 2.4)
+    assert find_scale([COAL, ORE], untested) is None
+    cancelling = [replace(one, is_tested=True) for one in sized]
+    assert find_scale(cancelling, untested) is None
+
+
+def find_scale(parts: list[ProductPart], errors: CommonErrors) -> float | None:
+    budget = compute_paid_tonne(parts, errors).budget
+    return next((one.sigma for one in budget.contributions if one.key == "scale"), None)
 
 
 def test_a_year_averages_matching_out_and_nothing_that_is_common() -> None:

@@ -31,6 +31,8 @@ class SigmaParts:
     """σ of slow errors of depth, common to the whole belt."""
     faults_mm3: float = 0.0
     """σ of the faults that were found, common to all strips."""
+    scale_mm3: float = 0.0
+    """σ by the size of the calibration board, to which all lengths of the rig are in proportion."""
 
     def __add__(self, other: SigmaParts) -> SigmaParts:
         return SigmaParts(
@@ -39,13 +41,19 @@ class SigmaParts:
             self.holes_mm3 + other.holes_mm3,
             self.drift_mm3 + other.drift_mm3,
             self.faults_mm3 + other.faults_mm3,
+            self.scale_mm3 + other.scale_mm3,
         )
+
+    @property
+    def common_sigma_mm3(self) -> float:
+        """Return the part of σ that is the same error in all strips: all but what is independent."""
+        common = self.edges_mm3, self.holes_mm3, self.drift_mm3, self.faults_mm3, self.scale_mm3
+        return math.hypot(*common)
 
     @property
     def sigma_mm3(self) -> float:
         """Return one standard deviation of the volume."""
-        common = self.drift_mm3**2 + self.faults_mm3**2
-        return float((self.apart_mm6 + self.edges_mm3**2 + self.holes_mm3**2 + common) ** 0.5)
+        return math.sqrt(self.apart_mm6 + self.common_sigma_mm3**2)
 
 
 Quality = Literal["measured", "degraded", "bridged", "missing"]

@@ -34,6 +34,8 @@ class ProductPart:
     drift_m3: float = 0.0
     faults_m3: float = 0.0
     unsplit_m3: float = 0.0
+    scale_m3: float = 0.0
+    """σ by the size of the calibration board."""
     missing_share: float = 0.0
     """Share of the belt that was not measured."""
     is_tested: bool = False
@@ -47,7 +49,7 @@ class CommonErrors:
     zero_share: float = 0.0
     """σ of the zero that was set over the whole σ of slow depth errors."""
     scale_share: float = 0.0
-    """Relative σ of the rig's scale, by the span factor of a certificate in force; 0: not known."""
+    """Relative σ of the rig's scale, by the span factor of a certificate in force; 0: that of the board's size."""
     speed_share: float = 0.0
     """Relative σ of the belt's length, by encoder against material; 0: not known."""
     moisture_sigma: float = 0.0
@@ -65,7 +67,7 @@ class PaidTonne:
     unit: str
     """"t" or "m³"."""
     budget: Budget
-    """Keys: geometry, scale (of the rig, by the material test), matching, holes, edges, zero, speed, density,
+    """Keys: geometry, scale (of the rig, by material test or board), matching, holes, edges, zero, speed, density,
     moisture, faults, missing, unsplit (of records without parts)."""
     by_product: tuple[tuple[str, float], ...]
     """Amount by product."""
@@ -103,8 +105,7 @@ def _list_linear(
         yield key, sum(getattr(one, f"{key}_m3") * factor for one, factor in zip(parts, factors, strict=True))
     rest = math.sqrt(max(1 - errors.zero_share**2, 0.0))
     yield "geometry", rest * sum(one.drift_m3 * factor for one, factor in zip(parts, factors, strict=True))
-    free = [amount for one, amount in zip(parts, amounts, strict=True) if not one.is_tested]
-    yield "scale", errors.scale_share * abs(sum(free))
+    yield "scale", _add_scale(parts, factors, amounts, errors.scale_share)
     yield "speed", errors.speed_share * abs(sum(amounts))
     # belt without a measurement carried anything from none to twice the mean load
     guessed = (
@@ -113,6 +114,19 @@ def _list_linear(
         if one.missing_share < 1
     )
     yield "missing", sum(guessed)
+
+
+def _add_scale(
+    parts: Sequence[ProductPart], factors: Sequence[float], amounts: Sequence[float], tested_share: float
+) -> float:
+    """Return σ by the rig's scale: as a material test found it, else by the size of the calibration board.
+
+    It cancels where the density is the test's mass per measured volume.
+    """
+    free = [index for index, one in enumerate(parts) if not one.is_tested]
+    if tested_share:
+        return tested_share * abs(sum(amounts[index] for index in free))
+    return sum(parts[index].scale_m3 * factors[index] for index in free)
 
 
 def _list_by_group(

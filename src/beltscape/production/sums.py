@@ -47,6 +47,8 @@ class ProductionSums:
     """Sums of the parts of the common σ: common displacement of edges, holes, slow depth errors, faults."""
     unsplit_mm3: float = 0.0
     """Sum of the common σ of the records whose parts are not known."""
+    scale_mm3: float = 0.0
+    """Sum of the part by the size of the calibration board."""
 
     def __add__(self, other: ProductionSums) -> ProductionSums:
         """Return the sums of both."""
@@ -120,7 +122,7 @@ def _list_parts(parts: SigmaParts, common_mm3: float) -> dict[str, Any]:
     """Return the parts of a strip's common σ, or all of it as one where they are not known."""
     if parts == SigmaParts():
         return {"unsplit_mm3": common_mm3}
-    names = ("edges_mm3", "holes_mm3", "drift_mm3", "faults_mm3")
+    names = ("edges_mm3", "holes_mm3", "drift_mm3", "faults_mm3", "scale_mm3")
     return {name: getattr(parts, name) for name in names}
 
 

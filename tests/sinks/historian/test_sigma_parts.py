@@ -10,20 +10,21 @@ import pytest
 from beltscape.core.ledger import BeltRecord, SigmaParts
 from beltscape.sinks.historian import Historian, database
 from beltscape.sinks.historian.day_files import read_day
+from beltscape.sinks.historian.records import from_row, to_row
 from beltscape.sinks.settings import HistorySettings
 from tests.sinks.ledgers import START_NS, ledger
 
 ALWAYS = (0, 1 << 62)
 HOUR_NS = 3600 * 10**9
+PARTS = SigmaParts(25.0, 4.0, 8.0, 4.0, 0.0, 48**0.5)
 
 
 def make_records(count: int = 30, **values: int) -> list[BeltRecord]:
-    """Records whose σ of 13 has an own part of 5 and a common one of 12, of edges, holes, drift and faults."""
-    parts = SigmaParts(25.0, 4.0, 8.0, 8.0, 0.0)
+    """Records whose σ of 13 has an own part of 5 and a common one of 12, of edges, holes, drift and scale."""
     return [
         one
         if one.strip is None
-        else replace(one, strip=replace(one.strip, sigma_mm3=13.0, common_sigma_mm3=12.0, sigma_parts=parts))
+        else replace(one, strip=replace(one.strip, sigma_mm3=13.0, common_sigma_mm3=12.0, sigma_parts=PARTS))
         for one in ledger(count, sections=False, **values)
     ]
 
@@ -36,9 +37,9 @@ def test_parts_read_back_from_database_and_day_file(tmp_path) -> None:
     strips = [one.strip for one in historian.records(0, 1 << 62)]
     historian.close()
     measured = [one for one in strips if one is not None]
-    assert [one.sigma_parts for one in measured] == [SigmaParts(25.0, 4.0, 8.0, 8.0, 0.0)] * len(measured)
-    assert (sums.edges_mm3, sums.drift_mm3, sums.faults_mm3) == pytest.approx(
-        (4 * len(measured), 8 * len(measured), 0)
+    assert [one.sigma_parts for one in measured] == [PARTS] * len(measured)
+    assert (sums.edges_mm3, sums.drift_mm3, sums.faults_mm3, sums.scale_mm3) == pytest.approx(
+        (4 * len(measured), 4 * len(measured), 0, PARTS.scale_mm3 * len(measured))
     )
     assert sums.unsplit_mm3 == 0
     path = tmp_path / "days" / "2026-09-21.parquet"
@@ -46,7 +47,7 @@ def test_parts_read_back_from_database_and_day_file(tmp_path) -> None:
     assert all(one.sigma_parts.holes_mm3 == 8.0 for one in from_file if one is not None)
     table = pq.read_table(path)
     pq.write_table(
-        table.drop_columns([name for name in table.column_names if name.endswith("s_sigma_mm3")]), path
+        table.drop_columns([name for name in table.column_names if name[:5] in ("edges", "holes", "drift", "fault", "scale")]), path
     )
     older = [one.strip for one in read_day(path, ALWAYS, ALWAYS, 1000, sections=False)]
     assert all(one.sigma_parts == SigmaParts() for one in older if one is not None)
@@ -82,3 +83,21 @@ def test_what_an_older_program_wrote_is_not_split(tmp_path, monkeypatch) -> None
     sums = historian.production.product_sums(START_NS, START_NS + HOUR_NS)["coal"]
     historian.close()
     assert (sums.unsplit_mm3, sums.edges_mm3, sums.common_mm3) == (7e6, 0.0, 7e6)
+
+
+def test_the_scale_is_a_part_that_a_database_of_version_6_gains(tmp_path, monkeypatch) -> None:
+    with monkeypatch.context() as older:
+        older.setattr(database, "MIGRATIONS", database.MIGRATIONS[:6])
+        database.open_writer(tmp_path / "history.db").close()
+    historian = Historian(tmp_path, HistorySettings(reserve_mib=1))
+    historian.write(make_records(3))
+    strips = [one.strip for one in historian.records(0, 1 << 62)]
+    historian.close()
+    assert {one.sigma_parts.scale_mm3 for one in strips if one is not None} == {PARTS.scale_mm3}
+
+
+def test_a_part_that_was_not_kept_is_zero() -> None:
+    row = to_row(next(one for one in make_records(3) if one.strip is not None))
+    strip = from_row(row._replace(scale_sigma=None)).strip
+    assert strip is not None
+    assert strip.sigma_parts == replace(PARTS, scale_mm3=0.0)

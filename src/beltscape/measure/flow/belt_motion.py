@@ -118,6 +118,8 @@ class BeltPosition:
     """See `MotionObservation`."""
     encoder_mm: float | None
     """See `MotionObservation`."""
+    is_in_rig_scale: bool = True
+    """Whether its step is in proportion to the rig's lengths; an encoder's is once it was compared with material."""
 
 
 class BeltMotion:
@@ -212,7 +214,8 @@ class BeltMotion:
             return None
         step = (observation.encoder_mm - key.encoder_mm) / self.scale.ratio
         sigma = float(np.hypot(_ENCODER_JITTER_MM, self.scale.sigma * step))
-        return self._make_position(key.position_mm + step, sigma, "encoder", observation)
+        placed = self._make_position(key.position_mm + step, sigma, "encoder", observation)
+        return replace(placed, is_in_rig_scale=self.scale.compared > 0)
 
     def _from_increment(self, observation: MotionObservation) -> BeltPosition | None:
         """Return the position by the step of an encoder that is not trusted, or by the speed where they differ.

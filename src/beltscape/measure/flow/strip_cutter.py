@@ -17,7 +17,7 @@ from beltscape.core.translatable_message import make_message
 from beltscape.measure.flow.belt_motion import BeltPosition
 from beltscape.measure.flow.location import PushedFrame
 from beltscape.measure.flow.rows import LayerBuffer
-from beltscape.measure.flow.strips import Strip, Strips
+from beltscape.measure.flow.strips import ALL_LENGTHS, ENCODER_LENGTHS, Strip, Strips
 
 _LEAST_THIN = 2
 """Number of steps with too little overlap, one after the other, from which the frame rate is too low."""
@@ -76,6 +76,7 @@ class StripCutter:
             placed=True,
             reliable=reliable,
             number=frame.number,
+            scaled_lengths=ALL_LENGTHS if before is None or place.is_in_rig_scale else ENCODER_LENGTHS,
         )
         self._check_overlap(frame, place, strip)
         if before is None:

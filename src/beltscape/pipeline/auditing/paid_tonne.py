@@ -145,6 +145,7 @@ def _make_part(stretch: int, product: str, sums: ProductionSums, tested_kg_m3: f
         drift_m3=sums.drift_mm3 * 1e-9,
         faults_m3=sums.faults_mm3 * 1e-9,
         unsplit_m3=sums.unsplit_mm3 * 1e-9,
+        scale_m3=sums.scale_mm3 * 1e-9,
         missing_share=sums.missing_mm / sums.length_mm if sums.length_mm > 0 else 0.0,
         is_tested=abs(density - tested_kg_m3) <= _SAME_DENSITY * density,
     )
@@ -211,9 +212,10 @@ def make_budget_document(found: PlantBudget) -> dict[str, Any]:
 
 def _list_notes(found: PlantBudget) -> Iterator[str]:
     """Yield the keys of what a reader must know."""
+    parts = {one.key for one in found.paid.budget.contributions}
     checks = {
         "volume_only": found.paid.unit != "t",
-        "no_scale": not found.errors.scale_share,
+        "no_scale": not found.errors.scale_share and "scale" not in parts,
         "no_speed": not found.errors.speed_share,
         "wet": not found.errors.moisture_sigma,
         "unsplit": found.unsplit_share > 0.01,

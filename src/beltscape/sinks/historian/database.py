@@ -229,7 +229,11 @@ ALTER TABLE production_sums ADD COLUMN faults_mm3 REAL NOT NULL DEFAULT 0;
 ALTER TABLE production_sums ADD COLUMN unsplit_mm3 REAL NOT NULL DEFAULT 0;  -- of common_mm3: parts not known
 UPDATE production_sums SET unsplit_mm3 = common_mm3"""
 
-MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET, _FINDINGS, _PRODUCTION, _PROVENANCE, _PARTS)
+_SCALE = """
+ALTER TABLE records ADD COLUMN scale_sigma REAL;                     -- mm³; NULL: not known, or among faults_sigma
+ALTER TABLE production_sums ADD COLUMN scale_mm3 REAL NOT NULL DEFAULT 0"""
+
+MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET, _FINDINGS, _PRODUCTION, _PROVENANCE, _PARTS, _SCALE)
 """The script at index n migrates version n to n + 1; scripts are only added, never changed."""
 
 COPIES = "before_update"

@@ -46,6 +46,7 @@ _RENAMED = {
     "holes_sigma": "holes_sigma_mm3",
     "drift_sigma": "drift_sigma_mm3",
     "faults_sigma": "faults_sigma_mm3",
+    "scale_sigma": "scale_sigma_mm3",
 }
 """The database's columns whose names here have units."""
 NAMES = tuple(_RENAMED.get(name, name) for name in COLUMNS)

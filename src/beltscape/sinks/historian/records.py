@@ -57,10 +57,12 @@ class RecordRow(NamedTuple):
     common_sigma: float | None = None
     density_sigma: float | None = None
     edges_sigma: float | None = None
-    """This and the next three: parts of the common σ; None: not known, as of a record of an older program."""
+    """This and the next four: parts of the common σ; None: not known, as of a record of an older program."""
     holes_sigma: float | None = None
     drift_sigma: float | None = None
     faults_sigma: float | None = None
+    scale_sigma: float | None = None
+    """Older programs counted it among the faults."""
 
 
 COLUMNS = RecordRow._fields
@@ -109,6 +111,7 @@ def to_row(record: BeltRecord) -> RecordRow:
         holes_sigma=None if parts is None else _number(parts.holes_mm3),
         drift_sigma=None if parts is None else _number(parts.drift_mm3),
         faults_sigma=None if parts is None else _number(parts.faults_mm3),
+        scale_sigma=None if parts is None else _number(parts.scale_mm3),
     )
 
 
@@ -159,7 +162,7 @@ def _make_parts(row: RecordRow) -> SigmaParts:
         return _NO_PARTS
     apart = max(_value(row.sigma) ** 2 - _value(row.common_sigma) ** 2, 0.0)
     common = row.edges_sigma, row.holes_sigma, row.drift_sigma, row.faults_sigma
-    return SigmaParts(apart, *map(_value, common))
+    return SigmaParts(apart, *map(_value, common), row.scale_sigma or 0.0)
 
 
 def _number(value: float) -> float | None:

@@ -26,10 +26,11 @@ def measure(
         stretch = Stretch(100.0, volume, 100.0, 0.0, 0.9, 0.7, rng.uniform(1e8, 4e8), 900.0, 2000.0)
         moved, fault = 4000.0, 0.003 * volume
         begin = (100.0 * (number - 1), 100.0 * number)
-        sums.add(begin, stretch, moved, fault, density)
+        parts = sums.compute_parts(stretch, moved, fault, 3)
+        sums.add(begin, stretch, parts, density)
         strip = FlowRecord(
-            f"{number}", None, 0.0, begin, volume / 100, volume, sums.compute_sigma(stretch, moved, fault),
-            500.0, density[0], 0.9, 0.7, "measured", "", sums.compute_common_sigma(stretch, fault), density[1],
+            f"{number}", None, 0.0, begin, volume / 100, volume, parts.sigma_mm3,
+            500.0, density[0], 0.9, 0.7, "measured", "", parts.common_sigma_mm3, density[1],
         )  # fmt: skip
         records.append(BeltRecord(number, 1, begin, "valid", "", 0, strip, 0.0, 5, None))
     return sums, records

@@ -16,13 +16,19 @@ from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adju
 from beltscape.calibration.detection.corners import BoardDetections, Corners
 from beltscape.calibration.hierarchy import HierarchyResult, find_unsynchronised_pairs
 from beltscape.calibration.intrinsics.lens_choice import AUTO, LensChoice, calibrate_with_model
-from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera, refit_camera
+from beltscape.calibration.intrinsics.sensitivity import NOISE_FLOOR_PX
+from beltscape.calibration.intrinsics.zhang import (
+    MonocularCalibration,
+    calibrate_camera,
+    refit_camera,
+    set_up_adjustment,
+)
 from beltscape.calibration.network.association import CameraNetwork, associate_cameras
 from beltscape.calibration.network.global_optimisation import optimise_network
 from beltscape.calibration.network.instants import MIN_FRAMES
 from beltscape.calibration.network.pairs import Pair, calibrate_pairs
-from beltscape.calibration.solver.lens import list_parameters
-from beltscape.calibration.solver.levenberg_marquardt import single_thread
+from beltscape.calibration.solver.lens import compute_lens_prior, list_parameters
+from beltscape.calibration.solver.levenberg_marquardt import Damping, minimise, single_thread
 from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError
 from beltscape.core.geometry.pose import Pose
@@ -181,3 +187,31 @@ def _stand_alone(detections: BoardDetections, calibration: MonocularCalibration)
     network = CameraNetwork(name, {name: at}, {name: (name,)}, (), (), ())
     rig = Rig(name, {name: calibration.camera}, {name: at})
     return HierarchyResult(rig, detections, {name: calibration}, network)
+
+
+def set_up_alone(
+    detections: BoardDetections, calibration: MonocularCalibration, board_mm: Array
+) -> BundleAdjustmentResult:
+    """Return the calibration of a camera as an adjustment, at its minimum with the prior of lenses."""
+    camera, views = calibration.camera, detections.views[calibration.camera.name]
+    used = {frame: views[frame] for frame in calibration.cam_from_board}
+    corners = sum(len(view) for view in used.values())
+    noise_px = _estimate_noise_px(calibration, corners)
+    bundle, start = set_up_adjustment(
+        used, camera, list(calibration.cam_from_board.values()), board_mm,
+        prior=compute_lens_prior(camera), fixed=calibration.fixed, sigma_px=noise_px,
+    )  # fmt: skip
+    with suppress(np.linalg.LinAlgError):
+        start = minimise(bundle, start, Damping(tolerance=1e-7)).state
+    rig = Rig(camera.name, {camera.name: camera}, {camera.name: Pose.identity()})
+    used_corners, sigma_px = np.ones(corners, np.bool_), np.array([noise_px])
+    return BundleAdjustmentResult(
+        rig, bundle, start, tuple(used), used_corners, sigma_px, np.zeros_like(board_mm), ()
+    )
+
+
+def _estimate_noise_px(calibration: MonocularCalibration, corners: int) -> float:
+    """Return the noise of a corner's coordinate from the residuals, with the degrees of freedom of lens and poses."""
+    fitted = len(list_parameters(calibration.camera.model)) + 6 * len(calibration.cam_from_board)
+    freedom = max(2 * corners - fitted, 1)
+    return max(calibration.rms_px * float(np.sqrt(corners / freedom)), NOISE_FLOOR_PX)

@@ -8,19 +8,25 @@ import numpy as np
 import pytest
 
 from beltscape.calibration.assessment.covariance import (
+    compute_camera_covariance,
     compute_clustered_covariance,
     compute_depth_jacobian,
+    compute_formal_covariance,
     compute_rig_covariance,
 )
 from beltscape.calibration.bundle_adjustment import BundleAdjustmentResult, adjust_bundle
 from beltscape.calibration.detection.corners import BoardDetections
 from beltscape.calibration.hierarchy import solve_hierarchy
+from beltscape.calibration.intrinsics.lens_choice import calibrate_with_model
+from beltscape.calibration.lens_review import set_up_alone
 from beltscape.core.geometry.camera import Camera
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
 from beltscape.kernels import load
+from beltscape.target.board import corner_points_mm
 from tests.synthetic.camera_arrays import BOARD, boards_before, like_cameras
 from tests.synthetic.correlated_noise import detect_correlated
+from tests.thorough import count_examples
 
 DEPTH_MM = 820.0
 
@@ -88,3 +94,23 @@ def test_sigma_by_clusters_is_the_scatter_of_forty_captures():
     scatter = float(np.sqrt(np.nanmean(np.square(errors))))
     assert 0.8 < np.sqrt(np.mean(np.square(by_views))) / scatter < 1.5
     assert np.sqrt(np.mean(np.square(by_model))) / scatter < 0.8
+
+
+@pytest.mark.parametrize(("alike_px", "least", "most"), [(0.0, 0.5, 1.3), (0.05, 0.6, 1.6)])
+def test_sigma_of_a_camera_alone_is_its_scatter(alike_px, least, most):
+    """Focal lengths and principal point over their σ; by the corners' noise alone 3 to 6 where it is alike."""
+    rig, errors, by_model = like_cameras(2, 1), list[np.ndarray](), list[np.ndarray]()
+    true = rig.cameras["c00"]
+    for seed in range(count_examples(12)):
+        seen = detect_correlated(rig, boards_before(rig, 8, 0.4, 3), seed, alike_px=alike_px)
+        alone = seen.restrict(("c00",), seen.frames)
+        calibration, _ = calibrate_with_model("c00", alone, corner_points_mm(BOARD), "brown")
+        found = set_up_alone(alone, calibration, corner_points_mm(BOARD))
+        fitted = calibration.camera
+        off = np.concatenate([fitted.focal_px - true.focal_px, fitted.center_px - true.center_px])
+        errors.append(off / np.sqrt(np.diag(compute_camera_covariance(found))[:4]))
+        formal = compute_formal_covariance(found.rig, found.bundle, found.linearise())
+        by_model.append(off / np.sqrt(np.diag(formal)[:4]))
+    print("Z", np.sqrt(np.mean(np.square(errors))), np.sqrt(np.mean(np.square(by_model))))
+    assert least < np.sqrt(np.mean(np.square(errors))) < most
+    assert (np.sqrt(np.mean(np.square(by_model))) > 2.5) == (alike_px > 0)

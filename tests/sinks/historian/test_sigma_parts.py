@@ -47,7 +47,10 @@ def test_parts_read_back_from_database_and_day_file(tmp_path) -> None:
     assert all(one.sigma_parts.holes_mm3 == 8.0 for one in from_file if one is not None)
     table = pq.read_table(path)
     pq.write_table(
-        table.drop_columns([name for name in table.column_names if name[:5] in ("edges", "holes", "drift", "fault", "scale")]), path
+        table.drop_columns(
+            [name for name in table.column_names if name[:5] in ("edges", "holes", "drift", "fault", "scale")]
+        ),
+        path,
     )
     older = [one.strip for one in read_day(path, ALWAYS, ALWAYS, 1000, sections=False)]
     assert all(one.sigma_parts == SigmaParts() for one in older if one is not None)

@@ -95,9 +95,7 @@ def leave_out_positions(adjustment: BundleAdjustmentResult, count: int) -> Array
 
     Frames of one position share their errors; they are left out together if there are three positions or more.
     """
-    bundle, positions = adjustment.bundle, group_frames(adjustment)
-    if len(set(positions.values())) < MIN_POSITIONS:
-        positions = {frame: number for number, frame in enumerate(positions)}
+    bundle, positions = adjustment.bundle, _number_positions(adjustment)
     position = np.array([positions.get(int(frame), -1) for frame in bundle.observations.frame])
     changes: list[Array] = []
     with single_thread():
@@ -106,6 +104,14 @@ def leave_out_positions(adjustment: BundleAdjustmentResult, count: int) -> Array
             rest = Bundle(bundle.observations, bundle.prior, weights)
             changes.append(rest.linearise(adjustment.geometry).solve_step(0.0)[:count])
     return np.array(changes)
+
+
+def _number_positions(adjustment: BundleAdjustmentResult) -> dict[int, int]:
+    """Return frame index → number of its position; every frame is one where the board had too few."""
+    positions = group_frames(adjustment)
+    if len(set(positions.values())) < MIN_POSITIONS:
+        return {frame: number for number, frame in enumerate(positions)}
+    return positions
 
 
 POSE_NAMES = ("turn_x_rad", "turn_y_rad", "turn_z_rad", "shift_x_mm", "shift_y_mm", "shift_z_mm")
@@ -167,17 +173,20 @@ def compute_rig_covariance(adjustment: BundleAdjustmentResult) -> RigCovariance:
 
 
 def compute_camera_covariance(adjustment: BundleAdjustmentResult) -> Array:
-    """Return the covariance (W, W) of the lens of a single camera, inflated if its views disagree.
+    """Return the covariance (W, W) of the lens of a single camera, from its corners' noise and by clusters of views.
 
-    They disagree if focal lengths and principal point scatter by more than their σ when positions are left out.
+    The model's is raised by the mean ratio of the variances of focal lengths and principal point by clusters of views
+    to its own, and in each parameter to what the clusters say: these are few, so that their own matrix is uncertain.
+    On photographs lenses from half the views then differ by 0.98 to 1.13 of their σ; by the model's by 1.3 to 5.
     """
-    bundle, linear = adjustment.bundle, adjustment.linearise()
-    count = int((bundle.free < bundle.width).sum())
-    own = linear.covariance()[:count, :count]
-    pinhole = np.flatnonzero(bundle.free[:count] < len(PINHOLE))
-    by_pinhole = np.eye(count)[pinhole] / np.sqrt(np.diag(own)[pinhole])[:, None]
-    inflation = estimate_inflation(leave_out_positions(adjustment, count), own, by_pinhole)
-    return inflation**2 * compute_formal_covariance(adjustment.rig, bundle, linear)
+    formal = compute_formal_covariance(adjustment.rig, adjustment.bundle, adjustment.linearise())
+    by_views, variance = np.diag(compute_clustered_covariance(adjustment)), np.diag(formal)
+    free = variance > 0
+    pinhole = free & (np.arange(len(free)) < len(PINHOLE))
+    ratio = float(np.mean(by_views[pinhole] / variance[pinhole])) if pinhole.any() else 1.0
+    least = max(ratio, 1.0)
+    growth = np.sqrt(np.where(free, np.maximum(by_views / np.where(free, variance, 1.0), least), 1.0))
+    return np.asarray(formal * np.outer(growth, growth), np.float64)
 
 
 def add_scale(rig: Rig, matrix: Array, scale_sigma: float) -> Array:
@@ -225,16 +234,20 @@ def compute_clustered_covariance(adjustment: BundleAdjustmentResult) -> Array:
     the residuals fall, for poses and lenses follow the errors, while the rig scatters more. A covariance by clusters
     (a sandwich; Bell & McCaffrey, Survey Methodology 28(2), 2002) takes each view's errors as they are: between the
     inverse normal matrices stands the sum over the views of the squared influence of their own residuals, corrected
-    by (I − H)^−½ for what the view itself took from them. It assumes that different views are independent.
+    by (I − H)^−½ for what the view itself took from them. Views of a camera of one position of the board are one
+    cluster; it assumes that clusters are independent.
     """
-    bundle, total = adjustment.bundle, np.zeros((len(adjustment.bundle.free), len(adjustment.bundle.free)))
+    bundle, positions = adjustment.bundle, _number_positions(adjustment)
+    changes: dict[tuple[int, int], Array] = {}
     with single_thread():
         linear = bundle.linearise(adjustment.geometry)
         inverse, (boards, responses) = linear.covariance(), linear.invert_boards()
         for view in bundle.list_view_designs(adjustment.geometry):
             change = _compute_influence(view, inverse, boards[view.frame], responses[view.frame])
-            total += np.outer(change, change)
-    return place_covariance(adjustment.rig, bundle, total)
+            key = view.camera, positions[view.frame]
+            changes[key] = changes.get(key, np.zeros(len(change))) + change
+    stacked = np.array(list(changes.values()))
+    return place_covariance(adjustment.rig, bundle, stacked.T @ stacked)
 
 
 def _compute_influence(view: ViewDesign, inverse: Array, board: Array, response: Array) -> Array:

@@ -93,6 +93,7 @@ class BundlePrior:
 class ViewDesign:
     """The corners of one view, divided by their standard deviation, with their derivatives."""
 
+    camera: int
     frame: int
     by_shared: Array
     """(2n, G) by the free shared parameters."""
@@ -192,6 +193,7 @@ class Bundle:
                 for axis in range(3):
                     by_shared[point + axis, :, np.arange(len(index))] = by_corner[axis][:, index].T
             yield ViewDesign(
+                int(camera),
                 int(frame),
                 by_shared[self.free].reshape(len(self.free), -1).T,
                 rows[self.rows.board][:, :, index].reshape(6, -1).T,

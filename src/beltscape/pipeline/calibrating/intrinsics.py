@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from beltscape.calibration.assessment.covariance import compute_camera_covariance
+from beltscape.calibration.assessment.covariance import compute_camera_covariance, compute_formal_covariance
 from beltscape.calibration.assessment.cross_validation import list_folds
 from beltscape.calibration.assessment.lens_domain import describe_domains, limit_domain
 from beltscape.calibration.detection.corners import BoardDetections
@@ -21,10 +21,14 @@ from beltscape.calibration.intrinsics.lens_choice import (
     calibrate_with_model,
     describe_choices,
 )
-from beltscape.calibration.intrinsics.sensitivity import NOISE_FLOOR_PX
-from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera, set_up_adjustment
-from beltscape.calibration.lens_review import MIN_SHAPE_VIEWS, ReviewedCamera, review_camera
-from beltscape.calibration.solver.lens import LensPrior, compute_lens_prior, list_parameters
+from beltscape.calibration.intrinsics.zhang import MonocularCalibration, calibrate_camera
+from beltscape.calibration.lens_review import (
+    MIN_SHAPE_VIEWS,
+    ReviewedCamera,
+    review_camera,
+    set_up_alone,
+)
+from beltscape.calibration.solver.lens import LensPrior
 from beltscape.calibration.solver.levenberg_marquardt import single_thread
 from beltscape.core.arrays import Array
 from beltscape.core.errors import CalibrationError, InputError
@@ -161,9 +165,8 @@ def _get_corners_mm(camera: ReviewedCamera, board: Board) -> Array:
 
 def _compute_covariance(camera: ReviewedCamera, detections: BoardDetections, board: Board) -> Array:
     """Return the covariance (W, W) of a camera's intrinsics; that of the board's shape is included."""
-    if camera.adjustment is None:
-        return compute_lens_covariance(detections, camera.monocular, _list_corners_mm(board))
-    return compute_camera_covariance(camera.adjustment)
+    alone = camera.adjustment or set_up_alone(detections, camera.monocular, _list_corners_mm(board))
+    return compute_camera_covariance(alone)
 
 
 def _complete_camera(
@@ -259,25 +262,8 @@ def compute_lens_covariance(
 
     With few corners far off the axis the coefficients of a rational lens are free but for the prior of lenses.
     """
-    camera, views = calibration.camera, detections.views[calibration.camera.name]
-    used = {frame: views[frame] for frame in calibration.cam_from_board}
-    corners = sum(len(view) for view in used.values())
-    bundle, state = set_up_adjustment(
-        used, camera, list(calibration.cam_from_board.values()), board_mm,
-        prior=compute_lens_prior(camera), fixed=calibration.fixed,
-        sigma_px=_estimate_noise_px(calibration, corners),
-    )  # fmt: skip
-    own = bundle.linearise(state).covariance()
-    covariance = np.zeros((bundle.width, bundle.width))
-    covariance[np.ix_(bundle.free, bundle.free)] = (own + own.T) / 2
-    return covariance
-
-
-def _estimate_noise_px(calibration: MonocularCalibration, corners: int) -> float:
-    """Return the noise of a corner's coordinate from the residuals, with the degrees of freedom of lens and poses."""
-    fitted = len(list_parameters(calibration.camera.model)) + 6 * len(calibration.cam_from_board)
-    freedom = max(2 * corners - fitted, 1)
-    return max(calibration.rms_px * float(np.sqrt(corners / freedom)), NOISE_FLOOR_PX)
+    adjustment = set_up_alone(detections, calibration, board_mm)
+    return compute_formal_covariance(adjustment.rig, adjustment.bundle, adjustment.linearise())
 
 
 def _warn_of_views(

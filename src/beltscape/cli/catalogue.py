@@ -59,6 +59,7 @@ GROUPS = {
         "certify": "a material test → errors, factors, densities with σ; a signed certificate, and its verification",
         "explain": "how a total came about: stretches, standings, runs, corrections, alarms, who acknowledged what",
         "budget": "a year's uncertainty of the paid tonne: geometry, zero, speed, density; what would lower it",
+        "drift": "how the rig has drifted since its calibration, by ordinary frames; a proposal, taken or undone",
         "users": "who may open the operator's page: list, add, remove, passwords, roles",
         "backup": "history, users, settings, rig, belt and certificates of a plant, while it runs",
         "restore": "a backup back in its place, on this machine or an empty one",
@@ -138,6 +139,7 @@ EXAMPLES = {
         "explain project.toml 2026-11-21T08:00Z/2026-11-21T09:00Z",
     ),
     "budget": ("budget project.toml year:2026 --out budget",),
+    "drift": ("drift project.toml --out drift", "drift project.toml --undo"),
     "users": ("users add project.toml anna --role engineer",),
     "backup": ("backup project.toml /var/backups/beltscape --archive tar.zst --keep 14",),
     "restore": (

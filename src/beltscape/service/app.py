@@ -10,6 +10,7 @@ from beltscape.core.interfaces import Controls
 from beltscape.service.access import Access, install_access
 from beltscape.service.api import alarms, export, health, live_stream, metrics, state
 from beltscape.service.api import controls as controls_api
+from beltscape.service.api import drift as drift_api
 from beltscape.service.api import history as history_api
 from beltscape.service.api import production as production_api
 from beltscape.service.api import settings as settings_api
@@ -29,11 +30,12 @@ def create_app(
     settings: WebSettings,
     reloader: settings_api.Reloader | None = None,
     production: ServedProduction | None = None,
+    drift: drift_api.DriftControl | None = None,
 ) -> FastAPI:
     """Return the application: page, API (described at /api/openapi.json), WebSocket, metrics and access.
 
     ``reloader`` reads the settings again for engineers; None: the page's part for it stays away;
-    without ``production`` so do products, batches and reports.
+    without ``production`` so do products, batches and reports, and without ``drift`` that of the rig.
     """
     app = FastAPI(
         title="Beltscape",
@@ -56,6 +58,8 @@ def create_app(
         app.include_router(make_router(context))
     if reloader is not None:
         app.include_router(settings_api.make_router(reloader))
+    if drift is not None:
+        app.include_router(drift_api.make_router(drift))
     live_stream.add_live_route(app, context)
     app.mount("/page", make_static_files(), name="page")
 

@@ -18,6 +18,7 @@ from beltscape.pipeline.live.project import Project
 from beltscape.service.access import Access
 from beltscape.service.app import create_app
 from beltscape.service.check import check_start
+from beltscape.service.drift import ServedDrift
 from beltscape.service.hosting import RunningServer, log_address, serve
 from beltscape.service.live_state import LiveState
 from beltscape.service.log import LogObserver
@@ -66,7 +67,7 @@ def run_plant(
         serve_protocols(
             protocols, plant.served, options.data, plant.assembled.components.observer.on_message
         ) as plant.protocols,
-        _serve_page(plant, reloader) if page else nullcontext() as plant.server,
+        _serve_page(plant, reloader, options.data) if page else nullcontext() as plant.server,
     ):
         assembled.engine.start()
         notify("READY=1")
@@ -123,7 +124,7 @@ def _make_reloader(plant: RunningPlant, data: Path) -> SettingsReloader:
 
 
 @contextmanager
-def _serve_page(plant: RunningPlant, reloader: SettingsReloader) -> Generator[RunningServer]:
+def _serve_page(plant: RunningPlant, reloader: SettingsReloader, data: Path) -> Generator[RunningServer]:
     web, assembled = plant.project.settings.web, plant.assembled
     app = create_app(
         plant.live_state,
@@ -133,6 +134,9 @@ def _serve_page(plant: RunningPlant, reloader: SettingsReloader) -> Generator[Ru
         web,
         production=plant.production,
         reloader=reloader,
+        drift=ServedDrift(
+            plant.project.path, data, plant.access, reloader.reload, assembled.components.reporter
+        ),
     )
     running = serve(app, web)
     try:

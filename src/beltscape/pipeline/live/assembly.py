@@ -163,6 +163,7 @@ def _assemble_around(
         maintenance=_open_maintenance(options.data, historian, reporter),
         workers=workers,
         learned_images=context.learned_images,
+        drift=parts.drift,
         read_tag=lambda: production.tag,
         follow_timetable=production.follow_timetable,
     )

@@ -21,6 +21,7 @@ from beltscape.core.system_calls import release_memory
 from beltscape.core.translatable_message import make_event_text
 from beltscape.pipeline.live import maintenance
 from beltscape.pipeline.live.alarm_control import AlarmControl
+from beltscape.pipeline.live.drift import store_drift
 from beltscape.pipeline.live.engine_components import EngineComponents, MeasuringParts, RunRegister
 from beltscape.pipeline.live.gauges import CapacityMeter
 from beltscape.pipeline.live.intake import Arrival
@@ -183,6 +184,7 @@ class Engine(OperatorControls):
         self._threads["monitor"].join(5)
         self._threads["housekeeper"].join(_PATIENCE_S)
         components.finding_log.store(components.historian)
+        store_drift(components.drift, components.historian)
         components.events.wait(_PATIENCE_S)
         if components.recorder is not None:
             components.recorder.close()
@@ -345,6 +347,7 @@ class Engine(OperatorControls):
             self._components,
             inspector=parts.inspector,
             zero=parts.zero,
+            drift=parts.drift,
             learned_images=parts.context.learned_images,
         )
         self._events.add(
@@ -397,6 +400,7 @@ class Engine(OperatorControls):
         while not self._stopping.wait(_MONITOR_S):
             self._repair.check()
             components.finding_log.store(components.historian)
+            store_drift(self._components.drift, components.historian)  # of the present rig
             self._follow_certificate()
             components.follow_timetable()  # an error of a history that cannot be written ends the round
             if monotonic() - last > _HOUSEKEEPING_S:

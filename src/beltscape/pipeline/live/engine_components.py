@@ -21,6 +21,7 @@ from beltscape.core.progress import Reporter
 from beltscape.measure.flow.periodic_checks import measure_belt_offset, measure_largest_lump
 from beltscape.measure.lumps.settings import LumpSettings
 from beltscape.pipeline.live.alarm_control import AlarmStateFile
+from beltscape.pipeline.live.drift import DriftMonitor
 from beltscape.pipeline.live.event_log import EventLog, FindingLog
 from beltscape.pipeline.live.gauges import Gauges
 from beltscape.pipeline.live.hidden_alarms import HiddenAlarms
@@ -124,6 +125,8 @@ class MeasuringParts:
     """Cross-section of a full belt."""
     stale_s: float
     """Age from which a value is unknown to the alarms."""
+    drift: DriftMonitor | None = None
+    """Follows the drift of the rig."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -170,3 +173,4 @@ class EngineComponents:
     alarm_states: AlarmStateFile = field(default_factory=lambda: AlarmStateFile(None))
     maintenance: MaintenanceMode = field(default_factory=lambda: MaintenanceMode(None))
     finding_log: FindingLog = field(default_factory=FindingLog)
+    drift: DriftMonitor | None = None

@@ -24,6 +24,7 @@ from beltscape.measure.belt.reference import EmptyBeltReference
 from beltscape.measure.belt.settings import NOTHING_GIVEN
 from beltscape.measure.volume.load import compute_capacity_mm2
 from beltscape.pipeline.live import learned_images, zero
+from beltscape.pipeline.live.drift import DriftMonitor
 from beltscape.pipeline.live.engine_components import MeasuringParts, PeriodicInspector
 from beltscape.pipeline.live.learned_images import LearnedImages
 from beltscape.pipeline.live.measurement_run import MeasurementContext
@@ -96,19 +97,28 @@ def make_measuring_parts(
         With one line that names the fault and the fix.
     """
     settings, watch = project.settings, project.settings.watch
-    context = build_context(project, rig, reporter, data, workers)
+    provenance = describe_provenance(project)
+    drift = DriftMonitor(scale_to_matching(project, rig), provenance["rig"])
+    context = build_context(project, rig, reporter, data, workers, drift)
     learned, digest, path = context.empty_belt, context.empty_belt_sha256, data / zero.FILE
     present = zero.read_zero(path, learned, digest, reporter)
     belt, camera = present.belt, context.rig.core_camera
     return MeasuringParts(
         context=context.with_empty_belt(present),
         rig=rig,
-        provenance=describe_provenance(project),
+        provenance=provenance,
+        drift=drift,
         inspector=PeriodicInspector(belt, camera, watch.lumps_every_s, watch.edges_every_s),
         zero=zero.ZeroControl(learned, settings.health.belt, path, digest),
         full_area_mm2=compute_capacity_mm2(belt, float(np.deg2rad(watch.surcharge_deg))),
         stale_s=watch.stale_s,
     )
+
+
+def scale_to_matching(project: Project[RunSettings], rig: Rig) -> Rig:
+    """Return the rig at the size of the images that are matched."""
+    width_px, width = project.settings.matching.width_px, rig.core_camera.size_px[0]
+    return rig if width_px is None or width_px >= width else scale_rig(rig, width_px / width)
 
 
 def build_context(
@@ -117,8 +127,11 @@ def build_context(
     reporter: Reporter,
     data: Path | None = None,
     workers: LiveWorkers | None = None,
+    drift: DriftMonitor | None = None,
 ) -> MeasurementContext:
     """Return rig, empty belt and matcher for the settings' image width; ``workers`` match ahead, where given.
+
+    ``drift`` sees the tie points of sound frames.
 
     ``data`` is the folder for the rig with the estimated pose of a camera that moved, and for what is learned of the
     images; None: nothing is read or kept.
@@ -131,12 +144,14 @@ def build_context(
             f"{project.path}: matching.width_px = {matching.width_px}: the images are {width} px wide; give less, or "
             "leave it out for their full size"
         )
-    if matching.width_px is not None and matching.width_px < width:
-        rig = scale_rig(rig, matching.width_px / width)
+    rig = scale_to_matching(project, rig)
     empty, cell_mm = project.resolve(settings.empty), settings.flow.cell_mm
     empty_belt = read_reference(empty, rig, cell_mm, reporter, settings.belt)
     near_far = compute_depth_range(empty_belt, matching.load_mm)
-    matcher = make_sequence_matcher(rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig)
+    watch = None if drift is None else drift.add
+    matcher = make_sequence_matcher(
+        rig, tuple(rig.cameras), near_far, matching.multiview(), propose_rig, watch
+    )
     digest = hash_empty_belt(project.resolve(settings.empty))
     monitor, images, learned = make_image_monitors(project, rig, empty_belt, digest, reporter, data)
     matcher = MonitoredMatcher(matcher, monitor)

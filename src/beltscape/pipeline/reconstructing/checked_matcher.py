@@ -39,6 +39,7 @@ from beltscape.stereo.cameras import list_usable_auxiliaries
 from beltscape.stereo.consistency.check import LEAST_COVERAGE
 from beltscape.stereo.consistency.diagnosis import CameraFault, describe_undecided, diagnose_low_coverage
 from beltscape.stereo.consistency.rig_consistency import RigConsistency
+from beltscape.stereo.consistency.tie_points import TiePoints
 from beltscape.stereo.multiview.reconstructor import MultiviewReconstructor
 from beltscape.stereo.settings import MultiviewSettings
 
@@ -198,11 +199,14 @@ class CheckedMatcher:
         *,
         every: int = 1,
         propose_rig: Callable[[Rig], None] | None = None,
+        watch_points: Callable[[TiePoints], None] | None = None,
     ) -> None:
         """``make_matcher`` returns the matcher for a set of auxiliaries; every ``every``-th frame is checked.
 
         ``propose_rig`` receives the rig with the estimated pose of a camera that moved; the matcher does not use it.
+        ``watch_points`` receives the tie points of each checked frame that is sound.
         """
+        self._watch_points = watch_points
         self.rig = rig
         self.excluded: tuple[str, ...] = ()
         """Auxiliaries that were inconsistent in a frame and are no longer used."""
@@ -310,6 +314,8 @@ class CheckedMatcher:
             depth = self._match(names, frame_set, reporter)
             consistency = self._cameras.check(frame_set, depth, usable)
         if consistency.is_sound:
+            if self._watch_points is not None and consistency.guided:
+                self._watch_points(consistency.tie_points)
             consistency = self._cameras.accumulate(consistency, ahead)
             consistent = tuple(name for name in _select_consistent(consistency) if name in usable)
             if consistent and consistent != names:
@@ -431,6 +437,7 @@ def make_sequence_matcher(
     depth_range_mm: tuple[float, float],
     settings: MultiviewSettings,
     propose_rig: Callable[[Rig], None] | None = None,
+    watch_points: Callable[[TiePoints], None] | None = None,
 ) -> CheckedMatcher:
     """Return the matcher of a moving belt; its first frame is checked, and every `CHECK_EVERY`-th after it."""
 
@@ -439,8 +446,9 @@ def make_sequence_matcher(
 
     auxiliaries = tuple(name for name in rig.auxiliaries if name in cameras)
     return CheckedMatcher(
-        rig, auxiliaries, depth_range_mm, make_matcher, every=CHECK_EVERY, propose_rig=propose_rig
-    )
+        rig, auxiliaries, depth_range_mm, make_matcher,
+        every=CHECK_EVERY, propose_rig=propose_rig, watch_points=watch_points,
+    )  # fmt: skip
 
 
 def _select_consistent(consistency: RigConsistency) -> tuple[str, ...]:

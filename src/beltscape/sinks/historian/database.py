@@ -233,7 +233,25 @@ _SCALE = """
 ALTER TABLE records ADD COLUMN scale_sigma REAL;                     -- mm³; NULL: not known, or among faults_sigma
 ALTER TABLE production_sums ADD COLUMN scale_mm3 REAL NOT NULL DEFAULT 0"""
 
-MIGRATIONS: tuple[str, ...] = (_FIRST, _OFFSET, _FINDINGS, _PRODUCTION, _PROVENANCE, _PARTS, _SCALE)
+_DRIFT = """
+CREATE TABLE rig_drift (
+    estimate    INTEGER PRIMARY KEY AUTOINCREMENT,
+    wall_ns     INTEGER NOT NULL,          -- of the last frame
+    rig         TEXT NOT NULL,             -- SHA-256 of its rig.json
+    document    TEXT NOT NULL              -- JSON object
+);
+CREATE INDEX rig_drift_rig ON rig_drift (rig, estimate)"""
+
+MIGRATIONS: tuple[str, ...] = (
+    _FIRST,
+    _OFFSET,
+    _FINDINGS,
+    _PRODUCTION,
+    _PROVENANCE,
+    _PARTS,
+    _SCALE,
+    _DRIFT,
+)
 """The script at index n migrates version n to n + 1; scripts are only added, never changed."""
 
 COPIES = "before_update"

@@ -13,6 +13,7 @@ from pathlib import Path
 from beltscape.core.errors import OutputError
 from beltscape.core.ledger import BeltRecord, CrossSection, Totals
 from beltscape.sinks.historian.archive import Retention
+from beltscape.sinks.historian.drift import StoredDrift, insert_drift, read_first_drift
 from beltscape.sinks.historian.events import (
     Event,
     NewEvent,
@@ -202,6 +203,15 @@ class Historian:
         """
         if findings and not self._store.trouble:
             self._store.transact(lambda connection: append_findings(connection, findings))
+
+    def add_drift(self, wall_ns: int, rig: str, document: Mapping[str, object]) -> None:
+        """Store an estimate of the drift of a rig, by the SHA-256 of its file. OutputError otherwise."""
+        self._store.transact(lambda connection: insert_drift(connection, wall_ns, rig, document))
+
+    def read_first_drift(self, rig: str) -> StoredDrift | None:
+        """Return the first estimate of a rig's drift, the reference of all others; None before it."""
+        with self._store.readers.borrow() as connection:
+            return read_first_drift(connection, rig)
 
     def checks(self) -> tuple[CheckKey, ...]:
         """Return all series of findings that have ever been stored."""

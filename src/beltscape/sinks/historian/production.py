@@ -18,7 +18,7 @@ from beltscape.production.sums import COLUMNS, Batch, ProductionSums, sum_record
 
 MINUTE_NS = 60_000_000_000
 """Nanoseconds of a minute."""
-_TABLES = ("product_changes", "batches", "scale_readings")
+_TABLES = ("product_changes", "batches", "scale_readings", "rig_drift")
 """Tables that no day file repeats."""
 
 

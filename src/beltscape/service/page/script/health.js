@@ -6,6 +6,7 @@ import { store } from "./store.js";
 import { apply_texts, format_date_time, format_duration, t } from "./texts.js";
 import * as learn from "./learn.js";
 import * as settings from "./settings.js";
+import * as drift from "./drift.js";
 import * as zero from "./zero.js";
 
 const PERIODS = { h1: 3600, h8: 8 * 3600, h24: 24 * 3600, d7: 7 * 86400, d30: 30 * 86400 };
@@ -33,6 +34,7 @@ function build() {
     zero.create_panel(),
     learn.create_panel(),
     settings.create_panel(),
+    drift.create_panel(),
     panel("checks", "health.checks", periods, create_element("p", { class: "problem", id: "health-problem", role: "alert", hidden: true }), create_element("p", { class: "soft", id: "health-summary" }), create_element("ul", { id: "checks" }), create_element("p", { class: "nothing", id: "health-none", "data-text": "health.none", hidden: true })));
   apply_texts($("health-view"));
   choose_period(period);

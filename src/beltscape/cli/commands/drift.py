@@ -66,7 +66,7 @@ def _audit(project: Any, action: str, by: str, detail: Mapping[str, str | int]) 
     """Add the change to the audit log of the plant; return the result."""
     from beltscape.service.access.audit import Audit
 
-    data, access = project.resolve(project.settings.data), project.settings.access
+    data, access = project.resolve(project.settings.data), project.settings.web.access
     log = Audit(data, int(access.audit_file_mb * 1e6), access.audit_files)
     log.write(f"rig {action}", f"{by} on this machine", "beltscape drift", detail)
     return {"action": action, "by": by, **detail, "rig": project.resolve(project.settings.rig)}

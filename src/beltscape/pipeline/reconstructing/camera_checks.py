@@ -431,3 +431,10 @@ def add_systematic_error(depth: DepthMap, systematic_mm: float) -> DepthMap:
     """Return the map with an error common to all pixels added to its σ."""
     sigma = np.hypot(depth.sigma_mm, np.float32(systematic_mm)).astype(np.float32)
     return replace(depth, sigma_mm=sigma, systematic_mm=systematic_mm)
+
+
+def select_consistent(consistency: RigConsistency) -> tuple[str, ...]:
+    """Return the auxiliaries to measure with; none if the frame is ambiguous."""
+    if consistency.core_moved or consistency.ambiguous or not consistency.find_auxiliaries("sound"):
+        return ()
+    return tuple(each.camera for each in consistency.cameras if each.camera not in consistency.inconsistent)

@@ -27,6 +27,7 @@ from beltscape.pipeline.reconstructing.camera_checks import (
     RigProposals,
     add_systematic_error,
     compute_depth_error_per_px,
+    select_consistent,
 )
 from beltscape.pipeline.reconstructing.frame_measurements import (
     CameraRequest,
@@ -196,17 +197,17 @@ class CheckedMatcher:
         auxiliaries: tuple[str, ...],
         depth_range_mm: tuple[float, float],
         make_matcher: Callable[[tuple[str, ...]], FrameMatcher],
-        *,
-        every: int = 1,
         propose_rig: Callable[[Rig], None] | None = None,
         watch_points: Callable[[TiePoints], None] | None = None,
+        *,
+        every: int = 1,
     ) -> None:
         """``make_matcher`` returns the matcher for a set of auxiliaries; every ``every``-th frame is checked.
 
         ``propose_rig`` receives the rig with the estimated pose of a camera that moved; the matcher does not use it.
         ``watch_points`` receives the tie points of each checked frame that is sound.
         """
-        self._watch_points = watch_points
+        self._watch_points = watch_points or (lambda _: None)
         self.rig = rig
         self.excluded: tuple[str, ...] = ()
         """Auxiliaries that were inconsistent in a frame and are no longer used."""
@@ -307,17 +308,17 @@ class CheckedMatcher:
         usable = list_usable_auxiliaries(self.rig, frame_set, self._auxiliaries)
         consistency = self._cameras.check(frame_set, depth, usable, ahead)
         for _ in usable:
-            consistent = _select_consistent(consistency)
+            consistent = select_consistent(consistency)
             if consistency.is_sound or not consistent or consistent == names:
                 break
             names = consistent
             depth = self._match(names, frame_set, reporter)
             consistency = self._cameras.check(frame_set, depth, usable)
         if consistency.is_sound:
-            if self._watch_points is not None and consistency.guided:
+            if consistency.guided:
                 self._watch_points(consistency.tie_points)
             consistency = self._cameras.accumulate(consistency, ahead)
-            consistent = tuple(name for name in _select_consistent(consistency) if name in usable)
+            consistent = tuple(name for name in select_consistent(consistency) if name in usable)
             if consistent and consistent != names:
                 names = consistent
                 depth = self._match(names, frame_set, reporter)
@@ -445,14 +446,5 @@ def make_sequence_matcher(
         return MultiviewReconstructor(rig, depth_range_mm, settings, auxiliaries=names)
 
     auxiliaries = tuple(name for name in rig.auxiliaries if name in cameras)
-    return CheckedMatcher(
-        rig, auxiliaries, depth_range_mm, make_matcher,
-        every=CHECK_EVERY, propose_rig=propose_rig, watch_points=watch_points,
-    )  # fmt: skip
-
-
-def _select_consistent(consistency: RigConsistency) -> tuple[str, ...]:
-    """Return the auxiliaries to measure with; none if the frame is ambiguous."""
-    if consistency.core_moved or consistency.ambiguous or not consistency.find_auxiliaries("sound"):
-        return ()
-    return tuple(each.camera for each in consistency.cameras if each.camera not in consistency.inconsistent)
+    watchers = propose_rig, watch_points
+    return CheckedMatcher(rig, auxiliaries, depth_range_mm, make_matcher, *watchers, every=CHECK_EVERY)

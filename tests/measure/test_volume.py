@@ -187,6 +187,24 @@ def test_box_beyond_the_view_is_reported() -> None:
         measured((body,), {"across_mm": None, "along_mm": (700.0, 800.0)})
 
 
+def test_sigma_holds_what_a_load_may_carry_beyond_the_view() -> None:
+    box = {"across_mm": (-140.0, 140.0), "along_mm": (-150.0, 450.0)}
+    found = measured((Block((0.0, 0.0), (100.0, 2000.0, 60.0)),), box, noise={"noise_mm": 0.3})
+    beyond = 100 * 60 * (450 - 260)
+    assert found.causes.unseen_mm3 > 0.5 * beyond  # it may go on, as it does, or end
+    assert abs(found.volume_mm3 - 100 * 60 * 600) < 2 * found.sigma_mm3
+    assert measured((), box).causes.unseen_mm3 < 0.01 * beyond
+
+
+def test_sigma_holds_what_a_heap_that_rises_out_of_the_view_carries_beside_it() -> None:
+    heap, box = Block((0.0, 0.0), (640.0, 2000.0, 280.0)), {"across_mm": None, "along_mm": (-100.0, 100.0)}
+    found = measured((heap,), box, section=trough(700), noise={"noise_mm": 0.3})
+    missing = 640 * 200 * 280 - found.volume_mm3
+    assert found.across_mm[1] < 250
+    assert 0.5 * found.sigma_mm3 < missing < 2 * found.sigma_mm3
+    assert found.causes.unseen_mm3 > 0.9 * found.sigma_mm3
+
+
 def test_round_belts_are_measured_too() -> None:
     ball = Ball((0.0, 0.0, 60.0), 50.0)
     found = measured((ball,), MIDDLE, section=round_trough(500, 30), camera=camera_of(408))

@@ -62,7 +62,8 @@ class VolumeSigma:
     """The size of the calibration board, by its certificate: three times its relative σ, for lengths in all three
     directions are measured by it."""
     unseen_mm3: float = 0.0
-    """Volume beside a box that covers only part of the belt's width, were it loaded alike; 0 for a given box."""
+    """What the load may carry where nothing bounds it: the heights of the box that are extrapolated, and beside a box
+    that covers only part of the belt's width those at its sides."""
 
     @property
     def total_mm3(self) -> float:
@@ -148,8 +149,14 @@ _MIN_SIGNIFICANCE = 3.0
 """A volume below this multiple of its σ may be no load at all: it has no centre."""
 _MIN_VIEW_SHARE = 0.5
 """Least share of the core's view that a belt is assumed to fill, where less of it was measured when empty."""
-_MIN_WIDTH_SHARE = 0.75
-"""A box chosen automatically covers this share of the belt's width, unless the frame is sparse."""
+_MIN_WIDTH_SHARE = 0.5
+"""A box chosen automatically covers this share of the belt's width, unless the frame is sparse: then the belt beside
+it may be loaded like the box."""
+_RIM_MM = 25.0
+"""The load at a side of the box is the mean over this width, and what was measured shows in windows of this side: a
+few lumps wide, narrow against the belt."""
+_MIN_SEEN_SHARE = 0.5
+"""Share of such a window that is measured where the load was seen; false depths beyond the light are scattered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -275,8 +282,10 @@ def measure_volume(
     belt_with_systematic = replace(belt, drift_mm=float(np.hypot(belt.drift_mm, loaded.systematic_mm)))
     causes = compute_volume_sigma(load, filled, weights, belt_with_systematic)
     causes = replace(causes, scale_mm3=3 * scale_sigma * abs(total))
+    unseen = _compute_extrapolated_mm3(load, filled, weights)
     if across_mm is None:
-        causes = replace(causes, unseen_mm3=_compute_unseen_mm3(total, box, belt, camera))
+        unseen += _compute_beside_mm3(weights.along @ filled.value_mm, load.grid.x_mm, box, belt, camera)
+    causes = replace(causes, unseen_mm3=unseen)
     heights = average_load(load, filled, block_cells)
     interpolated = average_blocks(~load.measured, block_cells) > 0.5
     has_load = total > _MIN_SIGNIFICANCE * causes.total_mm3
@@ -314,13 +323,50 @@ def _place_box(
     return load, select_box(load.measured, load.grid, across_mm, along_mm)
 
 
-def _compute_unseen_mm3(total_mm3: float, box: Box, belt: Belt, camera: Camera) -> float:
-    """Return the volume beside a box much narrower than the belt, if the belt were loaded alike there; else 0."""
+def _compute_extrapolated_mm3(load: Load, filled: Filled, weights: IntegrationWeights) -> float:
+    """Return the volume of the cells outside what was measured: no measured cells bound them in row or column.
+
+    So the box reaches beyond the view or the light. The load may go on there as high as the same part of the belt's
+    width is on average, or as filled, or it may end.
+    """
+    side = max(3, round(_RIM_MM / load.grid.cell_mm))
+    seen = ndimage.uniform_filter(load.measured.astype(np.float32), side, mode="nearest") >= _MIN_SEEN_SHARE
+    bounded = np.zeros(seen.shape, np.bool_)
+    for axis in (0, 1):
+        before = np.maximum.accumulate(seen, axis=axis)
+        after = np.flip(np.maximum.accumulate(np.flip(seen, axis), axis=axis), axis)
+        bounded |= before & after
+    on_average = np.abs(np.where(load.measured, filled.value_mm, 0.0).sum(axis=0)) / np.maximum(
+        load.measured.sum(axis=0), 1
+    )
+    heights = np.where(bounded | load.measured, 0.0, np.maximum(np.abs(filled.value_mm), on_average))
+    return float(weights.along @ heights @ weights.across)
+
+
+def _compute_beside_mm3(
+    area_mm2: NDArray[np.float64], x_mm: NDArray[np.float64], box: Box, belt: Belt, camera: Camera
+) -> float:
+    """Return the volume beside a box narrower than the belt, were the load as high there as at the box's sides.
+
+    ``area_mm2`` (Nx,) is the load's longitudinal section at each column ``x_mm``. A heap that rises out of the view
+    ends at the view and not at the belt's edge: what it carries beyond shows in its height at the box's sides. Beside
+    a box of a sparse frame the belt may be loaded like the box itself.
+    """
     distance = float(belt.belt_from_core.inverse().translation_mm[2])
     view = distance * camera.size_px[0] / float(camera.focal_px[0])
-    width = max(belt.across_mm[1] - belt.across_mm[0], _MIN_VIEW_SHARE * view)
-    own = box.across_mm[1] - box.across_mm[0]
-    return abs(total_mm3) * (width / own - 1) if own < _MIN_WIDTH_SHARE * width else 0.0
+    low, high = box.across_mm
+    left, right = belt.across_mm
+    width = max(right - left, _MIN_VIEW_SHARE * view)
+    beyond = 0.5 * (width - (right - left))
+    rim = min(_RIM_MM, 0.5 * (high - low))
+    at_sides = 0.0
+    for gap, inside in ((low - left, x_mm < low + rim), (right - high, x_mm > high - rim)):
+        section = area_mm2[inside & (x_mm >= low) & (x_mm <= high)]
+        at_sides += max(gap + beyond, 0.0) * abs(float(section.mean()))
+    if high - low >= _MIN_WIDTH_SHARE * width:
+        return at_sides
+    within = abs(float(area_mm2[(x_mm >= low) & (x_mm <= high)].mean()))
+    return max(at_sides, (width - (high - low)) * within)
 
 
 def _compute_centre(

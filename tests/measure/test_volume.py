@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from scipy import ndimage
 
 from beltscape.core.depth import DepthMap
 from beltscape.core.empty_belt import Belt
@@ -203,6 +205,28 @@ def test_sigma_holds_what_a_heap_that_rises_out_of_the_view_carries_beside_it() 
     assert found.across_mm[1] < 250
     assert 0.5 * found.sigma_mm3 < missing < 2 * found.sigma_mm3
     assert found.causes.unseen_mm3 > 0.9 * found.sigma_mm3
+
+
+def test_depths_that_may_be_false_beside_a_step_enter_sigma() -> None:
+    scene = Scene(TROUGH, (Block((0.0, 0.0), (100.0, 100.0, 60.0)),))
+    whole = depth_map(scene.depth_mm(), noise_mm=0.1)
+    belt = learn_belt([depth_map(Scene(TROUGH).depth_mm(), seed=1, noise_mm=0.1)], scene.camera)
+    points = belt.belt_from_core.apply(whole.points_mm(scene.camera))
+    z = np.where(np.abs(points[..., 0]) < 130, points[..., 2], 0.0)
+    rim = (z > 30) & ndimage.binary_dilation(z < 30, iterations=3)
+    flat = (z < 30) & ~ndimage.binary_dilation(z > 30, iterations=40)
+    sigmas = {
+        name: measure_volume(
+            replace(whole, confidence=np.where(doubtful, 0.6, 1.0).astype(np.float32)),
+            belt, scene.camera, VolumeSettings(), **MIDDLE,
+        ).causes.false_depths_mm3
+        for name, doubtful in (("rim", rim), ("flat", flat), ("none", np.zeros_like(rim)))
+    }  # fmt: skip
+    pixel_mm2 = float(np.prod(belt.belt_from_core.inverse().translation_mm[2] / scene.camera.focal_px))
+    high = 0.5 * 0.4 * 60 * rim.sum() * pixel_mm2  # half of what they would be too high by
+    assert sigmas["rim"] == pytest.approx(high, rel=0.3)
+    assert sigmas["flat"] < 0.02 * sigmas["rim"]
+    assert sigmas["none"] == 0
 
 
 def test_round_belts_are_measured_too() -> None:

@@ -70,9 +70,10 @@ def _warn_of_gaps(loaded: Path, volume: Volume, reporter: Reporter) -> None:
         low, high = volume.across_mm
         near, far = volume.along_mm
         reporter.warn(
-            f"{loaded}: the load is not bounded by what was measured: the box takes {high - low:.0f} mm of the belt's "
-            f"width and {far - near:.0f} mm along it; σ holds what the rest may carry; see why the frame is sparse or "
-            "whether the load rises out of the view or leaves the light, or give a box with --across and --along"
+            f"{loaded}: the load is not bounded by what was measured: the box takes {high - low:.0f} mm of the "
+            f"belt's width and {far - near:.0f} mm along it; σ holds what the rest may carry; see why the frame is "
+            "sparse, whether the load rises out of the view or leaves the light, or give a box with --across and "
+            "--along"
         )
     if not np.isfinite(volume.fullness.level):
         low, high = volume.belt.across_mm
@@ -112,6 +113,7 @@ def make_volume_document(volume: Volume) -> Mapping[str, Any]:
             "holes": volume.causes.holes_mm3,
             "edges": volume.causes.edges_mm3,
             "drift": volume.causes.drift_mm3,
+            "false_depths": volume.causes.false_depths_mm3,
             "scale": volume.causes.scale_mm3,
             "unseen": volume.causes.unseen_mm3,
         },

@@ -141,12 +141,12 @@ class TravelDirectionCheck:
         sigma = float(np.hypot(np.hypot(scatter / np.sqrt(len(angles)), _LEAST_SIGMA_DEG), self._sigma_deg))
         if abs(angle) <= LIMIT_DEG + _SIGMAS * sigma:
             return Finding(TRAVEL_DIRECTION, angle, sigma, LIMIT_DEG, "°")
-        known = self._belt.yaw_from in ("shape", "edges")
-        text = make_message(
-            "travel_direction" if known else "travel_direction_given",
-            angle=round(abs(angle), 1),
-            travel=round(self._convert_to_travel_deg(angle), 1),
-        )
+        turn = round(abs(angle), 1)
+        if self._belt.yaw_from in ("shape", "edges"):
+            text = make_message("travel_direction", angle=turn)
+        else:
+            travel = round(self._convert_to_travel_deg(angle), 1)
+            text = make_message("travel_direction_given", angle=turn, travel=travel)
         # a section that is cut askew is larger by the cosine
         relative = 1 / max(float(np.cos(np.radians(angle))), 0.05) - 1
         return Finding(

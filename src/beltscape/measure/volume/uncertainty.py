@@ -147,7 +147,8 @@ def compute_false_depths_mm3(
     the matcher widens what is in front. The errors are alike over the whole box: neither noise nor holes hold them.
     """
     points = belt.belt_from_core.apply(loaded.points_mm(camera))
-    across, along, height = np.moveaxis(points, -1, 0)
+    across, along, up = np.moveaxis(points, -1, 0)
+    height = up - belt.height_mm(across)
     inside = loaded.measured & (across >= box.across_mm[0]) & (across <= box.across_mm[1])
     inside &= (along >= box.along_mm[0]) & (along <= box.along_mm[1])
     if not inside.any():

@@ -64,11 +64,10 @@ def _get_user(arguments: argparse.Namespace) -> str:
 
 def _audit(project: Any, action: str, by: str, detail: Mapping[str, str | int]) -> Mapping[str, Any]:
     """Add the change to the audit log of the plant; return the result."""
-    from beltscape.service.access.audit import Audit
+    from beltscape.service.access import Access
 
-    data, access = project.resolve(project.settings.data), project.settings.web.access
-    log = Audit(data, int(access.audit_file_mb * 1e6), access.audit_files)
-    log.write(f"rig {action}", f"{by} on this machine", "beltscape drift", detail)
+    access = Access(project.resolve(project.settings.data), project.settings.web.access)
+    access.audit.write(f"rig {action}", f"{by} on this machine", "beltscape drift", detail)
     return {"action": action, "by": by, **detail, "rig": project.resolve(project.settings.rig)}
 
 

@@ -62,6 +62,7 @@ SHORT = {
         "stereo/multiview/parallel.py",
         "workers/call.py",
     ),
+    "one table of the history a file": ("sinks/historian/drift.py",),
     "the files of one small command": ("pipeline/pattern_files.py", "pipeline/plan.py"),
     "two quantities of the running belt, from packages that do not know each other": (
         "measure/flow/periodic_checks.py",

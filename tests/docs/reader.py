@@ -29,6 +29,7 @@ from tests.service.proxy import read_locations
 
 RUN_ELSEWHERE = {"evaluate paper": "tests/evaluate/paper", "demo": "tests/pipeline/test_demo.py",
                  "certify object": "tests/pipeline/certifying/test_known_volume.py",
+                 "drift": "tests/pipeline/test_drift_command.py",  # of a plant that ran for four hours
                  "reload": "tests/pipeline/live/test_reload.py", "site": "tests/site/test_services.py",
                  "record": "tests/sources/genicam/test_record_command.py"}  # fmt: skip
 """Commands that take minutes at any size, or cameras: parsed here, run by the tests named."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from beltscape.cli.main import main
+from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Silent
@@ -74,9 +75,8 @@ def plant(knocked, tmp_path) -> DriftingPlant:
     return DriftingPlant(tmp_path / "plant", project=tmp_path / "plant" / "project.toml")
 
 
-def measure_rise(true: Rig, rig: Rig) -> float:
+def measure_rise(true: Rig, rig: Rig, belt: Belt) -> float:
     """Return the mean height error of a level load, seen by the true cameras and measured by a rig."""
-    belt = make_empty_belt().belt
     x, y = np.meshgrid(np.linspace(*belt.across_mm, 9), np.linspace(*belt.along_mm, 9))
     place = np.stack([x.ravel(), y.ravel(), np.full(x.size, HEIGHT_MM)], axis=1)
     points = belt.belt_from_core.inverse().apply(place)
@@ -85,13 +85,20 @@ def measure_rise(true: Rig, rig: Rig) -> float:
     return float(np.nanmean(belt.belt_from_core.apply(found)[:, 2] - HEIGHT_MM))
 
 
+def find_newest(plant: DriftingPlant) -> int:
+    newest = assess_drift(open_project(plant.path), Silent()).newest
+    assert newest is not None
+    return newest.number
+
+
 def test_the_proposal_takes_back_the_error_of_the_volume(knocked) -> None:
     found = assess_drift(open_project(knocked.path), Silent())
     assert [one.document["moved"] for one in found.estimates] == ["none", "cam2"]
     assert found.proposed is not None
-    drifted, at_first = apply_drift(make_true_rig(), KNOCK), measure_rise(make_true_rig(), make_rig())
-    before = measure_rise(drifted, make_rig()) - at_first
-    after = measure_rise(drifted, found.proposed) - at_first
+    drifted, belt = apply_drift(make_true_rig(), KNOCK), make_empty_belt().belt
+    at_first = measure_rise(make_true_rig(), make_rig(), belt)
+    before = measure_rise(drifted, make_rig(), belt) - at_first
+    after = measure_rise(drifted, found.proposed, belt) - at_first
     assert abs(after) < 0.4 * abs(before)
     effect, still = found.effects[1], found.effects[0]
     assert abs(before / HEIGHT_MM + effect.share) < 2 * effect.sigma
@@ -101,20 +108,21 @@ def test_the_proposal_takes_back_the_error_of_the_volume(knocked) -> None:
 
 
 def test_the_derivative_of_the_volume_is_that_of_measured_heights() -> None:
-    belt = make_empty_belt().belt
+    seen_by_all = {"across_mm": (-120.0, 120.0), "along_mm": (-100.0, 100.0)}
+    belt = replace(make_empty_belt().belt, **seen_by_all)
     gains = differentiate_volume(make_rig(), belt, HEIGHT_MM)
     for number, name in enumerate(("cam0", "cam1")):
         for index, step in ((0, 1e-4), (4, 0.05), (6, 1e-4)):
             change = np.zeros(7)
             change[index] = step
             moved = apply_drift(make_rig(), {name: change})
-            rise = measure_rise(make_rig(), moved) - measure_rise(make_rig(), make_rig())
+            rise = measure_rise(make_rig(), moved, belt) - measure_rise(make_rig(), make_rig(), belt)
             assert gains[0, 7 * number + index] * step == pytest.approx(rise / HEIGHT_MM, rel=0.1, abs=3e-5)
 
 
 def test_a_proposal_is_taken_audited_and_undone(plant, capsys) -> None:
     before = (plant.folder / "rig.json").read_bytes()
-    number = assess_drift(open_project(plant.path), Silent()).newest.number
+    number = find_newest(plant)
     assert main(["drift", str(plant.path), "--take", str(number), "--by", "anna"]) == 0
     assert f"estimate {number} taken by anna" in capsys.readouterr().out
     taken = read_rig(plant.folder / "rig.json")
@@ -136,16 +144,16 @@ def test_a_proposal_is_taken_audited_and_undone(plant, capsys) -> None:
 
 
 def test_only_the_newest_estimate_of_the_present_rig_is_taken(plant) -> None:
-    found = assess_drift(open_project(plant.path), Silent())
-    with pytest.raises(InputError, match=f"the newest is {found.newest.number}"):
-        take_proposal(plant.folder / "data", found, found.newest.number - 1, "anna")
+    found, number = assess_drift(open_project(plant.path), Silent()), find_newest(plant)
+    with pytest.raises(InputError, match=f"the newest is {number}"):
+        take_proposal(plant.folder / "data", found, number - 1, "anna")
     write_rig(plant.folder / "rig.json", replace(make_rig(), quality={"note": "another"}))
     with pytest.raises(InputError, match="has changed meanwhile"):
-        take_proposal(plant.folder / "data", found, found.newest.number, "anna")
+        take_proposal(plant.folder / "data", found, number, "anna")
 
 
 def test_a_rig_that_is_changed_after_taking_is_not_overwritten(plant, capsys) -> None:
-    number = assess_drift(open_project(plant.path), Silent()).newest.number
+    number = find_newest(plant)
     assert main(["drift", str(plant.path), "--take", str(number)]) == 0
     write_rig(plant.folder / "rig.json", make_rig())
     assert main(["drift", str(plant.path), "--undo"]) == 2

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from beltscape.calibration.assessment.covariance import (
     POSE_NAMES,
@@ -21,6 +20,7 @@ from beltscape.core.arrays import Array
 from beltscape.core.empty_belt import Belt
 from beltscape.core.errors import InputError
 from beltscape.core.geometry.lens import list_intrinsics
+from beltscape.core.geometry.pose import vector_from_rotation
 from beltscape.core.geometry.rig import Rig
 from beltscape.core.progress import Reporter
 from beltscape.files.json_text import hash_file
@@ -166,7 +166,7 @@ def _subtract(moved: Rig, rig: Rig) -> Array:
         difference[own[:2]] = moved.cameras[name].focal_px - rig.cameras[name].focal_px
         if name != rig.core:
             pose, before = moved.cam_from_core[name], rig.cam_from_core[name]
-            turn = Rotation.from_matrix(pose.rotation @ before.rotation.T).as_rotvec()
+            turn = vector_from_rotation(pose.rotation @ before.rotation.T)
             difference[own[-6:]] = np.concatenate([turn, pose.translation_mm - before.translation_mm])
     return difference
 
@@ -228,8 +228,8 @@ def make_drift_document(found: RigDrift) -> dict[str, Any]:
         "has_proposal": found.proposed is not None,
         "needs_new_belt": found.proposed is not None and newest is not None and _moves_core(newest, found),
         "week_litres": litres,
-        "change_litres": None if effect is None else effect.share * litres,
-        "change_sigma_litres": None if effect is None else effect.sigma * litres,
+        "change_litres": effect.share * litres if effect and litres else None,
+        "change_sigma_litres": effect.sigma * litres if effect and litres else None,
         "is_significant": effect is not None and abs(effect.share) > _SIGMAS * effect.sigma,
     }
 

@@ -167,10 +167,17 @@ def _assemble_around(
         read_tag=lambda: production.tag,
         follow_timetable=production.follow_timetable,
     )
-    if workers is not None:
-        workers.pool.on_end = components.queue.wake
-        workers.pool.on_death = lambda line: events.add("worker", "replaced", line, time_ns())
+    _watch_workers(components)
     return AssembledRun(Engine(components), historian, table, components, parts, production)
+
+
+def _watch_workers(components: EngineComponents) -> None:
+    """Have the ends of matches wake the queue, and deaths of workers noted."""
+    if components.workers is not None:
+        components.workers.pool.on_end = components.queue.wake
+        components.workers.pool.on_death = lambda line: components.events.add(
+            "worker", "replaced", line, time_ns()
+        )
 
 
 def _begin_run(historian: Historian, parts: MeasuringParts, options: RunOptions) -> LedgerState:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from beltscape.report.drawing.charts import Chart
+from beltscape.report.drawing.charts import Chart, ChartKey, KeyEntry
 from beltscape.report.drawing.palette import light
 from beltscape.report.drawing.plots import Form, make_panels
 from beltscape.report.metrology.certificate import open_metrology_texts
@@ -18,7 +18,7 @@ from beltscape.report.production.texts import Texts
 
 _TURNS = "turn_x_rad", "turn_y_rad", "turn_z_rad"
 _SHIFTS = "shift_x_mm", "shift_y_mm", "shift_z_mm"
-_LINES = ("first", "second", "third", "reference")
+_LINES = ("first", "second", "third", "fourth", "limit", "accent")
 
 
 def render_drift(document: Mapping[str, Any], language: str, zone: str) -> str:
@@ -28,7 +28,7 @@ def render_drift(document: Mapping[str, Any], language: str, zone: str) -> str:
     if document["estimates"]:
         sections += [
             Section(texts("drift.over_time"), texts("drift.over_time_intro"),
-                    [Chart.draw(partial(_plot, document, texts), texts("drift.caption"))]),
+                    [Chart.draw(partial(_plot, document, texts), texts("drift.caption"), _make_key(document))]),
             Section(texts("drift.proposal"), texts("drift.proposal_intro"),
                     [_make_camera_table(document, texts), Lines(_list_actions(document, texts))]),
         ]  # fmt: skip
@@ -134,9 +134,8 @@ def _plot(document: Mapping[str, Any], texts: Texts, form: Form) -> Figure:
     for index, name in enumerate(estimates[-1]["cameras"]):
         lengths = np.array([_find_length(one["cameras"][name], _TURNS) for one in estimates]) * 1e3
         colour = light(_LINES[index % len(_LINES)])
-        turns.errorbar(days, lengths[:, 0], lengths[:, 1], color=colour, marker="o", markersize=3, label=name)
+        turns.errorbar(days, lengths[:, 0], lengths[:, 1], color=colour, marker="o", markersize=3)
     turns.set_ylabel(f"{texts('drift.turn')}, mrad")
-    turns.legend(fontsize="small")
     share = np.array([(one["volume_percent"], one["volume_sigma_percent"]) for one in estimates])
     volume.errorbar(days, share[:, 0], share[:, 1], color=light("first"), marker="o", markersize=3)
     volume.axhline(0.0, color=light("reference"), linewidth=1)
@@ -145,6 +144,11 @@ def _plot(document: Mapping[str, Any], texts: Texts, form: Form) -> Figure:
         axis.set_xlabel(texts("drift.days"))
         axis.grid()
     return figure
+
+
+def _make_key(document: Mapping[str, Any]) -> ChartKey:
+    cameras = document["estimates"][-1]["cameras"]
+    return ChartKey([KeyEntry(name, _LINES[index % len(_LINES)]) for index, name in enumerate(cameras)])
 
 
 def _make_camera_table(document: Mapping[str, Any], texts: Texts) -> Table:

@@ -161,8 +161,10 @@ def _make_parts(row: RecordRow) -> SigmaParts:
     if row.edges_sigma is None:
         return _NO_PARTS
     apart = max(_value(row.sigma) ** 2 - _value(row.common_sigma) ** 2, 0.0)
-    common = row.edges_sigma, row.holes_sigma, row.drift_sigma, row.faults_sigma
-    return SigmaParts(apart, *map(_value, common), row.scale_sigma or 0.0)
+    edges, holes, drift, faults = map(
+        _value, (row.edges_sigma, row.holes_sigma, row.drift_sigma, row.faults_sigma)
+    )
+    return SigmaParts(apart, edges, holes, drift, faults, row.scale_sigma or 0.0)
 
 
 def _number(value: float) -> float | None:

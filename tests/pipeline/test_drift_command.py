@@ -37,7 +37,7 @@ HEIGHT_MM = 60.0
 class DriftingPlant(SimulatedPlant):
     """A plant whose history also holds what its cameras showed."""
 
-    def watch(self, true: Rig, hour: int, seed: int) -> None:
+    def add_window(self, true: Rig, hour: int, seed: int) -> None:
         """Store a window of frames under a true rig."""
         rig, rng, seconds = make_rig(), np.random.default_rng(seed), iter(range(10**6))
         monitor = DriftMonitor(
@@ -62,9 +62,9 @@ def knocked(tmp_path_factory) -> DriftingPlant:
         made.path.write_text('rig = "rig.json"\nempty = "belt.json"\n' + text)
     made.pass_belt([HEIGHT_MM * (belt.across_mm[1] - belt.across_mm[0])] * 200)
     made.write_history()
-    made.watch(make_true_rig(), 1, 1)
-    made.watch(make_true_rig(), 24, 2)
-    made.watch(apply_drift(make_true_rig(), KNOCK), 48, 3)
+    made.add_window(make_true_rig(), 1, 1)
+    made.add_window(make_true_rig(), 24, 2)
+    made.add_window(apply_drift(make_true_rig(), KNOCK), 48, 3)
     return made
 
 

@@ -61,7 +61,7 @@ def find_points(true: Rig, rng: np.random.Generator, count: int = 250) -> TiePoi
     return TiePoints(core[inside], 1 / depth[inside], observed, searched)
 
 
-def watch(true: Rig, seed: int, frames: int = FRAMES) -> DriftWindow:
+def make_window(true: Rig, seed: int, frames: int = FRAMES) -> DriftWindow:
     """The window of frames of the belt under a true rig, by the calibrated one."""
     rng, accumulator = np.random.default_rng(seed), DriftAccumulator(make_rig())
     for _ in range(frames):
@@ -72,4 +72,4 @@ def watch(true: Rig, seed: int, frames: int = FRAMES) -> DriftWindow:
 @lru_cache
 def make_reference() -> DriftWindow:
     """The first window, before anything moves."""
-    return watch(make_true_rig(), 1)
+    return make_window(make_true_rig(), 1)

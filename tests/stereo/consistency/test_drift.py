@@ -16,7 +16,7 @@ from beltscape.stereo.consistency.drift import (
     estimate_drift,
     read_window,
 )
-from tests.synthetic.drifting_rigs import make_reference, make_rig, make_true_rig, watch
+from tests.synthetic.drifting_rigs import make_reference, make_rig, make_true_rig, make_window
 from tests.thorough import count_examples
 
 MOVED = {
@@ -29,7 +29,7 @@ MOVED = {
 
 def estimate(changes: dict[str, list[float]], seed: int = 7) -> Drift:
     true = apply_drift(make_true_rig(), {name: np.array(row) for name, row in changes.items()})
-    return estimate_drift(watch(true, seed), make_reference(), make_rig())
+    return estimate_drift(make_window(true, seed), make_reference(), make_rig())
 
 
 def standardise(found: Drift, changes: dict[str, list[float]]) -> np.ndarray:
@@ -80,6 +80,6 @@ def test_a_window_reads_back_from_its_document() -> None:
 def test_a_camera_without_images_is_left_as_it_is() -> None:
     """Blocks of too few frames are in neither window."""
     reference = make_reference()
-    few = watch(make_true_rig(), 3, frames=5)
+    few = make_window(make_true_rig(), 3, frames=5)
     found = estimate_drift(few, reference, make_rig())
     assert (found.moved, found.medians) == (NOTHING, 0)

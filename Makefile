@@ -36,7 +36,7 @@ LEVELS := $(if $(shell grep -m1 avx512bw /proc/cpuinfo 2>/dev/null),,$(if $(filt
 
 $(VENV)/.native: $(VENV)/.run $(NATIVE)
 	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps \
-	  -C 'build-dir=build/in_place/{wheel_tag}' -C 'cmake.define.BELTSCAPE_LEVELS=$(LEVELS)' --editable .
+	  -C 'build-dir=build/in_place/{wheel_tag}' -C 'cmake.define.BELTSCAPE_LEVELS=$(LEVELS)' -C cmake.define.BELTSCAPE_EMULATION=ON --editable .
 	@touch $@
 
 install: $(VENV)/.native ## .venv with the beltscape program in .venv/bin

@@ -12,6 +12,7 @@ import os
 from functools import cache
 
 from beltscape.core.errors import KernelError
+from beltscape.kernels.backend import Backend
 from beltscape.kernels.geometry import (
     HeightRasterisationKernels,
     LayerFusionKernels,
@@ -55,7 +56,8 @@ class Kernels(
 def load(name: str | None = None) -> Kernels:
     """Return kernels by name: ``native`` (the best level of this processor), ``v2``, ``v3``, ``v4``, ``reference``.
 
-    Without a name the environment variable BELTSCAPE_KERNELS decides, then ``native`` is taken.
+    ``emulated`` runs those of the CUDA back end on the processor, for tests. Without a name the environment
+    variable BELTSCAPE_KERNELS decides, then ``native`` is taken.
     """
     name = name or os.environ.get("BELTSCAPE_KERNELS") or "native"
     if name == "reference":
@@ -68,6 +70,19 @@ def load(name: str | None = None) -> Kernels:
         return Kernels(NativeBackend(levels()[-1]))
     if name in levels():
         return Kernels(NativeBackend(name))
+    if name.startswith("emulated"):
+        return Kernels(_emulated_backend(name))
     raise KernelError(
         f"no kernels named {name!r} on this processor; there are reference, native, {', '.join(levels())}"
     )
+
+
+def _emulated_backend(name: str) -> Backend:
+    """Return the CUDA back end on the emulated GPU; ``emulated-7`` permutes blocks and threads by the seed 7."""
+    from beltscape.kernels.cuda.backend import CudaBackend
+    from beltscape.kernels.cuda.emulated_device import EmulatedDevice, is_emulation_built
+    from beltscape.kernels.native import NativeBackend, levels
+
+    if not is_emulation_built():
+        raise KernelError("the emulated GPU is not built; run: make dev")
+    return CudaBackend(EmulatedDevice(int(name.partition("-")[2] or 0)), NativeBackend(levels()[-1]))

@@ -1,0 +1,5 @@
+// All kernels of the CUDA back end: what NVRTC compiles for the GPU and the emulation for the CPU.
+#pragma once
+
+#include "cuda/aggregate.cuh"
+#include "cuda/sweep.cuh"

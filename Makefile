@@ -131,6 +131,8 @@ lock: dev ## resolve the dependencies anew
 	  --no-header --extra build --extra simulate --extra live --extra export --extra modbus --extra mqtt --extra site --extra opcua --extra reports --extra certificates --extra cluster --extra dev \
 	  -c requirements/run.lock pyproject.toml -o requirements/dev.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
+	  --no-header --extra gpu -c requirements/run.lock pyproject.toml -o requirements/gpu.lock
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
 	  --no-header -c requirements/run.lock requirements/wheel.in -o requirements/wheel.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
 	  --no-header -c requirements/dev.lock requirements/uv.in -o requirements/uv.lock

@@ -2,4 +2,6 @@
 #pragma once
 
 #include "cuda/aggregate.cuh"
+#include "cuda/least_squares.cuh"
+#include "cuda/networks.cuh"
 #include "cuda/sweep.cuh"

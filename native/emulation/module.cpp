@@ -6,11 +6,18 @@
 
 namespace beltscape {
 
-// An argument as Python gives it: an array of just this type for a pointer, else a number.
+// An argument as Python gives it: an array of just this type for a pointer, an int or a float. Nothing is
+// converted, because a launch on a GPU does not, either.
 template <class T>
 struct Argument {
+    static_assert(std::is_same_v<T, int> || std::is_same_v<T, float>);
     T value{};
-    void read(nb::handle given, const Place& place) { beltscape::read(given, place, value); }
+    void read(nb::handle given, const Place& place) {
+        constexpr bool is_float = std::is_same_v<T, float>;
+        if (is_float ? !PyFloat_Check(given.ptr()) : !PyLong_Check(given.ptr()))
+            refuse(place, is_float ? "a float" : "an int", given);
+        beltscape::read(given, place, value);
+    }
 };
 template <class T>
 struct Argument<T*> {
@@ -64,4 +71,17 @@ NB_MODULE(_emulated, m) {
     BELTSCAPE_KERNEL(sweep_planes);
     BELTSCAPE_KERNEL(aggregate_direction);
     BELTSCAPE_KERNEL(select_planes);
+    BELTSCAPE_KERNEL(warp_view);
+    BELTSCAPE_KERNEL(pad_core);
+    BELTSCAPE_KERNEL(pad_view);
+    BELTSCAPE_KERNEL(sum_columns);
+    BELTSCAPE_KERNEL(normalise_core);
+    BELTSCAPE_KERNEL(view_residuals);
+    BELTSCAPE_KERNEL(sum_equations);
+    BELTSCAPE_KERNEL(make_windows);
+    BELTSCAPE_KERNEL(make_field);
+    BELTSCAPE_KERNEL(fit_planes);
+    BELTSCAPE_KERNEL(network_outputs);
+    BELTSCAPE_KERNEL(message_rows);
+    BELTSCAPE_KERNEL(message_outputs);
 }

@@ -9,16 +9,26 @@ from typing import Any
 from numpy.typing import NDArray
 
 from beltscape.kernels.backend import Backend
-from beltscape.kernels.cuda import sweep
-from beltscape.kernels.cuda.device import GpuDevice, DeviceError, Workspace
+from beltscape.kernels.cuda import least_squares, networks, sweep
+from beltscape.kernels.cuda.device import DeviceError, GpuDevice, Workspace
 
 Plan = Callable[[Workspace, Any, Sequence[NDArray[Any]]], None]
 """Uploads a record, launches kernels and downloads the results."""
 
+
+def _has_no_limit(_: Any) -> bool:
+    return True
+
+
 _PLANS: dict[str, tuple[Plan, Callable[[Any], bool]]] = {
     "sweep": (sweep.sweep, sweep.can_sweep),
-    "aggregate": (sweep.aggregate, lambda _: True),
+    "aggregate": (sweep.aggregate, _has_no_limit),
     "sweep_and_aggregate": (sweep.sweep_and_aggregate, sweep.can_sweep),
+    "warp": (least_squares.warp, _has_no_limit),
+    "normal_equations": (least_squares.normal_equations, least_squares.can_sum_equations),
+    "local_fit": (least_squares.local_fit, _has_no_limit),
+    "evaluate_network": (networks.evaluate_network, networks.can_evaluate),
+    "pass_messages": (networks.pass_messages, networks.can_evaluate),
 }
 """Kernel → its plan, and whether an input is within its limits."""
 

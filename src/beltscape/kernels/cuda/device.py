@@ -39,8 +39,15 @@ class Workspace(Protocol):
         """Return an array of arbitrary values."""
         ...
 
+    def part(self, array: Any, i: int) -> Any:
+        """Return the i-th part of an array along its first axis, in the same memory."""
+        ...
+
     def launch(self, kernel: str, grid: Size, block: Size, *arguments: Any, shared_bytes: int = 0) -> None:
-        """Run a kernel of native/cuda by its name; arguments are arrays of the device, int and float."""
+        """Run a kernel of native/cuda by its name.
+
+        Arguments are arrays of the device, int and float, just as the kernel declares them: nothing is converted.
+        """
         ...
 
     def download(self, array: Any, out: NDArray[Any]) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from beltscape.core.errors import KernelError
 from beltscape.kernels.cuda.device import DeviceError, Size
 
 _MODULE = "beltscape.kernels._emulated"
@@ -28,6 +29,8 @@ class EmulatedDevice:
     """Runs kernels on the CPU; ``seed`` permutes blocks and threads (0: in the order of their numbers)."""
 
     def __init__(self, seed: int = 0) -> None:
+        if not is_emulation_built():
+            raise KernelError("the emulated GPU is not built; run: make dev")
         self.name = "emulated"
         self._module = import_module(_MODULE)
         self._seed = seed
@@ -61,6 +64,10 @@ class EmulatedWorkspace:
         inner = buffer[_GUARD_BYTES : _GUARD_BYTES + size]
         inner[:] = _POISON
         return inner.view(dtype).reshape(shape)
+
+    def part(self, array: NDArray[Any], i: int) -> NDArray[Any]:
+        """See `beltscape.kernels.cuda.device.Workspace`."""
+        return array[i]
 
     def launch(self, kernel: str, grid: Size, block: Size, *arguments: Any, shared_bytes: int = 0) -> None:
         """See `beltscape.kernels.cuda.device.Workspace`."""

@@ -92,7 +92,7 @@ def _sweep_rows(work: Workspace, given: Any, first_row: int, rows: int) -> Any:
         _TILE,
         *(aligned.core, width, height, aligned.level),
         *(aligned.pixels, aligned.table, aligned.places, len(given.images)),
-        *(given.planes, given.floor, given.best, first_row, rows, costs),
+        *(given.planes, float(given.floor), given.best, first_row, rows, costs),
     )
     return costs
 
@@ -119,7 +119,7 @@ def _align_images(work: Workspace, given: Any) -> _AlignedImages:
 
 def _place_planes(work: Workspace, given: Any, views: Any) -> tuple[Any, NDArray[np.int32]]:
     """Return the places of all planes (on the device) and the table of aligned images."""
-    count, planes = len(given.images), (given.first, given.step, given.planes)
+    count, planes = len(given.images), (float(given.first), float(given.step), given.planes)
     height, width = given.core.shape
     shifts = work.allocate((count, 3), np.float32)
     fields = work.allocate((count, 4), np.int32)

@@ -48,7 +48,7 @@ def compile_kernels(architecture: str, folder: Path | None = None) -> Any:
     Raises
     ------
     KernelError
-        With the compiler's log.
+        With the compiler's first error.
     """
     from cuda.core import Program, ProgramOptions
 
@@ -65,7 +65,9 @@ def compile_kernels(architecture: str, folder: Path | None = None) -> Any:
     try:
         return Program(_SOURCE, "c++", options).compile("cubin")
     except Exception as error:  # NVRTC's own types belong to no public module
-        raise KernelError(f"the kernels do not compile for {architecture}: {error}") from error
+        lines = str(error).splitlines()
+        line = next((line for line in lines if ": error" in line or ": catastrophic error" in line), lines[0])
+        raise KernelError(f"the kernels do not compile for {architecture}: {line}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,10 +188,14 @@ class CudaWorkspace:
         self._check(
             driver.cuMemcpyDtoHAsync(into.ctypes.data, array.address, array.bytes, self._stream.handle)
         )
-        with _as_device_error():
-            self._stream.sync()
+        self.wait()
         if into is not out:
             out[...] = into
+
+    def wait(self) -> None:
+        """Wait until all launches and copies so far have ended."""
+        with _as_device_error():
+            self._stream.sync()
 
     def close(self) -> None:
         """Return the memory; a GPU that is lost has none to return."""

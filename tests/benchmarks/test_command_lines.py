@@ -88,6 +88,7 @@ def test_the_page_of_graphics_processors(capture, monkeypatch, tmp_path):
     assert "| `propagate` | *processor* |" in text
 
 
+@pytest.mark.thorough
 def test_a_frame_on_the_emulated_gpu_is_measured_and_is_that_of_the_processor(capture):
     gpu = importlib.import_module("gpu")
     if not is_emulation_built():

@@ -77,7 +77,7 @@ class _AlignedImages:
     """Grey levels of all aligned images, one after the other."""
     table: Any
     """(n, 6) left, top, width, height, first (in _UNIT pixels), stride of each (``Aligned`` of sweep.cuh)."""
-    places: Any
+    positions: Any
     """(n, planes, 4) where each plane lies in each aligned image."""
 
 
@@ -91,7 +91,7 @@ def _sweep_rows(work: Workspace, given: Any, first_row: int, rows: int) -> Any:
         (blocks_of(width, _TILE[0]), blocks_of(rows, _TILE[1]), 1),
         _TILE,
         *(aligned.core, width, height, aligned.level),
-        *(aligned.pixels, aligned.table, aligned.places, len(given.images)),
+        *(aligned.pixels, aligned.table, aligned.positions, len(given.images)),
         *(given.planes, float(given.floor), given.best, first_row, rows, costs),
     )
     return costs
@@ -103,7 +103,7 @@ def _align_images(work: Workspace, given: Any) -> _AlignedImages:
     level = work.allocate((1,), np.float32)
     work.launch("mean_level", (1, 1, 1), _MEAN_THREADS, core, given.core.size, level)
     views = work.upload(given.views)
-    places, table = _place_planes(work, given, views)
+    positions, table = _position_planes(work, given, views)
     on_device = work.upload(table)
     last = table[-1]
     pixels = work.allocate(((last[4] + last[5] // _UNIT * last[3]) * _UNIT,), np.float32)
@@ -114,20 +114,20 @@ def _align_images(work: Workspace, given: Any) -> _AlignedImages:
         grid = blocks_of(stride, _TILE[0]), blocks_of(height, _TILE[1]), 1
         from_image = work.upload(image), image.shape[1], image.shape[0]
         work.launch("align_image", grid, _TILE, views, i, *from_image, on_device, level, pixels)
-    return _AlignedImages(core, level, pixels, on_device, places)
+    return _AlignedImages(core, level, pixels, on_device, positions)
 
 
-def _place_planes(work: Workspace, given: Any, views: Any) -> tuple[Any, NDArray[np.int32]]:
-    """Return the places of all planes (on the device) and the table of aligned images."""
+def _position_planes(work: Workspace, given: Any, views: Any) -> tuple[Any, NDArray[np.int32]]:
+    """Return the positions of all planes (on the device) and the table of aligned images."""
     count, planes = len(given.images), (float(given.first), float(given.step), given.planes)
     height, width = given.core.shape
     shifts = work.allocate((count, 3), np.float32)
     fields = work.allocate((count, 4), np.int32)
     grid, block = (blocks_of(count, _WARP), 1, 1), (_WARP, 1, 1)
     work.launch("aligned_fields", grid, block, views, count, *planes, width, height, shifts, fields)
-    places = work.allocate((count, given.planes, 4), np.float32)
+    positions = work.allocate((count, given.planes, 4), np.float32)
     grid = blocks_of(given.planes, _WARP), count, 1
-    work.launch("plane_places", grid, block, shifts, count, *planes, places)
+    work.launch("plane_places", grid, block, shifts, count, *planes, positions)
 
     table = np.zeros((count, 6), np.int32)
     table[:, :4] = download(work, fields, np.int32)
@@ -135,7 +135,7 @@ def _place_planes(work: Workspace, given: Any, views: Any) -> tuple[Any, NDArray
     table[:, 5] = (table[:, 2] + 3 + _UNIT - 1) // _UNIT * _UNIT
     units = table[:, 5] // _UNIT * table[:, 3]
     table[1:, 4] = np.cumsum(units)[:-1]
-    return places, table
+    return positions, table
 
 
 def _aggregate_bands(

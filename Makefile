@@ -36,7 +36,7 @@ LEVELS := $(if $(shell grep -m1 avx512bw /proc/cpuinfo 2>/dev/null),,$(if $(filt
 
 $(VENV)/.native: $(VENV)/.run $(NATIVE)
 	$(BIN)/python -m pip install --quiet --no-build-isolation --no-deps \
-	  -C 'build-dir=build/in_place/{wheel_tag}' -C 'cmake.define.BELTSCAPE_LEVELS=$(LEVELS)' --editable .
+	  -C 'build-dir=build/in_place/{wheel_tag}' -C 'cmake.define.BELTSCAPE_LEVELS=$(LEVELS)' -C cmake.define.BELTSCAPE_EMULATION=ON --editable .
 	@touch $@
 
 install: $(VENV)/.native ## .venv with the beltscape program in .venv/bin
@@ -130,6 +130,8 @@ lock: dev ## resolve the dependencies anew
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
 	  --no-header --extra build --extra simulate --extra live --extra export --extra modbus --extra mqtt --extra site --extra opcua --extra reports --extra certificates --extra cluster --extra dev \
 	  -c requirements/run.lock pyproject.toml -o requirements/dev.lock
+	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
+	  --no-header --extra gpu -c requirements/run.lock pyproject.toml -o requirements/gpu.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \
 	  --no-header -c requirements/run.lock requirements/wheel.in -o requirements/wheel.lock
 	$(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate \

@@ -91,7 +91,7 @@ BELTSCAPE_INLINE float square_root(float a) { return __builtin_sqrtf(a); }
 // a b + c.
 #if defined(__CUDACC__)
 BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return fmaf(a, b, c); }
-#elif defined(__FMA__) || defined(__ARM_FEATURE_FMA)
+#elif defined(__FMA__) || defined(__ARM_FEATURE_FMA) || defined(BELTSCAPE_EMULATION)
 BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return __builtin_fmaf(a, b, c); }
 #else
 BELTSCAPE_INLINE float multiply_add(float a, float b, float c) { return a * b + c; }

@@ -36,6 +36,23 @@ struct FitWindow {
     TapPowers down[2 * kMaxRadius + 1];  // by row from -kMaxRadius on, divided by tolerance⁴
 };
 
+BELTSCAPE_INLINE TapPowers powers_of(float tap, float by) {
+    return {tap, tap * by, tap * by * by, tap * tap};
+}
+
+// Fills a window from radius + 1 taps and reaches.
+BELTSCAPE_INLINE void fill_window(FitWindow& window, int radius, const double* taps, const int* reach,
+                                  double tolerance_to_fourth) {
+    window.radius = radius;
+    for (int i = 0; i <= kMaxRadius; ++i) window.reach[i] = i <= radius ? reach[i] : -1;
+    for (int i = 0; i <= radius; ++i) {
+        const float across = static_cast<float>(taps[i]), by = to_float(i);
+        const float down = static_cast<float>(taps[i] / tolerance_to_fourth);
+        window.across[i] = powers_of(across, by);
+        window.down[kMaxRadius - i] = powers_of(down, -by), window.down[kMaxRadius + i] = powers_of(down, by);
+    }
+}
+
 struct FitSettings {
     double tolerance;
     float confidence_width;   // of an interval, in standard deviations to each side

@@ -32,8 +32,6 @@ struct LocalFitInput {
     }
 };
 
-inline TapPowers powers_of(float tap, float by) { return {tap, tap * by, tap * by * by, tap * tap}; }
-
 inline FitWindows windows_of(const std::vector<WindowInput>& given, const FitSettings& settings) {
     FitWindows windows{};
     windows.count = static_cast<int>(given.size());
@@ -41,17 +39,8 @@ inline FitWindows windows_of(const std::vector<WindowInput>& given, const FitSet
     windows.settings = settings;
     for (int i = 0; i <= kMaxRadius; ++i) windows.distance[i] = static_cast<float>(i);
     for (std::size_t k = 0; k < given.size(); ++k) {
-        FitWindow& window = windows.window[k];
-        window.radius = given[k].radius;
-        std::fill_n(window.reach, kMaxRadius + 1, -1);
-        for (int i = 0; i <= window.radius; ++i) {
-            const double tap = given[k].taps[static_cast<std::size_t>(i)];
-            const float down = static_cast<float>(tap / std::pow(settings.tolerance, 4));
-            window.reach[i] = given[k].reach[static_cast<std::size_t>(i)];
-            window.across[i] = powers_of(static_cast<float>(tap), windows.distance[i]);
-            window.down[kMaxRadius - i] = powers_of(down, -windows.distance[i]);
-            window.down[kMaxRadius + i] = powers_of(down, windows.distance[i]);
-        }
+        fill_window(windows.window[k], given[k].radius, given[k].taps.data(), given[k].reach.data(),
+                    std::pow(settings.tolerance, 4));
     }
     return windows;
 }

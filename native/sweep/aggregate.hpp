@@ -14,11 +14,9 @@
 
 #include "array.hpp"
 #include "sweep/cells.hpp"
+#include "sweep/semi_global_cost.hpp"
 
 namespace beltscape {
-
-inline constexpr int kMaxCost = 120;
-inline constexpr int kPaths = 4;  // of one pass
 
 inline bool fits_bytes(int small_jump, int large_jump) {
     return large_jump <= 127 && kMaxCost + small_jump + large_jump <= 255;
@@ -250,12 +248,11 @@ private:
         Words16 other = none;
         for (int i = 0; i < words; i += kWords)
             other = least_cells(other, number(i) - static_cast<Word>(plane - 1) > 2 ? total(i) : none);
-        *margin = static_cast<float>(least_cell<Word>(other) - best) / (2 * kPaths * kMaxCost);
+        *margin = static_cast<float>(least_cell<Word>(other) - best) / kWholeMargin;
         *index = static_cast<float>(plane);
         if (plane == 0 || plane == planes_ - 1) return;
-        const int l = totals_.data()[place(plane - 1)], r = totals_.data()[place(plane + 1)];
-        const int rise = std::max(l, r) - best;
-        if (rise > 0) *index += 0.5f * static_cast<float>(l - r) / static_cast<float>(rise);
+        *index = interpolated_plane(plane, totals_.data()[place(plane - 1)], best,
+                                    totals_.data()[place(plane + 1)]);
     }
 
     Words16 total(int i) const { return load_cells<Words16>(totals_.data() + i); }

@@ -89,6 +89,16 @@ BELTSCAPE_INLINE F aligned_level(const View& view, const Image& image, F x, floa
     return select(place.inside, interpolated(pixels, place), broadcast<F>(kNotANumber));
 }
 
+// The value at u between two rows, part_v of the way from `above` to `below`, of which `readable` pixels are.
+template <class F>
+BELTSCAPE_INLINE F resampled(const float* above, const float* below, float part_v, F u, int readable) {
+    const IntOf<F> left = to_int(u), at = clamp(left, 0, readable - 2);
+    const F a = gather(above, at), b = gather(above + 1, at);
+    const F first = multiply_add(gather(below, at) - a, part_v, a);
+    const F second = multiply_add(gather(below + 1, at) - b, part_v, b);
+    return multiply_add(second - first, u - to_float(left), first);
+}
+
 // `count` pixels of an aligned row between the rows `above` and `below`, part_v of the way, `scale` apart
 // from `from` on; both rows are readable from 0 to `readable`, which is past the last place by two vectors.
 template <class F>
@@ -98,20 +108,19 @@ BELTSCAPE_INLINE void resample(const float* above, const float* below, float par
     const bool close = scale * static_cast<float>(lanes - 1) < static_cast<float>(2 * lanes - 2);
     for (int x = 0; x < count; x += lanes) {
         const F u = multiply_add(to_float(broadcast<IntOf<F>>(x) + lane_numbers<F>()), scale, from);
-        const IntOf<F> left = to_int(u);
-        Pair<F> pair;
+        F value;
         if (close) {
+            const IntOf<F> left = to_int(u);
             const int first = lesser(to_int(multiply_add(to_float(x), scale, from)), readable - 2 * lanes);
             const F a = load<F>(above + first), b = load<F>(above + first + lanes);
-            pair = pair_within(multiply_add(load<F>(below + first) - a, part_v, a),
-                               multiply_add(load<F>(below + first + lanes) - b, part_v, b), left - first);
+            const Pair<F> pair =
+                pair_within(multiply_add(load<F>(below + first) - a, part_v, a),
+                            multiply_add(load<F>(below + first + lanes) - b, part_v, b), left - first);
+            value = multiply_add(pair.second - pair.first, u - to_float(left), pair.first);
         } else {
-            const IntOf<F> at = clamp(left, 0, readable - 2);
-            const F a = gather(above, at), b = gather(above + 1, at);
-            pair = {multiply_add(gather(below, at) - a, part_v, a),
-                    multiply_add(gather(below + 1, at) - b, part_v, b)};
+            value = resampled(above, below, part_v, u, readable);
         }
-        store(out + x, multiply_add(pair.second - pair.first, u - to_float(left), pair.first));
+        store(out + x, value);
     }
 }
 

@@ -16,6 +16,7 @@ import pytest
 from beltscape.core.geometry.rig import scale_rig
 from beltscape.files.images import read_image
 from beltscape.files.rig_json import read_rig, write_rig
+from beltscape.kernels.cuda.emulated_device import is_emulation_built
 from tests.docs.program import parser_of
 from tests.synthetic.demo import DEMO, TRUE_RIG
 
@@ -71,6 +72,52 @@ def test_roofline_of_the_kernels(capture, monkeypatch, capsys):
     said = capsys.readouterr().out
     assert "| `sweep_and_aggregate` |" in said
     assert "| frame |" in said
+
+
+def test_the_page_of_graphics_processors(capture, monkeypatch, tmp_path):
+    gpu = importlib.import_module("gpu")
+    monkeypatch.setattr(importlib.import_module("roofline"), "_RUNS", 1)
+    page = tmp_path / "GPU.md"
+    words = [str(capture), "--rig", str(capture.parent / "rig.json"), "--preset", "fast", "--out", str(page)]
+    monkeypatch.setattr(sys, "argv", ["gpu.py", *words])
+    gpu.main()
+    text = page.read_text()
+    assert "**Compiled and emulated, not run**" in text
+    assert "preset `fast`" in text
+    assert "| `sweep_and_aggregate` | GPU | 1 |" in text
+    assert "| `propagate` | *processor* |" in text
+
+
+@pytest.mark.thorough
+def test_a_frame_on_the_emulated_gpu_is_measured_and_is_that_of_the_processor(capture):
+    gpu = importlib.import_module("gpu")
+    if not is_emulation_built():
+        pytest.skip("the emulated GPU is not built")
+    rig = scale_rig(read_rig(capture.parent / "rig.json"), 0.5)
+    write_rig(capture.parent / "rig.json", rig)
+    for path in capture.glob("*/000.png"):
+        size = rig.cameras[path.parent.name].size_px
+        cv2.imwrite(str(path), cv2.resize(read_image(path), size, interpolation=cv2.INTER_AREA))
+    measured = gpu.measure_device(
+        gpu.find_device("emulated"), capture, capture.parent / "rig.json", "fast", runs=1
+    )
+    assert measured.far_share == measured.only_one_share == 0
+    assert {"sweep_and_aggregate", "normal_equations", "propagate"} <= set(measured.call_s)
+    assert {"sweep_planes", "aggregate_direction", "sum_equations"} <= set(measured.launch_s)
+    text = gpu.format_page("a frame", {}, measured)
+    assert "Measured on emulated." in text
+    assert "| `sweep_planes` | " in text
+
+
+@pytest.mark.parametrize("wheels", ["", "none"])
+def test_the_script_of_graphics_processors_stops_where_it_cannot_build(tmp_path, wheels):
+    done = subprocess.run(
+        ["sh", str(BENCHMARKS / "gpu.sh"), "capture", "rig.json", str(tmp_path / "out")],
+        env={"PATH": "/usr/bin:/bin", "PYTHON": "false", "WHEELS": wheels},
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stdout == f"build: failed, see {tmp_path}/out/build.log\n"
 
 
 class Served:

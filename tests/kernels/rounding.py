@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from beltscape.kernels.cuda.emulated_device import is_emulation_built
 from beltscape.kernels.native import levels
 
 
@@ -12,4 +13,10 @@ def fusing_levels() -> tuple[str, ...]:
 
 def first_alike(level: str) -> str:
     """The lowest level whose bytes are those of ``level``."""
-    return fusing_levels()[0] if level in fusing_levels() else level
+    fuses = level in fusing_levels() or (level.startswith("emulated") and fusing_levels())
+    return fusing_levels()[0] if fuses else level
+
+
+def emulated() -> tuple[str, ...]:
+    """The emulated GPU in the order of the threads' numbers and in another one; nothing where it is not built."""
+    return ("emulated", "emulated-1") if is_emulation_built() else ()

@@ -43,7 +43,7 @@ from training.scenarios import HELD_OUT, locate_capture, render_scenario
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(beltscape.__file__).parent / "data" / "networks"
-CAPTURES = 80
+CAPTURES = 72
 """Number of scenarios that the shipped networks are trained on ..."""
 ASSESSED = 8
 """... and of those that they are assessed on: one of each kind in turn."""

@@ -105,6 +105,7 @@ EXTRAS = {
     "viewer": ("rerun",),
     "export": ("laspy", "lazrs"),
     "cameras": ("gi",),
+    "gpu": ("cuda",),
 }
 """Extra of pyproject.toml → its libraries by the names under which they are imported."""
 

@@ -2,16 +2,18 @@
 
 A kernel's signature, documentation, checks and result stand in its family's module: `geometry`, `images`,
 `sweep`, `least_squares`, `selection`, `networks`, `holes`. It fills a record of checked `arrays`, with packed
-projections of `projection`, and calls a back end (`backend`): `native` (C++, in native/) or `reference`
-(NumPy). `load` returns all families with one back end.
+projections of `projection`, and calls a back end (`backend`): `native` (C++, in native/), `reference` (NumPy) or
+`cuda` (a GPU). `load` returns all families with one back end.
 """
 
 from __future__ import annotations
 
 import os
+import warnings
 from functools import cache
 
 from beltscape.core.errors import KernelError
+from beltscape.kernels.cuda.device import GpuDevice
 from beltscape.kernels.geometry import (
     HeightRasterisationKernels,
     LayerFusionKernels,
@@ -25,7 +27,7 @@ from beltscape.kernels.networks import MessagePassingKernels, NetworkKernels
 from beltscape.kernels.selection import CandidateKernels, PropagationKernels
 from beltscape.kernels.sweep import PlaneSweepKernels
 
-__all__ = ["Kernels", "load"]
+__all__ = ["Kernels", "kernels_on_gpu", "load"]
 
 
 class Kernels(
@@ -53,21 +55,66 @@ class Kernels(
 
 @cache
 def load(name: str | None = None) -> Kernels:
-    """Return kernels by name: ``native`` (the best level of this processor), ``v2``, ``v3``, ``v4``, ``reference``.
+    """Return kernels by name: ``reference``, ``native`` (this processor's best), ``v2``, ``v3``, ``v4``, ``cuda``.
 
-    Without a name the environment variable BELTSCAPE_KERNELS decides, then ``native`` is taken.
+    ``emulated`` runs those of ``cuda`` on the processor, for tests. Without a name the environment variable
+    BELTSCAPE_KERNELS decides; without it, ``cuda`` is taken where the extra ``gpu`` is installed, a GPU is there and
+    its self-test agrees with the processor, else ``native``.
     """
-    name = name or os.environ.get("BELTSCAPE_KERNELS") or "native"
+    name = name or os.environ.get("BELTSCAPE_KERNELS")
     if name == "reference":
         from beltscape.kernels.reference import ReferenceBackend
 
         return Kernels(ReferenceBackend())
     from beltscape.kernels.native import NativeBackend, levels
 
-    if name == "native":
-        return Kernels(NativeBackend(levels()[-1]))
+    if name is None or name == "native":
+        native = Kernels(NativeBackend(levels()[-1]))
+        return native if name else _find_gpu_kernels(native) or native
     if name in levels():
         return Kernels(NativeBackend(name))
+    if name == "cuda":
+        from beltscape.kernels.cuda.cuda_device import CudaDevice
+
+        return _kernels_on(CudaDevice())
+    if name.startswith("emulated"):
+        from beltscape.kernels.cuda.emulated_device import EmulatedDevice
+
+        return _kernels_on(EmulatedDevice(int(name.partition("-")[2] or 0)))
     raise KernelError(
-        f"no kernels named {name!r} on this processor; there are reference, native, {', '.join(levels())}"
+        f"no kernels named {name!r} on this processor; there are reference, native, {', '.join(levels())}, cuda"
     )
+
+
+def kernels_on_gpu() -> tuple[str, ...]:
+    """Return the names of the kernels that ``cuda`` computes on the GPU; the others run on the processor."""
+    from beltscape.kernels.cuda.backend import KERNELS
+
+    return KERNELS
+
+
+def _kernels_on(device: GpuDevice) -> Kernels:
+    """Return the CUDA back end's kernels on a device, with this processor's best level for what it lacks."""
+    from beltscape.kernels.cuda.backend import CudaBackend
+    from beltscape.kernels.native import NativeBackend, levels
+
+    return Kernels(CudaBackend(device, NativeBackend(levels()[-1])))
+
+
+def _find_gpu_kernels(native: Kernels) -> Kernels | None:
+    """Return a GPU's kernels; None without a GPU, and with a warning where it does not agree with the processor."""
+    from beltscape.kernels.cuda.cuda_device import CudaDevice, is_driver_present, is_library_present
+
+    if not (is_driver_present() and is_library_present()):
+        return None
+    from beltscape.kernels.self_test import find_disagreement
+
+    try:
+        found = _kernels_on(CudaDevice())
+        problem = find_disagreement(found, native)
+        if problem is None:
+            return found
+    except KernelError as error:
+        problem = str(error)
+    warnings.warn(f"the GPU is not used, the processor is: {problem}", RuntimeWarning, stacklevel=3)
+    return None

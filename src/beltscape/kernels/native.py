@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -29,6 +30,11 @@ def levels() -> tuple[str, ...]:
         raise KernelError("the native kernels are not built; run: make install")
     best = _module(built[0]).cpu_level()
     return tuple(level for level in built if _ORDER.index(level) <= _ORDER.index(best))
+
+
+def source_folder() -> Path:
+    """Return the folder of the kernels' source that NVRTC compiles for a GPU; it lies beside the native modules."""
+    return Path(str(_module(levels()[0]).__file__)).parent / "device_source"
 
 
 class NativeBackend:

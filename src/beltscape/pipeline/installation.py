@@ -70,6 +70,13 @@ def check_kernels() -> InstallationCheck:
             "kernels", str(error), "install beltscape anew: pip install --force-reinstall beltscape"
         )
     found = f"{name} ({_LEVELS.get(name, 'plain NumPy')}); this processor runs {', '.join(built)}"
+    if name == "cuda":
+        from beltscape.kernels import kernels_on_gpu
+
+        on_gpu = (
+            f"cuda for {', '.join(kernels_on_gpu())}; {built[-1]} ({_LEVELS.get(built[-1])}) for the others"
+        )
+        return InstallationCheck("kernels", on_gpu)
     if name == built[-1]:
         return InstallationCheck("kernels", found)
     return InstallationCheck("kernels", found, f"unset BELTSCAPE_KERNELS to use {built[-1]}, which is faster")
@@ -90,7 +97,10 @@ def check_threads() -> InstallationCheck:
 def check_extras() -> Iterator[InstallationCheck]:
     """Yield for each extra of the package whether its libraries are installed."""
     for extra, libraries in EXTRAS.items():
-        if extra == "cameras":  # they need more than a library: `check_camera_library`
+        if extra in (
+            "cameras",
+            "gpu",
+        ):  # they need more than a library: `check_camera_library`, `check_graphics`
             continue
         absent = [name for name in libraries if find_spec(name) is None]
         if not absent:
@@ -266,7 +276,11 @@ def check_graphics() -> InstallationCheck:
     answer = _run_program(
         "nvidia-smi", "--query-gpu=name,memory.total,driver_version", "--format=csv,noheader"
     )
-    return InstallationCheck("GPU", answer.splitlines()[0] if answer else "none; none is needed")
+    if not answer:
+        return InstallationCheck("GPU", "none; none is needed")
+    missing = [name for name in EXTRAS["gpu"] if find_spec(name) is None]
+    fix = "to compute on it: pip install 'beltscape[gpu]'" if missing else ""
+    return InstallationCheck("GPU", answer.splitlines()[0], fix)
 
 
 def _run_program(*words: str) -> str | None:

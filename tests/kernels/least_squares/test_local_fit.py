@@ -14,12 +14,12 @@ from beltscape.kernels import load
 from beltscape.kernels.least_squares import MOST_DISAGREEMENT, RADII
 from beltscape.kernels.native import levels
 from tests.kernels.grids import WIDTHS, surface
-from tests.kernels.rounding import first_alike
+from tests.kernels.rounding import emulated, first_alike
 from tests.strategies import seeds
 from tests.thorough import examples
 
-every_level = pytest.mark.parametrize("level", levels())
-everything = pytest.mark.parametrize("name", ["reference", *levels()])
+every_level = pytest.mark.parametrize("level", (*levels(), *emulated()))
+everything = pytest.mark.parametrize("name", ["reference", *levels(), *emulated()])
 widths = st.sampled_from(WIDTHS)
 windows = st.sampled_from(
     [

@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
+from tests.kernels.rounding import emulated
 from tests.strategies import seeds
 
 every_level = pytest.mark.parametrize("level", levels())
-everything = pytest.mark.parametrize("name", ["reference", *levels()])
+everything = pytest.mark.parametrize("name", ["reference", *levels(), *emulated()])
 
 JUMPS = [(0, 0), (8, 80), (8, 127), (67, 68), (8, 128), (100, 100), (300, 900), (0, 8000), (8000, 8000)]
 """Bytes, the last of them, and words up to the last of those."""
@@ -32,7 +33,7 @@ def costs(seed: int, rows: int, width: int, planes: int) -> np.ndarray:
 def test_native_is_the_reference(seed, rows, width, planes, jumps):
     cost = costs(seed, rows, width, planes)
     index, margin = load("reference").aggregate(cost, *jumps)
-    every = [load(level).aggregate(cost, *jumps) for level in levels()]
+    every = [load(level).aggregate(cost, *jumps) for level in (*levels(), *emulated())]
     for found in every:
         assert found[0].tobytes() == every[0][0].tobytes()
         assert found[1].tobytes() == every[0][1].tobytes()

@@ -11,10 +11,10 @@ from beltscape.core.errors import KernelError
 from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from tests.kernels.grids import STRAIGHT, WIDTHS, texture, view_of_seed
-from tests.kernels.rounding import first_alike
+from tests.kernels.rounding import emulated, first_alike
 from tests.strategies import seeds
 
-everything = pytest.mark.parametrize("name", ["reference", *levels()])
+everything = pytest.mark.parametrize("name", ["reference", *levels(), *emulated()])
 widths = st.sampled_from(WIDTHS)
 
 
@@ -31,7 +31,7 @@ def scene(seed: int, height: int, width: int, count: int):
 def test_native_is_the_reference_but_for_rounding(height, width, seed, count, best, planes):
     given = (*scene(seed, height, width, count), 0.0, 0.3, planes, 9.0)
     expected = load("reference").sweep(*given, best=best).astype(int)
-    every = {level: load(level).sweep(*given, best=best) for level in levels()}
+    every = {level: load(level).sweep(*given, best=best) for level in (*levels(), *emulated())}
     for level, found in every.items():
         assert found.shape == (height, width, planes)
         assert found.tobytes() == every[first_alike(level)].tobytes()
@@ -84,6 +84,13 @@ def test_a_blind_view_costs_nothing_beyond_the_best(name, seed):
     seen = np.concatenate([views, STRAIGHT[None]])
     np.testing.assert_array_equal(load(name).sweep(core, dark, seen, 0, 0.5, 5, 9.0), alone)
     assert (load(name).sweep(core, dark[-1:], seen[-1:], 0, 0.5, 5, 9.0) == 120).all()
+
+
+@everything
+@pytest.mark.parametrize("size", [(2, 2), (3, 9), (9, 3)])
+def test_an_image_too_small_for_cubic_interpolation_is_not_seen(name, size):
+    cost = load(name).sweep(texture(1, 8, 9), [texture(2, *size)], STRAIGHT[None], 0, 1, 4, 9.0)
+    assert (cost == 120).all()
 
 
 @pytest.mark.parametrize("level", levels())

@@ -11,9 +11,9 @@ from beltscape.kernels import load
 from beltscape.kernels.native import levels
 from beltscape.kernels.sweep import bands
 from tests.kernels.grids import STRAIGHT, texture, view_of_seed
-from tests.kernels.rounding import fusing_levels
+from tests.kernels.rounding import emulated, first_alike, fusing_levels
 
-everything = pytest.mark.parametrize("name", ["reference", *levels()])
+everything = pytest.mark.parametrize("name", ["reference", *levels(), *emulated()])
 every_level = pytest.mark.parametrize("level", levels())
 
 LOW, HIGH = {"small_jump": 8, "large_jump": 80}, {"small_jump": 60, "large_jump": 300}
@@ -97,6 +97,15 @@ def test_how_many_costs_are_held_at_once_does_not_matter(level, bands_at_once, m
     found = load(level).sweep_and_aggregate(*given, **LOW, threads=2)
     assert found[0].tobytes() == whole[0].tobytes()
     assert found[1].tobytes() == whole[1].tobytes()
+
+
+@pytest.mark.parametrize("name", emulated())
+@pytest.mark.parametrize(("height", "jumps"), [(1, LOW), (65, HIGH), (150, LOW)])
+def test_the_emulated_gpu_gives_the_bytes_of_the_processor(name, height, jumps):
+    given = scene(height, 33)
+    found = load(name).sweep_and_aggregate(*given, **jumps)
+    expected = load(first_alike(name)).sweep_and_aggregate(*given, **jumps)
+    assert [array.tobytes() for array in found] == [array.tobytes() for array in expected]
 
 
 @pytest.mark.skipif(len(fusing_levels()) < 2, reason="only one level on this processor fuses")

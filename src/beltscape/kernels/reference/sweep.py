@@ -140,7 +140,7 @@ class _AlignedImage:
     def sample(self, s: float, shape: tuple[int, ...]) -> Array:
         """Return what the auxiliary sees of the plane on the core's grid (H, W), bilinearly; NaN: nothing."""
         scale = 1 / (1 + s * self.shift[2])
-        if not 0 < scale <= MOST_SCALE:
+        if not 0 < scale <= MOST_SCALE or not self.levels.size:
             return np.full(shape, np.nan)
         y, x = np.mgrid[: shape[0], : shape[1]].astype(np.float64)
         return bilinear(

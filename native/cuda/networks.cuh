@@ -1,0 +1,67 @@
+// Networks on a GPU: a thread takes a pixel. Weights lie one layer after the other, each (units, inputs + 1).
+#pragma once
+
+#include "cuda/device.hpp"
+#include "networks/message_passing.hpp"
+#include "networks/network.hpp"
+
+namespace beltscape {
+
+inline constexpr int kMostLayers = 8;
+
+// The layers of a network from their packed weights; units (layer_count) of each.
+struct PackedLayers {
+    Layer layers[kMostLayers];
+
+    __device__ PackedLayers(const float* weights, int inputs, const int* units, int layer_count) {
+        for (int i = 0; i < layer_count; ++i) {
+            layers[i] = {weights, inputs, units[i], i + 1 < layer_count};
+            weights += units[i] * (inputs + 1), inputs = units[i];
+        }
+    }
+};
+
+__device__ inline void write_outputs(const Units<float>& outputs, int units, size_t pixels, size_t pixel,
+                                     float* out) {
+    for (int unit = 0; unit < units; ++unit) out[unit * pixels + pixel] = outputs[unit][0];
+}
+
+// planes (inputs, pixels), limits (2, inputs), out (units of the last layer, pixels).
+extern "C" __global__ void network_outputs(const float* planes, int inputs, int pixels, const float* limits,
+                                           const float* weights, const int* units, int layer_count,
+                                           float* out) {
+    const int pixel = grid_x();
+    if (pixel >= pixels) return;
+    const PackedLayers packed(weights, inputs, units, layer_count);
+    Units<float> in, spare;
+    for (int p = 0; p < inputs; ++p)
+        in[p][0] = clamp(planes[static_cast<size_t>(p) * pixels + pixel], limits[p], limits[inputs + p]);
+    const Network net = {limits, limits + inputs, packed.layers, layer_count};
+    write_outputs(evaluate_layers<float>(net, in, spare), units[layer_count - 1], pixels, pixel, out);
+}
+
+// A thread takes a sender: messages (length, senders) to rows (senders, kFour quads).
+extern "C" __global__ void message_rows(const float* messages, int senders, int length, int quads,
+                                        float* rows) {
+    const int sender = grid_x();
+    if (sender < senders)
+        transpose_messages(messages, senders, length, quads, sender, static_cast<size_t>(sender) + 1, rows);
+}
+
+// senders (received, pixels), state (own, pixels), out (units of the last layer, pixels).
+extern "C" __global__ void message_outputs(const float* rows, int length, int quads, const int* senders,
+                                           int received, const float* state, int own, int pixels,
+                                           const float* weights, const int* units, int layer_count,
+                                           float* out) {
+    const int pixel = grid_x();
+    if (pixel >= pixels) return;
+    const Messages messages = {rows,     length, quads, senders,
+                               received, state,  own,   static_cast<size_t>(pixels)};
+    const PackedLayers packed(weights, length * received + own, units, layer_count);
+    Units<float> in, spare;
+    gather_inputs<float>(messages, pixel, 1, 0, in);
+    const Network net = {nullptr, nullptr, packed.layers, layer_count};
+    write_outputs(evaluate_layers<float>(net, in, spare), units[layer_count - 1], pixels, pixel, out);
+}
+
+}  // namespace beltscape

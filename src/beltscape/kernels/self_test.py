@@ -1,0 +1,111 @@
+"""The self-test of a GPU: its kernels against those of the processor, on a small scene with every kind of pixel."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+TOLERANCE = 1e-3
+"""Of a value, relative to values above 1: ten times what single precision leaves after a pixel's sums."""
+MOST_DIFFERENT = 1e-3
+"""Share of values that may differ more: a sample at the very border may be in for one and out for the other."""
+
+_HEIGHT, _WIDTH, _VIEWS = 70, 90, 3
+
+
+def find_disagreement(found: Any, expected: Any) -> str | None:
+    """Return the first kernel whose results differ from the expected ones and by how much; None if all agree.
+
+    Parameters
+    ----------
+    found, expected
+        `beltscape.kernels.Kernels` of two back ends.
+    """
+    for name, run in _CASES.items():
+        share = max(_share_of_differences(a, b) for a, b in zip(run(found), run(expected), strict=True))
+        if share > MOST_DIFFERENT:
+            return f"{name} differs from the processor's in {share:.2%} of the values"
+    return None
+
+
+def _share_of_differences(found: NDArray[Any], expected: NDArray[Any]) -> float:
+    a, b = np.asarray(found, float), np.asarray(expected, float)
+    with np.errstate(invalid="ignore"):  # infinite less infinite
+        close = abs(a - b) <= TOLERANCE * np.maximum(1, abs(b))
+    return 1 - float(np.mean(close | (a == b) | (np.isnan(a) & np.isnan(b))))
+
+
+def _random(seed: int) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+def _texture(seed: int) -> NDArray[np.float32]:
+    """Return (_HEIGHT, _WIDTH) grey levels, neighbours alike."""
+    noise = _random(seed).normal(size=(_HEIGHT + 4, _WIDTH + 4))
+    smooth = sum(noise[i : i + _HEIGHT, j : j + _WIDTH] for i in range(5) for j in range(5))
+    return np.clip(128 + 8 * smooth, 0, 255).astype(np.float32)
+
+
+def _views() -> NDArray[np.float32]:
+    """Return (_VIEWS, 39) projections of cameras beside the core, with a lens of Brown's model."""
+    focal, center = 80.0, np.array([_WIDTH / 2, _HEIGHT / 2])
+    inverse = np.array([[1 / focal, 0, -center[0] / focal], [0, 1 / focal, -center[1] / focal], [0, 0, 1]])
+    lens = [0.05, -0.01, 1e-3, -5e-4, 0.002, 4.0, 0.0, *np.zeros(7), *np.eye(3).ravel()]
+    rows = [
+        [*inverse.ravel(), dx / focal, dy / focal, 0.1 / focal, focal, focal, *center, *lens]
+        for dx, dy in ((1, 0.1), (-1, 0.2), (0.2, 1))
+    ]
+    return np.array(rows, np.float32)
+
+
+def _surface() -> NDArray[np.float32]:
+    """Return (_HEIGHT, _WIDTH) inverse depth with a step, noise and missing pixels."""
+    s = 3 + 2 * (np.arange(_WIDTH) > _WIDTH // 2) + _random(5).normal(0, 0.2, (_HEIGHT, _WIDTH))
+    s[_random(6).random(s.shape) < 0.05] = np.nan
+    return s.astype(np.float32)
+
+
+def _images() -> list[NDArray[np.float32]]:
+    return [_texture(i) for i in range(1, _VIEWS + 1)]
+
+
+def _sweep(kernels: Any) -> Sequence[NDArray[Any]]:
+    return kernels.sweep_and_aggregate(_texture(0), _images(), _views(), 0.0, 0.3, 20, 9.0, 8, 80)
+
+
+def _normal_equations(kernels: Any) -> Sequence[NDArray[Any]]:
+    core = _texture(0)
+    core[30:33, 40:44] = np.nan
+    coefficients = [kernels.spline_coefficients(image) for image in _images()]
+    equations = kernels.normal_equations(
+        _surface(), core, coefficients, _views(), floor=9.0, noise_variance=4.0, model_variance=1e-3
+    )
+    return [np.asarray(part) for part in equations]
+
+
+def _local_fit(kernels: Any) -> Sequence[NDArray[Any]]:
+    s, zero = _surface(), np.zeros((_HEIGHT, _WIDTH), np.float32)
+    information, pull = _texture(7), _texture(8) - 128
+    return [np.asarray(part) for part in kernels.local_fit(information, pull, s, zero, zero, tolerance=1.0)]
+
+
+def _layers() -> list[NDArray[np.float32]]:
+    shapes = (12, 10), (3, 13)
+    return [_random(i).normal(0, 0.3, shape).astype(np.float32) for i, shape in enumerate(shapes)]
+
+
+def _network(kernels: Any) -> Sequence[NDArray[Any]]:
+    planes = [_texture(i) / 100 for i in range(9)]
+    limits = np.stack([np.full(9, 0.2), np.full(9, 2.4)])
+    return kernels.evaluate_network(planes, limits, _layers())
+
+
+_CASES: dict[str, Callable[[Any], Sequence[NDArray[Any]]]] = {
+    "sweep_and_aggregate": _sweep,
+    "normal_equations": _normal_equations,
+    "local_fit": _local_fit,
+    "evaluate_network": _network,
+}

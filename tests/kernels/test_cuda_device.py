@@ -1,0 +1,144 @@
+"""The CUDA back end without a GPU: its calls of cuda-core, its choice, and what happens when a GPU fails."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+from beltscape.core.errors import KernelError
+from beltscape.kernels import kernels_on_gpu, load, self_test
+from beltscape.kernels.cuda.cuda_device import CudaDevice
+from beltscape.kernels.cuda.emulated_device import is_emulation_built
+from beltscape.kernels.native import levels
+from beltscape.pipeline.installation import check_graphics, check_kernels
+from tests.kernels import fake_cuda
+from tests.kernels.rounding import first_alike, fusing_levels
+
+
+@pytest.fixture(autouse=True)
+def fresh(monkeypatch):
+    monkeypatch.delenv("BELTSCAPE_KERNELS", raising=False)
+    load.cache_clear()
+    yield
+    load.cache_clear()
+
+
+@pytest.fixture
+def gpu(monkeypatch) -> fake_cuda.FakeGpu:
+    if not is_emulation_built():
+        pytest.skip("the emulated GPU is not built")
+    gpu = fake_cuda.FakeGpu()
+    fake_cuda.install(monkeypatch, gpu)
+    return gpu
+
+
+def test_every_kernel_of_the_source_is_bound_by_the_emulation(gpu):
+    emulated = import_module("beltscape.kernels._emulated")
+    assert {name for name in dir(emulated) if not name.startswith("_")} == set(gpu.kernels)
+
+
+@pytest.mark.skipif(not fusing_levels(), reason="no level on this processor fuses, as a GPU does")
+def test_a_gpu_that_agrees_is_chosen_and_gives_the_bytes_of_the_processor(gpu):
+    with warnings.catch_warnings(action="error"):
+        kernels = load()
+    assert kernels.name == load("cuda").name == "cuda"
+    gpu.launches.clear()
+    for run in self_test._CASES.values():
+        for found, expected in zip(run(kernels), run(load(first_alike("emulated"))), strict=True):
+            assert np.asarray(found).tobytes() == np.asarray(expected).tobytes()
+    assert {"sweep_planes", "sum_equations", "fit_planes", "network_outputs"} <= set(gpu.launches)
+    assert not gpu.buffers, "a call returns all of its memory"
+    assert not gpu.streams
+
+
+def test_kernels_that_the_gpu_lacks_run_on_the_processor(gpu):
+    image = np.random.default_rng(0).normal(size=(9, 9)).astype(np.float32)
+    found = load("cuda").spline_coefficients(image)
+    assert "spline_coefficients" not in kernels_on_gpu()
+    assert found.tobytes() == load("native").spline_coefficients(image).tobytes()
+    assert not gpu.launches
+
+
+def test_an_input_beyond_the_limits_of_the_gpus_kernels_runs_on_the_processor(gpu):
+    core = np.random.default_rng(0).uniform(0, 255, (12, 12)).astype(np.float32)
+    views = np.repeat(self_test._views()[:1], 9, axis=0)
+    found = load("cuda").sweep(core, [core] * 9, views, 0, 1, 4, 9.0, best=9)
+    assert not gpu.launches
+    assert found.tobytes() == load("native").sweep(core, [core] * 9, views, 0, 1, 4, 9.0, best=9).tobytes()
+
+
+def test_a_gpu_that_disagrees_is_not_chosen(gpu, monkeypatch):
+    right = gpu.launch
+
+    def wrong(stream, config, kernel, *arguments):
+        right(stream, config, kernel, *arguments)
+        if kernel == "select_planes":
+            gpu.array(arguments[4], np.float32)[::50] += 0.5
+
+    monkeypatch.setattr(sys.modules["cuda.core"], "launch", wrong)
+    with pytest.warns(RuntimeWarning) as warned:
+        assert load().name == levels()[-1]
+    assert str(warned[0].message) == (
+        "the GPU is not used, the processor is: "
+        "sweep_and_aggregate differs from the processor's in 2.00% of the values"
+    )
+
+
+def test_a_gpu_that_is_lost_is_replaced_by_the_processor(gpu):
+    kernels = load("cuda")
+    gpu.failure = RuntimeError("CUDA_ERROR_DEVICE_LOST")
+    cost = np.random.default_rng(0).integers(0, 120, (5, 6, 9)).astype(np.uint8)
+    with pytest.warns(RuntimeWarning, match="the processor takes over: CUDA_ERROR_DEVICE_LOST") as warned:
+        found = [kernels.aggregate(cost, 8, 80) for _ in range(3)]
+    assert len(warned) == 1
+    for index, margin in found:
+        expected = load("native").aggregate(cost, 8, 80)
+        assert (index.tobytes(), margin.tobytes()) == (expected[0].tobytes(), expected[1].tobytes())
+
+
+def test_without_a_driver_nothing_of_cuda_is_imported_and_the_processor_is_chosen(monkeypatch):
+    monkeypatch.setattr("beltscape.kernels.cuda.cuda_device.is_driver_present", lambda: False)
+    monkeypatch.setattr("beltscape.kernels.cuda.cuda_device.is_library_present", pytest.fail)
+    with warnings.catch_warnings(action="error"):
+        assert load().name == levels()[-1]
+
+
+def test_a_gpu_that_was_asked_for_and_is_not_there_is_an_error(monkeypatch):
+    monkeypatch.setattr("beltscape.kernels.cuda.cuda_device.is_library_present", lambda: False)
+    with pytest.raises(KernelError) as error:
+        load("cuda")
+    assert str(error.value) == (
+        "the kernels cuda need cuda-core, which is not installed; run: pip install 'beltscape[gpu]'"
+    )
+
+
+def test_a_machine_without_a_usable_gpu_is_named(gpu):
+    gpu.failure = RuntimeError('"cuda" is an NVIDIA driver library\nand more')
+    with pytest.raises(KernelError) as error:
+        CudaDevice()
+    assert str(error.value) == (
+        'there is no usable GPU: "cuda" is an NVIDIA driver library; install Nvidia\'s driver'
+    )
+
+
+def test_doctor_says_which_kernels_run_on_the_gpu(gpu):
+    found = check_kernels()
+    assert found.state == "ok"
+    assert found.found.startswith("cuda for sweep, aggregate, sweep_and_aggregate, warp, ")
+    assert f"; {levels()[-1]} (" in found.found
+
+
+@pytest.mark.parametrize(
+    ("library", "fix"), [(True, ""), (False, "to compute on it: pip install 'beltscape[gpu]'")]
+)
+def test_doctor_names_the_extra_only_where_there_is_a_gpu(monkeypatch, library, fix):
+    found = "beltscape.pipeline.installation"
+    monkeypatch.setattr(f"{found}.find_spec", lambda _: object() if library else None)
+    monkeypatch.setattr(f"{found}._run_program", lambda *_: "NVIDIA H100, 81559 MiB, 580.1")
+    assert (check_graphics().found, check_graphics().fix) == ("NVIDIA H100, 81559 MiB, 580.1", fix)
+    monkeypatch.setattr(f"{found}._run_program", lambda *_: None)
+    assert check_graphics().fix == ""

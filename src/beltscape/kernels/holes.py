@@ -279,8 +279,8 @@ class HoleFillingKernels(KernelFamily):
         """Return the most probable continuation of the measured surface at the hole cells in ``rows``.
 
         From a cell a line goes in each of eight directions to the first measured cell, over `CONTINUED_CELLS` cells
-        at most. A plane through the cells of its surface around it predicts the cell's height, but none below both the
-        belt and the lowest end. Of the predictions the most probable one counts, by the logit of `LOGIT`. Heights
+        at most. A plane through the cells of its surface around it predicts the cell's height, but none below both
+        the belt and the lowest end. Of the predictions the most probable one counts, by the logit of `LOGIT`. Heights
         count in edges of a cell, so that the result does not depend on the scale.
         """
         values = _check_plane("field", field, np.shape(field))

@@ -56,7 +56,7 @@ def continue_into_holes(
 
 
 def continue_surface(height_mm: NDArray[np.float64], cell_mm: float, rows: slice) -> Continuation:
-    """Return the most probable continuation of a field (Ny, Nx) of heights over the belt, at the NaN cells of rows."""
+    """Return the most probable continuation of heights (Ny, Nx) over the belt at the NaN cells of rows."""
     first = rows.indices(len(height_mm))[0]
     row, column = np.nonzero(~np.isfinite(height_mm[rows]))
     found = load().continue_surface(height_mm, cell_mm, rows=rows)

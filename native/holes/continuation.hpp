@@ -1,5 +1,5 @@
-// The continuation of a measured surface into holes (kernels/holes.py): planes at the ends of eight lines from
-// a cell, and the most probable of their predictions. For the CPU alone.
+// The continuation of a measured surface into holes (kernels/holes.py): planes at the ends of eight lines
+// from a cell, and the most probable of their predictions. For the CPU alone.
 #pragma once
 
 #include <array>

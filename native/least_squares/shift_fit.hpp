@@ -1,5 +1,5 @@
-// The displacement of a field of heights by robust least squares (kernels/least_squares.py). Sums run in a fixed
-// number of lanes, so that every level adds in one order. For the CPU alone.
+// The displacement of a field of heights by robust least squares (kernels/least_squares.py). Sums run in a
+// fixed number of lanes, so that every level adds in one order. For the CPU alone.
 #pragma once
 
 #include <algorithm>
@@ -165,7 +165,8 @@ struct ShiftSolution {
 
 // One weighted solution; the weights follow from `left`, which becomes what the solution leaves.
 inline std::optional<ShiftSolution> solve_weighted(ShiftEquations& of) {
-    const double reach = kFitBiweight * sampled_median(of, of.left, [](double x) { return std::abs(x); }) + 1e-9;
+    const double reach =
+        kFitBiweight * sampled_median(of, of.left, [](double x) { return std::abs(x); }) + 1e-9;
     enum { xx, xy, x1, yy, y1, one, xr, yr, r1, kSums };
     double sums[kSums][kFitLanes] = {};
     const std::size_t count = of.size();
@@ -186,7 +187,8 @@ inline std::optional<ShiftSolution> solve_weighted(ShiftEquations& of) {
         sum[k] = 0;
         for (const double part : sums[k]) sum[k] += part;
     }
-    const Eigen3 normal({{{sum[xx], sum[xy], sum[x1]}, {sum[xy], sum[yy], sum[y1]}, {sum[x1], sum[y1], sum[one]}}});
+    const Eigen3 normal(
+        {{{sum[xx], sum[xy], sum[x1]}, {sum[xy], sum[yy], sum[y1]}, {sum[x1], sum[y1], sum[one]}}});
     if (!(normal.condition() <= kFitCondition)) return std::nullopt;
     Vector3 change = normal.solve({sum[xr], sum[yr], sum[r1]});
     for (double& part : change) part = -part;
@@ -212,7 +214,8 @@ inline double estimate_variance(const ShiftEquations& of, const Eigen3& normal) 
         const auto block = static_cast<std::size_t>(of.block[i]);
         if (block >= scores.size()) scores.resize(block + 1);
         const double pull = of.weight[i] * of.left[i];
-        scores[block][0] += of.down[i] * pull, scores[block][1] += of.right[i] * pull, scores[block][2] += pull;
+        scores[block][0] += of.down[i] * pull, scores[block][1] += of.right[i] * pull,
+            scores[block][2] += pull;
     }
     double variance = 0;
     for (const Vector3& score : scores) {

@@ -307,12 +307,12 @@ class ShiftFitKernels(KernelFamily):
         on the slopes of the fields' mean. The variance is a sandwich estimate over blocks of ``side`` cells, since
         errors of neighbouring cells are correlated.
         """
-        fields = [np.ascontiguousarray(field, np.float64) for field in (before, after)]
-        if fields[0].ndim != 2 or min(fields[0].shape) < 2:
-            raise KernelError(f"before must have the shape (Ny, Nx) of 2 and more, not {fields[0].shape}")
-        if fields[1].shape != fields[0].shape:
-            raise KernelError(f"after must have the shape {fields[0].shape}, not {fields[1].shape}")
+        before, after = (np.ascontiguousarray(field, np.float64) for field in (before, after))
+        if before.ndim != 2 or min(before.shape) < 2:
+            raise KernelError(f"before must have the shape (Ny, Nx) of 2 and more, not {before.shape}")
+        if after.shape != before.shape:
+            raise KernelError(f"after must have the shape {before.shape}, not {after.shape}")
         if side < 1:
             raise KernelError(f"side must be at least 1 cell, not {side}")
-        given = ShiftInput(*fields, int(start), int(side))
+        given = ShiftInput(before, after, int(start), int(side))
         return FittedShift(*self._run("fit_shift", given, (np.empty(2), np.empty(1)), 1))

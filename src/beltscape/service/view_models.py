@@ -333,8 +333,10 @@ class LatencyMeter:
         recent = sorted(self._recent_s)
         if not recent:
             return Latency(0, nan, nan, nan, nan)
-        shares = (recent[min(int(share * len(recent)), len(recent) - 1)] for share in (0.5, 0.9, 0.99))
-        return Latency(self._count, *shares, recent[-1])
+        median, most_90, most_99 = (
+            recent[min(int(share * len(recent)), len(recent) - 1)] for share in (0.5, 0.9, 0.99)
+        )
+        return Latency(self._count, median, most_90, most_99, recent[-1])
 
 
 PICTURE_MEDIA_TYPE = "image/webp"

@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.ndimage import shift
 
 from beltscape.core.errors import KernelError
 from beltscape.kernels import load
@@ -26,7 +27,7 @@ def make_surface(seed: int, shape: tuple[int, int] = SHAPE) -> NDArray[np.float6
 
 def move(surface: NDArray[np.float64], along: float, across: float) -> NDArray[np.float64]:
     """The surface displaced towards larger rows and columns; NaN where it came from outside."""
-    return ndimage.shift(surface, (along, across), order=3, cval=np.nan)
+    return shift(surface, (along, across), order=3, cval=np.nan)
 
 
 def fit(

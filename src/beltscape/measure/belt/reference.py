@@ -229,7 +229,7 @@ class EmptyBeltReference:
 def _interpolate_rows(plane: NDArray[np.float32], part: float) -> NDArray[np.float32]:
     """Return (n - 1, m) values between the rows of a plane (n, m), at this part of the way to the next row."""
     before, after = plane[:-1], plane[1:]
-    values = before + np.float32(part) * (after - before)
+    values = np.asarray(before + np.float32(part) * (after - before), np.float32)
     np.copyto(values, before if part < 0.5 else after, where=np.isnan(values))
     return values
 
